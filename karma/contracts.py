@@ -1,0 +1,294 @@
+"""The nouns and the roles; every arrow of the flow picture in `karma/__init__.py` is one of these.
+
+World coordinates follow AI2-THOR: metres, y up; yaw in degrees, 0 = +z, 90 = +x; horizon in
+degrees, down positive.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vec3 = tuple[float, float, float]
+Frame = NDArray[np.uint8]  # (H, W, 3) RGB
+Vectors = NDArray[np.float32]  # (n, d), rows of length 1
+
+State = Literal[
+    "heated", "cooked", "sliced", "cleaned", "dirty", "filled",
+    "used up", "off", "on", "opened", "closed", "none",
+]  # the 12 words of KARMA Fig. 10  # fmt: skip
+
+
+# ----------------------------------------------------------------- what the robot sees
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Where the agent stands and looks."""
+
+    position_m: Vec3
+    yaw_deg: float
+    horizon_deg: float
+    standing: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenObject:
+    """One object in view, as the simulator's own detector labels it (KARMA §4.1)."""
+
+    object_id: str
+    object_type: str
+    position_m: Vec3
+    box_center_m: Vec3
+    box_size_m: Vec3
+    pickupable: bool
+    parent_ids: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()  # words of `State`, sorted; () when nothing was read
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """What the agent knows after one action: only what is in view, never the world's truth."""
+
+    pose: Pose
+    seen: tuple[SeenObject, ...]
+    held: SeenObject | None
+    ok: bool
+    error: str
+    frame: Frame | None = None
+
+
+# ----------------------------------------------------------------- what it remembers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemoryUnit:
+    """One line of short-term memory (KARMA §3.4, Listing 1, and the state it leaves out)."""
+
+    object_id: str
+    object_type: str
+    position_m: Vec3
+    states: tuple[str, ...] = ()  # a set with history, in the order they came about
+    place_id: str | None = None  # the receptacle it was last seen in or on; "hand" when held
+    handled: bool = False  # manipulated by the agent, not only seen
+    image: str | None = None  # path below the run folder
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recalled:
+    """A unit that recall chose, with its cosine similarity in [-1, 1]."""
+
+    unit: MemoryUnit
+    similarity: float
+
+
+# ----------------------------------------------------------------- what it plans
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prompt:
+    """Planner input in the cut in which it is always decoded.
+
+    `stable` (role, API, examples, scene graph; ends in a newline) is evaluated once per scene and
+    kept; `changing` (recalled memory, instruction) follows it.
+    """
+
+    stable: str
+    changing: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SkillSignature:
+    """One function of the skill API: name and the kinds of its arguments after `robot`."""
+
+    name: str
+    arguments: tuple[Literal["object", "positions"], ...]
+    optional: int = 0  # how many of the last arguments may be left out
+    doc: str = ""  # comment lines of Listing 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProgramSpec:
+    """What a program may say: the language that constrained decoding admits."""
+
+    skills: tuple[SkillSignature, ...]
+    objects: tuple[str, ...]  # names known to memory or in view
+    positions: tuple[str, ...] = ()  # area nodes, e.g. "node_3"
+    max_calls: int = 40
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SkillCall:
+    """One parsed line of a program, e.g. `PutObject(robot, 'Apple', 'Fridge')`."""
+
+    skill: str
+    objects: tuple[str, ...]
+    positions: tuple[str | Vec3, ...] = ()
+    line: int = 0
+
+    def __str__(self) -> str:
+        """Return the line as a planner writes it."""
+        parts = ["robot", *(f"'{name}'" for name in self.objects)]
+        if self.positions:
+            words = (f"'{p}'" if isinstance(p, str) else repr(p) for p in self.positions)
+            parts.append(f"[{', '.join(words)}]")
+        return f"{self.skill}({', '.join(parts)})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Completion:
+    """A model's answer and what it cost."""
+
+    text: str
+    finish: Literal["stop", "length"]
+    prompt_tokens: int
+    reused_tokens: int  # of the prompt, taken from kept KV state
+    completion_tokens: int
+    first_token_s: float
+    total_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SkillResult:
+    """What one skill did; a refusal of the world is a value with a reason."""
+
+    call: SkillCall
+    ok: bool
+    reason: str = ""
+    actions: int = 0  # world steps taken
+    explorations: int = 0  # area nodes visited in search of an object
+    object_ids: tuple[str, ...] = ()  # what the names resolved to
+
+
+# ----------------------------------------------------------------- what it is asked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goal:
+    """One symbolic condition, e.g. INSIDE(Apple, Fridge) (KARMA Table 3)."""
+
+    predicate: str  # ON, INSIDE, STATE, TOGGLEON, TOGGLEOFF, HOLDON
+    arguments: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return the paper's notation."""
+        return f"{self.predicate}({', '.join(self.arguments)}): 1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubTask:
+    """One instruction of a sequence and what must hold when it ends."""
+
+    instruction: str
+    goals: tuple[Goal, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A sequence of instructions in one scene; it succeeds when every sub-task does."""
+
+    id: str
+    kind: Literal["simple", "composite", "complex"]
+    scene: str
+    subtasks: tuple[SubTask, ...]
+    notes: tuple[str, ...] = field(default=())  # what a loader could not resolve
+
+
+# ----------------------------------------------------------------- the roles
+
+
+class Event(Protocol):
+    """What a world returns: AI2-THOR's event, at least these two attributes."""
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """AI2-THOR 5.0.0 metadata, all 37 + 42 fields."""
+
+    @property
+    def frame(self) -> Frame | None:
+        """RGB picture, or None when nothing was rendered."""
+
+
+class World(Protocol):
+    """Where the robot lives; speaks AI2-THOR 5.0.0."""
+
+    @property
+    def last_event(self) -> Event:
+        """The event of the last `reset` or `step`."""
+
+    def reset(self, scene: str) -> Event:
+        """Load a scene by name or path."""
+
+    def step(self, action: str, **arguments: Any) -> Event:
+        """Do one action; a refusal is in the event's metadata, misuse raises ValueError."""
+
+    def stop(self) -> None:
+        """Release what the world holds."""
+
+
+class ReplacementPolicy(Protocol):
+    """Chooses which key leaves a full memory; it sees keys only, never the values."""
+
+    capacity: int
+
+    def touch(self, key: str) -> str | None:
+        """Record one use of `key`, inserting it if absent; return the key that left, if any.
+
+        The returned key can be `key` itself: a newcomer may be refused.
+        """
+
+    def __contains__(self, key: object) -> bool:
+        """Return whether `key` is resident; changes nothing."""
+
+    def __len__(self) -> int:
+        """Return the number of occupied lines, at most `capacity`."""
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield resident keys, in a fixed order of the policy's own."""
+
+
+class Embedder(Protocol):
+    """Text to unit vectors."""
+
+    name: str
+    dimension: int
+
+    def embed(self, texts: Sequence[str]) -> Vectors:
+        """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
+
+
+class Recall(Protocol):
+    """Chooses the units that go into the prompt (KARMA §3.5)."""
+
+    def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
+        """Return at most k units, best first; ties keep the order of `units`."""
+
+
+class LanguageModel(Protocol):
+    """A planner's model."""
+
+    name: str
+
+    def complete(
+        self,
+        prompt: Prompt,
+        *,
+        spec: ProgramSpec | None = None,
+        max_tokens: int = 512,
+        temperature: float = 0.0,
+        seed: int = 0,
+    ) -> Completion:
+        """Continue the prompt; with `spec`, only with a program that parses."""
+
+
+class VisionModel(Protocol):
+    """Reads object states out of a picture (KARMA §3.4, Fig. 10)."""
+
+    name: str
+
+    def read_states(
+        self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
+    ) -> Mapping[str, tuple[str, ...]]:
+        """Return object id -> state words, for the objects of interest only."""

@@ -1,0 +1,43 @@
+"""The errors a caller can act on; every message names what is wrong, where, and what helps."""
+
+from pathlib import Path
+
+
+class KarmaError(Exception):
+    """Anything this package refuses to do."""
+
+
+class FileError(KarmaError):
+    """A file is missing, torn, of the wrong form, or cannot be written.
+
+    Args:
+        path: the file.
+        reason: what is wrong with it, and where in it.
+        fix: the command or step that helps, if one is known.
+    """
+
+    def __init__(self, path: str | Path, reason: str, *, fix: str | None = None) -> None:
+        super().__init__(f"{path}: {reason}" + (f"\n  To fix: {fix}" if fix else ""))
+        self.path, self.reason, self.fix = Path(path), reason, fix
+
+
+class UnknownNameError(KarmaError):
+    """A name that nothing is registered under; the message suggests the nearest."""
+
+
+class ModelError(KarmaError):
+    """A model cannot be used: missing, wrong hash, damaged, or of the wrong kind."""
+
+
+class ProgramError(KarmaError):
+    """The planner's text uses something outside the skill API.
+
+    Args:
+        reason: what is refused.
+        line: line number in the text, from 1.
+        code: that line; quoted in the retry prompt.
+    """
+
+    def __init__(self, reason: str, *, line: int, code: str) -> None:
+        super().__init__(f"line {line}: {reason}\n    {code}")
+        self.reason, self.line, self.code = reason, line, code
