@@ -6,6 +6,7 @@ degrees, down positive.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -162,6 +163,49 @@ class SkillResult:
     object_ids: tuple[str, ...] = ()  # what the names resolved to
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """Where the agent believes one object to be."""
+
+    object_id: str
+    object_type: str
+    position_m: Vec3
+    place_id: str | None = None  # receptacle it was last seen in or on
+    source: Literal["held", "memory", "graph", "seen"] = "seen"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Area:
+    """One area node of long-term memory: a cell to stand on and search from."""
+
+    name: str  # "node_3"
+    position_m: Vec3
+    contains: tuple[str, ...] = ()  # types of the immovable objects assigned to it
+
+
+# ----------------------------------------------------------------- what an instruction came to
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """One planner call: what was recalled, asked, answered, and whether it parsed."""
+
+    recalled: tuple[Recalled, ...]
+    prompt: Prompt
+    completion: Completion
+    calls: tuple[SkillCall, ...]
+    error: str = ""  # why the answer was refused; quoted in the next prompt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """The last thing a method yields for an instruction."""
+
+    finished: bool  # every skill of the last program succeeded
+    resident: tuple[MemoryUnit, ...]  # short-term memory before the instruction
+    handled_ids: tuple[str, ...]  # in the order of use
+
+
 # ----------------------------------------------------------------- what it is asked
 
 
@@ -292,3 +336,31 @@ class VisionModel(Protocol):
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
     ) -> Mapping[str, tuple[str, ...]]:
         """Return object id -> state words, for the objects of interest only."""
+
+
+class Knowledge(Protocol):
+    """What skills may ask the agent's memory."""
+
+    def where(self, name: str) -> Known | None:
+        """Return the best known place of an object id, type or receptacle name; None if unknown."""
+
+    def areas(self) -> Sequence[Area]:
+        """Return the area nodes to search, in order; () without long-term memory."""
+
+
+class Method(Protocol):
+    """One way of acting on instructions: a row of KARMA Table 1."""
+
+    name: str
+
+    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+        """Start an episode: volatile memory emptied, long-term memory loaded or built.
+
+        `folder` takes what the episode leaves behind (images).
+        """
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Carry out one instruction; yields what happens as it happens, `Outcome` last.
+
+        Only the symbolic teacher may look at `subtask.goals`.
+        """

@@ -1,0 +1,1 @@
+"""Tasks, goals, runs and figures; reaches implementations through the registry."""

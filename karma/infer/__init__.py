@@ -1,0 +1,1 @@
+"""Local models, one adapter each; all heavy imports live here."""

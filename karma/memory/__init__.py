@@ -1,0 +1,1 @@
+"""What the robot knows; no model and no world inside."""
