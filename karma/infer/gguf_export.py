@@ -165,7 +165,7 @@ def _add_shape(writer: Any, config: Any, dtype: DType) -> None:
     import gguf
 
     rope = getattr(config, "rope_parameters", None) or {}
-    theta = rope.get("rope_theta") or getattr(config, "rope_theta", 10000.0)
+    theta: float = rope.get("rope_theta") or getattr(config, "rope_theta", 10000.0)
     writer.add_context_length(config.max_position_embeddings)
     writer.add_embedding_length(config.hidden_size)
     writer.add_block_count(config.num_hidden_layers)
@@ -176,7 +176,7 @@ def _add_shape(writer: Any, config: Any, dtype: DType) -> None:
     writer.add_key_length(_head_dim(config))
     writer.add_value_length(_head_dim(config))
     writer.add_layer_norm_rms_eps(config.rms_norm_eps)
-    writer.add_rope_freq_base(float(theta))
+    writer.add_rope_freq_base(theta)
     writer.add_rope_dimension_count(_head_dim(config))
     kind = "ALL_F32" if dtype == "F32" else f"MOSTLY_{dtype}"
     writer.add_file_type(gguf.LlamaFileType[kind])
