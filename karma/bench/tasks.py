@@ -1,0 +1,104 @@
+"""Tasks in our own form: a JSONL file, one sequence of instructions a line, read strictly.
+
+{"id": "c07", "kind": "composite", "scene": "kitchen_2", "subtasks": [
+    {"instruction": "Wash the apple.", "goals": ["INSIDE(Apple, Sink)", "STATE(Apple, clean)"]}]}
+"""
+
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from karma.bench.goals import alternatives, is_position, object_names, parse_goal
+from karma.contracts import Goal, SubTask, Task
+from karma.errors import FileError, KarmaError
+from karma.files import read_bytes
+from karma.world import scene
+from karma.world.types import object_type, object_types
+
+
+class _SubTask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    instruction: str
+    goals: tuple[str, ...]
+
+
+class _Task(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    id: str
+    kind: Literal["simple", "composite", "complex"]
+    scene: str
+    subtasks: tuple[_SubTask, ...]
+
+
+def load_tasks(path: str | Path) -> tuple[Task, ...]:
+    """Read a task file.
+
+    Raises:
+        FileError: a line is no task: unknown key, kind, scene, predicate, state or object type, no
+            goals, or an id that stands twice; names the line and the field.
+    """
+    tasks: dict[str, Task] = {}
+    for number, line in enumerate(read_bytes(path).splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            task = _task(msgspec.json.decode(line, type=_Task))
+        except (KarmaError, msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise FileError(path, f"line {number}: {error}") from error
+        if task.id in tasks:
+            raise FileError(path, f"line {number}: id: {task.id!r} stands twice")
+        tasks[task.id] = task
+    return tuple(tasks.values())
+
+
+def required_types(subtask: SubTask) -> tuple[str, ...]:
+    """Return the types of things that can be carried which the goals mention, in order.
+
+    These are what memory can help with: what is fixed is in the scene graph anyway.
+    """
+    names = (part for goal in subtask.goals for name in object_names(goal)
+             for part in alternatives(name))  # fmt: skip
+    types = dict.fromkeys(name.split("|")[0] for name in names)
+    known = object_types()
+    return tuple(name for name in types if name in known and known[name].can("pickupable"))
+
+
+def _task(row: _Task) -> Task:
+    if not row.subtasks:
+        raise KarmaError("subtasks: there are none")
+    try:
+        scene.find(row.scene)
+    except FileError as error:
+        raise KarmaError(f"scene: {error.reason}") from error
+    subtasks = tuple(_subtask(sub, f"subtasks[{i}]") for i, sub in enumerate(row.subtasks))
+    return Task(id=row.id, kind=row.kind, scene=row.scene, subtasks=subtasks)
+
+
+def _subtask(row: _SubTask, where: str) -> SubTask:
+    if not row.instruction.strip():
+        raise KarmaError(f"{where}.instruction: it is empty")
+    if not row.goals:
+        raise KarmaError(f"{where}.goals: there are none")
+    goals = tuple(_goal(text, f"{where}.goals[{i}]") for i, text in enumerate(row.goals))
+    return SubTask(instruction=row.instruction, goals=goals)
+
+
+def _goal(text: str, where: str) -> Goal:
+    try:
+        goal = parse_goal(text)
+        for name in object_names(goal):
+            for part in alternatives(name):
+                object_type(part.split("|")[0])
+        if goal.predicate in ("ON", "INSIDE") and not is_position(goal.arguments[1]):
+            check_placement(goal)
+    except KarmaError as error:
+        raise KarmaError(f"{where}: {error}") from error
+    return goal
+
+
+def check_placement(goal: Goal) -> None:
+    """Raise KarmaError unless some named type may be put into some named receptacle type."""
+    moved, places = (
+        [object_type(part.split("|")[0]) for part in alternatives(name)] for name in goal.arguments
+    )
+    if not any(one.can("pickupable") and one.fits(place) for one in moved for place in places):
+        raise KarmaError(f"{goal}: AI2-THOR lets no {goal.arguments[0]} into {goal.arguments[1]}")
