@@ -1,0 +1,284 @@
+"""Which line leaves a full short-term memory (KARMA §3.6): queues, LRU, LFU, and no limit.
+
+Every policy sees keys only. `touch` is one use; asking `key in policy` is no use.
+"""
+
+import re
+import sys
+from collections import Counter, OrderedDict, deque
+from collections.abc import Hashable, Iterator
+from typing import Any, Generic, TypeVar
+
+from karma import registry
+from karma.contracts import ReplacementPolicy
+from karma.errors import KarmaError
+
+K = TypeVar("K", bound=Hashable)
+
+_TEXT = re.compile(r"([\w-]+)\[(\d+)(?:,(\d+))?\]((?: +\S+)*)")
+_FORM = "write name[size] or name[window,main], e.g. 'fifo-merge[10]', 'wtinylfu-karma[9,1] W=200'"
+
+
+def make_policy(text: str) -> ReplacementPolicy:
+    """Return the policy that a text in the paper's notation names.
+
+    `fifo-merge[10]`: ten lines. `wtinylfu-karma[9,1]`: window 9, main 1. W-TinyLFU takes options
+    after that: `W=200` or `W=inf` (uses between two halvings), `cm4` (4-bit sketch instead of
+    exact counts).
+
+    Raises:
+        KarmaError: not of that form, or sizes that make no memory.
+        UnknownNameError: no such policy is registered.
+    """
+    match = _TEXT.fullmatch(text.strip())
+    if match is None:
+        raise KarmaError(f"policy {text!r} is not understood: {_FORM}")
+    name, first, second, words = match.groups()
+    kind = registry.load("policies", name)
+    options = _options(text, words.split())
+    try:
+        if second is not None:
+            policy = _segmented(text, kind)(int(first), int(second), **options)
+        elif options:
+            _segmented(text, kind)
+            policy = kind(int(first), **options)
+        else:
+            policy = kind(int(first))
+    except ValueError as error:
+        raise KarmaError(f"policy {text!r}: {error}") from error
+    made: ReplacementPolicy = policy
+    return made
+
+
+def _segmented(text: str, kind: Any) -> Any:
+    make = getattr(kind, "with_segments", None)
+    if make is None:
+        raise KarmaError(f"policy {text!r}: only W-TinyLFU takes [window,main] sizes and options")
+    return make
+
+
+def _options(text: str, words: list[str]) -> dict[str, Any]:
+    options: dict[str, Any] = {}
+    for word in words:
+        if word == "cm4":
+            options["sketch"] = True
+        elif word == "W=inf":
+            options["period"] = None
+        elif re.fullmatch(r"W=\d+", word):
+            options["period"] = int(word[2:])
+        else:
+            raise KarmaError(f"policy {text!r}: unknown option {word!r}; {_FORM}")
+    return options
+
+
+class Fifo(Generic[K]):
+    """The paper's plain queue: every use takes a new line, so one key may fill several."""
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = checked_capacity(capacity)
+        self._queue: deque[K] = deque()
+        self._copies: Counter[K] = Counter()
+
+    def touch(self, key: K) -> K | None:
+        """Enqueue `key`; return the key whose last line left."""
+        self._queue.append(key)
+        self._copies[key] += 1
+        if len(self._queue) <= self.capacity:
+            return None
+        left = self._queue.popleft()
+        self._copies[left] -= 1
+        if self._copies[left]:
+            return None
+        del self._copies[left]
+        return left
+
+    def discard(self, key: K) -> None:
+        """Free every line of `key`."""
+        if key in self._copies:
+            del self._copies[key]
+            self._queue = deque(other for other in self._queue if other != key)
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._copies
+
+    def __len__(self) -> int:
+        return len(self._queue)
+
+    def __iter__(self) -> Iterator[K]:
+        """Yield each key once, oldest line first."""
+        return iter(dict.fromkeys(self._queue))
+
+
+class FifoMerge(Generic[K]):
+    """A queue with one line per key, merged whether full or not: a cache's FIFO."""
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = checked_capacity(capacity)
+        self._queue: OrderedDict[K, None] = OrderedDict()
+
+    def touch(self, key: K) -> K | None:
+        """Enqueue `key` unless it has a line; return the key that left."""
+        if key in self._queue:
+            return None
+        self._queue[key] = None
+        if len(self._queue) > self.capacity:
+            return self._queue.popitem(last=False)[0]
+        return None
+
+    def discard(self, key: K) -> None:
+        """Free the line of `key`."""
+        self._queue.pop(key, None)
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._queue
+
+    def __len__(self) -> int:
+        return len(self._queue)
+
+    def __iter__(self) -> Iterator[K]:
+        return iter(self._queue)
+
+
+class FifoMergeWhenFull(Fifo[K]):
+    """The paper's letter: only a full queue is searched for a line of the same key.
+
+    "When a new memory unit needs to join the queue and the queue is full, we first check the
+    object's ID"; the oldest line of that key is replaced in place. Until the queue is full,
+    every use takes a new line.
+    """
+
+    def touch(self, key: K) -> K | None:
+        """Enqueue `key`, or replace its oldest line when full; return the key that left."""
+        if len(self._queue) >= self.capacity and key in self._copies:
+            return None
+        return super().touch(key)
+
+
+class Lru(Generic[K]):
+    """The least recently used key leaves."""
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = checked_capacity(capacity)
+        self._order: OrderedDict[K, None] = OrderedDict()
+
+    def touch(self, key: K) -> K | None:
+        """Make `key` the most recent; return the key that left."""
+        order = self._order
+        if key in order:
+            order.move_to_end(key)
+            return None
+        order[key] = None
+        if len(order) > self.capacity:
+            return order.popitem(last=False)[0]
+        return None
+
+    def discard(self, key: K) -> None:
+        """Free the line of `key`."""
+        self._order.pop(key, None)
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._order
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def __iter__(self) -> Iterator[K]:
+        """Yield keys, least recently used first."""
+        return iter(self._order)
+
+
+class Lfu(Generic[K]):
+    """The least often used key leaves; counts last while a key is resident.
+
+    Room is made before the newcomer enters, so that it is never refused. Of equally rare keys
+    the least recently used one leaves.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = checked_capacity(capacity)
+        self._count: dict[K, int] = {}
+        self._by_count: dict[int, OrderedDict[K, None]] = {}
+        self._least = 0  # no key is used less often than this
+
+    def touch(self, key: K) -> K | None:
+        """Count one use of `key`; return the key that left."""
+        count = self._count.get(key)
+        if count is not None:
+            self._drop(key, count)
+            self._put(key, count + 1)
+            return None
+        left = None
+        if len(self._count) >= self.capacity:
+            while self._least not in self._by_count:
+                self._least += 1
+            left = next(iter(self._by_count[self._least]))
+            self.discard(left)
+        self._put(key, 1)
+        self._least = 1
+        return left
+
+    def discard(self, key: K) -> None:
+        """Free the line of `key` and forget its count."""
+        count = self._count.pop(key, None)
+        if count is not None:
+            self._drop(key, count)
+
+    def _put(self, key: K, count: int) -> None:
+        self._count[key] = count
+        self._by_count.setdefault(count, OrderedDict())[key] = None
+
+    def _drop(self, key: K, count: int) -> None:
+        same = self._by_count[count]
+        del same[key]
+        if not same:
+            del self._by_count[count]
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._count
+
+    def __len__(self) -> int:
+        return len(self._count)
+
+    def __iter__(self) -> Iterator[K]:
+        """Yield keys in the order in which they would leave."""
+        for count in sorted(self._by_count):
+            yield from self._by_count[count]
+
+
+class Unbounded(Generic[K]):
+    """Nothing ever leaves: the upper bound of any memory.
+
+    Args:
+        capacity: ignored, so that it can stand wherever a policy is named with a size.
+    """
+
+    def __init__(self, capacity: int = 1) -> None:
+        checked_capacity(capacity)
+        self.capacity = sys.maxsize
+        self._keys: dict[K, None] = {}
+
+    def touch(self, key: K) -> K | None:
+        """Keep `key`."""
+        self._keys[key] = None
+        return None
+
+    def discard(self, key: K) -> None:
+        """Free the line of `key`."""
+        self._keys.pop(key, None)
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._keys
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def __iter__(self) -> Iterator[K]:
+        """Yield keys in the order of their first use."""
+        return iter(self._keys)
+
+
+def checked_capacity(capacity: int) -> int:
+    """Return `capacity`; raises ValueError when it is below 1."""
+    if capacity < 1:
+        raise ValueError(f"capacity must be at least 1, not {capacity}")
+    return capacity
