@@ -165,7 +165,7 @@ def _add_shape(writer: Any, config: Any, dtype: DType) -> None:
     import gguf
 
     rope = getattr(config, "rope_parameters", None) or {}
-    theta: float = rope.get("rope_theta") or getattr(config, "rope_theta", 10000.0)
+    theta: Any = rope.get("rope_theta") or getattr(config, "rope_theta", 10000.0)
     writer.add_context_length(config.max_position_embeddings)
     writer.add_embedding_length(config.hidden_size)
     writer.add_block_count(config.num_hidden_layers)
