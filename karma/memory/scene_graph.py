@@ -1,0 +1,391 @@
+"""Long-term memory: floors, areas, immovable objects (KARMA §3.3).
+
+Area nodes are spread over the cells that can be stood on; every immovable object belongs to the
+nearest area. The graph is built once, grows as objects are seen, and lasts on disk.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from math import dist, prod
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from karma.contracts import Area, Known, SeenObject, Vec3
+from karma.errors import FileError, KarmaError
+from karma.files import read_json, to_json, write_atomic
+from karma.memory.areas import spread_areas
+
+VERSION = 1
+SPACING_M = 1.25  # no cell is farther from its area node, on foot
+RADIUS_M = 3.0  # objects farther than this from every area node are not kept
+
+T = TypeVar("T")
+
+_LINE = re.compile(
+    r"\{name: (\S+), type: Area, contains: \[(.*)\], adjacent nodes: \[(.*)\],"
+    r" position: \[(-?\d+\.\d\d), (-?\d+\.\d\d), (-?\d+\.\d\d)\]\}"
+)
+
+
+class ObjectNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An immovable object: where it is and how much room it takes."""
+
+    id: str
+    type: str
+    position_m: Vec3
+    box_center_m: Vec3
+    box_size_m: Vec3
+    volume_m3: float  # of its box
+
+    def distance_m(self, position: Vec3) -> float:
+        """Return the distance on the floor plan from a position to the box; 0 inside."""
+        gaps = (
+            max(abs(position[axis] - self.box_center_m[axis]) - self.box_size_m[axis] / 2, 0.0)
+            for axis in (0, 2)
+        )
+        return dist((0.0, 0.0), tuple(gaps))
+
+
+class AreaNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A cell to stand on, and the areas that can be walked to from it directly."""
+
+    name: str
+    position_m: Vec3
+    adjacent: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AreaLine:
+    """What the text form says of one area."""
+
+    name: str
+    contains: tuple[str, ...]
+    adjacent: tuple[str, ...]
+    position_m: Vec3  # rounded to centimetres
+
+
+class SceneGraph:
+    """The three levels of §3.3 over one floor; areas are fixed, objects come and go.
+
+    Args:
+        areas: in order; their names are unique and adjacency is mutual.
+        floor: name of the floor they lie on.
+        radius_m: how far from an area node an object may be and still belong to it.
+    """
+
+    def __init__(
+        self, areas: Iterable[AreaNode], *, floor: str = "floor_1", radius_m: float = RADIUS_M
+    ) -> None:
+        self.floor = floor
+        self.radius_m = radius_m
+        self._areas = {area.name: area for area in areas}
+        self._objects: dict[str, ObjectNode] = {}
+        self._area_of: dict[str, str] = {}
+
+    @classmethod
+    def over(
+        cls,
+        cells: Iterable[tuple[float, float]],
+        *,
+        height_m: float = 0.0,
+        cell_m: float = 0.25,
+        spacing_m: float = SPACING_M,
+        radius_m: float = RADIUS_M,
+    ) -> "SceneGraph":
+        """Return a graph whose area nodes cover the reachable cells, without objects yet.
+
+        Every cell is within `spacing_m` of an area node on foot. Two areas are adjacent when their
+        regions (cells nearest to them) touch. Equal cells give an equal graph, in any order.
+
+        Args:
+            cells: (x, z) of each reachable cell, metres.
+            height_m: y of the floor.
+            cell_m: grid step between neighbouring cells.
+            spacing_m: largest walking distance from a cell to its area node.
+            radius_m: see the class.
+        """
+        nodes, edges = spread_areas(cells, cell_m=cell_m, spacing_m=spacing_m)
+        areas = []
+        for number, (x, z) in enumerate(nodes):
+            adjacent = sorted(b if a == number else a for a, b in edges if number in (a, b))
+            names = tuple(f"node_{other + 1}" for other in adjacent)
+            position = (x, height_m, z)
+            areas.append(AreaNode(name=f"node_{number + 1}", position_m=position, adjacent=names))
+        return cls(areas, radius_m=radius_m)
+
+    # ------------------------------------------------------------- what is seen
+
+    def observe(self, seen: Iterable[SeenObject]) -> None:
+        """Add or move the immovable objects among those seen; the last look at an object counts.
+
+        Order and batches do not matter otherwise. An object that was moved out of reach of every
+        area is dropped.
+        """
+        for item in seen:
+            if not item.pickupable:
+                self._place(
+                    ObjectNode(
+                        id=item.object_id,
+                        type=item.object_type,
+                        position_m=item.position_m,
+                        box_center_m=item.box_center_m,
+                        box_size_m=item.box_size_m,
+                        volume_m3=prod(item.box_size_m),
+                    )
+                )
+
+    def observe_area(self, name: str, seen: Iterable[SeenObject]) -> tuple[str, ...]:
+        """Observe all that a full turn at an area showed, and drop what is gone from there.
+
+        Every object of the area that is not among `seen` counts as gone: call this only when the
+        whole area was in view, as occlusion is not modelled.
+
+        Returns:
+            Ids of the dropped objects, sorted.
+
+        Raises:
+            KarmaError: no area has that name.
+        """
+        if name not in self._areas:
+            raise KarmaError(f"no area {name!r}; there are {list(self._areas)}")
+        seen = tuple(seen)
+        in_view = {item.object_id for item in seen}
+        gone = [node.id for node in self.objects(name) if node.id not in in_view]
+        for object_id in gone:
+            self.forget(object_id)
+        self.observe(seen)
+        return tuple(gone)
+
+    def forget(self, object_id: str) -> bool:
+        """Remove an object; return whether it was known."""
+        self._area_of.pop(object_id, None)
+        return self._objects.pop(object_id, None) is not None
+
+    def _place(self, node: ObjectNode) -> None:
+        self.forget(node.id)
+        area = _nearest(self._areas.values(), lambda area: node.distance_m(area.position_m))
+        if area is not None and node.distance_m(area.position_m) <= self.radius_m:
+            self._objects[node.id] = node
+            self._area_of[node.id] = area.name
+
+    # ------------------------------------------------------------- what is known
+
+    def areas(self) -> tuple[Area, ...]:
+        """Return the area nodes in order, each with the types of its objects, sorted."""
+        return tuple(
+            Area(name=name, position_m=area.position_m, contains=self._types(name))
+            for name, area in self._areas.items()
+        )
+
+    def adjacent(self, name: str) -> tuple[str, ...]:
+        """Return the names of the areas that can be walked to from an area directly."""
+        return self._areas[name].adjacent
+
+    def nearest_area(self, position: Vec3) -> Area | None:
+        """Return the area node closest to a position on the floor plan; None without areas."""
+        return _nearest(self.areas(), lambda area: _on_plan_m(area.position_m, position))
+
+    def area_of(self, object_id: str) -> str | None:
+        """Return the name of the area an object belongs to; None if it is unknown."""
+        return self._area_of.get(object_id)
+
+    def objects(self, area: str | None = None) -> tuple[ObjectNode, ...]:
+        """Return the objects, of one area or of all, sorted by id."""
+        ids = sorted(i for i in self._objects if area is None or self._area_of[i] == area)
+        return tuple(self._objects[object_id] for object_id in ids)
+
+    def known(self, name: str, *, near: Vec3 | None = None) -> Known | None:
+        """Return the nearest object of an id or type; None if there is none.
+
+        Args:
+            name: object id or type.
+            near: where to measure from, to the object's box; without it, the first by id.
+        """
+        return next(iter(self.all_known(name, near=near)), None)
+
+    def all_known(self, name: str, *, near: Vec3 | None = None) -> tuple[Known, ...]:
+        """Return every object of an id or type, nearest first; equals by id."""
+        nodes = [node for node in self.objects() if name in (node.id, node.type)]
+        if near is not None:
+            nodes.sort(key=lambda node: node.distance_m(near))
+        return tuple(
+            Known(
+                object_id=node.id,
+                object_type=node.type,
+                position_m=node.position_m,
+                source="graph",
+            )
+            for node in nodes
+        )
+
+    def _types(self, name: str) -> tuple[str, ...]:
+        return tuple(sorted({node.type for node in self.objects(name)}))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SceneGraph) and self._saved() == other._saved()
+
+    __hash__ = None  # type: ignore[assignment]  # it changes
+
+    # ------------------------------------------------------------- as text
+
+    def lines(self) -> tuple[AreaLine, ...]:
+        """Return what the text form holds."""
+        return tuple(
+            AreaLine(
+                name=area.name,
+                contains=area.contains,
+                adjacent=self._areas[area.name].adjacent,
+                position_m=_rounded(area.position_m),
+            )
+            for area in self.areas()
+        )
+
+    def to_text(self) -> str:
+        """Return the form of §3.3: a line for each area, then one for each edge; ends in newline.
+
+        {name: node_1, type: Area, contains: [Bed], adjacent nodes: [node_2], position: [...]}
+        node_1 <-> node_2
+        """
+        return to_text(self.lines())
+
+    # ------------------------------------------------------------- on disk
+
+    def save(self, path: str | Path) -> None:
+        """Write the graph as JSON, or leave the file as it was.
+
+        Raises:
+            FileError: the file cannot be written.
+        """
+        write_atomic(path, to_json(self._saved(), indent=1))
+
+    @classmethod
+    def load(cls, path: str | Path) -> "SceneGraph":
+        """Read a graph that `save` wrote.
+
+        Raises:
+            FileError: missing, torn, an unknown key, another version, or names that do not match.
+        """
+        fix = "delete it; the graph is built anew from the scene"
+        saved = read_json(path, _SavedGraph, fix=fix)
+        if saved.version != VERSION:
+            raise FileError(path, f"version {saved.version}, expected {VERSION}", fix=fix)
+        areas = [saved_area.area for saved_area in saved.floor.areas]
+        graph = cls(areas, floor=saved.floor.name, radius_m=saved.radius_m)
+        for saved_area in saved.floor.areas:
+            for node in saved_area.objects:
+                if node.id in graph._objects:
+                    raise FileError(path, f"object {node.id!r} occurs twice", fix=fix)
+                graph._objects[node.id] = node
+                graph._area_of[node.id] = saved_area.area.name
+        if reason := _inconsistency(areas):
+            raise FileError(path, reason, fix=fix)
+        return graph
+
+    def _saved(self) -> "_SavedGraph":
+        areas = tuple(
+            _SavedArea(area=area, objects=self.objects(name)) for name, area in self._areas.items()
+        )
+        floor = _SavedFloor(name=self.floor, areas=areas)
+        return _SavedGraph(version=VERSION, radius_m=self.radius_m, floor=floor)
+
+
+class _SavedArea(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    area: AreaNode
+    objects: tuple[ObjectNode, ...]
+
+
+class _SavedFloor(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    name: str
+    areas: tuple[_SavedArea, ...]
+
+
+class _SavedGraph(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Floors -> areas -> objects, as nested on disk."""
+
+    version: int
+    radius_m: float
+    floor: _SavedFloor
+
+
+def to_text(lines: Iterable[AreaLine]) -> str:
+    """Write area lines in the form of §3.3; see `SceneGraph.to_text`."""
+    lines = tuple(lines)
+    written = []
+    for line in lines:
+        x, y, z = line.position_m
+        written.append(
+            f"{{name: {line.name}, type: Area, contains: [{', '.join(line.contains)}], "
+            f"adjacent nodes: [{', '.join(line.adjacent)}], "
+            f"position: [{x:.2f}, {y:.2f}, {z:.2f}]}}"
+        )
+    written += [f"{a} <-> {b}" for a, b in _edges({line.name: line.adjacent for line in lines})]
+    return "".join(f"{line}\n" for line in written)
+
+
+def from_text(text: str) -> tuple[AreaLine, ...]:
+    """Read what `to_text` wrote.
+
+    Raises:
+        KarmaError: a line of another form, or edges that are not the areas' adjacent nodes.
+    """
+    areas: list[AreaLine] = []
+    edges: list[tuple[str, ...]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        match = _LINE.fullmatch(line)
+        if match is not None:
+            name, contains, adjacent, x, y, z = match.groups()
+            areas.append(
+                AreaLine(
+                    name=name,
+                    contains=tuple(filter(None, contains.split(", "))),
+                    adjacent=tuple(filter(None, adjacent.split(", "))),
+                    position_m=(float(x), float(y), float(z)),
+                )
+            )
+        elif re.fullmatch(r"\S+ <-> \S+", line):
+            edges.append(tuple(line.split(" <-> ")))
+        else:
+            raise KarmaError(f"scene graph text, line {number}: neither area nor edge: {line!r}")
+    if edges != _edges({area.name: area.adjacent for area in areas}):
+        raise KarmaError("scene graph text: its edges are not the adjacent nodes of its areas")
+    return tuple(areas)
+
+
+def _edges(adjacent: Mapping[str, tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Return each edge once, from the area named first."""
+    rank = {name: number for number, name in enumerate(adjacent)}
+    return [
+        (name, other)
+        for name, others in adjacent.items()
+        for other in others
+        if rank[name] < rank.get(other, -1)
+    ]
+
+
+def _inconsistency(areas: list[AreaNode]) -> str | None:
+    by_name = {area.name: area for area in areas}
+    if len(by_name) < len(areas):
+        return "two areas have one name"
+    for area in areas:
+        for other in area.adjacent:
+            if other not in by_name or area.name not in by_name[other].adjacent:
+                return f"edge {area.name} <-> {other} is not mutual"
+    return None
+
+
+def _nearest(items: Iterable[T], distance_m: Callable[[T], float]) -> T | None:
+    """Return the first of the closest items."""
+    return min(items, key=distance_m, default=None)
+
+
+def _on_plan_m(first: Vec3, second: Vec3) -> float:
+    return dist((first[0], first[2]), (second[0], second[2]))
+
+
+def _rounded(position: Vec3) -> Vec3:
+    """Return a position in centimetres, without negative zeros."""
+    x, y, z = (round(value, 2) + 0.0 for value in position)
+    return (x, y, z)
