@@ -1,0 +1,1 @@
+"""Examples for the nano planner: task grammar, phrases, teacher's programs."""

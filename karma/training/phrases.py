@@ -1,0 +1,198 @@
+"""The phrase book: what people call things and how they ask for things.
+
+Ours lies beside this file; `mine_alfred` adds the sentences of ALFRED's annotators, read where they
+lie and turned into templates in memory.
+"""
+
+import gzip
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from karma.errors import FileError
+from karma.files import read_toml
+
+HERE = Path(__file__).parent
+MAX_WORDS = 18
+
+
+class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What one object type is called."""
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...] = ()
+
+
+@cache
+def lexicon() -> Mapping[str, Entry]:
+    """Return object type -> its names and the vaguer words for it."""
+    return read_toml(HERE / "lexicon.toml", dict[str, Entry])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Book:
+    """Templates per kind of request, and words for states."""
+
+    templates: Mapping[str, tuple[str, ...]]
+    adjectives: Mapping[str, tuple[str, ...]]
+    just: Mapping[str, tuple[str, ...]]
+    mined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def part(self, *, held_out: bool) -> "Book":
+        """Return one side of the fixed split of the templates (about one in twelve held out)."""
+
+        def side(book: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+            return {
+                kind: tuple(t for t in texts if _is_held_out(t) == held_out) or texts
+                for kind, texts in book.items()
+            }
+
+        return replace(self, templates=side(self.templates), mined=side(self.mined))
+
+    def pick(self, rng: np.random.Generator, kind: str) -> str:
+        """Draw a template: as often one of ours as one that was mined."""
+        mined = self.mined.get(kind, ())
+        texts = mined if mined and rng.random() < 0.5 else self.templates[kind]
+        return texts[int(rng.integers(len(texts)))]
+
+
+def our_book() -> Book:
+    """Return the phrases that ship with the project."""
+    raw = read_toml(HERE / "phrases.toml", dict[str, Any])
+    templates = {kind: tuple(texts) for kind, texts in raw.items() if isinstance(texts, list)}
+    return Book(templates=templates, adjectives=raw["adjectives"], just=raw["just"])
+
+
+def with_alfred(book: Book, path: Path) -> Book:
+    """Return the book with ALFRED's templates added, each as often as it was said (at most 5).
+
+    Raises:
+        FileError: the demonstrations are missing or torn.
+    """
+    more: dict[str, dict[str, int]] = {}
+    for kind, template in mine_alfred(path):
+        counts = more.setdefault(kind, {})
+        counts[template] = min(counts.get(template, 0) + 1, 5)
+    mined = {
+        kind: tuple(text for text, times in sorted(counts.items()) for _ in range(times))
+        for kind, counts in more.items()
+    }
+    return replace(book, mined=mined)
+
+
+def mine_alfred(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield (kind, template) for every human sentence that names its objects once each.
+
+    Source: ALFRED's annotations (`turk_annotations`), goal sentences and step sentences.
+    """
+    try:
+        with gzip.open(path, "rt", encoding="utf-8") as lines:
+            for line in lines:
+                trial = msgspec.json.decode(line)
+                for annotation in trial["turk_annotations"]:
+                    yield from _goal_sentence(trial, annotation["task_desc"])
+                    yield from _step_sentences(trial, annotation["high_descs"])
+    except (OSError, EOFError, msgspec.DecodeError, KeyError) as error:
+        raise FileError(path, f"not ALFRED demonstrations: {error}") from error
+
+
+_GOAL_KINDS = {
+    "pick_and_place_simple": "place",
+    "pick_clean_then_place_in_recep": "clean_place",
+    "pick_heat_then_place_in_recep": "heat_place",
+    "pick_cool_then_place_in_recep": "cool_place",
+    "look_at_obj_in_light": "look",
+    "pick_and_place_with_movable_recep": "stack",
+}
+_STEP_KINDS = {
+    "PickupObject": "hold",
+    "PutObject": "place",
+    "CleanObject": "clean",
+    "HeatObject": "heat",
+    "CoolObject": "cool",
+    "SliceObject": "slice",
+    "ToggleObject": "switch_on",
+}
+
+
+def _goal_sentence(trial: dict[str, Any], text: str) -> Iterator[tuple[str, str]]:
+    kind = _GOAL_KINDS.get(trial["task_type"])
+    wanted = trial["pddl_params"]
+    if kind is None or (wanted["object_sliced"] and kind != "place"):
+        return
+    if wanted["object_sliced"]:
+        kind = "slice_place"
+    slots = {"x": wanted["object_target"], "r": wanted["parent_target"]}
+    if kind == "look":
+        slots = {"x": wanted["object_target"], "s": wanted["toggle_target"]}
+    if kind == "stack":
+        slots["m"] = wanted["mrecep_target"]
+    template = make_template(text, slots)
+    if template is not None:
+        yield kind, template
+
+
+def _step_sentences(trial: dict[str, Any], texts: list[str]) -> Iterator[tuple[str, str]]:
+    steps = [step["discrete_action"] for step in trial["plan"]["high_pddl"]]
+    steps = [step for step in steps if step["action"] != "NoOp"]
+    if len(steps) != len(texts):
+        return
+    by_lower = {name.lower(): name for name in lexicon()}
+    for step, text in zip(steps, texts, strict=True):
+        kind = _STEP_KINDS.get(step["action"])
+        arguments = [by_lower.get(word.removesuffix("sliced")) for word in step["args"]]
+        if kind is None or None in arguments:
+            continue
+        names = [name for name in arguments if name is not None]
+        slots = {"s": names[0]} if kind == "switch_on" else {"x": names[0]}
+        if kind == "place" and len(names) > 1:
+            slots["r"] = names[1]
+        template = make_template(text, slots)
+        if template is not None:
+            yield kind, template
+
+
+def make_template(text: str, slots: Mapping[str, str]) -> str | None:
+    """Put slots where a sentence names its objects; None unless each is named exactly once.
+
+    `{x}` stands for the words with their article, `{x0}` for the bare name after other words.
+
+    >>> make_template("Put the mug into the sink basin.", {"x": "Mug", "r": "Sink"})
+    'put {x} into {r}'
+    >>> make_template("Put a clean mug in the sink.", {"x": "Mug", "r": "Sink"})
+    'put a clean {x0} in {r}'
+    """
+    text = " ".join(re.sub(r"[^a-z0-9,' -]", " ", text.lower()).split())
+    if not text or len(text.split()) > MAX_WORDS:
+        return None
+    for slot, kind in slots.items():
+        if kind not in lexicon():
+            return None
+        text, count = _slot_pattern(kind).subn(
+            lambda match: f"{{{slot}}}" if match[1] else f"{{{slot}0}}",  # noqa: B023 - used at once
+            text,
+        )
+        if count != 1:
+            return None
+    return text
+
+
+@cache
+def _slot_pattern(kind: str) -> re.Pattern[str]:
+    words = sorted(lexicon()[kind].names, key=len, reverse=True)
+    return re.compile(
+        r"\b((?:the|a|an|some|one|another|his|her|your)\s+)?(?:"
+        + "|".join(re.escape(word) for word in words)
+        + r")s?\b(?![^{]*})"
+    )
+
+
+def _is_held_out(template: str) -> bool:
+    return blake2b(template.encode(), digest_size=1).digest()[0] < 21
