@@ -6,6 +6,10 @@ EggCracked, `Sink` SinkBasin, `Bathtub` BathtubBasin; an id covers what was cut 
 A goal is existential, but all goals of one sub-task that mention the same name must hold of ONE
 object: INSIDE(Apple, Sink) and STATE(Apple, clean) ask for the same apple. A whole that was cut
 has been replaced by its slices; any one slice may stand for it.
+
+ON and INSIDE are the same: the object lies in the receptacle, be it in another that can be carried
+(in a bowl in the fridge). ON a place "(x, y, z)", or ON what holds nothing, is to lie within
+`NEAR_M` of it: the authors' "near".
 """
 
 import re
@@ -42,7 +46,7 @@ MOMENTARY = frozenset(
 )
 _PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin", "Egg": "EggCracked"}
 _CUT = ("Sliced", "Cracked")
-POSITION_TOLERANCE_M = 0.5  # for ON(x, (x, y, z)); ours, the paper names none
+NEAR_M = 0.5  # the paper names none
 
 
 # ----------------------------------------------------------------- reading
@@ -194,7 +198,11 @@ class GoalTracker:
         first = things[0]
         match goal.predicate:
             case "ON" | "INSIDE" if is_position(goal.arguments[1]):
-                return _near(first, goal.arguments[1])
+                place = [float(x) for x in goal.arguments[1].strip("() ").split(",")]
+                return _near(first, place) and first["objectId"] not in index.held
+            case "ON" if not things[1]["receptacle"]:
+                place = [things[1]["position"][axis] for axis in "xyz"]
+                return _near(first, place) and first["objectId"] not in index.held
             case "ON" | "INSIDE":
                 return things[1]["objectId"] in index.holders(first)
             case "HOLDON":
@@ -277,11 +285,10 @@ def _at_temperature(objects: Iterable[Thing], temperature: str) -> frozenset[str
     )
 
 
-def _near(thing: Thing, place: str) -> bool:
-    goal = [float(number) for number in place.strip("() ").split(",")]
+def _near(thing: Thing, place: Sequence[float]) -> bool:
     here = [thing["position"][axis] for axis in "xyz"]
-    squares = ((a - b) ** 2 for a, b in zip(here, goal, strict=True))
-    return bool(sum(squares) <= POSITION_TOLERANCE_M**2)
+    squares = ((a - b) ** 2 for a, b in zip(here, place, strict=True))
+    return bool(sum(squares) <= NEAR_M**2)
 
 
 def _linked(goals: Sequence[Goal]) -> Iterator[list[Goal]]:
