@@ -1,0 +1,145 @@
+"""A look at a GGUF's header without llama.cpp, which may end the process on a damaged file."""
+
+import mmap
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from karma.errors import ModelError
+
+_SCALARS = {
+    0: "<B", 1: "<b", 2: "<H", 3: "<h", 4: "<I", 5: "<i", 6: "<f", 7: "<?",
+    10: "<Q", 11: "<q", 12: "<d",
+}  # fmt: skip
+_STRING, _ARRAY = 8, 9
+_MAX_DIMENSIONS = 4
+_POSITIVE = (
+    "context_length", "embedding_length", "block_count", "attention.head_count",
+)  # fmt: skip
+
+
+class _TornError(Exception):
+    """The file says something impossible, at a byte."""
+
+
+def check_gguf(path: Path) -> Mapping[str, Any]:
+    """Read the header of a GGUF and check that every tensor lies inside the file.
+
+    Returns:
+        Its metadata: numbers and strings by key; arrays as their length.
+
+    Raises:
+        ModelError: it is not a GGUF, is cut off, or has sizes that make no sense.
+    """
+    try:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
+            return _Reader(data).read()
+    except (_TornError, struct.error, UnicodeDecodeError) as error:
+        raise ModelError(f"{path}: damaged or not a GGUF model: {error}") from error
+    except (OSError, ValueError) as error:  # ValueError: an empty file cannot be mapped
+        raise ModelError(f"{path}: cannot be read: {error}") from error
+
+
+class _Reader:
+    """Reads forward; every length is checked against the file's end before use."""
+
+    def __init__(self, data: mmap.mmap) -> None:
+        self._data, self._at, self._end = data, 0, len(data)
+
+    def read(self) -> Mapping[str, Any]:
+        if self._data[:4] != b"GGUF":
+            raise _TornError(f"it begins with {self._data[:4]!r} instead of b'GGUF'")
+        self._at = 4
+        version, tensors, pairs = self._one("<I"), self._one("<Q"), self._one("<Q")
+        if version not in (2, 3):
+            raise _TornError(f"GGUF version {version} is unknown")
+        if max(tensors, pairs) > self._end:
+            raise _TornError("more entries than bytes")
+        metadata = {}
+        for _ in range(pairs):
+            key = self._string()
+            metadata[key] = self._value(self._one("<I"))
+        _check_metadata(metadata)
+        ends = [self._tensor_end() for _ in range(tensors)]
+        alignment = metadata.get("general.alignment", 32)
+        if not isinstance(alignment, int) or alignment < 1 or alignment & (alignment - 1):
+            raise _TornError(f"alignment {alignment!r} is not a power of two")
+        needed = -(-self._at // alignment) * alignment + max(ends, default=0)
+        if not ends or needed > self._end:
+            raise _TornError(f"its tensors need {needed} bytes, it has {self._end} (cut off?)")
+        return metadata
+
+    def _skip(self, count: int) -> int:
+        start = self._at
+        if count > self._end - start:
+            raise _TornError(f"it ends within an entry at byte {start} (cut off?)")
+        self._at += count
+        return start
+
+    def _one(self, form: str) -> Any:
+        start = self._skip(struct.calcsize(form))
+        return struct.unpack_from(form, self._data, start)[0]
+
+    def _string(self) -> str:
+        length = self._one("<Q")
+        start = self._skip(length)
+        return self._data[start : start + length].decode("utf-8", errors="replace")
+
+    def _value(self, kind: int, depth: int = 0) -> Any:
+        if kind in _SCALARS:
+            return self._one(_SCALARS[kind])
+        if kind == _STRING:
+            return self._string()
+        if kind != _ARRAY or depth > 1:
+            raise _TornError(f"value type {kind} is unknown at byte {self._at}")
+        inner, count = self._one("<I"), self._one("<Q")
+        if inner in _SCALARS:
+            self._skip(count * struct.calcsize(_SCALARS[inner]))
+        elif inner == _STRING:
+            self._skip_strings(count)
+        else:
+            raise _TornError(f"array of type {inner} is unknown at byte {self._at}")
+        return count
+
+    def _skip_strings(self, count: int) -> None:
+        """Pass over strings quickly: a vocabulary has hundreds of thousands."""
+        data, at, end, length_at = self._data, self._at, self._end, struct.Struct("<Q").unpack_from
+        for _ in range(count):
+            if end - at < 8:
+                raise _TornError("it ends within a list of strings (cut off?)")
+            at += 8 + length_at(data, at)[0]
+            if at > end:
+                raise _TornError("it ends within a list of strings (cut off?)")
+        self._at = at
+
+    def _tensor_end(self) -> int:
+        """Return where a tensor ends, counted from the start of the tensor data."""
+        import gguf
+
+        name, dimensions = self._string(), self._one("<I")
+        if not 1 <= dimensions <= _MAX_DIMENSIONS:
+            raise _TornError(f"tensor {name!r} has {dimensions} dimensions")
+        shape = [self._one("<Q") for _ in range(dimensions)]
+        kind, offset = self._one("<I"), self._one("<Q")
+        try:
+            block, size = gguf.GGML_QUANT_SIZES[gguf.GGMLQuantizationType(kind)]
+        except (ValueError, KeyError):
+            raise _TornError(f"tensor {name!r} has unknown type {kind}") from None
+        if 0 in shape or shape[0] % block:
+            raise _TornError(f"tensor {name!r} has impossible shape {shape}")
+        count = 1
+        for extent in shape:
+            count *= extent
+        return int(offset + count // block * size)
+
+
+def _check_metadata(metadata: Mapping[str, Any]) -> None:
+    """Refuse sizes that would make llama.cpp divide by zero."""
+    architecture = metadata.get("general.architecture")
+    if not isinstance(architecture, str):
+        raise _TornError("general.architecture is missing")
+    for key in _POSITIVE:
+        value = metadata.get(f"{architecture}.{key}")
+        if not isinstance(value, int) or value < 1:
+            raise _TornError(f"{architecture}.{key} is {value!r}")

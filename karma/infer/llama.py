@@ -1,0 +1,309 @@
+"""Planner models by llama.cpp: one GGUF, one context, the scene's prefix kept.
+
+A prompt is always decoded in the same cut, [stable] then [changing], also when nothing is kept:
+how a prompt is cut into calls changes the last bits of the logits, so only then are warm and cold
+answers identical bit for bit. One stable part is kept at a time.
+"""
+
+import ctypes
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from karma.contracts import Completion, ProgramSpec, Prompt
+from karma.errors import ModelError
+from karma.infer.constrain import (
+    Logits,
+    ProgramAutomaton,
+    State,
+    TokenTable,
+    choose_token,
+    gumbel,
+)
+from karma.infer.gguf_check import check_gguf
+from karma.infer.manifest import check_file
+from karma.seeds import stream
+
+_MARK = "\ue000changing\ue000"  # private use: no template treats it specially
+_PIECE_BYTES = 256
+
+
+@dataclass(frozen=True, slots=True)
+class _Decoded:
+    """What came out of the token loop."""
+
+    text: bytes
+    finish: Literal["stop", "length"]
+    tokens: int
+    first_token_s: float
+
+
+class LlamaModel:
+    """A `LanguageModel` over one GGUF file.
+
+    Args:
+        path: the file; any GGUF that llama.cpp can run.
+        n_ctx: context in tokens; never more than the model was trained for.
+        n_threads: by default two, or one where there is only one core; results do not depend on
+            it. Never more than there are free cores.
+        kv: type of the kept keys and values.
+        name: by default the file's name.
+        sha256: if given, the file is refused unless it has this hash.
+        chat: render prompts through the file's own chat template (instruction-tuned models):
+            `stable` is the system message, `changing` the user's.
+
+    Raises:
+        ModelError: missing, of another hash, damaged, or without the template that `chat` needs.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        n_ctx: int = 4096,
+        n_threads: int | None = None,
+        kv: Literal["f16", "f32"] = "f16",
+        name: str | None = None,
+        sha256: str | None = None,
+        chat: bool = False,
+    ) -> None:
+        path = Path(path)
+        if sha256 is not None:
+            check_file(path, sha256)
+        elif not path.is_file():
+            fix = "`karma models verify` tells which models are there, `make setup` restores them"
+            expected = "any (no manifest vouches for this path)"
+            raise ModelError(
+                f"{path}: no such file\n  Expected SHA-256: {expected}\n  To fix: {fix}"
+            )
+        metadata = check_gguf(path)
+        trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
+        self.name = name or path.stem
+        self.n_ctx = min(n_ctx, trained)
+        threads = n_threads or min(2, os.cpu_count() or 1)
+        self._llama = _open(path, self.n_ctx, threads, kv)
+        self._table = _token_table(self._llama)
+        self._template: Any = _template(self._llama, path) if chat else None
+        self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
+        self._keeps = not (self._llama._is_recurrent or self._llama._is_hybrid)
+
+    def complete(
+        self,
+        prompt: Prompt,
+        *,
+        spec: ProgramSpec | None = None,
+        max_tokens: int = 512,
+        temperature: float = 0.0,
+        seed: int = 0,
+    ) -> Completion:
+        """Continue the prompt; with `spec`, only with a program that parses.
+
+        An answer that reaches `max_tokens` or the end of the context has finish "length"; under a
+        spec it is cut back to its last whole line.
+
+        Raises:
+            ModelError: the prompt does not fit the context, or the model cannot continue it.
+        """
+        begun = time.perf_counter()
+        stable, changing = self._cut(prompt)
+        prompt_tokens = len(stable) + len(changing)
+        if prompt_tokens >= self.n_ctx:
+            raise ModelError(
+                f"the prompt has {prompt_tokens} tokens and needs room for an answer,"
+                f" but {self.name} has a context of {self.n_ctx}"
+            )
+        reused = self._evaluate(stable, changing)
+        automaton = None if spec is None else _automaton(spec)
+        rng = stream(seed, "decode") if temperature > 0 else None
+        room = min(max_tokens, self.n_ctx - prompt_tokens)
+        found = self._decode(automaton, room, temperature, rng, begun)
+        text = found.text
+        if found.finish == "length" and automaton is not None:
+            text = text[: text.rfind(b"\n") + 1]
+        return Completion(
+            text=text.decode("utf-8", errors="replace"),
+            finish=found.finish,
+            prompt_tokens=prompt_tokens,
+            reused_tokens=reused,
+            completion_tokens=found.tokens,
+            first_token_s=found.first_token_s,
+            total_s=time.perf_counter() - begun,
+        )
+
+    def logits(self) -> Logits:
+        """Return a copy of the logits after the last decoded token, shape (vocabulary,)."""
+        return self._last_logits().copy()
+
+    def close(self) -> None:
+        """Free the model's memory; it cannot be used afterwards."""
+        self._llama.close()
+
+    def _cut(self, prompt: Prompt) -> tuple[list[int], list[int]]:
+        """Return the tokens of the two segments; the second is never empty."""
+        before, after, special = prompt.stable, prompt.changing, False
+        if self._template is not None:
+            before, after = self._rendered(prompt)
+            special = True
+        bos = self._llama.token_bos()
+        add_bos = bool(self._llama._model.add_bos_token()) and bos >= 0
+        stable = self._llama.tokenize(before.encode("utf-8", "replace"), False, special)
+        changing = self._llama.tokenize(after.encode("utf-8", "replace"), False, special)
+        if add_bos and stable[:1] != [bos]:
+            stable.insert(0, bos)
+        if not changing:
+            stable, changing = stable[:-1], stable[-1:]
+        if not changing:
+            raise ModelError("the prompt is empty")
+        return stable, changing
+
+    def _rendered(self, prompt: Prompt) -> tuple[str, str]:
+        """Put the prompt into the chat template, cut where its changing part begins."""
+        before, after = self._template_halves(prompt.stable)
+        return before, prompt.changing + after
+
+    def _template_halves(self, stable: str) -> tuple[str, str]:
+        system = [{"role": "system", "content": stable}, {"role": "user", "content": _MARK}]
+        user = [{"role": "user", "content": stable + _MARK}]
+        for messages in (system, user):  # some templates refuse or drop a system message
+            try:
+                halves: list[str] = self._template(messages=messages).prompt.split(_MARK)
+            except Exception as error:  # noqa: BLE001 - a template can raise anything
+                reason = str(error)
+                continue
+            if len(halves) == 2 and stable.strip() in halves[0]:
+                return halves[0], halves[1]
+            reason = "it does not repeat what it is given"
+        raise ModelError(f"{self.name}: its chat template cannot be used: {reason}")
+
+    def _evaluate(self, stable: Sequence[int], changing: Sequence[int]) -> int:
+        """Decode the prompt in its cut; return how many tokens were already there."""
+        reused = len(stable) if self._keeps and self._kept == stable else 0
+        self._kept = []  # while decoding, nothing is certain
+        self._llama.reset()
+        self._llama.n_tokens = reused
+        try:
+            if reused == 0 and stable:
+                self._llama.eval(stable)
+            self._llama.eval(changing)
+        except RuntimeError as error:
+            raise ModelError(f"{self.name}: llama.cpp cannot decode the prompt: {error}") from error
+        self._kept = list(stable)
+        return reused
+
+    def _decode(
+        self,
+        automaton: ProgramAutomaton | None,
+        room: int,
+        temperature: float,
+        rng: np.random.Generator | None,
+        begun: float,
+    ) -> _Decoded:
+        state = automaton.start() if automaton is not None else None
+        pieces: list[bytes] = []
+        first_token_s = 0.0
+        while len(pieces) < room:
+            token, state = self._next(automaton, state, temperature, rng)
+            if not pieces:
+                first_token_s = time.perf_counter() - begun
+            if token in self._table.end_tokens:
+                return _Decoded(b"".join(pieces), "stop", len(pieces), first_token_s)
+            pieces.append(self._table.pieces[token])
+            if automaton is not None and state is not None and not automaton.next_bytes(state):
+                return _Decoded(b"".join(pieces), "stop", len(pieces), first_token_s)
+            if len(pieces) < room:
+                self._llama.eval([token])
+        return _Decoded(b"".join(pieces), "length", len(pieces), first_token_s)
+
+    def _next(
+        self,
+        automaton: ProgramAutomaton | None,
+        state: State | None,
+        temperature: float,
+        rng: np.random.Generator | None,
+    ) -> tuple[int, State | None]:
+        scores = self._last_logits()
+        if rng is not None:
+            scores = gumbel(scores, temperature, rng)
+        if automaton is None or state is None:
+            return int(np.argmax(scores)), None
+        return choose_token(scores, automaton, state, self._table)
+
+    def _last_logits(self) -> Logits:
+        import llama_cpp
+
+        pointer = llama_cpp.llama_get_logits_ith(self._llama.ctx, -1)
+        return np.ctypeslib.as_array(pointer, shape=(self._llama.n_vocab(),))
+
+
+@lru_cache(maxsize=8)
+def _automaton(spec: ProgramSpec) -> ProgramAutomaton:
+    return ProgramAutomaton(spec)
+
+
+def _open(path: Path, n_ctx: int, threads: int, kv: str) -> Any:
+    """Load the file, turning llama.cpp's failures into one that names it."""
+    import llama_cpp
+
+    kind = {"f16": llama_cpp.GGML_TYPE_F16, "f32": llama_cpp.GGML_TYPE_F32}[kv]
+    try:
+        return llama_cpp.Llama(
+            str(path),
+            n_ctx=n_ctx,
+            n_threads=threads,
+            n_threads_batch=threads,
+            n_gpu_layers=0,
+            type_k=kind,
+            type_v=kind,
+            verbose=False,
+        )
+    except Exception as error:  # ValueError, RuntimeError, Jinja's: all mean an unusable file
+        raise ModelError(f"{path}: llama.cpp cannot load it: {error}") from error
+
+
+def _token_table(llama: Any) -> TokenTable:
+    """Return the vocabulary as bytes; control tokens and the unused say nothing."""
+    import llama_cpp
+
+    vocab = llama._model.vocab
+    buffer = ctypes.create_string_buffer(_PIECE_BYTES)
+
+    def piece(token: int) -> bytes:
+        size = llama_cpp.llama_token_to_piece(vocab, token, buffer, _PIECE_BYTES, 0, False)
+        if size >= 0:
+            return buffer.raw[:size]
+        longer = ctypes.create_string_buffer(-size)  # llama.cpp answers with the size it needs
+        llama_cpp.llama_token_to_piece(vocab, token, longer, -size, 0, False)
+        return longer.raw
+
+    tokens = range(llama.n_vocab())
+    ends = [token for token in tokens if llama_cpp.llama_vocab_is_eog(vocab, token)]
+    return TokenTable([piece(token) for token in tokens], ends)
+
+
+def _template(llama: Any, path: Path) -> Any:
+    """Return the renderer of the GGUF's chat template; its date never changes."""
+    from llama_cpp.llama_chat_format import Jinja2ChatFormatter
+
+    text = llama.metadata.get("tokenizer.chat_template")
+    if text is None:
+        raise ModelError(f"{path}: has no chat template; open it with chat=False")
+
+    class Formatter(Jinja2ChatFormatter):  # type: ignore[misc]
+        @staticmethod
+        def strftime_now(form: str) -> str:
+            return datetime(2025, 1, 1).strftime(form)
+
+    word = llama._model.token_get_text
+    bos, eos = llama.token_bos(), llama.token_eos()
+    return Formatter(
+        template=text,
+        bos_token=word(bos) if bos >= 0 else "",
+        eos_token=word(eos) if eos >= 0 else "",
+    )

@@ -1,0 +1,55 @@
+"""The model that says what it was told, for tests and demonstrations."""
+
+from collections.abc import Iterable
+
+from karma.contracts import Completion, ProgramSpec, Prompt
+from karma.errors import ModelError
+
+
+class ScriptedModel:
+    """A `LanguageModel` with its answers given beforehand.
+
+    Args:
+        answers: texts, said in this order; a spec is not applied to them.
+
+    Attributes:
+        prompts: the prompts it was given, in order.
+        specs: the specs that came with them.
+    """
+
+    name = "scripted"
+
+    def __init__(self, answers: Iterable[str] = ()) -> None:
+        self._answers = iter(answers)
+        self.prompts: list[Prompt] = []
+        self.specs: list[ProgramSpec | None] = []
+
+    def complete(
+        self,
+        prompt: Prompt,
+        *,
+        spec: ProgramSpec | None = None,
+        max_tokens: int = 512,
+        temperature: float = 0.0,
+        seed: int = 0,
+    ) -> Completion:
+        """Return the next answer; tokens are counted as words, times are zero.
+
+        Raises:
+            ModelError: the script has run out.
+        """
+        self.prompts.append(prompt)
+        self.specs.append(spec)
+        text = next(self._answers, None)
+        if text is None:
+            count = len(self.prompts) - 1
+            raise ModelError(f"the script has run out: {count} answers, asked once more")
+        return Completion(
+            text=text,
+            finish="stop",
+            prompt_tokens=len((prompt.stable + prompt.changing).split()),
+            reused_tokens=0,
+            completion_tokens=len(text.split()),
+            first_token_s=0.0,
+            total_s=0.0,
+        )

@@ -1,0 +1,319 @@
+"""Language models: llama.cpp over random weights made here, and the scripted one."""
+
+import hashlib
+import json
+import socket
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from karma.contracts import ProgramSpec, Prompt, SeenObject, SkillSignature
+from karma.errors import ModelError
+from karma.infer.constrain import ProgramAutomaton
+from karma.infer.gguf_check import check_gguf
+from karma.infer.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.grammar import load_gbnf
+from karma.infer.llama import LlamaModel
+from karma.infer.metadata_vision import MetadataVision
+from karma.infer.scripted import ScriptedModel
+from karma.registry import load, names
+
+CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nThe apple is in the fridge; put it on the table.\n"]
+CHAT = (
+    "{% for m in messages %}<|{{ m.role }}|>{{ m.content }}<|eos|>\n{% endfor %}<|assistant|>"
+)  # fmt: skip
+SKILLS = (
+    SkillSignature(name="GoToObject", arguments=("object",)),
+    SkillSignature(name="PutObject", arguments=("object", "object"), optional=1),
+    SkillSignature(name="Explore", arguments=("object", "positions"), optional=1),
+)
+SPEC = ProgramSpec(
+    skills=SKILLS, objects=("Apple", "Fridge", "Apple|-00.47|+01.15|+00.48"),
+    positions=("node_1", "node_2"), max_calls=3,
+)  # fmt: skip
+SCENE = Prompt(
+    stable="You are a robot.\nThe fridge is in the kitchen.\n" * 3, changing="Task: go.\n"
+)
+OTHER = Prompt(stable="Another scene, with a table.\n" * 5, changing="Task: put.\n")
+
+
+def random_llama():
+    import torch
+    from transformers import LlamaConfig, LlamaForCausalLM
+
+    torch.manual_seed(3)
+    config = LlamaConfig(
+        vocab_size=420, hidden_size=64, intermediate_size=160, num_hidden_layers=2,
+        num_attention_heads=4, num_key_value_heads=2, max_position_embeddings=512,
+        tie_word_embeddings=True, initializer_range=0.2,
+    )  # fmt: skip
+    return LlamaForCausalLM(config)
+
+
+def export(path, *, dtype="F16", template=None, add_bos=False):
+    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
+    export_llama_gguf(
+        random_llama(), tokenizer, path, name="tiny", eos_token="<|eos|>",
+        bos_token="<|bos|>", add_bos=add_bos, dtype=dtype, chat_template=template,
+    )  # fmt: skip
+    return path
+
+
+@pytest.fixture(scope="module", params=["F16", "Q8_0"])
+def gguf(request, tmp_path_factory):
+    return export(tmp_path_factory.mktemp("m") / "tiny.gguf", dtype=request.param, template=CHAT)
+
+
+@pytest.fixture(scope="module")
+def model(gguf):
+    return LlamaModel(gguf, n_threads=1)
+
+
+def answer(model, prompt, **options):
+    """The text and the logits after the prompt, to the bit."""
+    model.complete(prompt, max_tokens=1)
+    bits = hashlib.sha256(model.logits().tobytes()).hexdigest()
+    return model.complete(prompt, max_tokens=24, **options).text, bits
+
+
+@pytest.mark.parametrize("temperature", [0.0, 0.8])
+def test_warm_answer_equals_cold_to_the_bit(gguf, temperature):
+    options = {"temperature": temperature, "seed": 5}
+    cold = answer(LlamaModel(gguf, n_threads=1), SCENE, **options)
+    model = LlamaModel(gguf, n_threads=2)
+    assert answer(model, SCENE, **options) == cold
+    assert answer(model, Prompt(stable=SCENE.stable, changing="What else?\n")) != cold
+    assert answer(model, SCENE, **options) == cold
+    answer(model, OTHER)
+    assert answer(model, SCENE, **options) == cold
+
+
+def test_answer_in_a_new_process_is_the_same(gguf, model):
+    program = (
+        "import hashlib, json, sys\n"
+        "from karma.contracts import Prompt\n"
+        "from karma.infer.llama import LlamaModel\n"
+        "path, stable, changing = json.loads(sys.argv[1])\n"
+        "model = LlamaModel(path)\n"
+        "prompt = Prompt(stable=stable, changing=changing)\n"
+        "model.complete(prompt, max_tokens=1)\n"
+        "bits = hashlib.sha256(model.logits().tobytes()).hexdigest()\n"
+        "print(json.dumps([model.complete(prompt, max_tokens=24).text, bits]))\n"
+    )
+    argument = json.dumps([str(gguf), SCENE.stable, SCENE.changing])
+    result = subprocess.run(
+        [sys.executable, "-c", program, argument], capture_output=True, text=True, check=True
+    )
+    assert tuple(json.loads(result.stdout)) == answer(model, SCENE)
+    assert result.stderr == ""
+
+
+def test_completion_counts_what_it_reused_and_cost(gguf):
+    model = LlamaModel(gguf, n_threads=1)
+    first = model.complete(SCENE, max_tokens=5)
+    again = model.complete(SCENE, max_tokens=5)
+    other = model.complete(OTHER, max_tokens=5)
+    assert first.reused_tokens == 0 == other.reused_tokens
+    assert 0 < again.reused_tokens < again.prompt_tokens == first.prompt_tokens
+    assert first.completion_tokens == 5
+    assert first.finish == "length"
+    assert 0 < first.first_token_s <= first.total_s
+
+
+def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
+    import torch
+
+    path = export(tmp_path / "f32.gguf", dtype="F32")
+    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
+    tokens = tokenizer.encode(SCENE.stable).ids + tokenizer.encode(SCENE.changing).ids
+    with torch.no_grad():
+        expected = random_llama()(torch.tensor([tokens])).logits[0, -1].numpy()
+    model = LlamaModel(path, kv="f32")
+    for _ in range(2):
+        model.complete(SCENE, max_tokens=1)
+        assert np.abs(model.logits() - expected).max() < 1e-3
+
+
+@pytest.mark.parametrize("temperature", [0.0, 1.5])
+@pytest.mark.parametrize("max_tokens", [3, 40, 400])
+def test_constrained_answers_are_programs_however_long(model, temperature, max_tokens):
+    automaton = ProgramAutomaton(SPEC)
+    for seed in range(4):
+        found = model.complete(
+            SCENE, spec=SPEC, max_tokens=max_tokens, temperature=temperature, seed=seed
+        )
+        state = automaton.advance(automaton.start(), found.text)
+        assert state is not None
+        assert automaton.accepts(state) or (found.text == "" and found.finish == "length")
+        if found.finish == "stop":
+            assert found.text.endswith(")\n")
+
+
+def test_seed_decides_sampled_answers(model):
+    def texts():
+        return [
+            model.complete(SCENE, max_tokens=12, temperature=1.0, seed=s).text for s in range(3)
+        ]
+
+    assert texts() == texts()
+    assert len(set(texts())) == 3
+
+
+def test_prompt_longer_than_context_names_both_numbers(gguf):
+    model = LlamaModel(gguf, n_ctx=64)
+    with pytest.raises(ModelError, match=r"the prompt has \d+ tokens .* context of 64"):
+        model.complete(SCENE)
+    assert model.complete(Prompt(stable="", changing="Go")).text  # and it works on
+    with pytest.raises(ModelError, match="empty"):
+        model.complete(Prompt(stable="", changing=""))
+
+
+def test_answer_ends_where_the_context_does(gguf):
+    model = LlamaModel(gguf, n_ctx=4096)
+    assert model.n_ctx == 512  # what it was trained for
+    found = model.complete(Prompt(stable="", changing="Go"), max_tokens=9999)
+    assert found.prompt_tokens + found.completion_tokens <= 512
+
+
+def test_prompt_without_changing_part_is_answered_alike_warm_and_cold(model):
+    prompt = Prompt(stable=SCENE.stable, changing="")
+    assert answer(model, prompt) == answer(model, prompt)
+
+
+def test_bos_is_put_in_once(tmp_path):
+    plain, begun = (
+        LlamaModel(export(tmp_path / f"{bos}.gguf", add_bos=bos)) for bos in (False, True)
+    )
+    counts = [m.complete(SCENE, max_tokens=1).prompt_tokens for m in (plain, begun)]
+    assert counts[1] == counts[0] + 1
+
+
+def test_chat_template_is_applied_and_cut_at_the_same_place(gguf):
+    chat, plain = LlamaModel(gguf, chat=True), LlamaModel(gguf)
+    written = Prompt(
+        stable=f"<|system|>{SCENE.stable}", changing=f"{SCENE.changing}"
+    )  # the plain model takes no control tokens from text, so only the halves are compared
+    before, after = chat._rendered(SCENE)
+    assert before == f"{written.stable}<|eos|>\n<|user|>"
+    assert after == f"{written.changing}<|eos|>\n<|assistant|>"
+    cold, warm = (chat.complete(SCENE, spec=SPEC, max_tokens=60) for _ in range(2))
+    assert cold.text == warm.text
+    assert warm.reused_tokens > 0
+    assert cold.prompt_tokens > plain.complete(SCENE, max_tokens=1).prompt_tokens
+
+
+def test_chat_without_system_role_puts_all_into_the_user_s_message(tmp_path):
+    template = (
+        "{% for m in messages %}{% if m.role == 'system' %}{{ raise_exception('no') }}{% endif %}"
+        "[{{ m.content }}]{% endfor %}"
+    )
+    model = LlamaModel(export(tmp_path / "x.gguf", template=template), chat=True)
+    assert model._rendered(SCENE) == ("[" + SCENE.stable, SCENE.changing + "]")
+
+
+# -------------------------------------------------------------------- files that are not right
+
+
+def test_missing_file_is_named_with_hash_and_command(tmp_path):
+    for options in ({}, {"sha256": "ab" * 32}):
+        with pytest.raises(ModelError) as caught:
+            LlamaModel(tmp_path / "nope.gguf", **options)
+        for part in ("nope.gguf", "karma models verify", "make setup", *options.values()):
+            assert part in str(caught.value)
+
+
+def test_wrong_hash_is_refused_before_parsing(tmp_path):
+    path = tmp_path / "x.gguf"
+    path.write_bytes(b"not a model at all")
+    with pytest.raises(ModelError, match="SHA-256") as caught:
+        LlamaModel(path, sha256="0" * 64)
+    assert hashlib.sha256(path.read_bytes()).hexdigest() in str(caught.value)
+
+
+def test_right_hash_is_accepted(gguf):
+    assert LlamaModel(gguf, sha256=hashlib.sha256(gguf.read_bytes()).hexdigest()).name == "tiny"
+
+
+def test_cut_off_or_foreign_file_is_a_model_error(gguf, tmp_path):
+    data = gguf.read_bytes()
+    path = tmp_path / "bad.gguf"
+    cuts = [0, 3, 4, 20, 100, 1000, 9000, len(data) // 2, len(data) - 1]
+    for content in [data[:cut] for cut in cuts] + [b"PK\3\4" + data[4:], b"\0" * 5000]:
+        path.write_bytes(content)
+        with pytest.raises(ModelError, match=r"bad\.gguf"):
+            LlamaModel(path)
+
+
+def test_header_with_flipped_bytes_is_refused_or_read_never_worse(gguf, tmp_path):
+    data, generator = gguf.read_bytes(), np.random.default_rng(0)
+    path = tmp_path / "bad.gguf"
+    for _ in range(300):
+        changed = bytearray(data)
+        for place in generator.integers(4, 2000, 3):
+            changed[place] = generator.integers(256)
+        path.write_bytes(changed)
+        try:
+            assert check_gguf(path)["general.architecture"]
+        except ModelError as error:
+            assert "bad.gguf" in str(error)
+
+
+def test_chat_without_template_is_a_model_error(tmp_path):
+    with pytest.raises(ModelError, match="no chat template"):
+        LlamaModel(export(tmp_path / "x.gguf"), chat=True)
+
+
+@pytest.mark.parametrize(
+    "text", ["root ::= foo\n", 'root ::= root "a" | "b"\n', "root ::= (\n", ""]
+)
+def test_bad_grammar_is_a_model_error_and_the_process_lives(tmp_path, text):
+    path = tmp_path / "bad.gbnf"
+    path.write_text(text)
+    with pytest.raises(ModelError, match=r"bad\.gbnf"):
+        load_gbnf(path)
+
+
+def test_good_grammar_is_loaded(gguf):
+    import llama_cpp
+
+    llama = llama_cpp.Llama(str(gguf), n_ctx=64, verbose=False)
+    grammar = load_gbnf('root ::= "yes\\n" | "no\\n"\n')
+    assert llama("Go", grammar=grammar, max_tokens=8)["choices"][0]["text"] in ("yes\n", "no\n")
+
+
+# ------------------------------------------------------------------------------ the other models
+
+
+def test_every_registered_model_has_the_contract_s_members():
+    for name in names("language_models"):
+        assert callable(load("language_models", name).complete)
+
+
+def test_scripted_model_says_its_script_and_then_fails():
+    model = ScriptedModel(["a b", "c"])
+    assert [model.complete(SCENE, spec=SPEC).text, model.complete(OTHER).text] == ["a b", "c"]
+    assert model.prompts == [SCENE, OTHER]
+    assert model.specs == [SPEC, None]
+    with pytest.raises(ModelError, match="run out: 2 answers"):
+        model.complete(SCENE)
+
+
+def test_metadata_vision_repeats_the_states_of_the_objects_given():
+    def seen(name, *states):
+        return SeenObject(
+            object_id=name, object_type="X", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
+            box_size_m=(1, 1, 1), pickupable=True, states=states,
+        )  # fmt: skip
+
+    objects = [seen("a", "dirty", "off"), seen("b")]
+    assert MetadataVision().read_states(None, "clean it", objects) == {
+        "a": ("dirty", "off"),
+        "b": (),
+    }
+
+
+def test_network_is_refused_in_tests():
+    with socket.socket() as it, pytest.raises(OSError, match="no network"):
+        it.connect(("192.0.2.1", 80))
