@@ -37,7 +37,7 @@ def observe(event: Event, *, frame: bool = True) -> Observation:
         if thing["objectId"] in inventory:
             held = _seen(thing, (HAND,))
         elif thing["visible"]:
-            visible.append(_seen(thing, tuple(thing["parentReceptacles"] or ())))
+            visible.append(sight_of(thing))
     return Observation(
         pose=Pose(
             position_m=_vector(agent["position"]),
@@ -53,10 +53,15 @@ def observe(event: Event, *, frame: bool = True) -> Observation:
     )
 
 
+def sight_of(thing: _Object) -> SeenObject:
+    """Return one object's metadata as a sight of it."""
+    return _seen(thing, tuple(thing["parentReceptacles"] or ()))
+
+
 def states_of(thing: _Object) -> tuple[str, ...]:
     """Return the state words of one object's metadata, sorted; () when none applies."""
     words = {word for flag, word in _FLAGS if thing[flag]}
-    if str(thing["objectType"]).endswith("Sliced"):
+    if str(thing["objectType"]).endswith(("Sliced", "Cracked")):
         words.add("sliced")
     if thing["temperature"] == "Hot":
         words.add("heated")

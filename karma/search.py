@@ -1,0 +1,131 @@
+"""Looking for a thing whose place is not known: area by area, then in what can be opened."""
+
+from collections.abc import Iterator, Sequence
+
+from karma.contracts import Known, SeenObject, Vec3
+from karma.reach import Reach, RefusedError
+from karma.sightings import kind_of, known, means
+from karma.world.types import object_types
+
+_HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
+
+
+def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
+    """Look for a thing until it is in view; every node and every opened container is counted.
+
+    First the given positions, then the other areas, the nearest first (without areas: places that
+    cover the room); then the closed containers, those that may hold such a thing first.
+
+    Raises:
+        RefusedError: it is nowhere.
+    """
+    found = _in_view(reach, name)
+    for point in _nodes(reach, positions):
+        if found is not None:
+            return found
+        reach.walker.walk_near(point)
+        reach.explorations += 1
+        found = _look_around(reach, name)
+    opened: set[str] = set()
+    while found is None and (container := _next_container(reach, name, opened)) is not None:
+        opened.add(container.object_id)
+        found = _look_into(reach, name, container)
+    if found is None:
+        raise RefusedError(f"could not find {name}; searched {reach.explorations} places")
+    return found
+
+
+def _in_view(reach: Reach, name: str) -> Known | None:
+    sights = [sight for sight in reach.log.in_view.values() if means(name, sight)]
+    sights = [sight for sight in sights if sight.object_id not in reach.log.cut]
+    gap = reach.walker.gap
+    near = min(sights, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
+    return known(near, "seen") if near else None
+
+
+def _look_around(reach: Reach, name: str) -> Known | None:
+    """Turn round once looking down at tables, and once looking straight ahead."""
+    level = abs(reach.walker.horizon_deg) < 1.0
+    for horizon in _HORIZONS[::-1] if level else _HORIZONS:
+        reach.walker.look(horizon)
+        for turn in range(4):
+            reach.look()
+            found = _in_view(reach, name)
+            if found is not None:
+                return found
+            if turn < 3 and not reach.walker.turn_right():
+                break
+    return None
+
+
+def _nodes(reach: Reach, positions: Sequence[str | Vec3]) -> Iterator[Vec3]:
+    """Yield the points to search from: the given ones in order, then the rest, nearest first."""
+    areas = {area.name: area.position_m for area in reach.knowledge.areas()}
+    for position in positions:
+        if not isinstance(position, str):
+            yield position
+        elif position in areas:
+            yield areas.pop(position)
+        elif (place := reach.find(position)) is not None:
+            yield place.position_m
+    rest = list(areas.values()) if areas or reach.knowledge.areas() else _cover(reach)
+    while rest:
+        rest.sort(key=lambda point: (reach.walker.gap(point), point))
+        yield rest.pop(0)
+
+
+def _cover(reach: Reach) -> list[Vec3]:
+    """Return cells spread evenly: from one of them every cell is near."""
+    cells = sorted(reach.walker.cells())
+    x, z = reach.walker.position
+    gaps = {cell: float("inf") for cell in cells}
+    chosen: list[Vec3] = []
+    while max(gaps.values(), default=0.0) > reach.limits.cover_m:
+        chosen.append((x, 0.0, z))
+        gaps = {c: min(gap, ((c[0] - x) ** 2 + (c[1] - z) ** 2) ** 0.5) for c, gap in gaps.items()}
+        x, z = max(gaps, key=lambda cell: (gaps[cell], cell))
+    return chosen
+
+
+def _next_container(reach: Reach, name: str, opened: set[str]) -> SeenObject | None:
+    """Return the closed container to open next: one that may hold the thing, and near."""
+    types = object_types()
+    wanted = types.get(kind_of(name))
+
+    def rank(sight: SeenObject) -> tuple[bool, float, str]:
+        fits = wanted is not None and wanted.fits(types[sight.object_type])
+        return not fits, reach.walker.gap(sight.box_center_m), sight.object_id
+
+    closed = [
+        sight
+        for object_id, sight in reach.log.seen.items()
+        if object_id not in opened and "closed" in sight.states
+        if (kind := types.get(sight.object_type)) and kind.can("receptacle")
+    ]
+    return min(closed, key=rank, default=None)
+
+
+def _look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
+    """Open a container and look; it stays open if the thing is there, and is closed otherwise."""
+    target = known(container, "seen")
+    try:
+        reach.act(target, "OpenObject", in_passing=True)
+    except RefusedError:
+        return None
+    reach.explorations += 1
+    found = _in_view(reach, name)
+    before = reach.walker.horizon_deg
+    for horizon in _HORIZONS:
+        if found is None and abs(horizon - before) > 1.0:
+            reach.walker.look(horizon)
+            reach.look()
+            found = _in_view(reach, name)
+    if found is None:
+        try:
+            reach.act(target, "CloseObject", in_passing=True)
+        except RefusedError:
+            return None
+    else:
+        reach.log.handled.append(container.object_id)
+        reach.log.focus[container.object_type] = container.object_id
+    return found

@@ -1,0 +1,262 @@
+"""The 13 skills of KARMA's Listing 2, carried out with AI2-THOR's actions.
+
+A skill acts on what the agent believes (its memory, and what it has seen since it began); when a
+belief proves wrong it says so. A refusal is a value whose reason a planner can act on. `walk` moves
+the body, `sightings` keeps the log and knows what a name means, `reach` brings a thing within reach
+and acts on it, `search` looks for things.
+"""
+
+from typing import Literal
+
+from karma.contracts import Knowledge, Known, SeenObject, SkillCall, SkillResult, World
+from karma.program import SKILLS
+from karma.reach import PARTS, Limits, Reach, RefusedError
+from karma.search import search
+from karma.sightings import kind_of, known, means
+from karma.walk import OutOfActionsError
+
+THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
+_SHUT_IN = "it is in a closed container; open that first"
+_FLOWING = ("Faucet", "ShowerHead")
+_SWITCHED_BY = {
+    "Sink": "Faucet", "SinkBasin": "Faucet", "Bathtub": "Faucet", "BathtubBasin": "Faucet",
+    "Shower": "ShowerHead",
+}  # fmt: skip
+_ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in SKILLS}
+
+
+class Skills:
+    """Runs skill calls in a world and keeps the log that the agent's memory is fed from.
+
+    Args:
+        world: a world that has been reset.
+        knowledge: the agent's memory.
+        limits: how hard a skill tries.
+    """
+
+    def __init__(self, world: World, knowledge: Knowledge, *, limits: Limits | None = None) -> None:
+        self.actions = 0  # world actions so far
+        self.explorations = 0  # area nodes visited and containers opened so far
+        self._reach = Reach(world, knowledge, limits or Limits())
+
+    @property
+    def seen(self) -> dict[str, SeenObject]:
+        """The latest sight of everything that was in view at a look or an interaction."""
+        return self._reach.log.seen
+
+    @property
+    def handled(self) -> list[str]:
+        """Ids of what was manipulated or put into, in order, with repeats."""
+        return self._reach.log.handled
+
+    @property
+    def effects(self) -> dict[str, list[str]]:
+        """Lasting state words that the agent brought about, by id."""
+        return self._reach.log.effects
+
+    @property
+    def held(self) -> SeenObject | None:
+        """What was in the hand at the last look."""
+        return self._reach.log.held
+
+    def look(self) -> None:
+        """Take note of what is in view now; every skill does so too."""
+        self._reach.look()
+
+    def run(self, call: SkillCall) -> SkillResult:
+        """Carry out one skill call.
+
+        Returns:
+            ok, or a refusal with its reason; what the names resolved to; what it cost.
+
+        Raises:
+            ValueError: no such skill, or a wrong number of objects.
+        """
+        _check(call)
+        reach = self._reach
+        try:
+            reach.start()
+            ok, reason = True, _carry_out(call, reach)
+        except RefusedError as refusal:
+            ok, reason = False, str(refusal)
+        except OutOfActionsError:
+            reach.look()
+            ok, reason = False, f"gave up after {reach.walker.actions} actions"
+        self.actions += reach.walker.actions
+        self.explorations += reach.explorations
+        return SkillResult(
+            call=call,
+            ok=ok,
+            reason=reason,
+            actions=reach.walker.actions,
+            explorations=reach.explorations,
+            object_ids=tuple(dict.fromkeys(reach.used)),
+        )
+
+
+def _check(call: SkillCall) -> None:
+    if call.skill not in _ARITY:
+        raise ValueError(f"no skill named {call.skill!r}")
+    least, kinds = _ARITY[call.skill]
+    most = kinds.count("object")
+    if not min(least, most) <= len(call.objects) <= most:
+        raise ValueError(f"{call.skill} takes {most} object(s): {call}")
+    if call.positions and "positions" not in kinds:
+        raise ValueError(f"{call.skill} takes no positions: {call}")
+
+
+def _carry_out(call: SkillCall, reach: Reach) -> str:
+    """Do one skill; returns a remark, raises RefusedError."""
+    name = call.objects[-1]
+    match call.skill:
+        case "GoToObject":
+            return _go_to(reach, name)
+        case "PickupObject":
+            return _pick_up(reach, name)
+        case "PutObject":
+            return _put(reach, call.objects[:-1], name)
+        case "SwitchOn" | "ToggleOn":
+            return _toggle(reach, name, "on")
+        case "SwitchOff" | "ToggleOff":
+            return _toggle(reach, name, "off")
+        case "SliceObject":
+            return _slice(reach, name)
+        case "ThrowObject":
+            return _throw(reach, name)
+        case "Explore":
+            return _explore(reach, name, call)
+        case _:
+            return _simple(reach, call.skill, name)
+
+
+def _go_to(reach: Reach, name: str) -> str:
+    for area in reach.knowledge.areas():
+        if area.name == name:
+            reach.walker.walk_near(area.position_m)
+            reach.look()
+            return ""
+    return "" if reach.approach(reach.resolve(name), closed_will_do=True) else _SHUT_IN
+
+
+def _pick_up(reach: Reach, name: str) -> str:
+    held = reach.log.held
+    if held is None:
+        reach.act(reach.resolve(name), "PickupObject")
+        return ""
+    if means(name, held):
+        return "it is in the hand already"
+    kind = held.object_type
+    raise RefusedError(
+        f"the hand holds {kind}; put it down first, e.g. PutObject(robot, '{kind}', 'CounterTop')"
+    )
+
+
+def _held(reach: Reach, name: str | None) -> SeenObject:
+    """Return what is held; refuse when that is nothing, or not what the name means."""
+    held = reach.log.held
+    if held is None:
+        raise RefusedError(f"the hand is empty; PickupObject(robot, '{name or '...'}') first")
+    if name is not None and not means(name, held):
+        raise RefusedError(f"the hand holds {held.object_type}, not {name}")
+    return held
+
+
+def _put(reach: Reach, first: tuple[str, ...], name: str) -> str:
+    held = _held(reach, first[0] if first else None)
+    target = reach.resolve(name, state="opened", held=False)
+    reach.approach(target)
+    reach.act(_basin(reach, target), "PutObject", also=held.object_id)
+    return ""
+
+
+def _basin(reach: Reach, target: Known) -> Known:
+    """Return the basin of a sink in view: that is where things are put."""
+    part = f"{target.object_id}|{PARTS.get(target.object_type, '-')}"
+    found = reach.find(part) if part in reach.log.in_view else None
+    return found or target
+
+
+def _throw(reach: Reach, name: str) -> str:
+    held = _held(reach, name)
+    event = reach.walker.do("ThrowObject", moveMagnitude=THROW_FORCE)
+    reach.done(known(held, "held"), event)
+    return ""
+
+
+def _simple(reach: Reach, skill: str, name: str) -> str:
+    wanted = {"OpenObject": "closed", "CloseObject": "opened"}.get(skill, "")
+    reach.act(reach.resolve(name, state=wanted), skill)
+    return ""
+
+
+def _slice(reach: Reach, name: str) -> str:
+    target = reach.resolve(name)
+    if target.object_id.rpartition("|")[0] in reach.log.cut:
+        reach.use(target)
+        return "it is sliced already"
+    event = reach.act(target, "SliceObject")
+    reach.log.sliced(target.object_id, event)
+    return ""
+
+
+def _toggle(reach: Reach, name: str, word: Literal["on", "off"]) -> str:
+    target = _switch_of(reach, name, word)
+    reach.approach(target)
+    sight = reach.log.seen[target.object_id]
+    if word in sight.states:
+        if word == "off" or sight.object_type not in _FLOWING:
+            return f"it is {word} already"
+        reach.act(target, "ToggleObjectOff")  # off and on again: what lies there gets water
+    event = reach.act(target, "ToggleObjectOn" if word == "on" else "ToggleObjectOff")
+    if word == "on":
+        reach.log.switched(event)
+    return ""
+
+
+def _switch_of(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
+    """Return what has to be toggled: a stove's knob, a sink's tap, or the thing itself."""
+    name = "StoveBurner" if name == "Stove" else name
+    kind, before = kind_of(name), "off" if word == "on" else "on"
+    if kind == "StoveBurner" or name == "StoveKnob":
+        return _knob(reach, name, word)
+    if kind in _SWITCHED_BY:
+        if name != kind:
+            reach.approach(reach.resolve(name))  # its own tap is the nearest one then
+        return reach.resolve(_SWITCHED_BY[kind], state=before)
+    return reach.resolve(name, state=before)
+
+
+def _knob(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
+    """Return the knob of a burner: the named one; else one that is on, or has a pan on it."""
+    knobs = _knobs(reach)
+    if not knobs:
+        reach.approach(reach.find("StoveKnob") or reach.resolve(name))
+        knobs = _knobs(reach)
+    log = reach.log
+    laden = {p for sight in log.seen.values() if sight.pickupable for p in sight.parent_ids}
+
+    def rank(knob: SeenObject) -> tuple[bool, bool, bool, float, str]:
+        burners = log.controls[knob.object_id]
+        cold = word == "off" and "on" not in knob.states
+        gap = reach.walker.gap(knob.position_m)
+        return name not in burners, cold, not laden & set(burners), gap, knob.object_id
+
+    return reach.resolve(min(knobs, key=rank).object_id if knobs else "StoveKnob")
+
+
+def _knobs(reach: Reach) -> list[SeenObject]:
+    sights = [reach.log.seen[object_id] for object_id in reach.log.controls]
+    return [sight for sight in sights if sight.object_type == "StoveKnob"]
+
+
+def _explore(reach: Reach, name: str, call: SkillCall) -> str:
+    for _ in range(3):  # a memory that proves wrong is passed over the next time
+        target = reach.find(name)
+        if target is None:
+            break
+        try:
+            return "" if reach.approach(target, closed_will_do=True) else _SHUT_IN
+        except RefusedError:
+            continue
+    reach.use(search(reach, name, call.positions))
+    return ""

@@ -1,0 +1,302 @@
+"""Moving the agent: shortest walks over reachable cells, and where to stand to see a thing.
+
+Everything is done with the robot's own actions (MoveAhead, RotateLeft, RotateRight, LookUp,
+LookDown); GetReachablePositions is asked once per scene and stands for the robot's map.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from karma.contracts import Event, Vec3, World
+
+Cell = tuple[int, int]  # steps along x and z from where the map was asked for
+State = tuple[int, int, int]  # cell and heading (0 = +z, 1 = +x, 2 = -z, 3 = -x)
+
+_AHEAD = ((0, 1), (1, 0), (0, -1), (-1, 0))
+_TURN = {"RotateRight": 1, "RotateLeft": -1}
+_HORIZONS = (-30.0, 0.0, 30.0, 60.0)
+_REPLANS = 20  # walls met on one walk before it is given up
+
+
+class OutOfActionsError(Exception):
+    """The skill has used up its actions."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """What to look at: the centre of a box; a bare point has no size."""
+
+    center_m: Vec3
+    size_m: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """A way to stand and look, and what it costs to get there (actions, and a little for odds)."""
+
+    state: State
+    horizon_deg: float
+    gap_m: float  # horizontally, to the target's box
+    cost: float
+
+
+class Walker:
+    """The agent's body: walks, turns, looks, and counts the world's actions.
+
+    Args:
+        world: a world that has been reset.
+        max_actions: of one skill; then `OutOfActionsError`.
+    """
+
+    def __init__(self, world: World, *, max_actions: int) -> None:
+        self.world = world
+        self.max_actions = max_actions
+        self.actions = 0  # since `start`
+        self._scene = ""
+        self._cells: dict[Cell, tuple[float, float]] = {}
+        self._origin = (0.0, 0.0)
+        self._grid_m = 0.25
+        self._state: State = (0, 0, 0)
+        self._horizon = 0.0
+        self._walls: set[tuple[State, str]] = set()
+
+    # ------------------------------------------------------------- acting
+
+    def start(self) -> None:
+        """Begin a skill: nothing counted, no walls known, the pose read anew."""
+        self.actions = 0
+        self._walls.clear()
+        self._ask_map()
+        self._locate()
+
+    def do(self, action: str, **arguments: Any) -> Event:
+        """Do one counted action.
+
+        Raises:
+            OutOfActionsError: the skill has used up its actions.
+        """
+        if self.actions >= self.max_actions:
+            raise OutOfActionsError
+        self.actions += 1
+        return self.world.step(action, **arguments)
+
+    def step_back(self) -> bool:
+        """Make one step backwards, if there is room."""
+        moved = _succeeded(self.do("MoveBack"))
+        self._locate()
+        return moved
+
+    def look(self, horizon_deg: float) -> bool:
+        """Tilt the camera; down is positive. Returns whether it got there."""
+        while abs(horizon_deg - self._horizon) > 1.0:
+            tilt = min(max(horizon_deg - self._horizon, -30.0), 30.0)
+            action = "LookDown" if tilt > 0 else "LookUp"
+            if not _succeeded(self.do(action, degrees=round(abs(tilt), 1))):
+                return False
+            self._horizon += tilt
+        return True
+
+    def turn_right(self) -> bool:
+        """Turn by 90 degrees."""
+        return self._follow(["RotateRight"])
+
+    def walk(self, goal: State) -> bool:
+        """Walk the shortest way to a cell and heading, round what turns out to be in the way."""
+        for _ in range(_REPLANS):
+            path = self._path(goal)
+            if path is None:
+                return False
+            if self._follow(path):
+                return True
+        return False
+
+    def walk_near(self, point: Vec3) -> bool:
+        """Walk to the cell nearest to a point that can be walked to, with any heading."""
+        for _ in range(_REPLANS):
+            ways = self._ways()
+            near = min(ways, key=lambda s: (self._gap(s, point), ways[s][0], s))
+            if self._follow(self._trace(ways, near)):
+                return True
+        return False
+
+    # ------------------------------------------------------------- where
+
+    @property
+    def horizon_deg(self) -> float:
+        """Tilt of the camera, down positive."""
+        return self._horizon
+
+    @property
+    def position(self) -> tuple[float, float]:
+        """Where the agent stands: x, z in metres."""
+        return self._metres(self._state)
+
+    def gap(self, point: Vec3) -> float:
+        """Return the horizontal distance from the agent to a point, in metres."""
+        return self._gap(self._state, point)
+
+    def cells(self) -> Iterable[tuple[float, float]]:
+        """Return all cells of the map: x, z in metres."""
+        return self._cells.values()
+
+    def views(self, target: Target, *, reach_m: float, least_gap_m: float = 0.0) -> list[View]:
+        """Return the ways to stand and look at a target, the cheapest first.
+
+        Cells within `reach_m` of the target's box; if there are none, the nearest ones.
+        """
+        ways = self._ways()
+        gaps = {cell: self._box_gap(cell, target) for cell in {state[:2] for state in ways}}
+        reach = max(reach_m, min(gaps.values()) + 0.3)
+        eye = float(self.world.last_event.metadata["cameraPosition"]["y"])
+        views = []
+        for cell, gap in gaps.items():
+            if gap <= reach:
+                view = self._view(cell, gap, target, eye, ways)
+                far = 3.0 * max(least_gap_m - gap, 0.0) / self._grid_m
+                views.append((view.cost + far, view.state, view))
+        return [view for _, _, view in sorted(views, key=lambda ranked: ranked[:2])]
+
+    def _view(
+        self, cell: Cell, gap: float, target: Target, eye: float, ways: Mapping[State, "_Way"]
+    ) -> View:
+        x, z = self._metres(cell)
+        ax, az = self._aim(cell, target)
+        dx, dz = ax - x, az - z
+        heading = (0 if dz >= 0 else 2) if abs(dz) >= abs(dx) else (1 if dx >= 0 else 3)
+        forward, aside = max(abs(dx), abs(dz)), min(abs(dx), abs(dz))
+        pitch = math.degrees(math.atan2(eye - target.center_m[1], max(forward, 0.1)))
+        horizon = min(_HORIZONS, key=lambda tilt: (abs(tilt - pitch), tilt))
+        off = math.degrees(math.atan2(aside, max(forward, 0.01)))
+        state = (*cell, heading)
+        odds = off / 15.0 + max(abs(horizon - pitch) - 15.0, 0.0) / 5.0
+        odds += 1.0 if gap < 0.3 else 4.0 * max(gap - 1.0, 0.0)
+        tilts = abs(horizon - self._horizon) / 30.0
+        known = ways.get(state)
+        walk = known[0] if known else 1000  # a heading that walls keep out of reach
+        return View(state=state, horizon_deg=horizon, gap_m=gap, cost=walk + tilts + odds)
+
+    def _aim(self, cell: Cell, target: Target) -> tuple[float, float]:
+        """Return the point of the box to face: the nearest one, up to 0.25 m inside."""
+        aim = []
+        for at, axis in zip(self._metres(cell), (0, 2), strict=True):
+            half = max(target.size_m[axis] / 2 - 0.25, 0.0)
+            center = target.center_m[axis]
+            aim.append(min(max(at, center - half), center + half))
+        return aim[0], aim[1]
+
+    def _box_gap(self, cell: Cell, target: Target) -> float:
+        outside = [
+            max(abs(at - target.center_m[axis]) - target.size_m[axis] / 2, 0.0)
+            for at, axis in zip(self._metres(cell), (0, 2), strict=True)
+        ]
+        return math.hypot(*outside)
+
+    def _metres(self, cell: tuple[int, ...]) -> tuple[float, float]:
+        return (
+            self._origin[0] + cell[0] * self._grid_m,
+            self._origin[1] + cell[1] * self._grid_m,
+        )
+
+    def _gap(self, cell: tuple[int, ...], point: Vec3) -> float:
+        x, z = self._metres(cell)
+        return math.hypot(point[0] - x, point[2] - z)
+
+    # ------------------------------------------------------------- map and ways
+
+    def _ask_map(self) -> None:
+        """Ask for the reachable cells, once per scene."""
+        scene = str(self.world.last_event.metadata["sceneName"])
+        if scene == self._scene:
+            return
+        agent = self.world.last_event.metadata["agent"]["position"]
+        found = self.world.step("GetReachablePositions").metadata["actionReturn"] or [agent]
+        self._origin = (float(agent["x"]), float(agent["z"]))
+        steps = [
+            b - a
+            for axis in "xz"
+            for values in [sorted({round(float(cell[axis]), 3) for cell in found})]
+            for a, b in pairwise(values)
+            if b - a > 0.01
+        ]
+        self._grid_m = min(steps, default=0.25)
+        self._cells = {
+            self._cell(cell): (float(cell["x"]), float(cell["z"])) for cell in [*found, agent]
+        }
+        self._scene = scene
+
+    def _cell(self, point: Mapping[str, float]) -> Cell:
+        return (
+            round((point["x"] - self._origin[0]) / self._grid_m),
+            round((point["z"] - self._origin[1]) / self._grid_m),
+        )
+
+    def _locate(self) -> None:
+        """Read the pose; an odd heading is turned to the nearest of the four."""
+        agent = self.world.last_event.metadata["agent"]
+        yaw = float(agent["rotation"]["y"]) % 360.0
+        heading = round(yaw / 90.0)
+        if abs(yaw - heading * 90.0) > 1.0:
+            turn = "RotateRight" if heading * 90.0 > yaw else "RotateLeft"
+            self.do(turn, degrees=abs(heading * 90.0 - yaw))
+        self._state = (*self._cell(agent["position"]), heading % 4)
+        self._horizon = float(agent["cameraHorizon"])
+
+    def _ways(self) -> dict[State, "_Way"]:
+        """Return every state that can be reached: its cost, the state before, and the action."""
+        ways: dict[State, _Way] = {self._state: (0, None, "")}
+        waiting = deque([self._state])
+        while waiting:
+            state = waiting.popleft()
+            cost = ways[state][0] + 1
+            for action, after in _neighbours(state):
+                if after in ways or after[:2] not in self._cells:
+                    continue
+                if (state, action) not in self._walls:
+                    ways[after] = (cost, state, action)
+                    waiting.append(after)
+        return ways
+
+    def _path(self, goal: State) -> list[str] | None:
+        ways = self._ways()
+        return self._trace(ways, goal) if goal in ways else None
+
+    def _trace(self, ways: Mapping[State, "_Way"], goal: State) -> list[str]:
+        actions = []
+        _, before, action = ways[goal]
+        while before is not None:
+            actions.append(action)
+            _, before, action = ways[before]
+        return actions[::-1]
+
+    def _follow(self, actions: Iterable[str]) -> bool:
+        """Do the actions; at the first refusal remember the wall and stop."""
+        for action in actions:
+            if not _succeeded(self.do(action)):
+                self._walls.add((self._state, action))
+                self._locate()
+                return False
+            self._state = _after(self._state, action)
+        return True
+
+
+_Way = tuple[int, State | None, str]
+
+
+def _succeeded(event: Event) -> bool:
+    return bool(event.metadata["lastActionSuccess"])
+
+
+def _after(state: State, action: str) -> State:
+    x, z, heading = state
+    if action == "MoveAhead":
+        dx, dz = _AHEAD[heading]
+        return x + dx, z + dz, heading
+    return x, z, (heading + _TURN[action]) % 4
+
+
+def _neighbours(state: State) -> tuple[tuple[str, State], ...]:
+    return tuple((a, _after(state, a)) for a in ("MoveAhead", "RotateLeft", "RotateRight"))
