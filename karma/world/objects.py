@@ -1,0 +1,235 @@
+"""The objects of one moment: who lies in whom, and the boxes as arrays."""
+
+import math
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.contracts import Vec3
+from karma.world.rules import rules
+from karma.world.scene import SceneObject
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class Objects(Mapping[str, SceneObject]):
+    """Objects by id, in a fixed order; never changed, `changed` gives the next moment."""
+
+    def __init__(self, items: dict[str, SceneObject]) -> None:
+        self._items = items
+
+    def __getitem__(self, object_id: str) -> SceneObject:
+        return self._items[object_id]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def changed(self, changes: Mapping[str, SceneObject]) -> "Objects":
+        """Return the objects with some replaced or added."""
+        return Objects({**self._items, **changes}) if changes else self
+
+    @cached_property
+    def children(self) -> dict[str, tuple[str, ...]]:
+        """What lies directly in each object that holds anything."""
+        found: dict[str, list[str]] = {}
+        for object_id, thing in self._items.items():
+            for parent in thing.parents:
+                found.setdefault(parent, []).append(object_id)
+        return {parent: tuple(ids) for parent, ids in found.items()}
+
+    @cached_property
+    def by_type(self) -> dict[str, tuple[str, ...]]:
+        """Ids of each type."""
+        found: dict[str, list[str]] = {}
+        for object_id, thing in self._items.items():
+            found.setdefault(thing.type, []).append(object_id)
+        return {kind: tuple(ids) for kind, ids in found.items()}
+
+    def inside(self, object_id: str) -> tuple[str, ...]:
+        """Return everything in an object, also within other things; each once, not itself."""
+        found = dict.fromkeys([object_id])
+        queue = [object_id]
+        for current in queue:
+            fresh = [child for child in self.children.get(current, ()) if child not in found]
+            found.update(dict.fromkeys(fresh))
+            queue.extend(fresh)
+        return tuple(queue[1:])
+
+    def around(self, object_id: str) -> tuple[str, ...]:
+        """Return everything an object lies in, the nearest first; each once, not itself."""
+        queue = [object_id]
+        for current in queue:
+            queue.extend(p for p in self._items[current].parents if p not in queue)
+        return tuple(queue[1:])
+
+    def carried(self, object_id: str) -> tuple[str, ...]:
+        """Return what moves along when an object is picked up."""
+        found = []
+        for child in self.inside(object_id):
+            if "pickupable" in self._items[child].capabilities and not is_inert(self[child]):
+                found.append(child)
+        return tuple(found)
+
+    @cached_property
+    def rows(self) -> dict[str, int]:
+        """Row of each id in the arrays."""
+        return {object_id: row for row, object_id in enumerate(self._items)}
+
+    @cached_property
+    def center(self) -> Floats:
+        """Box centres, shape (n, 3), metres."""
+        return np.array([thing.center for thing in self._items.values()]).reshape(-1, 3)
+
+    @cached_property
+    def half(self) -> Floats:
+        """Half the box sizes, shape (n, 3), metres."""
+        return np.array([thing.size for thing in self._items.values()]).reshape(-1, 3) / 2
+
+    @cached_property
+    def low(self) -> Floats:
+        """Lower box corners, shape (n, 3), metres."""
+        return self.center - self.half
+
+    @cached_property
+    def high(self) -> Floats:
+        """Upper box corners, shape (n, 3), metres."""
+        return self.center + self.half
+
+    @cached_property
+    def solid(self) -> tuple[Floats, Floats]:
+        """Lower and upper corners of the part of each box that hides what is behind it."""
+        table = rules().view.solid
+        whole = (0.0, 1.0)
+        part = np.array([table.get(t.type, whole) for t in self._items.values()]).reshape(-1, 2)
+        low, high = self.low.copy(), self.high.copy()
+        height = high[:, 1] - low[:, 1]
+        low[:, 1], high[:, 1] = low[:, 1] + part[:, 0] * height, low[:, 1] + part[:, 1] * height
+        return low, high
+
+    @cached_property
+    def inert(self) -> Flags:
+        """Whether each object has been replaced by its pieces, shape (n,)."""
+        return np.array([is_inert(thing) for thing in self._items.values()], dtype=bool)
+
+    @cached_property
+    def hidden(self) -> Flags:
+        """Whether each object lies in something closed, or is no longer there, shape (n,)."""
+        closes = rules().view.hides_when_closed
+        never = rules().view.never
+        shut = {
+            object_id
+            for kind in closes
+            for object_id in self.by_type.get(kind, ())
+            if "openable" in self[object_id].capabilities and self[object_id].openness <= 0
+        }
+        found = self.inert.copy()
+        for object_id, thing in self._items.items():
+            if thing.type in never:
+                found[self.rows[object_id]] = True
+        for container in shut:
+            for child in self.inside(container):
+                if container in self._nearest(child):
+                    found[self.rows[child]] = True
+        return found
+
+    def _nearest(self, object_id: str) -> list[str]:
+        """Return the chain of first parents."""
+        chain = [object_id]
+        while (parents := self[chain[-1]].parents) and parents[0] not in chain:
+            chain.append(parents[0])
+        return chain[1:]
+
+    @cached_property
+    def blocks(self) -> Flags:
+        """[t, o]: whether object o can hide object t, shape (n, n).
+
+        Never itself, its contents, what it lies in, or a box that its own centre is inside of
+        (boxes are coarser than meshes there).
+        """
+        center, low, high = self.center[:, None], self.low[None] - 0.05, self.high[None] + 0.05
+        found: Flags = ~np.all((center >= low) & (center <= high), axis=2)
+        found &= ~self.inert[None]
+        for object_id, row in self.rows.items():
+            if self[object_id].parents:
+                others = [self.rows[other] for other in self.around(object_id)]
+                found[row, others] = False
+                found[others, row] = False
+        np.fill_diagonal(found, False)
+        return found
+
+
+def is_inert(thing: SceneObject) -> bool:
+    """Return whether an object is only kept for its id: sliced, or an egg that broke."""
+    return thing.is_sliced or (thing.is_broken and thing.type == "Egg")
+
+
+def moved(thing: SceneObject, by: Vec3) -> SceneObject:
+    """Return the object shifted by a vector."""
+    return msgspec.structs.replace(
+        thing,
+        position=_add(thing.position, by),
+        center=_add(thing.center, by),
+        corners=None if thing.corners is None else tuple(_add(c, by) for c in thing.corners),
+    )
+
+
+def turned(thing: SceneObject, degrees: float, about: Vec3) -> SceneObject:
+    """Return the object turned round a vertical axis; clockwise seen from above, as yaw."""
+    if degrees % 360 == 0:
+        return thing
+    x, y, z = thing.rotation
+    change: dict[str, Any] = {
+        "rotation": (x, (y + degrees) % 360, z),
+        "position": _turn(thing.position, degrees, about),
+        "center": _turn(thing.center, degrees, about),
+    }
+    if thing.corners is not None:
+        corners = tuple(_turn(corner, degrees, about) for corner in thing.corners)
+        low = [min(c[axis] for c in corners) for axis in range(3)]
+        high = [max(c[axis] for c in corners) for axis in range(3)]
+        change["corners"] = corners
+        change["center"] = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
+        change["size"] = tuple(b - a for a, b in zip(low, high, strict=True))
+    elif round(degrees / 90) % 2:
+        change["size"] = (thing.size[2], thing.size[1], thing.size[0])
+    return msgspec.structs.replace(thing, **change)
+
+
+def bottom(thing: SceneObject) -> float:
+    """Return the height of the box's lower side, metres."""
+    return thing.center[1] - thing.size[1] / 2
+
+
+def top(thing: SceneObject) -> float:
+    """Return the height of the box's upper side, metres."""
+    return thing.center[1] + thing.size[1] / 2
+
+
+def _add(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _turn(point: Vec3, degrees: float, about: Vec3) -> Vec3:
+    sine, cosine = heading(degrees)
+    x, z = point[0] - about[0], point[2] - about[2]
+    return (about[0] + x * cosine + z * sine, point[1], about[2] + z * cosine - x * sine)
+
+
+def heading(yaw_deg: float) -> tuple[float, float]:
+    """Return (x, z) of the direction a yaw points to; exact for multiples of 90.
+
+    >>> heading(90)
+    (1.0, 0.0)
+    """
+    quarter, rest = divmod(yaw_deg % 360, 90)
+    if rest == 0:
+        return [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)][int(quarter)]
+    return math.sin(math.radians(yaw_deg)), math.cos(math.radians(yaw_deg))

@@ -1,0 +1,224 @@
+"""Finding a free place: on a surface, in a container, or below a hand that lets go.
+
+Boxes only. A place is looked for with full clearance first, then with less, because a meal's
+worth of plates does fit a table whose boxes claim otherwise.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from karma.contracts import Vec3
+from karma.world.objects import Flags, Floats, Objects, bottom, is_inert, top
+from karma.world.rules import rules
+from karma.world.scene import SceneObject
+from karma.world.state import Room, WorldState
+from karma.world.types import object_types
+
+_LIFT_M = 0.002  # above what it rests on
+_STEP_M = 0.06  # between the places tried
+_MOST = 16  # places tried along one side
+_LEVEL_M = 0.03  # heights closer than this are one
+
+
+class _Try(NamedTuple):
+    """How generous a round of the search is."""
+
+    clearance: float  # share of the thing's box that has to be free
+    strangers: bool  # whether things outside the receptacle count
+    standing: bool  # whether places above cells to stand on are barred
+
+
+_ROUNDS = (
+    _Try(1.0, True, True),
+    _Try(0.9, False, True),
+    _Try(0.9, False, False),
+    _Try(0.5, False, False),
+)
+
+
+def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> Vec3 | None:
+    """Return where the middle of a thing's box comes to be in or on a receptacle.
+
+    Args:
+        state: the moment.
+        thing: in the hand.
+        receptacle: open, and of a type that takes the thing.
+
+    Returns:
+        The free place nearest to the agent; None when the receptacle is full or too small.
+    """
+    if object_types()[receptacle.type].accepts_only:
+        return _attach(state, thing, receptacle)
+    if _too_big(thing, receptacle):
+        return None
+    levels = _levels(state.objects, thing, receptacle)
+    places = _grid(thing, receptacle)
+    agent = np.array(state.pose.position_m)[[0, 2]]
+    far = np.round(np.linalg.norm(places - agent, axis=1), 4)
+    places = places[np.lexsort((places[:, 1], places[:, 0], far))]
+    for attempt in _ROUNDS:
+        for level in levels:
+            free = _free(state, thing, receptacle, places, level, attempt)
+            if free.any():
+                x, z = places[int(np.argmax(free))]
+                return (round(float(x), 5), _rest(thing, level), round(float(z), 5))
+    return None
+
+
+def _attach(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> Vec3 | None:
+    """Return the one place of a burner, toaster, coffee machine or hanger; None when taken."""
+    here = state.objects.children.get(receptacle.id, ())
+    if any(not is_inert(state.objects[other]) for other in here):
+        return None
+    inside = receptacle.type in rules().put.inside
+    level = bottom(receptacle) if inside else top(receptacle)
+    return (receptacle.center[0], _rest(thing, level), receptacle.center[2])
+
+
+def _rest(thing: SceneObject, level: float) -> float:
+    return round(level + _LIFT_M + thing.size[1] / 2, 5)
+
+
+def _too_big(thing: SceneObject, receptacle: SceneObject) -> bool:
+    """Return whether a thing cannot even stick out: its shorter sides are wider than the room."""
+    item, room = sorted(thing.size), sorted((receptacle.size[0], receptacle.size[2]))
+    return item[0] > room[0] * 1.2 or item[1] > room[1] * 1.2
+
+
+def _levels(objects: Objects, thing: SceneObject, receptacle: SceneObject) -> list[float]:
+    """Return heights to rest on, the one most in use first."""
+    put = rules().put
+    low, high = bottom(receptacle), top(receptacle)
+    used = [
+        bottom(objects[child])
+        for child in objects.children.get(receptacle.id, ())
+        if "pickupable" in objects[child].capabilities and not is_inert(objects[child])
+    ]
+    used = [level for level in used if low - 0.05 <= level <= high + 0.05]
+    if receptacle.type not in put.inside:
+        return _common(used)[:1] or [high]
+    height = high - low
+    own = [low + height * share for share in (0.35, 0.6, 0.1)] if height > 0.8 else [low]
+    found = _common(used) + own
+    if receptacle.type in put.open_top:
+        return found
+    fits = [level for level in found if level + thing.size[1] <= high + 0.02]
+    return fits or [low]
+
+
+def _common(levels: Sequence[float]) -> list[float]:
+    """Return distinct heights, the most common first."""
+    groups: list[list[float]] = []
+    for level in sorted(levels):
+        if groups and level - groups[-1][0] <= _LEVEL_M:
+            groups[-1].append(level)
+        else:
+            groups.append([level])
+    return [group[0] for group in sorted(groups, key=lambda g: (-len(g), g[0]))]
+
+
+def _grid(thing: SceneObject, receptacle: SceneObject) -> Floats:
+    """Return the places to try, shape (n, 2): x and z."""
+    sides = []
+    for axis in (0, 2):
+        room = max(receptacle.size[axis] - thing.size[axis] - 0.01, 0.0)
+        count = min(int(room / _STEP_M) + 1, _MOST)
+        middle = receptacle.center[axis]
+        sides.append(
+            np.array([middle]) if count == 1 else middle + np.linspace(-room / 2, room / 2, count)
+        )
+    across, along = np.meshgrid(*sides, indexing="ij")
+    return np.stack([across.ravel(), along.ravel()], axis=1)
+
+
+def _free(
+    state: WorldState,
+    thing: SceneObject,
+    receptacle: SceneObject,
+    places: Floats,
+    level: float,
+    attempt: _Try,
+) -> Flags:
+    """Return which places are free, shape (n,)."""
+    objects = state.objects
+    rows = _obstacles(objects, state.in_hand, receptacle, strangers=attempt.strangers)
+    low, high = objects.solid if attempt.strangers else (objects.low, objects.high)
+    half = np.array(thing.size) / 2 * attempt.clearance
+    middle = np.insert(places, 1, _rest(thing, level), axis=1)
+    overlap = (middle[:, None] - half < high[rows]) & (middle[:, None] + half > low[rows])
+    free: Flags = ~np.any(np.all(overlap, axis=2), axis=1)
+    if attempt.standing and receptacle.type != "Floor":
+        for index in np.flatnonzero(free):
+            if state.room.stands(*places[index]):
+                free[index] = False
+            else:
+                break  # the first free one is all that is asked for
+    return free
+
+
+def _obstacles(
+    objects: Objects, in_hand: frozenset[str], receptacle: SceneObject, *, strangers: bool
+) -> list[int]:
+    """Return rows of what may be in the way."""
+    inside = set(objects.inside(receptacle.id))
+    if strangers:
+        around = {receptacle.id, *objects.around(receptacle.id)}
+        mine = objects.blocks[objects.rows[receptacle.id]]
+        ids = [
+            o for o, row in objects.rows.items() if o in inside or (mine[row] and o not in around)
+        ]
+    else:
+        ids = list(inside)
+    return [
+        objects.rows[object_id]
+        for object_id in ids
+        if object_id not in in_hand and not is_inert(objects[object_id])
+    ]
+
+
+def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec3, str | None]:
+    """Return where a falling thing's middle comes to rest, and the receptacle it lands in or on.
+
+    It falls on the highest thing below it; on the floor where the agent can stand.
+    """
+    best, holder = state.room.floor_y, _floor(state.objects)
+    if not state.room.stands(x, z):
+        for other in state.objects.values():
+            level = _catches(state, other, x, z)
+            if level is not None and best < level <= bottom(thing) + 0.05:
+                best, holder = level, _holds(other)
+    return (x, _rest(thing, best), z), holder
+
+
+def _floor(objects: Objects) -> str | None:
+    return next(iter(objects.by_type.get("Floor", ())), None)
+
+
+def _catches(state: WorldState, other: SceneObject, x: float, z: float) -> float | None:
+    """Return the height at which an object stops what falls at (x, z); None if it does not."""
+    if other.id in state.in_hand or is_inert(other) or other.type == "Floor":
+        return None
+    if abs(x - other.center[0]) > other.size[0] / 2 or abs(z - other.center[2]) > other.size[2] / 2:
+        return None
+    deep = other.type in rules().put.open_top
+    return bottom(other) if deep else top(other)
+
+
+def _holds(other: SceneObject) -> str | None:
+    """Return the object's id if what rests on it counts as lying in it."""
+    shut = other.type in rules().view.hides_when_closed
+    single = object_types()[other.type].accepts_only
+    return other.id if "receptacle" in other.capabilities and not shut and not single else None
+
+
+def flight(room: Room, start: Vec3, step: tuple[float, float], far_m: float) -> tuple[float, float]:
+    """Return (x, z) where a thrown thing comes down: straight on, above floor to stand on."""
+    x, z = start[0], start[2]
+    for _ in range(round(far_m / 0.05)):
+        following = (x + step[0] * 0.05, z + step[1] * 0.05)
+        if room.key(*following) not in room.cells:
+            break
+        x, z = following
+    return (round(x, 5), round(z, 5))

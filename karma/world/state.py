@@ -1,0 +1,155 @@
+"""One moment of the world, frozen; every action makes the next one."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from karma.contracts import Pose, Vec3
+from karma.world.objects import Objects, heading
+from karma.world.rules import rules
+from karma.world.scene import Scene
+from karma.world.view import Sight, camera, camera_axes, sight
+
+_HAND_AHEAD_M, _HAND_DOWN_M = 0.38, 0.16  # from the camera
+
+Cell = tuple[int, int]  # column (x), row (z) on the scene's grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What AI2-THOR's Initialize sets."""
+
+    grid_m: float = 0.25
+    visibility_m: float = 1.5
+    fov_deg: float = 90.0
+    width: int = 300
+    height: int = 300
+    rotate_deg: float = 90.0
+    snap: bool = True
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the picture."""
+        return self.width / self.height
+
+
+class Room:
+    """What never changes in a scene: its name, bounds and the cells to stand on."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.name = scene.name
+        self.floor_y = scene.floor_y
+        self.grid_m = scene.grid_m
+        self.bounds_center, self.bounds_size = scene.bounds_center, scene.bounds_size
+        self._origin = min(scene.reachable, default=(0.0, 0.0))
+        self.cells: dict[Cell, tuple[float, float]] = {}
+        for x, z in scene.reachable:
+            self.cells.setdefault(self.key(x, z), (x, z))
+
+    def key(self, x: float, z: float) -> Cell:
+        """Return the cell that a place belongs to, whether or not one can stand there."""
+        return (
+            round((x - self._origin[0]) / self.grid_m),
+            round((z - self._origin[1]) / self.grid_m),
+        )
+
+    def stands(self, x: float, z: float, radius_m: float = 0.2) -> bool:
+        """Return whether the agent can stand within a radius: nothing rests there but on floor."""
+        column, row = self.key(x, z)
+        for key in ((column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
+            if key in self.cells:
+                cell_x, cell_z = self.cells[key]
+                if (cell_x - x) ** 2 + (cell_z - z) ** 2 <= radius_m**2:
+                    return True
+        return False
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldState:
+    """One moment: the objects, the agent, what it holds, and the time."""
+
+    room: Room
+    settings: Settings
+    objects: Objects
+    pose: Pose
+    held: str | None = None
+    time_s: float = 0.0
+    decay_s: float = field(default_factory=lambda: rules().time.decay_s)
+    until_s: Mapping[str, float] = field(default_factory=dict)  # when heat or cold runs out
+
+    @cached_property
+    def in_hand(self) -> frozenset[str]:
+        """The held object and what lies in it."""
+        if self.held is None:
+            return frozenset()
+        return frozenset((self.held, *self.objects.carried(self.held)))
+
+    @cached_property
+    def sight(self) -> Sight:
+        """What is in view; computed once, when first asked for."""
+        return sight(
+            self.objects,
+            self.pose,
+            held=self.in_hand,
+            visibility_m=self.settings.visibility_m,
+            fov_deg=self.settings.fov_deg,
+            aspect=self.settings.aspect,
+        )
+
+    @property
+    def hand(self) -> Vec3:
+        """Where a held object hangs."""
+        _, up, forward = camera_axes(self.pose.yaw_deg, self.pose.horizon_deg)
+        x, y, z = np.array(camera(self.pose)) + forward * _HAND_AHEAD_M - up * _HAND_DOWN_M
+        return (round(float(x), 6), round(float(y), 6), round(float(z), 6))
+
+
+def begin(scene: Scene, settings: Settings) -> WorldState:
+    """Return the first moment of a scene, before any effect."""
+    until = {t.id: t.heat_left_s for t in scene.objects if t.heat_left_s > 0}
+    held = [thing.id for thing in scene.objects if thing.is_picked_up]
+    pose = Pose(
+        position_m=scene.agent.position, yaw_deg=scene.agent.yaw, horizon_deg=scene.agent.horizon
+    )
+    return WorldState(
+        room=Room(scene),
+        settings=settings,
+        objects=Objects({thing.id: thing for thing in scene.objects}),
+        pose=pose,
+        held=held[0] if held else None,
+        until_s=until,
+    )
+
+
+def ahead(pose: Pose, metres: float) -> tuple[float, float]:
+    """Return (x, z) of the place straight ahead."""
+    x, z = heading(pose.yaw_deg)
+    return (pose.position_m[0] + x * metres, pose.position_m[2] + z * metres)
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """An action that happened: the next moment, what it returns, and how long it took."""
+
+    state: WorldState
+    value: Any = None
+    seconds: float = field(default_factory=lambda: rules().time.action_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """An action that did not happen, and why."""
+
+    message: str
+    code: str = "Undefined"
+
+
+Result = Done | Refusal
+
+
+def refuse(kind: str, message: str) -> Refusal:
+    """Return a refusal worded as an exception that AI2-THOR's player throws inside an action."""
+    return Refusal(f"{kind}: {message}", "UnhandledException")

@@ -1,0 +1,201 @@
+"""What the agent sees: reach, field of view and rays, over boxes instead of meshes.
+
+As AI2-THOR's default scheme: an object counts when its box is within `visibility_m` of the agent's
+axis, measured across the floor, and a ray from the camera meets one of its sample points inside
+the picture before anything else. Simplified: the held object and the agent's body hide nothing,
+doors do not swing, and hollow furniture hides only the part of its box that `rules.toml` names.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from karma.contracts import Pose, Vec3
+from karma.world.objects import Flags, Floats, Objects, heading
+from karma.world.rules import rules
+
+CAMERA_M = 0.675  # above the agent's origin
+CROUCH_M = 0.22  # lower when crouching
+_BODY_TOP_M = 0.9  # of the agent's capsule, above its origin
+_PULL = (-0.85, 0.0, 0.85)
+SAMPLES = np.array([(x, y, z) for x in _PULL for y in _PULL for z in _PULL])  # of the half sizes
+
+
+class Sight(NamedTuple):
+    """Ids in view, and those of them not only seen through glass."""
+
+    visible: frozenset[str]
+    interactable: frozenset[str]
+
+
+def camera(pose: Pose) -> Vec3:
+    """Return the camera's place, metres."""
+    x, y, z = pose.position_m
+    return (x, y + CAMERA_M - (0.0 if pose.standing else CROUCH_M), z)
+
+
+def camera_axes(yaw_deg: float, horizon_deg: float) -> Floats:
+    """Return the rows right, up and forward of a camera, shape (3, 3)."""
+    sine, cosine = heading(yaw_deg)
+    dip_sine, dip_cosine = heading(horizon_deg)
+    return np.array(
+        [
+            (cosine, 0.0, -sine),
+            (sine * dip_sine, dip_cosine, cosine * dip_sine),
+            (sine * dip_cosine, -dip_sine, cosine * dip_cosine),
+        ]
+    )
+
+
+def in_picture(offsets: Floats, axes: Floats, fov_deg: float, aspect: float) -> Flags:
+    """Return which points fall inside the picture.
+
+    Args:
+        offsets: points relative to the camera, shape (..., 3).
+        axes: of `camera_axes`, shape (3, 3).
+        fov_deg: vertical field of view.
+        aspect: width over height.
+    """
+    right, up, forward = np.moveaxis(offsets @ axes.T, -1, 0)
+    reach = forward * math.tan(math.radians(fov_deg) / 2)
+    inside: Flags = (forward > 0) & (abs(right) < reach * aspect) & (abs(up) < reach)
+    return inside
+
+
+def cut(starts: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
+    """Return which segments pass through which boxes, shape (rays, boxes).
+
+    Args:
+        starts: shape (rays, 3), or (3,) when shared.
+        ends: shape (rays, 3).
+        low: lower box corners, shape (boxes, 3).
+        high: upper box corners, shape (boxes, 3).
+    """
+    starts = np.broadcast_to(starts, ends.shape)
+    along = ends - starts
+    along = np.where(np.abs(along) < 1e-9, 1e-9, along)
+    enter = np.full((len(ends), len(low)), 0.0)
+    leave = np.full((len(ends), len(low)), 1.0)
+    for axis in range(3):
+        scale = 1.0 / along[:, axis, None]
+        near = (low[None, :, axis] - starts[:, axis, None]) * scale
+        far = (high[None, :, axis] - starts[:, axis, None]) * scale
+        np.maximum(enter, np.minimum(near, far), out=enter)
+        np.minimum(leave, np.maximum(near, far), out=leave)
+    passes: Flags = (enter < leave) & (enter < 0.999)
+    return passes
+
+
+def across(objects: Objects, x: float, z: float) -> Floats:
+    """Return each box's distance from a vertical axis, shape (n,), metres."""
+    gap_x = np.maximum(np.abs(objects.center[:, 0] - x) - objects.half[:, 0], 0.0)
+    gap_z = np.maximum(np.abs(objects.center[:, 2] - z) - objects.half[:, 2], 0.0)
+    return np.hypot(gap_x, gap_z)
+
+
+def sight(
+    objects: Objects,
+    pose: Pose,
+    *,
+    held: frozenset[str] = frozenset(),
+    visibility_m: float = 1.5,
+    fov_deg: float = 90.0,
+    aspect: float = 1.0,
+) -> Sight:
+    """Return what is in view from a pose.
+
+    Args:
+        objects: of this moment.
+        pose: where the agent stands and looks.
+        held: ids in the hand, with their contents; always seen, hide nothing.
+        visibility_m: reach across the floor.
+        fov_deg: vertical field of view.
+        aspect: of the picture, width over height.
+    """
+    if not len(objects):
+        return Sight(frozenset(), frozenset())
+    x, y, z = pose.position_m
+    near = across(objects, x, z) <= visibility_m
+    near &= objects.low[:, 1] <= y + _BODY_TOP_M + visibility_m
+    candidates = np.flatnonzero(near & ~objects.hidden)
+    eye = np.array(camera(pose))
+    points = sample_points(objects, candidates, eye)
+    offsets = points - eye
+    inside = in_picture(offsets, camera_axes(pose.yaw_deg, pose.horizon_deg), fov_deg, aspect)
+    which, point = np.nonzero(inside)
+    targets = candidates[which]
+    solid, glass = _blocked(objects, eye, points[which, point], targets, held)
+    ids = list(objects)
+    seen = {ids[row] for row in targets[~solid]}
+    touchable = {ids[row] for row in targets[~solid & ~glass]}
+    return Sight(frozenset(seen | held), frozenset(touchable | held))
+
+
+def sample_points(objects: Objects, targets: np.ndarray, eye: Floats) -> Floats:
+    """Return points of some boxes, the one nearest to the eye last, shape (targets, 28, 3)."""
+    center, half = objects.center[targets, None], objects.half[targets, None]
+    nearest = np.clip(eye, center - half * 0.95, center + half * 0.95)
+    return np.concatenate([center + half * SAMPLES, nearest], axis=1)
+
+
+def _blocked(
+    objects: Objects, eye: Floats, ends: Floats, targets: np.ndarray, held: frozenset[str]
+) -> tuple[Flags, Flags]:
+    """Return per ray whether something solid, or something see-through, is in its way."""
+    hiding, glass = occluders(objects, held)
+    low, high = objects.solid
+    hiding &= ~_over(objects, eye)
+    rows = np.flatnonzero(hiding)
+    hits = cut(eye, ends, low[rows], high[rows]) & objects.blocks[targets][:, rows]
+    clear = glass[rows]
+    return (hits & ~clear).any(axis=1), (hits & clear).any(axis=1)
+
+
+def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
+    """Return which objects hide others, and which of them are see-through, each shape (n,)."""
+    low, high = objects.solid
+    hiding = (high[:, 1] - low[:, 1] > 1e-6) & ~objects.hidden
+    for object_id in held:
+        hiding[objects.rows[object_id]] = False
+    glass = np.zeros(len(objects), dtype=bool)
+    for kind in rules().view.see_through:
+        glass[[objects.rows[object_id] for object_id in objects.by_type.get(kind, ())]] = True
+    return hiding, glass
+
+
+def _over(objects: Objects, eye: Floats) -> Flags:
+    """Return whose box the agent stands in: L-shaped counters, open doors; they hide nothing."""
+    across_eye = np.abs(objects.center[:, [0, 2]] - eye[[0, 2]]) <= objects.half[:, [0, 2]]
+    inside: Flags = np.all(across_eye, axis=1)
+    return inside
+
+
+def aim(
+    objects: Objects, pose: Pose, x: float, y: float, *, seen: frozenset[str], fov_deg: float,
+    aspect: float = 1.0,
+) -> str | None:  # fmt: skip
+    """Return the visible object nearest behind a point of the picture.
+
+    Args:
+        objects: of this moment.
+        pose: where the agent stands and looks.
+        x: in [0, 1], from the left.
+        y: in [0, 1], from the top.
+        seen: ids in view.
+        fov_deg: vertical field of view.
+        aspect: of the picture, width over height.
+    """
+    scale = math.tan(math.radians(fov_deg) / 2)
+    right, up, forward = camera_axes(pose.yaw_deg, pose.horizon_deg)
+    ray = forward + right * (2 * x - 1) * scale * aspect + up * (1 - 2 * y) * scale
+    eye = np.array(camera(pose))
+    best: tuple[float, float, str] | None = None
+    for object_id in seen:
+        row = objects.rows[object_id]
+        box = (objects.low[row][None], objects.high[row][None])
+        if cut(eye, (eye + ray * 20.0)[None], *box)[0, 0]:
+            size = float(np.prod(objects.half[row]))
+            found = (float(np.linalg.norm(objects.center[row] - eye)), size, object_id)
+            best = found if best is None else min(best, found)
+    return None if best is None else best[2]
