@@ -1,6 +1,7 @@
 """Which units go into the prompt: the nearest to the query by cosine (KARMA §3.5)."""
 
 import json
+import re
 from collections.abc import Callable, Sequence
 
 import faiss
@@ -12,6 +13,8 @@ from karma.errors import UnknownNameError
 from karma.memory.short_term import listing
 
 Verbaliser = Callable[[MemoryUnit], str]
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")  # "TVStand" is TV, Stand
 
 _CACHED = 4096  # texts; a household names far fewer
 
@@ -28,8 +31,7 @@ def unit_sentence(unit: MemoryUnit) -> str:
     ...                          states=("cleaned", "used up")))
     'a cleaned, used up dish sponge'
     """
-    words = "".join(f" {letter}" if letter.isupper() else letter for letter in unit.object_type)
-    name = words.strip().lower()
+    name = " ".join(_WORD.findall(unit.object_type)).lower()
     states = ", ".join(state for state in unit.states if state != "none")
     phrase = f"{states} {name}" if states else name
     return f"{'an' if phrase[:1] in tuple('aeiou') else 'a'} {phrase}"

@@ -1,0 +1,344 @@
+"""Long-term memory covers the room, grows as objects are seen, and survives on disk and as text."""
+
+import json
+import re
+from collections import deque
+from math import dist, isclose, prod
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from karma.contracts import Known, SeenObject
+from karma.errors import FileError, KarmaError
+from karma.memory.scene_graph import AreaLine, SceneGraph, from_text, to_text
+
+CELL = 0.25
+GRID = st.sets(st.tuples(st.integers(0, 14), st.integers(0, 14)), min_size=1, max_size=120)
+METRES = st.integers(-8, 24).map(lambda steps: steps * CELL)
+
+
+def metres(grid):
+    return [(-1.0 + CELL * i, 0.5 + CELL * j) for i, j in grid]
+
+
+def room(width=12, depth=10):
+    return metres((i, j) for i in range(width) for j in range(depth))
+
+
+AREAS = tuple(SceneGraph.over(room())._areas.values())  # covered once: it takes a while
+
+
+def furnished(seen=(), **options):
+    graph = SceneGraph(AREAS, **options)
+    graph.observe(seen)
+    return graph
+
+
+def thing(kind, x, z, *, number=1, size=(0.5, 1.0, 0.5), pickupable=False):
+    return SeenObject(
+        object_id=f"{kind}|{number}",
+        object_type=kind,
+        position_m=(x, 0.5, z),
+        box_center_m=(x, 0.5, z),
+        box_size_m=size,
+        pickupable=pickupable,
+    )
+
+
+@st.composite
+def things(draw):
+    """Different objects anywhere near the room."""
+    kinds = draw(st.lists(st.sampled_from(["Bed", "Fridge", "Cabinet", "Apple"]), max_size=12))
+    return [
+        thing(kind, draw(METRES), draw(METRES), number=number, pickupable=kind == "Apple")
+        for number, kind in enumerate(kinds)
+    ]
+
+
+def on_foot(cells, start):
+    """Walking distance in metres from a cell, by a search of the test's own."""
+    free = {(round(x / CELL), round(z / CELL)): (x, z) for x, z in cells}
+    at = (round(start[0] / CELL), round(start[1] / CELL))
+    steps, queue = {at: 0}, deque([at])
+    while queue:
+        i, j = queue.popleft()
+        for other in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
+            if other in free and other not in steps:
+                steps[other] = steps[(i, j)] + 1
+                queue.append(other)
+    return {free[cell]: count * CELL for cell, count in steps.items()}
+
+
+def reachable_areas(graph, start):
+    found, queue = {start}, deque([start])
+    while queue:
+        for other in graph.adjacent(queue.popleft()):
+            if other not in found:
+                found.add(other)
+                queue.append(other)
+    return found
+
+
+# ----------------------------------------------------------------- areas
+
+
+@settings(max_examples=40)
+@given(grid=GRID, spacing=st.sampled_from([0.25, 0.75, 1.25]))
+def test_every_cell_is_a_short_walk_from_an_area_node(grid, spacing):
+    cells = metres(grid)
+    graph = SceneGraph.over(cells, spacing_m=spacing)
+    nearest = {}
+    for area in graph.areas():
+        x, y, z = area.position_m
+        assert (x, z) in cells
+        assert y == 0.0
+        for cell, distance in on_foot(cells, (x, z)).items():
+            nearest[cell] = min(distance, nearest.get(cell, distance))
+    assert set(nearest) == set(cells)
+    assert max(nearest.values()) <= spacing
+
+
+@settings(max_examples=40)
+@given(grid=GRID)
+def test_areas_are_connected_exactly_where_cells_are(grid):
+    cells = metres(grid)
+    graph = SceneGraph.over(cells)
+    place = {area.name: (area.position_m[0], area.position_m[2]) for area in graph.areas()}
+    for name, start in place.items():
+        walkable = on_foot(cells, start)
+        assert reachable_areas(graph, name) == {n for n, at in place.items() if at in walkable}
+        for other in graph.adjacent(name):
+            assert name in graph.adjacent(other)
+            assert name != other
+
+
+@settings(max_examples=40)
+@given(grid=GRID, data=st.data())
+def test_order_of_cells_does_not_matter(grid, data):
+    cells = metres(grid)
+    shuffled = data.draw(st.permutations(cells))
+    assert SceneGraph.over(shuffled + cells[:3]) == SceneGraph.over(cells)
+
+
+def test_room_gets_few_evenly_spread_areas():
+    graph = SceneGraph.over(room(14, 12), height_m=0.01)
+    places = [area.position_m for area in graph.areas()]
+    assert 6 <= len(places) <= 14
+    assert min(dist(a, b) for a in places for b in places if a != b) >= 0.5
+    assert {place[1] for place in places} == {0.01}
+    assert [area.name for area in graph.areas()] == [f"node_{i + 1}" for i in range(len(places))]
+
+
+def test_wall_keeps_two_near_areas_apart():
+    left, right = [(0.0, z * CELL) for z in range(9)], [(0.5, z * CELL) for z in range(9)]
+    graph = SceneGraph.over([*left, *right, (0.25, 0.0)])  # a door at one end only
+    far = [area.name for area in graph.areas() if area.position_m[2] > 0.75]
+    assert all(graph.adjacent(a).count(b) == 0 for a in far for b in far)
+
+
+def test_graph_of_no_cells_knows_nothing():
+    graph = SceneGraph.over([])
+    graph.observe([thing("Bed", 0, 0)])
+    assert (graph.areas(), graph.known("Bed"), graph.nearest_area((0, 0, 0))) == ((), None, None)
+    assert (graph.to_text(), from_text("")) == ("", ())
+
+
+@pytest.mark.parametrize("wrong", [{"spacing_m": 0.0}, {"cell_m": -1.0}])
+def test_distances_that_are_not_positive_are_refused(wrong):
+    with pytest.raises(ValueError, match="must be positive"):
+        SceneGraph.over(room(), **wrong)
+
+
+# ----------------------------------------------------------------- objects
+
+
+@given(seen=things(), data=st.data())
+def test_any_order_and_batches_give_one_graph(seen, data):
+    at_once, bit_by_bit = furnished(seen), furnished()
+    left = data.draw(st.permutations(seen))
+    while left:
+        size = data.draw(st.integers(1, len(left)))
+        bit_by_bit.observe(left[:size])
+        bit_by_bit.observe(left[:1])  # seen again
+        left = left[size:]
+    assert bit_by_bit == at_once
+    assert bit_by_bit.to_text() == at_once.to_text()
+
+
+@given(seen=things())
+def test_each_immovable_object_in_reach_belongs_to_its_nearest_area(seen):
+    graph = furnished(seen, radius_m=1.0)
+    kept = {node.id: node for node in graph.objects()}
+    for item in seen:
+        (x, _, z), (w, _, d) = item.box_center_m, item.box_size_m
+        gaps = {}
+        for area in graph.areas():
+            ax, _, az = area.position_m
+            gaps[area.name] = dist(
+                (ax, az), (min(max(ax, x - w / 2), x + w / 2), min(max(az, z - d / 2), z + d / 2))
+            )
+        nearest = min(gaps.values())
+        in_reach = nearest <= 1.0 and not item.pickupable
+        assert (item.object_id in kept) == in_reach
+        if in_reach:
+            assert isclose(gaps[graph.area_of(item.object_id)], nearest, abs_tol=1e-9)
+            assert kept[item.object_id].volume_m3 == prod(item.box_size_m)
+    assert graph.objects() == tuple(
+        sorted((n for a in graph.areas() for n in graph.objects(a.name)), key=lambda n: n.id)
+    )
+
+
+def test_moved_object_is_found_where_it_is_now():
+    graph = SceneGraph.over(room())
+    graph.observe([thing("ArmChair", 0.0, 1.0)])
+    before = graph.area_of("ArmChair|1")
+    graph.observe([thing("ArmChair", 1.5, 2.5)])
+    assert graph.known("ArmChair").position_m == (1.5, 0.5, 2.5)
+    assert graph.area_of("ArmChair|1") != before
+    graph.observe([thing("ArmChair", 40.0, 40.0)])
+    assert graph.known("ArmChair") is None
+
+
+def test_forgotten_object_is_unknown():
+    graph = SceneGraph.over(room())
+    graph.observe([thing("Bed", 0.0, 1.0)])
+    assert graph.forget("Bed|1")
+    assert not graph.forget("Bed|1")
+    assert graph.area_of("Bed|1") is None
+    assert graph == SceneGraph.over(room())
+
+
+def test_full_look_at_an_area_drops_what_is_gone_there_only():
+    graph = SceneGraph.over(room())
+    bed, chair, far = thing("Bed", -0.75, 0.75), thing("Chair", -0.5, 0.5), thing("Desk", 1.5, 2.5)
+    graph.observe([bed, chair, far])
+    here = graph.area_of("Bed|1")
+    assert graph.area_of("Chair|1") == here != graph.area_of("Desk|1")
+    assert graph.observe_area(here, [bed]) == ("Chair|1",)
+    assert [node.id for node in graph.objects()] == ["Bed|1", "Desk|1"]
+    with pytest.raises(KarmaError, match="node_99"):
+        graph.observe_area("node_99", [])
+
+
+def test_known_finds_by_id_and_the_nearest_by_type():
+    graph = SceneGraph.over(room())
+    graph.observe([thing("Cabinet", x, 1.0, number=n) for n, x in ((1, 0.0), (2, 1.0), (3, 0.0))])
+    found = graph.known("Cabinet", near=(1.25, 0.0, 1.0))
+    assert found == Known(
+        object_id="Cabinet|2", object_type="Cabinet", position_m=(1.0, 0.5, 1.0), source="graph"
+    )
+    assert graph.known("Cabinet").object_id == "Cabinet|1"
+    assert graph.known("Cabinet|3").object_id == "Cabinet|3"
+    ids = [known.object_id for known in graph.all_known("Cabinet", near=(1.25, 0.0, 1.0))]
+    assert ids == ["Cabinet|2", "Cabinet|1", "Cabinet|3"]
+    assert graph.known("Sofa") is None
+
+
+def test_nearest_area_is_the_closest_node():
+    graph = SceneGraph.over(room())
+    for area in graph.areas():
+        x, _, z = area.position_m
+        assert graph.nearest_area((x + 0.05, 1.5, z)) == area
+
+
+# ----------------------------------------------------------------- text
+
+
+def test_text_has_the_form_of_the_paper():
+    line = AreaLine(
+        name="node_1",
+        contains=("bed", "table", "window"),
+        adjacent=("node_2", "node_8"),
+        position_m=(2.34, 0.0, 2.23),
+    )
+    far = AreaLine(name="node_2", contains=(), adjacent=("node_1",), position_m=(0.5, 0.0, -1.0))
+    last = AreaLine(name="node_8", contains=(), adjacent=("node_1",), position_m=(0.0, 0.0, 0.0))
+    text = to_text([line, far, last])
+    assert text.splitlines()[0] == (
+        "{name: node_1, type: Area, contains: [bed, table, window],"
+        " adjacent nodes: [node_2, node_8], position: [2.34, 0.00, 2.23]}"
+    )
+    assert text.splitlines()[3:] == ["node_1 <-> node_2", "node_1 <-> node_8"]
+    assert from_text(text) == (line, far, last)
+
+
+@settings(max_examples=40)
+@given(grid=GRID, seen=things(), height=st.floats(-3, 3))
+def test_text_round_trip_keeps_what_the_text_holds(grid, seen, height):
+    graph = SceneGraph.over(metres(grid), height_m=height)
+    graph.observe(seen)
+    assert from_text(graph.to_text()) == graph.lines()
+    assert "-0.00" not in graph.to_text()
+    for line, area in zip(graph.lines(), graph.areas(), strict=True):
+        assert (line.name, line.contains) == (area.name, area.contains)
+        assert line.contains == tuple(sorted({n.type for n in graph.objects(area.name)}))
+
+
+@pytest.mark.parametrize(
+    "spoil, says",
+    [
+        (lambda text: text.replace("type: Area", "type: Room", 1), "line 1"),
+        (lambda text: text + "node_1 <-> node_99\n", "edges"),
+        (lambda text: text + "\n\n", "line"),
+    ],
+)
+def test_text_of_another_form_is_refused(spoil, says):
+    with pytest.raises(KarmaError, match=says):
+        from_text(spoil(SceneGraph.over(room()).to_text()))
+
+
+# ----------------------------------------------------------------- disk
+
+
+@settings(max_examples=25)
+@given(grid=GRID, seen=things())
+def test_saved_graph_is_equal_after_a_restart(grid, seen, tmp_path_factory):
+    path = tmp_path_factory.mktemp("graph") / "graph.json"
+    graph = SceneGraph.over(metres(grid), radius_m=2.0)
+    graph.observe(seen)
+    graph.save(path)
+    again = SceneGraph.load(path)
+    assert again == graph
+    assert again.to_text() == graph.to_text()
+    graph.observe([thing("Sofa", 0.0, 1.0)])
+    again.observe([thing("Sofa", 0.0, 1.0)])
+    assert again == graph
+
+
+@pytest.fixture
+def saved(tmp_path):
+    path = tmp_path / "graph.json"
+    graph = SceneGraph.over(room())
+    graph.observe([thing("Bed", 0.0, 1.0), thing("Desk", 1.5, 2.5)])
+    graph.save(path)
+    return path
+
+
+def test_files_of_equal_graphs_are_equal_bytes(saved, tmp_path):
+    SceneGraph.load(saved).save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == saved.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "spoil, says",
+    [
+        (lambda text: text[:200], "truncated"),
+        (lambda text: text.replace('"version": 1', '"version": 9'), "version 9, expected 1"),
+        (lambda text: text.replace('"radius_m"', '"radius"'), "radius"),
+        (lambda text: text.replace("Desk|1", "Bed|1"), "twice"),
+        (lambda text: re.sub(r'"node_2"', '"node_7777"', text, count=1), "not mutual"),
+        (lambda text: text.replace('"name": "node_2"', '"name": "node_1"'), "one name"),
+    ],
+)
+def test_damaged_file_is_named_with_what_is_wrong(saved, spoil, says):
+    saved.write_text(spoil(saved.read_text()))
+    with pytest.raises(FileError, match=says) as caught:
+        SceneGraph.load(saved)
+    assert caught.value.path == saved
+
+
+def test_file_nests_floors_areas_objects(saved):
+    floor = json.loads(saved.read_bytes())["floor"]
+    ids = [node["id"] for area in floor["areas"] for node in area["objects"]]
+    assert (floor["name"], sorted(ids)) == ("floor_1", ["Bed|1", "Desk|1"])
