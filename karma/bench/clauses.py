@@ -52,7 +52,7 @@ class _Clause:
 
 def split_instruction(text: str) -> tuple[str, ...]:
     """Return the clauses of an instruction: each begins with a verb, save perhaps the first."""
-    parts = re.split(r"[.;!?](?:\s|$)|,|→|->|\bthen\b", text)
+    parts = re.split(r"[.;!?](?:\s|$)|,|→|->|\b[Tt]hen\b", text)
     clauses: list[str] = []
     waiting = ""
     for part in parts:
