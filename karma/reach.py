@@ -22,8 +22,8 @@ class Limits:
     """How hard a skill tries."""
 
     max_actions: int = 600  # world actions of one skill
-    views: int = 6  # places tried to get an immovable thing into view
-    views_of_movable: int = 3  # the same for a thing that may have been moved
+    views: int = 10  # places tried to get an immovable thing into view
+    views_of_movable: int = 4  # the same for a thing that may have been moved
     retries: int = 3  # places tried to act from, after a refusal that room may cure
     reach_m: float = 1.4  # horizontally; AI2-THOR sees and reaches to 1.5 m
     cover_m: float = 1.0  # without area nodes, every cell is looked at from this near
@@ -101,7 +101,7 @@ class Reach:
         movable = sight.pickupable if sight else target.source == "memory"
         views = self.limits.views_of_movable if movable else self.limits.views
         tried: list[View] = []
-        while len(tried) < views and self._next_view(target, tried):
+        while len(tried) < views and self.next_view(target, tried):
             if self._at_hand(target):
                 return True
             if self._in_closed(target):
@@ -130,20 +130,33 @@ class Reach:
             f"OpenObject(robot, '{place.object_type}') first"
         )
 
-    def _next_view(self, target: Known, tried: list[View], *, least_gap_m: float = 0.0) -> bool:
-        """Go to the best place not yet tried to see a thing from, and look."""
-        sight = self.log.seen.get(target.object_id)
-        box = Target(center_m=target.position_m)
-        if sight is not None and sight.position_m == target.position_m:
-            box = Target(center_m=sight.box_center_m, size_m=sight.box_size_m)
-        for view in self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m):
-            if any(_alike(view, other) for other in tried):
-                continue
+    def next_view(self, target: Known, tried: list[View], *, least_gap_m: float = 0.0) -> bool:
+        """Go to the best place not yet tried to see a thing from, and look.
+
+        Returns:
+            False when there is no such place left; otherwise `tried` has one more.
+        """
+        for view in self._untried(target, tried, least_gap_m):
             tried.append(view)
             if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
                 self.look()
                 return True
         return False
+
+    def _untried(self, target: Known, tried: list[View], least_gap_m: float) -> list[View]:
+        """Return the views to try next: after a failure, the one it was last seen from first."""
+        sight = self.log.seen.get(target.object_id)
+        box = Target(center_m=target.position_m)
+        before: list[View] = []
+        if sight is not None and sight.position_m == target.position_m:
+            box = Target(center_m=sight.box_center_m, size_m=sight.box_size_m)
+            pose = self.log.seen_from.get(target.object_id)
+            if len(tried) == 1 and pose is not None:
+                before = [self.walker.view_of(pose)]
+        ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
+        used = {(view.state, view.horizon_deg) for view in tried}
+        fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
+        return sorted(fresh, key=lambda view: any(_alike(view, other) for other in tried))
 
     def act(
         self, target: Known, action: str, *, also: str | None = None, in_passing: bool = False
@@ -167,7 +180,7 @@ class Reach:
         while not _ok(event) and _ROOM_MATTERS.search(_words(event)):
             if len(tried) == self.limits.retries:
                 break
-            if not self._next_view(target, tried, least_gap_m=0.75 if opens else 0.0):
+            if not self.next_view(target, tried, least_gap_m=0.75 if opens else 0.0):
                 break
             if target.object_id in self.log.within_reach:
                 event = self.walker.do(action, **arguments)

@@ -7,6 +7,7 @@ from karma.reach import Reach, RefusedError
 from karma.sightings import kind_of, known, means
 from karma.world.types import object_types
 
+_LOOKS_INSIDE = 3  # places to look into an opened container from
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
@@ -114,12 +115,9 @@ def _look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
         return None
     reach.explorations += 1
     found = _in_view(reach, name)
-    before = reach.walker.horizon_deg
-    for horizon in _HORIZONS:
-        if found is None and abs(horizon - before) > 1.0:
-            reach.walker.look(horizon)
-            reach.look()
-            found = _in_view(reach, name)
+    tried = [reach.walker.here()]
+    while found is None and len(tried) < _LOOKS_INSIDE and reach.next_view(target, tried):
+        found = _in_view(reach, name)
     if found is None:
         try:
             reach.act(target, "CloseObject", in_passing=True)

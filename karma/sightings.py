@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Vec3
+from karma.contracts import Event, Knowledge, Known, Observation, Pose, SeenObject, Vec3
 from karma.perceive import HAND, heated, observe, place_of, sight_of, washed
 from karma.world.types import object_types
 
@@ -17,6 +17,7 @@ class Sightings:
     """The running log: only what was in view or in the agent's own hands."""
 
     seen: dict[str, SeenObject] = field(default_factory=dict)  # the latest sight of each id
+    seen_from: dict[str, Pose] = field(default_factory=dict)  # where it was within reach
     handled: list[str] = field(default_factory=list)  # in the order of use, with repeats
     effects: dict[str, list[str]] = field(default_factory=dict)  # what no metadata flag tells
     controls: dict[str, tuple[str, ...]] = field(default_factory=dict)  # knob -> what it switches
@@ -41,6 +42,7 @@ class Sightings:
                     self.controls[object_id] = tuple(thing["controlledObjects"])
                 if thing["isInteractable"]:
                     self.within_reach.add(object_id)
+                    self.seen_from[object_id] = observation.pose
             elif object_id in touched and self.held_id != object_id:
                 self._note(sight_of(thing))
         for sight in (*observation.seen, *filter(None, [observation.held])):

@@ -258,5 +258,7 @@ def _explore(reach: Reach, name: str, call: SkillCall) -> str:
             return "" if reach.approach(target, closed_will_do=True) else _SHUT_IN
         except RefusedError:
             continue
-    reach.use(search(reach, name, call.positions))
+    found = search(reach, name, call.positions)
+    reach.used = []  # not the places searched on the way
+    reach.use(found)
     return ""

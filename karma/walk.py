@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from karma.contracts import Event, Vec3, World
+from karma.contracts import Event, Pose, Vec3, World
 
 Cell = tuple[int, int]  # steps along x and z from where the map was asked for
 State = tuple[int, int, int]  # cell and heading (0 = +z, 1 = +x, 2 = -z, 3 = -x)
@@ -139,6 +139,16 @@ class Walker:
         """Return the horizontal distance from the agent to a point, in metres."""
         return self._gap(self._state, point)
 
+    def here(self) -> View:
+        """Return how the agent stands and looks now."""
+        return View(state=self._state, horizon_deg=self._horizon, gap_m=0.0, cost=0.0)
+
+    def view_of(self, pose: Pose) -> View:
+        """Return a pose as a view; its cost and gap are left at 0."""
+        x, _, z = pose.position_m
+        state = (*self._cell({"x": x, "z": z}), round(pose.yaw_deg / 90.0) % 4)
+        return View(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
+
     def cells(self) -> Iterable[tuple[float, float]]:
         """Return all cells of the map: x, z in metres."""
         return self._cells.values()
@@ -149,7 +159,9 @@ class Walker:
         Cells within `reach_m` of the target's box; if there are none, the nearest ones.
         """
         ways = self._ways()
-        gaps = {cell: self._box_gap(cell, target) for cell in {state[:2] for state in ways}}
+        gaps = {
+            cell: math.hypot(*self._outside(cell, target)) for cell in {state[:2] for state in ways}
+        }
         reach = max(reach_m, min(gaps.values()) + 0.3)
         eye = float(self.world.last_event.metadata["cameraPosition"]["y"])
         views = []
@@ -174,6 +186,7 @@ class Walker:
         state = (*cell, heading)
         odds = off / 15.0 + max(abs(horizon - pitch) - 15.0, 0.0) / 5.0
         odds += 1.0 if gap < 0.3 else 4.0 * max(gap - 1.0, 0.0)
+        odds += 1.0 if min(self._outside(cell, target)) > 0.05 else 0.0  # past a corner
         tilts = abs(horizon - self._horizon) / 30.0
         known = ways.get(state)
         walk = known[0] if known else 1000  # a heading that walls keep out of reach
@@ -188,12 +201,12 @@ class Walker:
             aim.append(min(max(at, center - half), center + half))
         return aim[0], aim[1]
 
-    def _box_gap(self, cell: Cell, target: Target) -> float:
-        outside = [
+    def _outside(self, cell: Cell, target: Target) -> list[float]:
+        """Return how far the cell is outside the target's box, along x and along z."""
+        return [
             max(abs(at - target.center_m[axis]) - target.size_m[axis] / 2, 0.0)
             for at, axis in zip(self._metres(cell), (0, 2), strict=True)
         ]
-        return math.hypot(*outside)
 
     def _metres(self, cell: tuple[int, ...]) -> tuple[float, float]:
         return (
