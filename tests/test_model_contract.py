@@ -68,7 +68,12 @@ def gguf(request, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(gguf):
-    return LlamaModel(gguf, n_threads=1)
+    return opened(gguf, n_threads=1)
+
+
+def opened(path, **options):
+    """The model of a file that is vouched for, which saves the trial in another process."""
+    return LlamaModel(path, sha256=hashlib.sha256(path.read_bytes()).hexdigest(), **options)
 
 
 def answer(model, prompt, **options):
@@ -81,8 +86,8 @@ def answer(model, prompt, **options):
 @pytest.mark.parametrize("temperature", [0.0, 0.8])
 def test_warm_answer_equals_cold_to_the_bit(gguf, temperature):
     options = {"temperature": temperature, "seed": 5}
-    cold = answer(LlamaModel(gguf, n_threads=1), SCENE, **options)
-    model = LlamaModel(gguf, n_threads=2)
+    cold = answer(opened(gguf, n_threads=1), SCENE, **options)
+    model = opened(gguf, n_threads=2)
     assert answer(model, SCENE, **options) == cold
     assert answer(model, Prompt(stable=SCENE.stable, changing="What else?\n")) != cold
     assert answer(model, SCENE, **options) == cold
@@ -111,7 +116,7 @@ def test_answer_in_a_new_process_is_the_same(gguf, model):
 
 
 def test_completion_counts_what_it_reused_and_cost(gguf):
-    model = LlamaModel(gguf, n_threads=1)
+    model = opened(gguf, n_threads=1)
     first = model.complete(SCENE, max_tokens=5)
     again = model.complete(SCENE, max_tokens=5)
     other = model.complete(OTHER, max_tokens=5)
@@ -130,7 +135,7 @@ def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
     tokens = tokenizer.encode(SCENE.stable).ids + tokenizer.encode(SCENE.changing).ids
     with torch.no_grad():
         expected = random_llama()(torch.tensor([tokens])).logits[0, -1].numpy()
-    model = LlamaModel(path, kv="f32")
+    model = opened(path, kv="f32")
     for _ in range(2):
         model.complete(SCENE, max_tokens=1)
         assert np.abs(model.logits() - expected).max() < 1e-3
@@ -162,7 +167,7 @@ def test_seed_decides_sampled_answers(model):
 
 
 def test_prompt_longer_than_context_names_both_numbers(gguf):
-    model = LlamaModel(gguf, n_ctx=64)
+    model = opened(gguf, n_ctx=64)
     with pytest.raises(ModelError, match=r"the prompt has \d+ tokens .* context of 64"):
         model.complete(SCENE)
     assert model.complete(Prompt(stable="", changing="Go")).text  # and it works on
@@ -171,7 +176,7 @@ def test_prompt_longer_than_context_names_both_numbers(gguf):
 
 
 def test_answer_ends_where_the_context_does(gguf):
-    model = LlamaModel(gguf, n_ctx=4096)
+    model = opened(gguf, n_ctx=4096)
     assert model.n_ctx == 512  # what it was trained for
     found = model.complete(Prompt(stable="", changing="Go"), max_tokens=9999)
     assert found.prompt_tokens + found.completion_tokens <= 512
@@ -183,15 +188,13 @@ def test_prompt_without_changing_part_is_answered_alike_warm_and_cold(model):
 
 
 def test_bos_is_put_in_once(tmp_path):
-    plain, begun = (
-        LlamaModel(export(tmp_path / f"{bos}.gguf", add_bos=bos)) for bos in (False, True)
-    )
+    plain, begun = (opened(export(tmp_path / f"{bos}.gguf", add_bos=bos)) for bos in (False, True))
     counts = [m.complete(SCENE, max_tokens=1).prompt_tokens for m in (plain, begun)]
     assert counts[1] == counts[0] + 1
 
 
 def test_chat_template_is_applied_and_cut_at_the_same_place(gguf):
-    chat, plain = LlamaModel(gguf, chat=True), LlamaModel(gguf)
+    chat, plain = opened(gguf, chat=True), opened(gguf)
     written = Prompt(
         stable=f"<|system|>{SCENE.stable}", changing=f"{SCENE.changing}"
     )  # the plain model takes no control tokens from text, so only the halves are compared
@@ -209,7 +212,7 @@ def test_chat_without_system_role_puts_all_into_the_user_s_message(tmp_path):
         "{% for m in messages %}{% if m.role == 'system' %}{{ raise_exception('no') }}{% endif %}"
         "[{{ m.content }}]{% endfor %}"
     )
-    model = LlamaModel(export(tmp_path / "x.gguf", template=template), chat=True)
+    model = opened(export(tmp_path / "x.gguf", template=template), chat=True)
     assert model._rendered(SCENE) == ("[" + SCENE.stable, SCENE.changing + "]")
 
 
@@ -233,7 +236,7 @@ def test_wrong_hash_is_refused_before_parsing(tmp_path):
 
 
 def test_right_hash_is_accepted(gguf):
-    assert LlamaModel(gguf, sha256=hashlib.sha256(gguf.read_bytes()).hexdigest()).name == "tiny"
+    assert opened(gguf).name == "tiny"
 
 
 def test_cut_off_or_foreign_file_is_a_model_error(gguf, tmp_path):
@@ -244,6 +247,15 @@ def test_cut_off_or_foreign_file_is_a_model_error(gguf, tmp_path):
         path.write_bytes(content)
         with pytest.raises(ModelError, match=r"bad\.gguf"):
             LlamaModel(path)
+
+
+def test_file_that_makes_llama_cpp_abort_is_a_model_error(gguf, tmp_path):
+    letter = b"\1" + bytes(7)  # a token of one byte
+    path = tmp_path / "bad.gguf"
+    path.write_bytes(gguf.read_bytes().replace(letter + b"(", letter + b")", 1))
+    assert check_gguf(path)  # the header looks right: one token is there twice
+    with pytest.raises(ModelError, match=r"bad\.gguf: llama\.cpp cannot run it \(code -6\)"):
+        LlamaModel(path)
 
 
 def test_header_with_flipped_bytes_is_refused_or_read_never_worse(gguf, tmp_path):
@@ -262,7 +274,7 @@ def test_header_with_flipped_bytes_is_refused_or_read_never_worse(gguf, tmp_path
 
 def test_chat_without_template_is_a_model_error(tmp_path):
     with pytest.raises(ModelError, match="no chat template"):
-        LlamaModel(export(tmp_path / "x.gguf"), chat=True)
+        opened(export(tmp_path / "x.gguf"), chat=True)
 
 
 @pytest.mark.parametrize(

@@ -75,8 +75,9 @@ def read_manifest(path: str | Path | None = None) -> Manifest:
     Raises:
         FileError: missing, or a key is unknown, absent or of the wrong type.
     """
-    fix = "set KARMA_MODELS to the folder that holds manifest.toml"
-    return read_toml(manifest_path() if path is None else path, Manifest, fix=fix)
+    path = manifest_path() if path is None else Path(path)
+    fix = None if path.exists() else "set KARMA_MODELS to the folder that holds manifest.toml"
+    return read_toml(path, Manifest, fix=fix)
 
 
 def find_model(name: str, path: str | Path | None = None) -> ModelEntry:
