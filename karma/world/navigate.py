@@ -3,11 +3,12 @@
 from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from karma.contracts import Pose
-from karma.world.objects import Floats
+from karma.world.objects import Flags, Floats
 from karma.world.state import Cell, Room, WorldState
 from karma.world.view import (
     camera,
@@ -22,6 +23,11 @@ _NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 _YAWS = (0.0, 90.0, 180.0, 270.0)
 _HORIZONS = (-30.0, 0.0, 30.0, 60.0)
 _CHUNK = 8  # cells looked from at once
+
+
+class _Looks(NamedTuple):
+    standings: Sequence[bool]
+    angles: Sequence[tuple[float, float]]  # yaw, horizon
 
 
 def nearest_cell(room: Room, x: float, z: float) -> Cell | None:
@@ -123,7 +129,7 @@ def interactable_poses(
     gaps = _gap(state, row, wanted)
     near = [cell for cell, gap in zip(wanted, gaps, strict=True) if gap <= reach]
     found: list[Pose] = []
-    looks = list(product(standings, yaws, horizons))
+    looks = _Looks(tuple(dict.fromkeys(standings)), list(product(yaws, horizons)))
     for chunk in _chunks(near):
         found.extend(_look(state, row, chunk, looks))
         if limit is not None and len(found) >= limit:
@@ -145,42 +151,37 @@ def _gap(state: WorldState, row: int, cells: Sequence[Cell]) -> Floats:
     return found
 
 
-def _look(
-    state: WorldState, row: int, cells: Sequence[Cell], looks: Sequence[tuple[bool, float, float]]
-) -> Iterator[Pose]:
+def _look(state: WorldState, row: int, cells: Sequence[Cell], looks: _Looks) -> Iterator[Pose]:
     """Yield the poses on some cells that have the object in view, best first on each cell."""
-    y = state.pose.position_m[1]
-    settings = state.settings
-    eyes = {
-        standing: np.array(
-            [
-                camera(Pose(position_m=(x, y, z), yaw_deg=0, horizon_deg=0, standing=standing))
-                for x, z in (state.room.cells[cell] for cell in cells)
-            ]
+    y, settings = state.pose.position_m[1], state.settings
+    places = [state.room.cells[cell] for cell in cells]
+    good: list[list[tuple[bool, float, float, float]]] = [[] for _ in cells]
+    axes = np.stack([camera_axes(yaw, horizon) for yaw, horizon in looks.angles])
+    for standing in looks.standings:
+        at = [
+            Pose(position_m=(x, y, z), yaw_deg=0.0, horizon_deg=0.0, standing=standing)
+            for x, z in places
+        ]
+        eyes = np.array([camera(pose) for pose in at])
+        points, clear = _open_points(state, row, eyes)
+        shown = in_picture(
+            (points - eyes[:, None])[:, None], axes[None], settings.fov_deg, settings.aspect
         )
-        for standing in dict.fromkeys(look[0] for look in looks)
-    }
-    points = {standing: _open_points(state, row, eye) for standing, eye in eyes.items()}
-    for index, cell in enumerate(cells):
-        x, z = state.room.cells[cell]
-        scored = []
-        for standing, yaw, horizon in looks:
-            offsets = points[standing][index]
-            if not len(offsets):
-                continue
-            axes = camera_axes(yaw, horizon)
-            if in_picture(offsets, axes, settings.fov_deg, settings.aspect).any():
-                middle = state.objects.center[row] - eyes[standing][index]
-                off = 1.0 - float(axes[2] @ middle) / max(float(np.linalg.norm(middle)), 1e-9)
-                scored.append((not standing, round(off, 6), yaw, horizon))
-        for crouching, _, yaw, horizon in sorted(scored):
+        middle = state.objects.center[row] - eyes
+        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-9)
+        off = np.round(1.0 - middle @ axes[:, 2].T, 6)
+        for index, look in np.argwhere(np.any(shown & clear[:, None], axis=2)):
+            score = (not standing, float(off[index, look]), *looks.angles[look])
+            good[index].append(score)
+    for (x, z), scores in zip(places, good, strict=True):
+        for crouching, _, yaw, horizon in sorted(scores):
             yield Pose(
                 position_m=(x, y, z), yaw_deg=yaw, horizon_deg=horizon, standing=not crouching
             )
 
 
-def _open_points(state: WorldState, row: int, eyes: Floats) -> list[Floats]:
-    """Return per camera the sample points that nothing hides, relative to it."""
+def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Flags]:
+    """Return per camera the sample points, shape (eyes, points, 3), and which nothing hides."""
     objects = state.objects
     targets = np.array([row])
     points = np.stack([sample_points(objects, targets, eye)[0] for eye in eyes])
@@ -192,5 +193,4 @@ def _open_points(state: WorldState, row: int, eyes: Floats) -> list[Floats]:
     hits = hits.reshape(len(eyes), -1, len(rows))
     beside = np.abs(objects.center[None, rows] - eyes[:, None]) - objects.half[None, rows]
     hits &= np.any(beside[..., [0, 2]] > 0, axis=2)[:, None]  # not what the agent stands in
-    open_ = ~np.any(hits, axis=2)
-    return [(points[i] - eyes[i])[open_[i]] for i in range(len(eyes))]
+    return points, ~np.any(hits, axis=2)

@@ -19,6 +19,7 @@ from karma.world.types import object_types
 _LIFT_M = 0.002  # above what it rests on
 _STEP_M = 0.06  # between the places tried
 _MOST = 16  # places tried along one side
+_OVERHANG_IN, _OVERHANG_ON = 1.5, 2.5  # a thing's size over its place's, at most
 _LEVEL_M = 0.03  # heights closer than this are one
 
 
@@ -84,7 +85,8 @@ def _rest(thing: SceneObject, level: float) -> float:
 def _too_big(thing: SceneObject, receptacle: SceneObject) -> bool:
     """Return whether a thing cannot even stick out: its shorter sides are wider than the room."""
     item, room = sorted(thing.size), sorted((receptacle.size[0], receptacle.size[2]))
-    return item[0] > room[0] * 1.2 or item[1] > room[1] * 1.2
+    share = _OVERHANG_IN if receptacle.type in rules().view.hides_when_closed else _OVERHANG_ON
+    return item[0] > room[0] * share or item[1] > room[1] * share
 
 
 def _levels(objects: Objects, thing: SceneObject, receptacle: SceneObject) -> list[float]:

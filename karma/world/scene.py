@@ -122,5 +122,25 @@ def check(scene: Scene, path: str | Path) -> None:
         for parent in thing.parents:
             if parent not in by_id:
                 raise FileError(path, f"{thing.id!r} lies in {parent!r}, which is not in the scene")
-            if thing.id in by_id[parent].parents:
-                raise FileError(path, f"{thing.id!r} and {parent!r} contain each other")
+    _refuse_loops(by_id, path)
+
+
+def _refuse_loops(by_id: dict[str, SceneObject], path: str | Path) -> None:
+    """Raise FileError if something lies in itself, through however many others."""
+    safe: set[str] = set()
+    for start in by_id:
+        chain, stack = {start}, [iter(by_id[start].parents)]
+        order = [start]
+        while stack:
+            parent = next(stack[-1], None)
+            if parent is None:
+                stack.pop()
+                done = order.pop()
+                chain.discard(done)
+                safe.add(done)
+            elif parent in chain:
+                raise FileError(path, f"{start!r} and {parent!r} contain each other")
+            elif parent not in safe:
+                chain.add(parent)
+                order.append(parent)
+                stack.append(iter(by_id[parent].parents))

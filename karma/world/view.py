@@ -52,12 +52,13 @@ def in_picture(offsets: Floats, axes: Floats, fov_deg: float, aspect: float) -> 
     """Return which points fall inside the picture.
 
     Args:
-        offsets: points relative to the camera, shape (..., 3).
-        axes: of `camera_axes`, shape (3, 3).
+        offsets: points relative to the camera, shape (..., points, 3).
+        axes: of `camera_axes`, shape (3, 3), or more that broadcast with the offsets.
         fov_deg: vertical field of view.
         aspect: width over height.
     """
-    right, up, forward = np.moveaxis(offsets @ axes.T, -1, 0)
+    turned = offsets @ axes.swapaxes(-1, -2)
+    right, up, forward = turned[..., 0], turned[..., 1], turned[..., 2]
     reach = forward * math.tan(math.radians(fov_deg) / 2)
     inside: Flags = (forward > 0) & (abs(right) < reach * aspect) & (abs(up) < reach)
     return inside
