@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from karma.contracts import Event, Knowledge, Known, World
 from karma.sightings import Sightings
 from karma.walk import Target, View, Walker
+from karma.world.types import object_types
 
 _ROOM_MATTERS = re.compile(
     r"block|collid|collision|in the way|no valid position|not found within|visib|interact|reach",
@@ -97,8 +98,8 @@ class Reach:
         self.use(target)
         if self._at_hand(target):
             return True
-        sight = self.log.seen.get(target.object_id)
-        movable = sight.pickupable if sight else target.source == "memory"
+        kind = object_types().get(target.object_type)
+        movable = kind is not None and kind.can("pickupable")
         views = self.limits.views_of_movable if movable else self.limits.views
         tried: list[View] = []
         while len(tried) < views and self.next_view(target, tried):
@@ -106,6 +107,8 @@ class Reach:
                 return True
             if self._in_closed(target):
                 return self._closed(target, closed_will_do)
+        if not movable:
+            raise RefusedError(f"could not get {target.object_type} into view and reach")
         self.log.miss(target.object_id, target.position_m)
         raise RefusedError(
             f"{target.object_type} is not at its remembered place; "
@@ -212,9 +215,10 @@ def _ok(event: Event) -> bool:
 
 
 def _words(event: Event) -> str:
-    """Return the world's refusal without what a planner cannot use (exception type, stack)."""
+    """Return the world's refusal without what a planner cannot use (stack, asset hashes)."""
     text = str(event.metadata["errorMessage"]).split(". trace:")[0].strip()
-    return re.sub(r"^\w+Exception: ", "", text) or "the world refused"
+    text = re.sub(r"^\w+Exception: ", "", text)
+    return re.sub(r"\b([A-Z][A-Za-z]+)_[0-9a-f]{8}\b", r"\1", text) or "the world refused"
 
 
 def _advice(words: str, kind: str) -> str:

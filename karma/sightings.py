@@ -156,6 +156,17 @@ class Sightings:
         )
         return known(near, "seen")
 
+    def others(self, one: Known, here: "Here") -> list[Known]:
+        """Return the other things of a type that were seen and are not closed, nearest first."""
+        sights = [
+            sight
+            for sight in self.seen.values()
+            if sight.object_type == one.object_type and sight.object_id != one.object_id
+            if "closed" not in sight.states and sight.object_id != self.held_id
+        ]
+        sights.sort(key=lambda sight: (here(sight.box_center_m), sight.object_id))
+        return [known(sight, "seen") for sight in sights]
+
     def _slice_of(self, whole: Known, here: "Here") -> Known:
         """Return the nearest slice of a thing that has been cut, else the thing."""
         if whole.object_id not in self.cut:

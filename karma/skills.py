@@ -6,6 +6,7 @@ the body, `sightings` keeps the log and knows what a name means, `reach` brings 
 and acts on it, `search` looks for things.
 """
 
+from contextlib import suppress
 from typing import Literal
 
 from karma.contracts import Knowledge, Known, SeenObject, SkillCall, SkillResult, World
@@ -16,6 +17,7 @@ from karma.sightings import kind_of, known, means
 from karma.walk import OutOfActionsError
 
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
+_OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
 _SHUT_IN = "it is in a closed container; open that first"
 _FLOWING = ("Faucet", "ShowerHead")
 _SWITCHED_BY = {
@@ -164,9 +166,23 @@ def _held(reach: Reach, name: str | None) -> SeenObject:
 def _put(reach: Reach, first: tuple[str, ...], name: str) -> str:
     held = _held(reach, first[0] if first else None)
     target = reach.resolve(name, state="opened", held=False)
+    try:
+        _put_into(reach, held, target)
+    except RefusedError as refusal:
+        others = reach.log.others(target, reach.walker.gap)[:_OTHER_RECEPTACLES]
+        if "No valid position" not in str(refusal) or name != target.object_type:
+            raise
+        for other in others:  # one that is full may stand beside another of its type
+            with suppress(RefusedError):
+                _put_into(reach, held, other)
+                return f"the nearest {name} is full, another one was taken"
+        raise
+    return ""
+
+
+def _put_into(reach: Reach, held: SeenObject, target: Known) -> None:
     reach.approach(target)
     reach.act(_basin(reach, target), "PutObject", also=held.object_id)
-    return ""
 
 
 def _basin(reach: Reach, target: Known) -> Known:
@@ -185,7 +201,11 @@ def _throw(reach: Reach, name: str) -> str:
 
 def _simple(reach: Reach, skill: str, name: str) -> str:
     wanted = {"OpenObject": "closed", "CloseObject": "opened"}.get(skill, "")
-    reach.act(reach.resolve(name, state=wanted), skill)
+    target = reach.resolve(name, state=wanted)
+    reach.approach(target)
+    if skill == "CloseObject" and "closed" in reach.log.seen[target.object_id].states:
+        return "it is closed already"
+    reach.act(target, skill)
     return ""
 
 
@@ -250,10 +270,9 @@ def _knobs(reach: Reach) -> list[SeenObject]:
 
 
 def _explore(reach: Reach, name: str, call: SkillCall) -> str:
-    for _ in range(3):  # a memory that proves wrong is passed over the next time
-        target = reach.find(name)
-        if target is None:
-            break
+    passed: set[str] = set()  # a memory that proves wrong gives way to the next one
+    while (target := reach.find(name)) is not None and target.object_id not in passed:
+        passed.add(target.object_id)
         try:
             return "" if reach.approach(target, closed_will_do=True) else _SHUT_IN
         except RefusedError:
