@@ -43,6 +43,7 @@ class Book:
     templates: Mapping[str, tuple[str, ...]]
     adjectives: Mapping[str, tuple[str, ...]]
     just: Mapping[str, tuple[str, ...]]
+    around: Mapping[str, tuple[str, ...]]
     mined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def part(self, *, held_out: bool) -> "Book":
@@ -67,7 +68,9 @@ def our_book() -> Book:
     """Return the phrases that ship with the project."""
     raw = read_toml(HERE / "phrases.toml", dict[str, Any])
     templates = {kind: tuple(texts) for kind, texts in raw.items() if isinstance(texts, list)}
-    return Book(templates=templates, adjectives=raw["adjectives"], just=raw["just"])
+    return Book(
+        templates=templates, adjectives=raw["adjectives"], just=raw["just"], around=raw["around"]
+    )
 
 
 def with_alfred(book: Book, path: Path) -> Book:

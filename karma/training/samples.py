@@ -106,6 +106,8 @@ def draw(
     """
     while True:
         units, held = draw_units(rng, room)
+        if held is not None and rng.random() < 0.15:
+            units = ()  # without short-term memory the robot still feels what it holds
         facts = Facts(
             instruction="",
             areas=room.areas if mapped else (),
@@ -134,8 +136,10 @@ def draw(
 def _draw_ask(rng: Rng, scene: _Scene) -> _Ask | None:
     """Draw one request, or two in one sentence."""
     first = _one_ask(rng, scene, _pick_kind(rng))
-    if first is None or rng.random() > 0.06:
-        return first
+    if first is None:
+        return None
+    if rng.random() > 0.06:
+        return replace(first, text=_wrapped(rng, scene.book, first.text))
     second = _one_ask(rng, scene, _pick_kind(rng))
     if second is None or {g.arguments for g in first.goals} & {g.arguments for g in second.goals}:
         return first
@@ -146,6 +150,15 @@ def _draw_ask(rng: Rng, scene: _Scene) -> _Ask | None:
 def pick(rng: Rng, items: Sequence[T]) -> T:
     """Draw one item; `rng.choice` would copy the sequence into an array each time."""
     return items[int(rng.integers(len(items)))]
+
+
+def _wrapped(rng: Rng, book: Book, text: str) -> str:
+    """Add words that mean nothing, before or after."""
+    if rng.random() < 0.15:
+        text = f"{pick(rng, book.around['before'])} {text}"
+    if rng.random() < 0.10:
+        text = f"{text} {pick(rng, book.around['after'])}".replace(" ,", ",")
+    return text
 
 
 KINDS = {
@@ -371,6 +384,7 @@ def _draw_ref(rng: Rng, scene: _Scene, kind: str) -> _Ref | None:
     if known and rng.random() < 0.65:
         return _refer(rng, scene, known[int(rng.integers(len(known)))])
     remembered = {base_type(unit.object_type) for unit in scene.units}
+    remembered.add(base_type(scene.facts.held_type or ""))
     pool = scene.room.movables if rng.random() < 0.85 else tuple(sorted(_movable_types()))
     away = [k for k in pool if k in lexicon() and k not in remembered and _suits(kind, k)]
     if not away:
@@ -486,10 +500,14 @@ def _refer(rng: Rng, scene: _Scene, unit: MemoryUnit) -> _Ref | None:
             said = _adjective(rng, scene, unit, 0.6)
             meant = _meant(scene, unit, said[1], kind=kind)
             text = f"the {said[0]} {kind}".replace("  ", " ")
-        elif roll < 0.92:
+        elif roll < 0.88:
             text, meant = pick(rng, ("it", "it", "that", "this")), _last_handled(scene)
-        else:
+        elif roll < 0.94:
             text, meant = _just(rng, scene, unit)
+        else:
+            text, meant = _placed_words(rng, scene, unit)
+        if "sliced" in unit.states and rng.random() < 0.3:
+            text = f"{pick(rng, ('a slice of', 'a piece of', 'some of', 'one slice of'))} {text}"
         if meant is not None and meant.object_id == unit.object_id:
             plain = _meant(scene, unit, "", exact=True) is unit
             return _Ref(name=name, object_type=unit.object_type, words=text, bare=bare, plain=plain)
@@ -538,9 +556,52 @@ def _just(rng: Rng, scene: _Scene, unit: MemoryUnit) -> tuple[str, MemoryUnit | 
     return words, (handled or fitting)[-1]
 
 
+def _placed_words(rng: Rng, scene: _Scene, unit: MemoryUnit) -> tuple[str, MemoryUnit | None]:
+    """Return words that name a unit by where it is or by what is in it, and what they mean."""
+    cargo = [other for other in scene.units if other.place_id == unit.object_id]
+    if cargo:
+        inside = pick(rng, lexicon()[base_type(cargo[-1].object_type)].names)
+        noun = pick(rng, (*lexicon()[base_type(unit.object_type)].names, "container", "dish"))
+        return f"the {noun} with the {inside}", unit
+    if unit.place_id is None or unit.place_id == "hand":
+        return "", None
+    place = _place_type(scene.units, unit.place_id)
+    if base_type(place) not in lexicon():
+        return "", None
+    there = [u for u in scene.units if u.place_id and _place_type(scene.units, u.place_id) == place]
+    handled = [other for other in there if other.handled] or there
+    entry = lexicon()[base_type(unit.object_type)]
+    noun = pick(rng, ("thing", "object", "item", *entry.names, *entry.kinds))
+    if noun in (*entry.names, *entry.kinds):
+        fitting = [
+            u
+            for u in there
+            if noun in lexicon()[base_type(u.object_type)].names
+            or noun in lexicon()[base_type(u.object_type)].kinds
+        ]
+        handled = [other for other in fitting if other.handled] or fitting
+    where = pick(rng, lexicon()[base_type(place)].names)
+    words = pick(
+        rng,
+        (
+            "the {n} in the {w}",
+            "the {n} on the {w}",
+            "the {n} from the {w}",
+            "what you put in the {w}",
+            "what is on the {w}",
+            "what you left on the {w}",
+        ),
+    )
+    if "{n}" not in words:
+        handled = [other for other in there if other.handled] or there
+    return words.format(n=noun, w=where), handled[-1]
+
+
 def _with_article(rng: Rng, words: str, article: str = "") -> str:
     if not article:
-        article = pick(rng, ("the", "the", "the", "a", "my", "that", ""))
+        article = pick(rng, ("the", "the", "the", "the", "a", "a", "my", "that", "one of the", ""))
+    if article == "one of the":
+        words += "s"
     if article == "a" and words[0] in "aeiou":
         article = "an"
     return f"{article} {words}".strip()

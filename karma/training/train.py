@@ -1,0 +1,354 @@
+"""Training the nano planner: packs of examples over one scene, a small Llama, resumable.
+
+A pack is the scene's stable text once and several (memory, instruction, program) examples after it.
+Each example attends to the stable text and itself only, at the positions it has when asked alone,
+so a pack trains exactly what inference does. The loss counts program tokens only.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from karma.errors import FileError
+from karma.files import read_json, to_json, write_atomic
+from karma.infer.gguf_export import new_tokenizer
+from karma.program import SKILLS
+from karma.seeds import stream
+from karma.training.phrases import Book
+from karma.training.samples import Example, Room, draw
+
+END = "<|end|>"
+PAD = "<|pad|>"
+WHOLE = (
+    *(f"{skill.name}(robot, '" for skill in SKILLS),
+    "', '", "', ['", "'])\n", "')\n", " @",
+    "#areas\n", "#memory\n", "#held ", "#task ", "#program\n", "#error ",
+    *(f"node_{number}" for number in range(1, 33)),
+)  # pieces of the notation that are one token each, so names stand alone  # fmt: skip
+_PIECES = re.compile("|".join(re.escape(text) for text in sorted(WHOLE, key=len, reverse=True)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recipe:
+    """All that decides the weights, besides the data."""
+
+    seed: int = 0
+    vocabulary: int = 2048
+    hidden: int = 256
+    layers: int = 4
+    heads: int = 4
+    feed_forward: int = 640
+    context: int = 2048
+    packs: int = 8  # per step
+    examples: int = 3  # per pack
+    steps: int = 5500
+    warmup: int = 200
+    decay: float = 0.25  # share of the steps in which the learning rate falls to zero
+    learning_rate: float = 1.2e-3
+    weight_decay: float = 0.05
+    mapped: float = 0.82  # share of packs with long-term memory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Data:
+    """Where examples come from."""
+
+    rooms: Sequence[Room]
+    book: Book
+    excluded: frozenset[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """One line of the training log."""
+
+    step: int
+    loss: float
+    tokens: int
+    exact: float | None  # held-out programs right to the letter, teacher-forced
+
+
+def draw_pack(recipe: Recipe, data: Data, *name: str) -> list[Example]:
+    """Draw one pack; equal names give equal packs."""
+    rng = stream(recipe.seed, "planner", *name)
+    room = data.rooms[int(rng.integers(len(data.rooms)))]
+    mapped = bool(rng.random() < recipe.mapped)
+    return [
+        draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
+        for _ in range(recipe.examples)
+    ]
+
+
+def corpus(recipe: Recipe, data: Data, packs: int) -> Iterator[str]:
+    """Yield texts to train the tokenizer on."""
+    for number in range(packs):
+        pack = draw_pack(recipe, data, "corpus", str(number))
+        yield pack[0].stable
+        for example in pack:
+            yield example.changing
+            yield example.program
+
+
+def make_tokenizer(recipe: Recipe, data: Data, packs: int) -> Any:
+    """Train the tokenizer on the corpus, the notation's fixed pieces being tokens of their own."""
+    from tokenizers import AddedToken
+
+    bare = new_tokenizer(
+        (piece for text in corpus(recipe, data, packs) for piece in _PIECES.split(text)),
+        recipe.vocabulary - len(WHOLE),
+        [END, PAD],
+    )
+    bare.add_tokens([AddedToken(text, normalized=False, special=False) for text in WHOLE])
+    return bare
+
+
+def new_model(recipe: Recipe) -> Any:
+    """Return a Llama with random weights drawn from the recipe's seed."""
+    import torch
+    from transformers import LlamaConfig, LlamaForCausalLM
+
+    config = LlamaConfig(
+        vocab_size=recipe.vocabulary,
+        hidden_size=recipe.hidden,
+        num_hidden_layers=recipe.layers,
+        num_attention_heads=recipe.heads,
+        num_key_value_heads=recipe.heads,
+        intermediate_size=recipe.feed_forward,
+        max_position_embeddings=recipe.context,
+        tie_word_embeddings=True,
+        bos_token_id=None,
+        eos_token_id=0,
+        pad_token_id=1,
+    )
+    with torch.random.fork_rng():
+        torch.manual_seed(recipe.seed)
+        return LlamaForCausalLM(config)
+
+
+def collate(packs: Sequence[Sequence[Example]], tokenizer: Any) -> dict[str, Any]:
+    """Turn packs into tensors.
+
+    Returns:
+        tokens (b, t), positions (b, t), mask (b, 1, t, t) bool, and targets (b, t): the token that
+        follows where it belongs to a program, else -100.
+    """
+    import torch
+
+    rows = [_row(pack, tokenizer) for pack in packs]
+    width = -(-max(len(row[0]) for row in rows) // 32) * 32
+    tokens = np.full((len(rows), width), 1, dtype=np.int64)
+    positions = np.zeros((len(rows), width), dtype=np.int64)
+    groups = np.full((len(rows), width), -1, dtype=np.int64)
+    targets = np.full((len(rows), width), -100, dtype=np.int64)
+    for number, (ids, places, group, target) in enumerate(rows):
+        span = slice(0, len(ids))
+        tokens[number, span], positions[number, span] = ids, places
+        groups[number, span], targets[number, span] = group, target
+    column = groups[:, None, :]
+    seen = (column == 0) | (column == groups[:, :, None])
+    mask = seen & np.tril(np.ones((width, width), dtype=bool))[None]
+    return {
+        "tokens": torch.from_numpy(tokens),
+        "positions": torch.from_numpy(positions),
+        "mask": torch.from_numpy(mask[:, None]),
+        "targets": torch.from_numpy(targets),
+    }
+
+
+def _row(pack: Sequence[Example], tokenizer: Any) -> tuple[list[int], ...]:
+    stable = tokenizer.encode(pack[0].stable, add_special_tokens=False).ids
+    ids, places = list(stable), list(range(len(stable)))
+    group, target = [0] * len(stable), [-100] * len(stable)
+    for number, example in enumerate(pack, start=1):
+        asked = tokenizer.encode(example.changing, add_special_tokens=False).ids
+        answer = [*tokenizer.encode(example.program, add_special_tokens=False).ids, 0]
+        part = asked + answer[:-1]
+        ids += part
+        places += range(len(stable), len(stable) + len(part))
+        group += [number] * len(part)
+        target += [-100] * (len(asked) - 1) + answer
+    return ids, places, group, target
+
+
+def forward(model: Any, batch: dict[str, Any]) -> tuple[Any, Any]:
+    """Return logits at the places that count, shape (n, vocabulary), and their targets (n,)."""
+    import torch
+
+    mask = torch.zeros(batch["mask"].shape, dtype=torch.float32, device=batch["mask"].device)
+    mask.masked_fill_(~batch["mask"], -1e9)
+    hidden = model.model(
+        input_ids=batch["tokens"],
+        attention_mask=mask,
+        position_ids=batch["positions"],
+        use_cache=False,
+    ).last_hidden_state
+    counts = batch["targets"] != -100
+    return model.lm_head(hidden[counts]), batch["targets"][counts]
+
+
+def exact_share(
+    model: Any, tokenizer: Any, packs: Sequence[Sequence[Example]], device: str
+) -> float:
+    """Return the share of programs whose every token is the most likely one, teacher-forced."""
+    import torch
+
+    right = total = 0
+    with torch.no_grad():
+        for start in range(0, len(packs), 4):
+            batch = _to(collate(packs[start : start + 4], tokenizer), device)
+            logits, targets = forward(model, batch)
+            good = (logits.argmax(-1) == targets).tolist()
+            program: list[bool] = []
+            for hit, target in zip(good, targets.tolist(), strict=True):
+                program.append(hit)
+                if target == 0:
+                    right, total, program = right + all(program), total + 1, []
+    return right / total
+
+
+def train(
+    recipe: Recipe,
+    data: Data,
+    held_out: Sequence[Sequence[Example]],
+    tokenizer: Any,
+    folder: Path,
+    *,
+    device: str = "cpu",
+    every: int = 100,
+) -> Iterator[Progress]:
+    """Train from scratch or from the last checkpoint in `folder`; yields the log as it grows.
+
+    Args:
+        recipe: everything that decides the weights.
+        data: training rooms and phrases.
+        held_out: packs of rooms and phrases that `data` does not contain.
+        tokenizer: of `corpus`.
+        folder: takes checkpoint.safetensors and progress.json.
+        device: "cpu" or "cuda".
+        every: steps between checkpoints.
+    """
+    import torch
+
+    model = new_model(recipe).to(device)
+    optimizer = torch.optim.AdamW(
+        model.parameters(),
+        lr=recipe.learning_rate,
+        betas=(0.9, 0.95),
+        weight_decay=recipe.weight_decay,
+    )
+    step, seen = _resume(folder, model, optimizer)
+    losses: list[float] = []
+    while step < recipe.steps:
+        for group in optimizer.param_groups:
+            group["lr"] = recipe.learning_rate * _schedule(recipe, step)
+        names = [(str(step), str(number)) for number in range(recipe.packs)]
+        batch = collate([draw_pack(recipe, data, "train", *name) for name in names], tokenizer)
+        seen += int((batch["tokens"] != 1).sum())
+        losses.append(_step(model, optimizer, _to(batch, device), device))
+        step += 1
+        if step % every == 0 or step == recipe.steps:
+            exact = exact_share(model, tokenizer, held_out, device)
+            _checkpoint(folder, model, optimizer, step, seen)
+            yield Progress(step=step, loss=float(np.mean(losses)), tokens=seen, exact=exact)
+            losses = []
+
+
+def _step(model: Any, optimizer: Any, batch: dict[str, Any], device: str) -> float:
+    import torch
+
+    logits, targets = forward(model, batch)
+    loss = torch.nn.functional.cross_entropy(logits, targets)
+    optimizer.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+    optimizer.step()
+    return float(loss.detach())
+
+
+def _schedule(recipe: Recipe, step: int) -> float:
+    """Warm up, stay, decay: so that `steps` can still be changed on the way."""
+    if step < recipe.warmup:
+        return (step + 1) / recipe.warmup
+    left = (recipe.steps - step) / max(1, int(recipe.decay * recipe.steps))
+    return min(1.0, left)
+
+
+def _to(batch: dict[str, Any], device: str) -> dict[str, Any]:
+    return {name: tensor.to(device) for name, tensor in batch.items()}
+
+
+# ----------------------------------------------------------------- checkpoints
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Saved:
+    step: int
+    tokens: int
+
+
+def _checkpoint(folder: Path, model: Any, optimizer: Any, step: int, tokens: int) -> None:
+    """Save weights and optimizer state as safetensors; the older checkpoint stays until then."""
+    from safetensors.torch import save
+
+    state = {f"model.{name}": value for name, value in model.named_parameters()}
+    for name, value in model.named_parameters():
+        for moment in ("exp_avg", "exp_avg_sq"):
+            state[f"{moment}.{name}"] = optimizer.state[value][moment]
+    header = {"step": str(step), "tokens": str(tokens)}
+    state = {name: value.detach().cpu().contiguous() for name, value in state.items()}
+    write_atomic(folder / "checkpoint.safetensors", save(state, metadata=header))
+    write_atomic(folder / "progress.json", to_json(_Saved(step=step, tokens=tokens)))
+
+
+def _resume(folder: Path, model: Any, optimizer: Any) -> tuple[int, int]:
+    """Load the last checkpoint into model and optimizer; return its step and token count."""
+    import torch
+    from safetensors import safe_open
+
+    path = folder / "checkpoint.safetensors"
+    if not path.exists():
+        return 0, 0
+    with safe_open(path, "pt") as saved:
+        header = saved.metadata()
+        step, tokens = int(header["step"]), int(header["tokens"])
+        with torch.no_grad():
+            for name, value in model.named_parameters():
+                value.copy_(saved.get_tensor(f"model.{name}"))
+                optimizer.state[value] = {
+                    "step": torch.tensor(float(step)),
+                    "exp_avg": saved.get_tensor(f"exp_avg.{name}").to(value.device),
+                    "exp_avg_sq": saved.get_tensor(f"exp_avg_sq.{name}").to(value.device),
+                }
+    return step, tokens
+
+
+def last_step(folder: Path) -> int:
+    """Return the step of the last checkpoint in a folder, 0 without one."""
+    path = folder / "progress.json"
+    try:
+        return read_json(path, _Saved).step if path.exists() else 0
+    except FileError:
+        return 0
+
+
+def load_weights(folder: Path, recipe: Recipe) -> Any:
+    """Return the model of the last checkpoint, float32, in evaluation mode.
+
+    Raises:
+        FileError: there is none.
+    """
+    import torch
+    from safetensors import safe_open
+
+    path = folder / "checkpoint.safetensors"
+    if not path.exists():
+        raise FileError(path, "no checkpoint", fix="python scripts/train_planner.py")
+    model = new_model(recipe)
+    with safe_open(path, "pt") as saved, torch.no_grad():
+        for name, value in model.named_parameters():
+            value.copy_(saved.get_tensor(f"model.{name}"))
+    return model.eval()
