@@ -142,8 +142,6 @@ def _does_not_take(
     kind, place = object_types()[thing.type], object_types()[receptacle.type]
     if place.must_be_open and "openable" in receptacle.capabilities and receptacle.openness <= 0:
         return Refusal("Target openable Receptacle is CLOSED, can't place if target is not open!")
-    if receptacle.type in rules().toggle.must_be_closed_to_turn_on and receptacle.is_toggled:
-        return Refusal(f"{receptacle.name} is on, can't place anything in it!")
     fits = kind.fits(place) or (
         not place.accepts_only and (force or thing.type in rules().put.anywhere)
     )
@@ -183,15 +181,15 @@ def throw(
 def _let_go(state: WorldState, force: float) -> Result:
     if state.held is None:
         return Refusal("Nothing held in hand to drop!")
-    thing = state.objects[state.held]
+    thing, fragile = state.objects[state.held], rules().fragile
     far = min(force * _FLIGHT_M_PER_N, _LONGEST_FLIGHT_M)
     x, z = flight(state.room, thing.position, heading(state.pose.yaw_deg), far)
     middle, holder = land(state, thing, x, z)
     height = max(bottom(thing) - (middle[1] - thing.size[1] / 2), 0.0)
-    impulse = thing.mass_kg * (2 * _GRAVITY * height) ** 0.5
-    impulse += force * rules().fragile.impulse_per_force_s
+    impulse = force * fragile.impulse_per_force_s
+    impulse += fragile.fall_share * thing.mass_kg * (2 * _GRAVITY * height) ** 0.5
     after = _released(state, middle, holder)
-    if "breakable" in thing.capabilities and impulse >= rules().fragile.impulse_ns:
+    if "breakable" in thing.capabilities and impulse >= fragile.impulse_ns:
         after = _broken(after, after.objects[thing.id])
     px, py, pz = after.objects[thing.id].position
     return Done(after, {"x": px, "y": py, "z": pz}, rules().time.fall_s)

@@ -214,7 +214,7 @@ def top(thing: SceneObject) -> float:
 
 
 def _add(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+    return (round(a[0] + b[0], 6), round(a[1] + b[1], 6), round(a[2] + b[2], 6))
 
 
 def _turn(point: Vec3, degrees: float, about: Vec3) -> Vec3:

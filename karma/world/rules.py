@@ -84,6 +84,7 @@ class Fragile(Struct, frozen=True, forbid_unknown_fields=True):
 
     impulse_ns: float
     impulse_per_force_s: float
+    fall_share: float
     stays_whole: tuple[str, ...]
 
 
