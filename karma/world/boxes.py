@@ -1,7 +1,7 @@
 """Axis-aligned boxes, and the cells between them on which an agent can stand."""
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, floor
 from typing import NamedTuple
 
@@ -65,7 +65,15 @@ class Box(NamedTuple):
 def reachable_cells(
     room: Box, obstacles: Iterable[Box], *, grid_m: float = 0.25, radius_m: float = AGENT_RADIUS_M
 ) -> tuple[Cell, ...]:
-    """Return the largest connected set of free cells, sorted.
+    """Return the largest of `free_parts`; () when there is none."""
+    parts = free_parts(room, obstacles, grid_m=grid_m, radius_m=radius_m)
+    return max(parts, key=len, default=())
+
+
+def free_parts(
+    room: Box, obstacles: Iterable[Box], *, grid_m: float = 0.25, radius_m: float = AGENT_RADIUS_M
+) -> list[tuple[Cell, ...]]:
+    """Return the connected sets of free cells, each sorted, in the order of their first cells.
 
     Args:
         room: the inside of the walls; its y0 is the floor.
@@ -73,19 +81,11 @@ def reachable_cells(
         grid_m: distance of the cells, which lie on whole multiples of it.
         radius_m: free distance that the agent needs around a cell.
     """
-    free = {
-        (i, j)
-        for i in range(
-            ceil((room.x0 + radius_m) / grid_m), floor((room.x1 - radius_m) / grid_m) + 1
-        )
-        for j in range(
-            ceil((room.z0 + radius_m) / grid_m), floor((room.z1 - radius_m) / grid_m) + 1
-        )
-    }
+    free = set(_grid(room.grown(-radius_m, 0.0, -radius_m), grid_m))
     for box in obstacles:
         if box.y0 - room.y0 <= AGENT_HEIGHT_M:
             free -= _blocked(box, grid_m, radius_m)
-    return tuple(sorted((i * grid_m, j * grid_m) for i, j in _largest_part(free)))
+    return [tuple(sorted((i * grid_m, j * grid_m) for i, j in part)) for part in _parts(free)]
 
 
 def nearest_to_centre(cells: Sequence[Cell]) -> Cell:
@@ -103,18 +103,22 @@ def distances(cells: Sequence[Cell], boxes: Sequence[Box]) -> np.ndarray:
     return np.asarray(np.hypot(gap[..., 0], gap[..., 1]).min(axis=0))
 
 
+def _grid(box: Box, grid_m: float) -> Iterator[tuple[int, int]]:
+    for i in range(ceil(box.x0 / grid_m), floor(box.x1 / grid_m) + 1):
+        for j in range(ceil(box.z0 / grid_m), floor(box.z1 / grid_m) + 1):
+            yield i, j
+
+
 def _blocked(box: Box, grid_m: float, radius_m: float) -> set[tuple[int, int]]:
     near = radius_m - 1e-6
     return {
         (i, j)
-        for i in range(ceil((box.x0 - near) / grid_m), floor((box.x1 + near) / grid_m) + 1)
-        for j in range(ceil((box.z0 - near) / grid_m), floor((box.z1 + near) / grid_m) + 1)
+        for i, j in _grid(box.grown(near, 0.0, near), grid_m)
         if box.distance(i * grid_m, box.y0, j * grid_m) < near
     }
 
 
-def _largest_part(free: set[tuple[int, int]]) -> set[tuple[int, int]]:
-    best: set[tuple[int, int]] = set()
+def _parts(free: set[tuple[int, int]]) -> Iterator[set[tuple[int, int]]]:
     left = set(free)
     for start in sorted(free):
         if start not in left:
@@ -127,5 +131,4 @@ def _largest_part(free: set[tuple[int, int]]) -> set[tuple[int, int]]:
                     part.add(step)
                     queue.append(step)
         left -= part
-        best = max(best, part, key=len)
-    return best
+        yield part
