@@ -8,7 +8,8 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.world.moving import hang, unknown
-from karma.world.objects import Objects, bottom, heading, is_inert, moved
+from karma.world.objects import bottom, heading, is_inert, moved
+from karma.world.pieces import broken, in_pieces
 from karma.world.placement import find_place, flight, land
 from karma.world.rules import rules
 from karma.world.scene import Capability, SceneObject
@@ -190,7 +191,7 @@ def _let_go(state: WorldState, force: float) -> Result:
     impulse += fragile.fall_share * thing.mass_kg * (2 * _GRAVITY * height) ** 0.5
     after = _released(state, middle, holder)
     if "breakable" in thing.capabilities and impulse >= fragile.impulse_ns:
-        after = _broken(after, after.objects[thing.id])
+        after = broken(after, after.objects[thing.id])
     px, py, pz = after.objects[thing.id].position
     return Done(after, {"x": px, "y": py, "z": pz}, rules().time.fall_s)
 
@@ -351,7 +352,7 @@ def slice_object(
         return Refusal(f"{thing.name} does not have the property sliceable!")
     if thing.id in state.in_hand:
         return Refusal("target object cannot be sliced if it is in the agent's hand")
-    return Done(_in_pieces(state, msgspec.structs.replace(thing, is_sliced=True)))
+    return Done(in_pieces(state, msgspec.structs.replace(thing, is_sliced=True)))
 
 
 def break_object(
@@ -373,70 +374,4 @@ def break_object(
     if state.held == thing.id:
         middle, holder = land(state, thing, thing.center[0], thing.center[2])
         state = _released(state, middle, holder)
-    return Done(_broken(state, state.objects[thing.id]))
-
-
-def _broken(state: WorldState, thing: SceneObject) -> WorldState:
-    """Return the state with a thing broken: an egg runs out, screens go off, vessels spill."""
-    thing = msgspec.structs.replace(
-        thing, is_broken=True, is_toggled=False, is_filled=False, liquid=None
-    )
-    if object_types()[thing.type].slices_into and thing.type == "Egg":
-        return _in_pieces(state, thing)
-    changes = {thing.id: thing}
-    if thing.type not in rules().fragile.stays_whole:
-        changes.update(_spilled(state.objects, thing))
-    return replace(state, objects=state.objects.changed(changes))
-
-
-def _spilled(objects: Objects, thing: SceneObject) -> dict[str, SceneObject]:
-    """Return the contents of a thing, now lying where the thing lies."""
-    found = {}
-    for child in objects.children.get(thing.id, ()):
-        rest = tuple(p for p in objects[child].parents if p != thing.id)
-        found[child] = msgspec.structs.replace(objects[child], parents=rest or thing.parents)
-    return found
-
-
-def _in_pieces(state: WorldState, source: SceneObject) -> WorldState:
-    """Return the state with the pieces of a thing in its place; the source stays, inert."""
-    kind = object_types()[source.type].slices_into or ""
-    pieces = _pieces(source, kind, object_types()[source.type].slice_count)
-    changes = {source.id: msgspec.structs.replace(source, parents=()), **pieces}
-    until = dict(state.until_s)
-    for piece in pieces:
-        if source.id in until:
-            until[piece] = until[source.id]
-    return replace(state, objects=state.objects.changed(changes), until_s=until)
-
-
-def _pieces(source: SceneObject, kind: str, count: int) -> dict[str, SceneObject]:
-    """Return the pieces side by side along the source's longer side, as `<id>|<kind>_<n>`."""
-    row = object_types()[kind]
-    axis = 0 if source.size[0] >= source.size[2] else 2
-    found = {}
-    for number in range(count):
-        size = list(source.size) if count > 1 else list(row.size_m)
-        middle = list(source.center)
-        middle[1] = bottom(source) + size[1] / 2
-        if count > 1:
-            size[axis] /= count
-            middle[axis] += (number - (count - 1) / 2) * size[axis]
-        place = (round(middle[0], 5), round(middle[1], 5), round(middle[2], 5))
-        piece = SceneObject(
-            id=f"{source.id}|{kind}_{number}",
-            type=kind,
-            name=f"{kind}_{number}_of_{source.name}",
-            position=place,
-            center=place,
-            size=(size[0], size[1], size[2]),
-            rotation=source.rotation,
-            capabilities=row.capabilities,
-            mass_kg=row.mass_kg,
-            materials=row.materials,
-            parents=source.parents,
-            is_cooked=source.is_cooked and "cookable" in row.capabilities,
-            temperature=source.temperature,
-        )
-        found[piece.id] = piece
-    return found
+    return Done(broken(state, state.objects[thing.id]))
