@@ -24,7 +24,7 @@ class Limits:
 
     max_actions: int = 600  # world actions of one skill
     views: int = 10  # places tried to get an immovable thing into view
-    views_of_movable: int = 4  # the same for a thing that may have been moved
+    views_of_movable: int = 6  # the same for a thing that may have been moved
     retries: int = 3  # places tried to act from, after a refusal that room may cure
     reach_m: float = 1.4  # horizontally; AI2-THOR sees and reaches to 1.5 m
     cover_m: float = 1.0  # without area nodes, every cell is looked at from this near

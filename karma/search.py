@@ -7,7 +7,7 @@ from karma.reach import Reach, RefusedError
 from karma.sightings import kind_of, known, means
 from karma.world.types import object_types
 
-_LOOKS_INSIDE = 3  # places to look into an opened container from
+_LOOKS_INSIDE_M = (0.85, 0.0)  # how far away to stand to look again into what was opened
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
@@ -26,7 +26,7 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
             return found
         reach.walker.walk_near(point)
         reach.explorations += 1
-        found = _look_around(reach, name)
+        found = look_around(reach, name)
     opened: set[str] = set()
     while found is None and (container := _next_container(reach, name, opened)) is not None:
         opened.add(container.object_id)
@@ -44,14 +44,14 @@ def _in_view(reach: Reach, name: str) -> Known | None:
     return known(near, "seen") if near else None
 
 
-def _look_around(reach: Reach, name: str) -> Known | None:
-    """Turn round once looking down at tables, and once looking straight ahead."""
+def look_around(reach: Reach, name: str = "") -> Known | None:
+    """Turn round once looking down at tables, and once straight ahead; stop at a thing named."""
     level = abs(reach.walker.horizon_deg) < 1.0
     for horizon in _HORIZONS[::-1] if level else _HORIZONS:
         reach.walker.look(horizon)
         for turn in range(4):
             reach.look()
-            found = _in_view(reach, name)
+            found = _in_view(reach, name) if name else None
             if found is not None:
                 return found
             if turn < 3 and not reach.walker.turn_right():
@@ -116,8 +116,9 @@ def _look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
     reach.explorations += 1
     found = _in_view(reach, name)
     tried = [reach.walker.here()]
-    while found is None and len(tried) < _LOOKS_INSIDE and reach.next_view(target, tried):
-        found = _in_view(reach, name)
+    for least_gap_m in _LOOKS_INSIDE_M:
+        if found is None and reach.next_view(target, tried, least_gap_m=least_gap_m):
+            found = _in_view(reach, name)
     if found is None:
         try:
             reach.act(target, "CloseObject", in_passing=True)
