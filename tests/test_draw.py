@@ -1,6 +1,7 @@
 """The picture of a room from above."""
 
 import pytest
+from matplotlib import pyplot
 from matplotlib.image import imread
 
 from karma.errors import FileError
@@ -23,10 +24,9 @@ def test_draw_top_down_same_scene_gives_same_bytes(tmp_path):
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def test_draw_top_down_leaves_no_global_figure():
-    import sys
-
-    assert "matplotlib.pyplot" not in vars(sys.modules["karma.world.draw"])
+def test_draw_top_down_leaves_no_global_figure(tmp_path):
+    draw_top_down(load("bathroom_1"), tmp_path / "room.png")
+    assert pyplot.get_fignums() == []
 
 
 def test_draw_top_down_where_a_file_is_the_folder_says_so(tmp_path):
