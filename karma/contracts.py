@@ -190,10 +190,11 @@ class Area:
 class Plan:
     """One planner call: what was recalled, asked, answered, and whether it parsed."""
 
-    recalled: tuple[Recalled, ...]
+    recalled: tuple[MemoryUnit, ...]  # in the prompt, the last used last
     prompt: Prompt
     completion: Completion
     calls: tuple[SkillCall, ...]
+    names: Mapping[str, str]  # what short names in the calls stand for (name -> object id)
     error: str = ""  # why the answer was refused; quoted in the next prompt
 
 
@@ -226,7 +227,8 @@ class SubTask:
     """One instruction of a sequence and what must hold when it ends."""
 
     instruction: str
-    goals: tuple[Goal, ...]
+    goals: tuple[Goal, ...] = ()
+    whole: str = ""  # the user's whole text, of which this is a part
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -179,7 +179,7 @@ def _template(name: str) -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # noqa: S701 - plain text, not HTML
+        autoescape=False,
     )
     environment.filters["position"] = position_text
     return environment.get_template(name)

@@ -12,7 +12,7 @@ from typing import Literal
 from karma.contracts import Knowledge, Known, SeenObject, SkillCall, SkillResult, World
 from karma.program import SKILLS
 from karma.reach import PARTS, Limits, Reach, RefusedError
-from karma.search import search
+from karma.search import look_around, search
 from karma.sightings import kind_of, known, means
 from karma.walk import OutOfActionsError
 
@@ -61,9 +61,25 @@ class Skills:
         """What was in the hand at the last look."""
         return self._reach.log.held
 
+    @property
+    def missed(self) -> frozenset[str]:
+        """Ids of what was not where memory had it."""
+        return frozenset(self._reach.log.missed)
+
+    @property
+    def cut(self) -> frozenset[str]:
+        """Ids of wholes that were seen sliced, and are no more."""
+        return frozenset(self._reach.log.cut)
+
     def look(self) -> None:
         """Take note of what is in view now; every skill does so too."""
         self._reach.look()
+
+    def look_around(self) -> None:
+        """Turn round once, looking down at tables and straight ahead, and take note."""
+        self._reach.walker.start()
+        look_around(self._reach)
+        self.actions += self._reach.walker.actions
 
     def run(self, call: SkillCall) -> SkillResult:
         """Carry out one skill call.

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from karma import registry
-from karma.bench.goals import (
+from karma.goals import (
     GoalTracker,
     canonical_state,
     first_choice,

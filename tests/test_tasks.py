@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from karma import registry
-from karma.bench.goals import GoalTracker, alternatives, object_names, parse_goal
+from karma.goals import GoalTracker, alternatives, object_names, parse_goal
 from karma.bench.tasks import check_placement, load_tasks, required_types
 from karma.contracts import SubTask
 from karma.errors import FileError

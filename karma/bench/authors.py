@@ -23,10 +23,10 @@ from karma.bench.clauses import (
     tiers_of,
     words_of,
 )
-from karma.bench.goals import ARITY, canonical_state, is_position, object_names, read_goal
 from karma.contracts import Goal, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_json
+from karma.goals import ARITY, canonical_state, is_position, object_names, read_goal
 from karma.world.scene import Capability
 from karma.world.types import object_type
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import msgspec
 
-from karma.bench.goals import canonical_state, object_names
 from karma.contracts import Goal, SubTask
 from karma.files import read_toml
+from karma.goals import canonical_state, object_names
 from karma.world.types import object_type, object_types
 
 NAMES = Path(__file__).parent / "names.toml"

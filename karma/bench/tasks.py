@@ -9,10 +9,10 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.goals import alternatives, is_position, object_names, parse_goal
 from karma.contracts import Goal, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes
+from karma.goals import alternatives, is_position, object_names, parse_goal
 from karma.world import scene
 from karma.world.types import object_type, object_types
 

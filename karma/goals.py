@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from karma.contracts import Event, Goal
+from karma.contracts import Event, Goal, World
 from karma.errors import KarmaError
 from karma.perceive import cooled, heated, washed
 
@@ -231,6 +231,45 @@ class GoalTracker:
         field, value = _FLAGS[state]
         return bool(thing[field]) is value
 
+
+class WatchedWorld:
+    """A world whose events a tracker sees; it changes nothing.
+
+    Args:
+        world: any world.
+        tracker: told every event of an action that can change a goal.
+    """
+
+    def __init__(self, world: World, tracker: GoalTracker) -> None:
+        self._world, self._tracker = world, tracker
+
+    @property
+    def last_event(self) -> Event:
+        """The world's own."""
+        return self._world.last_event
+
+    def reset(self, scene: str) -> Event:
+        """Load a scene; the tracker is to be started by whoever resets."""
+        return self._world.reset(scene)
+
+    def step(self, action: str, **arguments: Any) -> Event:
+        """Do one action and show its event to the tracker."""
+        event = self._world.step(action, **arguments)
+        if action not in _CHANGE_NO_GOAL:
+            self._tracker.update(event)
+        return event
+
+    def stop(self) -> None:
+        """Release what the world holds."""
+        self._world.stop()
+
+
+_CHANGE_NO_GOAL = frozenset(
+    (
+        "MoveAhead", "MoveBack", "MoveLeft", "MoveRight", "RotateLeft", "RotateRight", "LookUp",
+        "LookDown", "GetReachablePositions", "GetInteractablePoses", "GetShortestPath",
+    )
+)  # fmt: skip
 
 _END_STATES = {"TOGGLEON": "on", "TOGGLEOFF": "off", "OPEN": "opened", "CLOSED": "closed"}
 

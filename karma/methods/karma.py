@@ -1,0 +1,244 @@
+"""KARMA: both memories in the prompt; without one of them it is the paper's ablation (Table 2)."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from karma.contracts import (
+    Area,
+    Known,
+    MemoryUnit,
+    Outcome,
+    Plan,
+    Recall,
+    SkillResult,
+    SubTask,
+    Vec3,
+    VisionModel,
+    World,
+)
+from karma.memory.policies import make_policy
+from karma.memory.scene_graph import SceneGraph
+from karma.memory.short_term import ShortTermMemory, merged
+from karma.methods.kit import Kit, settings_of
+from karma.methods.survey import survey
+from karma.methods.witness import fresh_units
+from karma.perceive import HAND
+from karma.planner import Planner, grounded
+from karma.prompt import Facts, base_type
+from karma.skills import Skills
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KarmaSettings:
+    """What makes one row of a table."""
+
+    long_term: bool = True
+    short_term: bool = True
+    policy: str = "wtinylfu-karma[9,1]"  # of short-term memory (§4.4: the best at 10 units)
+    recall_k: int = 10  # units in the prompt, 1 to the whole memory
+    query: Literal["instruction", "subtask"] = "instruction"  # the user's whole text is the paper's
+    attempts: int = 3  # programs per instruction; later ones quote what failed
+    witnesses: int = 2  # things only seen that are remembered per instruction
+
+
+class KarmaMethod:
+    """The agent of the paper's Fig. 1.
+
+    Args:
+        planner: model and prompt profile.
+        recall: chooses units for the prompt.
+        vision: reads object states.
+        settings: the row.
+        maps: folder of long-term memories, one file a scene, made on the first visit and never
+            changed by an episode; None to explore each time.
+        learn: write what an episode learnt about a scene back to `maps`.
+    """
+
+    def __init__(
+        self,
+        planner: Planner,
+        recall: Recall,
+        vision: VisionModel,
+        settings: KarmaSettings | None = None,
+        *,
+        maps: Path | None = None,
+        learn: bool = False,
+    ) -> None:
+        self.settings = settings or KarmaSettings()
+        self.name = _name(self.settings)
+        self.short_term = ShortTermMemory(make_policy(self.settings.policy))
+        self.graph: SceneGraph | None = None
+        self._planner, self._recall, self._vision = planner, recall, vision
+        self._maps, self._learn = maps, learn
+        self._map_path: Path | None = None
+        self._world: World | None = None
+
+    @classmethod
+    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+        """Make a row from its options (the fields of `KarmaSettings`).
+
+        Raises:
+            KarmaError: an option is unknown or of the wrong type.
+        """
+        return cls(
+            kit.planner,
+            kit.recall,
+            kit.vision,
+            settings_of(KarmaSettings, options),
+            maps=kit.maps,
+            learn=kit.learn,
+        )
+
+    # ------------------------------------------------------------- an episode
+
+    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+        """Start an episode: short-term memory empty, long-term memory loaded or explored."""
+        self._world = world
+        self.short_term.clear()
+        self.graph = None
+        if self.settings.long_term:
+            self._map_path = self._maps / f"{Path(scene).stem}.json" if self._maps else None
+            self.graph, is_new = survey(world, scene, self._map_path)
+            if is_new and self._map_path is not None:
+                self.graph.save(self._map_path)
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Plan and act until a program succeeds or the attempts are used up; then remember."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        resident = self.short_term.units()
+        recalled = self._recalled(subtask)
+        turn = _Turn(self._world, recalled, self.graph)
+        error, finished = "", False
+        for _ in range(self.settings.attempts):
+            plan = None
+            for plan in self._planner.plan(self._facts(subtask, turn, error)):
+                yield plan
+            if plan is None or plan.error:
+                break
+            error = ""
+            for call in grounded(plan.calls, plan.names):
+                result = turn.skills.run(call)
+                yield result
+                if not result.ok:
+                    error = f"{result.call}: {result.reason}"
+                    break
+            finished = not error
+            if finished:
+                break
+        self._remember(turn, subtask)
+        yield Outcome(finished=finished, resident=resident, handled_ids=tuple(turn.skills.handled))
+
+    # ------------------------------------------------------------- memory into the prompt
+
+    def _recalled(self, subtask: SubTask) -> tuple[MemoryUnit, ...]:
+        """Return the top K units, least recently used first."""
+        units = self.short_term.units() if self.settings.short_term else ()
+        whole = self.settings.query == "instruction" and subtask.whole
+        query = whole or subtask.instruction
+        if not units:
+            return ()
+        found = self._recall.recall(query, units, min(self.settings.recall_k, len(units)))
+        chosen = {item.unit.object_id for item in found}
+        return tuple(unit for unit in units if unit.object_id in chosen)
+
+    def _facts(self, subtask: SubTask, turn: "_Turn", error: str) -> Facts:
+        turn.skills.look()
+        held = turn.skills.held
+        return Facts(
+            instruction=subtask.instruction,
+            areas=turn.areas(),
+            graph_text=self.graph.to_text() if self.graph else "",
+            units=turn.units(self._vision, subtask.instruction) if error else turn.recalled,
+            held_id=held.object_id if held else None,
+            held_type=held.object_type if held else None,
+            error=error,
+        )
+
+    # ------------------------------------------------------------- experience into memory
+
+    def _remember(self, turn: "_Turn", subtask: SubTask) -> None:
+        """Write what was seen, then what was handled in the order of use; forget what is gone."""
+        for object_id in turn.gone():
+            self.short_term.forget(object_id)
+        units = fresh_units(
+            turn.skills, self._vision, subtask.instruction, witnesses=self.settings.witnesses
+        )
+        if self.settings.short_term:
+            for unit in _with_history(units, self.short_term.units(), turn.skills.cut):
+                self.short_term.remember(unit)
+        if self.graph is not None:
+            self.graph.observe(turn.skills.seen.values())
+            if self._learn and self._map_path is not None:
+                self.graph.save(self._map_path)
+
+
+class _Turn:
+    """One instruction being carried out: the skills' log, and memory as skills may ask it."""
+
+    def __init__(
+        self, world: World, recalled: Sequence[MemoryUnit], graph: SceneGraph | None
+    ) -> None:
+        self._world, self._graph = world, graph
+        self.recalled = tuple(recalled)
+        self.skills = Skills(world, self)
+
+    def where(self, name: str) -> Known | None:
+        """Return the best known place of a name: recalled units first, then the map."""
+        for unit in reversed(self.recalled):
+            if name in (unit.object_id, unit.object_type, base_type(unit.object_type)):
+                return Known(
+                    object_id=unit.object_id,
+                    object_type=unit.object_type,
+                    position_m=unit.position_m,
+                    place_id=None if unit.place_id == HAND else unit.place_id,
+                    source="memory",
+                )
+        return self._graph.known(name, near=self._position()) if self._graph else None
+
+    def areas(self) -> tuple[Area, ...]:
+        """Return the area nodes; () without long-term memory."""
+        return self._graph.areas() if self._graph else ()
+
+    def gone(self) -> frozenset[str]:
+        """Return ids that memory had wrong, and wholes that were cut."""
+        return (self.skills.missed - set(self.skills.seen)) | self.skills.cut
+
+    def units(self, vision: VisionModel, instruction: str) -> tuple[MemoryUnit, ...]:
+        """Return what the next program of the same instruction may build on."""
+        fresh = fresh_units(self.skills, vision, instruction, witnesses=0)
+        fresh = _with_history(fresh, self.recalled, self.skills.cut)
+        new = {unit.object_id for unit in fresh} | self.gone()
+        return (*(unit for unit in self.recalled if unit.object_id not in new), *fresh)
+
+    def _position(self) -> Vec3:
+        position = self._world.last_event.metadata["agent"]["position"]
+        return float(position["x"]), float(position["y"]), float(position["z"])
+
+
+def _with_history(
+    units: Sequence[MemoryUnit], known: Sequence[MemoryUnit], cut: frozenset[str]
+) -> list[MemoryUnit]:
+    """Let units that are new to memory inherit the states of what they were cut from."""
+    by_id = {unit.object_id: unit for unit in known}
+    found = []
+    for unit in units:
+        whole = by_id.get(unit.object_id.rpartition("|")[0])
+        if unit.object_id in by_id:
+            unit = merged(by_id[unit.object_id], unit)
+        elif whole is not None and whole.object_id in cut:
+            unit = replace(merged(whole, unit), object_id=unit.object_id)
+        found.append(unit)
+    return found
+
+
+def _name(settings: KarmaSettings) -> str:
+    """Return the row's name as the paper writes it."""
+    missing = [
+        word
+        for word, there in (("long", settings.long_term), ("short", settings.short_term))
+        if not there
+    ]
+    return "KARMA" + (f" (w/o {' and '.join(missing)} term memory)" if missing else "")

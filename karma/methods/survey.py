@@ -1,0 +1,77 @@
+"""The first visit to a home: walk the area nodes, look around at each, and build the map."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from karma.contracts import Area, Known, SkillCall, Vec3, World
+from karma.memory.scene_graph import SceneGraph
+from karma.skills import Skills
+
+
+def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bool]:
+    """Return long-term memory of a scene and whether it was made just now.
+
+    The world is back at the scene's start afterwards, whether the map was loaded or explored.
+
+    Args:
+        world: a world that has been reset to `scene`.
+        scene: what to reset it to again.
+        saved: where the map of an earlier visit may lie.
+
+    Raises:
+        FileError: the saved map is damaged.
+    """
+    graph = _empty(world)
+    if saved is not None and saved.exists():
+        known = SceneGraph.load(saved)
+        if [area.position_m for area in known.areas()] == [a.position_m for a in graph.areas()]:
+            return known, False
+    skills = Skills(world, _Blank(graph))
+    skills.look_around()
+    for area in _tour(graph.areas(), _position(world)):
+        skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
+        skills.look_around()
+        graph.observe(skills.seen.values())
+    world.reset(scene)
+    return graph, True
+
+
+def _empty(world: World) -> SceneGraph:
+    event = world.step("GetReachablePositions")
+    cells = [(float(cell["x"]), float(cell["z"])) for cell in event.metadata["actionReturn"]]
+    floor_y = float(event.metadata["agent"]["position"]["y"])
+    return SceneGraph.over(cells, height_m=floor_y)
+
+
+def _tour(areas: Sequence[Area], start: Vec3) -> list[Area]:
+    """Return all areas, always the nearest next."""
+    rest, here, order = list(areas), start, []
+    while rest:
+        rest.sort(key=lambda area: (_gap(area.position_m, here), area.name))
+        order.append(rest.pop(0))
+        here = order[-1].position_m
+    return order
+
+
+def _gap(one: Vec3, other: Vec3) -> float:
+    return (one[0] - other[0]) ** 2 + (one[2] - other[2]) ** 2
+
+
+def _position(world: World) -> Vec3:
+    position = world.last_event.metadata["agent"]["position"]
+    return float(position["x"]), float(position["y"]), float(position["z"])
+
+
+class _Blank:
+    """The knowledge of somebody who knows the cells but nothing in the room."""
+
+    def __init__(self, graph: SceneGraph) -> None:
+        self._areas = graph.areas()
+
+    def where(self, name: str) -> Known | None:
+        """Return None: nothing is known yet."""
+        return None
+
+    def areas(self) -> Sequence[Area]:
+        """Return the nodes of the tour."""
+        return self._areas

@@ -1,0 +1,92 @@
+"""From what the agent knows to a program: prompt, model, parser, with bounded retries."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from karma.contracts import LanguageModel, Plan, ProgramSpec, SkillCall
+from karma.errors import ProgramError
+from karma.program import SKILLS, parse_program
+from karma.prompt import Facts, render
+from karma.world.types import object_types
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decoding:
+    """How answers are drawn."""
+
+    constrained: bool = True  # only programs that parse
+    temperature: float = 0.0
+    seed: int = 0
+    max_tokens: int = 512
+    attempts: int = 2  # per request; later ones quote the error
+
+
+class Planner:
+    """One model with its prompt profile.
+
+    Args:
+        model: any `LanguageModel`.
+        profile: "compact" or "full".
+        decoding: how answers are drawn.
+    """
+
+    def __init__(
+        self, model: LanguageModel, profile: str, decoding: Decoding | None = None
+    ) -> None:
+        self.model = model
+        self.profile = profile
+        self.decoding = decoding or Decoding()
+
+    def plan(self, facts: Facts) -> Iterator[Plan]:
+        """Ask until an answer parses, at most `attempts` times; yields every answer."""
+        for attempt in range(self.decoding.attempts):
+            answer = self._ask(facts, attempt)
+            yield answer
+            if not answer.error:
+                return
+            facts = replace(facts, error=answer.error)
+
+    def _ask(self, facts: Facts, attempt: int) -> Plan:
+        rendered = render(self.profile, facts, SKILLS)
+        completion = self.model.complete(
+            rendered.prompt,
+            spec=program_spec(facts, rendered.names) if self.decoding.constrained else None,
+            max_tokens=self.decoding.max_tokens,
+            temperature=self.decoding.temperature,
+            seed=self.decoding.seed + attempt,
+        )
+        calls: tuple[SkillCall, ...] = ()
+        error = ""
+        try:
+            calls = parse_program(completion.text)
+        except ProgramError as refused:
+            error = str(refused)
+        if not calls and not error:
+            error = "the answer holds no skill call"
+        return Plan(
+            recalled=tuple(facts.units),
+            prompt=rendered.prompt,
+            completion=completion,
+            calls=calls,
+            names=rendered.names,
+            error=error,
+        )
+
+
+def program_spec(facts: Facts, names: Mapping[str, str]) -> ProgramSpec:
+    """Return the language of programs: what memory names, and types that can be searched for."""
+    known = {kind for area in facts.areas for kind in area.contains}
+    searchable = {name for name, kind in object_types().items() if not kind.made_by_slicing}
+    return ProgramSpec(
+        skills=SKILLS,
+        objects=tuple(sorted(known | searchable | set(names))),
+        positions=tuple(area.name for area in facts.areas),
+    )
+
+
+def grounded(calls: Sequence[SkillCall], names: Mapping[str, str]) -> tuple[SkillCall, ...]:
+    """Put object ids in place of the prompt's short names; types stay as they are."""
+    return tuple(
+        replace(call, objects=tuple(names.get(name, name) for name in call.objects))
+        for call in calls
+    )
