@@ -1,0 +1,48 @@
+# `make help` lists the targets; every target sets up .venv by itself (scripts/setup.sh).
+
+SHELL := /bin/bash
+MAKEFLAGS += --no-print-directory
+PY := .venv/bin/python
+WORKERS ?= 2
+STEPS ?= 5500
+SEED ?= 29
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check format scenes planner clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## /  make \1|/p' Makefile | column -t -s '|' 2>/dev/null \
+		|| sed -n 's/^\([a-z]*\):.*## /  make \1: /p' Makefile
+
+setup: ## make .venv: pinned packages, llama.cpp built from source once, this package
+	@bash scripts/setup.sh
+
+demo: setup ## run the small evaluation of eval/demo.toml
+	@echo "demo: karma eval eval/demo.toml"
+	@.venv/bin/karma eval eval/demo.toml
+
+test: check ## check, then all tests
+	@echo "test: pytest, $(WORKERS) workers"
+	@PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS)
+
+check: setup ## format, lint, types, layers
+	@echo "check: ruff format" && $(PY) -m ruff format --check --quiet .
+	@echo "check: ruff" && $(PY) -m ruff check --quiet .
+	@echo "check: mypy" && $(PY) -m mypy --no-error-summary
+	@echo "check: layers" && .venv/bin/lint-imports --no-logo >.venv/layers.log \
+		|| { cat .venv/layers.log; exit 1; }
+
+format: setup ## write what `check` asks for where ruff can
+	@$(PY) -m ruff format . && $(PY) -m ruff check --fix .
+
+scenes: setup ## draw the rooms in karma/world/scenes again; equal seeds give equal bytes
+	@$(PY) scripts/make_scenes.py --seed $(SEED)
+
+planner: setup ## train the nano planner again, about an hour on 2 cores; resumes
+	@$(PY) scripts/train_planner.py train --steps $(STEPS)
+	@$(PY) scripts/train_planner.py export models/nano/planner.gguf
+	@echo "planner: now put size and SHA-256 of models/nano/planner.gguf into models/manifest.toml"
+
+clean: ## remove caches and build leftovers; keeps .venv, runs/ and the wheel cache
+	@rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	@find karma tests scripts -name __pycache__ -type d -prune -exec rm -rf {} +

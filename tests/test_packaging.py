@@ -1,0 +1,146 @@
+"""The checkout and the installed package: complete, light, and what pyproject.toml says.
+
+Covered: data folders without code, file sizes, entry points, versions, the lock, import without
+side effects. Not covered: `make setup` itself, which is what got the tests here.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import entry_points, version
+from pathlib import Path
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import karma
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+DECLARED = {
+    (f"karma.{role.removeprefix('karma.')}", name): target
+    for role, names in PROJECT["entry-points"].items()
+    for name, target in names.items()
+}
+LARGEST_BYTES = 20_000_000
+
+
+# ----------------------------------------------------------------- the checkout
+
+
+def tracked() -> list[str]:
+    """The paths that git knows."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout, so nothing tells which files belong to it")
+    command = ["git", "-c", f"safe.directory={ROOT}", "ls-files", "-z"]
+    done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+    return [path for path in done.stdout.split("\0") if path]
+
+
+@pytest.mark.parametrize("folder", ["models", "eval"])
+def test_data_folders_hold_no_python(folder):
+    assert [*(ROOT / folder).rglob("*.py"), *(ROOT / folder).rglob("*.pyc")] == []
+
+
+def test_files_in_git_stay_small():
+    sizes = {path: (ROOT / path).stat().st_size for path in tracked() if (ROOT / path).is_file()}
+    assert {path: size for path, size in sizes.items() if size > LARGEST_BYTES} == {}
+
+
+@pytest.mark.parametrize("name", ["LICENSE", "CITATION.cff", "CONTRIBUTING.md", ".ci/run"])
+def test_checkout_has_its_papers(name):
+    assert (ROOT / name).stat().st_size > 0
+
+
+# ----------------------------------------------------------------- the package
+
+
+def test_version_is_one():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert karma.__version__ == PROJECT["version"] == version("karma-offline")
+    assert citation["version"] == PROJECT["version"]
+    assert citation["license"] == PROJECT["license"] == "Apache-2.0"
+
+
+def test_installed_entry_points_are_the_declared_ones():
+    groups = {group for group, _ in DECLARED}
+    installed = {
+        (ep.group, ep.name): ep.value
+        for group in groups
+        for ep in entry_points(group=group)
+        if ep.dist is not None and canonicalize_name(ep.dist.name) == "karma-offline"
+    }
+    assert installed == DECLARED, "run `make setup` to install what pyproject.toml declares now"
+
+
+@pytest.mark.parametrize(("group", "name"), sorted(DECLARED))
+def test_entry_point_loads(group, name):
+    (found,) = entry_points(group=group, name=name)
+    assert callable(found.load())
+
+
+def test_command_line_loads():
+    (command,) = entry_points(group="console_scripts", name="karma")
+    assert callable(command.load())
+
+
+@pytest.mark.parametrize("module", ["karma", "karma.contracts", "karma.registry", "karma.cli"])
+def test_import_is_light_and_leaves_nothing_behind(module, tmp_path):
+    program = (
+        "import sys, threading\n"
+        f"import {module}\n"
+        "heavy = {'torch', 'transformers', 'sentence_transformers', 'llama_cpp', 'faiss'}\n"
+        "print(sorted(heavy & set(sys.modules)), threading.active_count())\n"
+    )
+    environment = {**os.environ, "HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.stdout, done.stderr) == ("[] 1\n", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+# ----------------------------------------------------------------- the lock
+
+
+def locked() -> dict[str, Requirement]:
+    """The requirements of the lock by canonical name."""
+    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
+    found = [Requirement(line) for line in lines if line and not line.startswith("#")]
+    names = [canonicalize_name(one.name) for one in found]
+    assert len(names) == len(set(names))
+    return dict(zip(names, found, strict=True))
+
+
+def pinned_version(requirement: Requirement) -> str:
+    (specifier,) = requirement.specifier
+    assert specifier.operator == "=="
+    return specifier.version
+
+
+def test_lock_pins_each_package_to_one_version_and_no_place():
+    for name, requirement in locked().items():
+        assert requirement.url is None, name
+        assert re.fullmatch(r"[0-9][0-9a-z.]*", pinned_version(requirement)), name
+
+
+def test_lock_takes_torch_first_and_in_any_build():
+    first = next(iter(locked().values()))
+    assert str(first) == "torch==2.13.0"
+    (ours,) = (r for r in map(Requirement, PROJECT["dependencies"]) if r.name == "torch")
+    assert not any(one.operator in ("==", "===") for one in ours.specifier)
+
+
+def test_lock_covers_every_dependency_within_its_range():
+    extras = PROJECT["optional-dependencies"]
+    pins = locked()
+    for text in [*PROJECT["dependencies"], *extras["thor"], *extras["dev"]]:
+        wanted = Requirement(text)
+        pin = pins.get(canonicalize_name(wanted.name))
+        assert pin is not None, f"{wanted.name} is not in requirements.lock"
+        assert wanted.specifier.contains(pinned_version(pin)), f"{pin} is outside {wanted}"
