@@ -197,15 +197,14 @@ def _put(reach: Reach, first: tuple[str, ...], name: str) -> str:
 
 
 def _put_into(reach: Reach, held: SeenObject, target: Known) -> None:
-    reach.approach(target)
+    reach.approach(_basin(reach, target))
     reach.act(_basin(reach, target), "PutObject", also=held.object_id)
 
 
 def _basin(reach: Reach, target: Known) -> Known:
-    """Return the basin of a sink in view: that is where things are put."""
-    part = f"{target.object_id}|{PARTS.get(target.object_type, '-')}"
-    found = reach.find(part) if part in reach.log.in_view else None
-    return found or target
+    """Return the basin of a sink, if it is known: that is where things are put."""
+    part = PARTS.get(target.object_type)
+    return (reach.find(f"{target.object_id}|{part}") if part else None) or target
 
 
 def _throw(reach: Reach, name: str) -> str:
