@@ -4,6 +4,7 @@
     {"instruction": "Wash the apple.", "goals": ["INSIDE(Apple, Sink)", "STATE(Apple, clean)"]}]}
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -70,7 +71,13 @@ def _task(row: _Task) -> Task:
     except FileError as error:
         raise KarmaError(f"scene: {error.reason}") from error
     subtasks = tuple(_subtask(sub, f"subtasks[{i}]") for i, sub in enumerate(row.subtasks))
-    return Task(id=row.id, kind=row.kind, scene=row.scene, subtasks=subtasks)
+    return Task(id=row.id, kind=row.kind, scene=row.scene, subtasks=with_whole(subtasks))
+
+
+def with_whole(subtasks: tuple[SubTask, ...]) -> tuple[SubTask, ...]:
+    """Tell every sub-task the whole text that it is a part of."""
+    whole = " ".join(sub.instruction for sub in subtasks)
+    return tuple(replace(sub, whole=whole) for sub in subtasks)
 
 
 def _subtask(row: _SubTask, where: str) -> SubTask:

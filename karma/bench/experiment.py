@@ -1,0 +1,229 @@
+"""An experiment is a TOML file: tasks, models, and one row per method; a run is a folder."""
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma import __version__, registry
+from karma.bench.authors import load_authors_tasks, resolve
+from karma.bench.episode import run_episode
+from karma.bench.records import EpisodeRecord, read_records, write_record
+from karma.bench.tasks import load_tasks
+from karma.contracts import Task
+from karma.errors import FileError, KarmaError
+from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
+from karma.infer.manifest import resolve_planner
+from karma.methods.kit import Kit
+from karma.planner import Decoding, Planner
+from karma.world.importers import import_dump
+from karma.world.scene import Scene
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One row of the table."""
+
+    name: str
+    method: str = "karma"
+    options: dict[str, Any] = {}
+
+
+class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which models fill the roles."""
+
+    planner: str = "karma-nano"  # a name of models/manifest.toml, or the path of a GGUF
+    profile: str = ""  # "compact" or "full"; "" = what the manifest says
+    chat: bool = False  # through the GGUF's own chat template
+    embedder: str = "minilm"
+    recall: str = "cosine"
+    recall_text: str = "sentence"  # how a unit is put in words for recall
+    vision: str = "metadata"
+    constrained: bool = True
+    temperature: float = 0.0
+    threads: int = 1
+
+
+class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One table: every row on every task with every seed."""
+
+    name: str
+    rows: tuple[Row, ...]
+    tasks: str = ""  # our JSONL
+    authors: tuple[str, ...] = ()  # or the authors' JSON files
+    scenes: str = ""  # an AI2-THOR dump that the authors' floor plans come from
+    layouts: str = ""  # reachable cells for them
+    only: tuple[str, ...] = ()  # task ids; () = all
+    world: str = "embedded"
+    models: Models = Models()
+    seeds: tuple[int, ...] = (0,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header:
+    """What a run's records depend on; a folder never mixes two."""
+
+    version: str
+    experiment: str  # SHA-256 of the experiment's content
+    tasks: str
+    planner: str
+
+
+class Run:
+    """An experiment in its folder.
+
+    Args:
+        path: the TOML file; paths in it are relative to the working directory.
+        folder: takes records, header, maps and imported scenes.
+        fresh: throw away what an earlier run left there.
+
+    Raises:
+        FileError: the experiment is damaged, or the folder holds a run of something else.
+    """
+
+    def __init__(self, path: Path, folder: Path, *, fresh: bool = False) -> None:
+        self.path, self.folder = path, folder
+        self.experiment = read_toml(path, Experiment)
+        self.records_path = folder / "episodes.jsonl"
+        self.tasks = self._load_tasks()
+        self._planner_file = resolve_planner(self.experiment.models.planner)
+        if fresh:
+            self.records_path.unlink(missing_ok=True)
+            (folder / "header.json").unlink(missing_ok=True)
+        self._check_header()
+        self.records = read_records(self.records_path)
+
+    @property
+    def total(self) -> int:
+        """How many episodes the experiment has."""
+        wanted = self.experiment
+        return len(wanted.rows) * len(self.tasks) * len(wanted.seeds)
+
+    def episodes(self) -> Iterator[EpisodeRecord]:
+        """Run what is missing; each record is on the disk before it is yielded."""
+        done = {(record.row, record.task, record.seed) for record in self.records}
+        todo = [
+            (row, task, seed)
+            for seed in self.experiment.seeds
+            for row in self.experiment.rows
+            for task in self.tasks
+            if (row.name, task.id, seed) not in done
+        ]
+        if not todo:
+            return
+        kit = self._kit()
+        world = registry.load("worlds", self.experiment.world)()
+        methods: dict[str, Any] = {}
+        for row, task, seed in todo:
+            if row.name not in methods:
+                methods[row.name] = registry.load("methods", row.method).build(kit, row.options)
+            record = run_episode(
+                methods[row.name], world, task, row=row.name, seed=seed, folder=self.folder
+            )
+            write_record(self.records_path, record)
+            self.records.append(record)
+            yield record
+
+    # ------------------------------------------------------------- parts
+
+    def _kit(self) -> Kit:
+        wanted = self.experiment.models
+        return make_kit(wanted, maps=self.folder / "maps", seed=self.experiment.seeds[0])
+
+    def _load_tasks(self) -> tuple[Task, ...]:
+        wanted = self.experiment
+        if bool(wanted.tasks) == bool(wanted.authors):
+            raise FileError(self.path, "give either `tasks` or `authors`")
+        found = load_tasks(wanted.tasks) if wanted.tasks else self._authors_tasks()
+        known = [task.id for task in found]
+        if missing := [name for name in wanted.only if name not in known]:
+            raise FileError(self.path, f"only: no task {missing[0]!r}; there are {known}")
+        return tuple(t for t in found if not wanted.only or t.id in wanted.only)
+
+    def _authors_tasks(self) -> tuple[Task, ...]:
+        """Load the authors' tasks and import the floor plans they play in."""
+        wanted = self.experiment
+        raw = load_authors_tasks([beside(path) for path in wanted.authors])
+        plans = {task.scene for task in raw}
+        layouts = beside(wanted.layouts) if wanted.layouts else None
+        dump = import_dump(beside(wanted.scenes), layouts=layouts)
+        scenes = {scene.name: scene for scene in dump if scene.name in plans}
+        return tuple(self._in_scene(task, scenes) for task in raw)
+
+    def _in_scene(self, task: Task, scenes: Mapping[str, Scene]) -> Task:
+        scene = scenes.get(task.scene)
+        if scene is None:
+            return replace(task, notes=(*task.notes, f"no dump of {task.scene}"))
+        path = self.folder / "scenes" / f"{task.scene}.json"
+        write_atomic(path, to_json(scene))
+        found = resolve(task, sorted({thing.type for thing in scene.objects}))
+        return replace(found, scene=str(path))
+
+    def _check_header(self) -> None:
+        header = Header(
+            version=__version__,
+            experiment=_sha(read_bytes(self.path)),
+            tasks=_sha(to_json(self.tasks)),
+            planner=self._planner_file.sha256 or str(self._planner_file.path),
+        )
+        path = self.folder / "header.json"
+        if path.exists() and read_json(path, Header) != header:
+            raise FileError(
+                path,
+                "this folder holds a run of another experiment, task file or model",
+                fix=f"karma eval {self.path} --fresh, or --out another folder",
+            )
+        write_atomic(path, to_json(header, indent=2))
+
+
+def beside(path: str) -> Path:
+    """Return a path, with $KARMA_SHARED in place of "../shared" where that is set."""
+    shared = os.environ.get("KARMA_SHARED")
+    inside = path.removeprefix("../shared/")
+    return Path(shared) / inside if shared and inside != path else Path(path)
+
+
+def make_kit(models: Models, *, maps: Path | None, seed: int, learn: bool = False) -> Kit:
+    """Load the models of a run, each once.
+
+    Raises:
+        ModelError: a model is missing, damaged or of the wrong kind.
+        UnknownNameError: a role has no such implementation.
+    """
+    file = resolve_planner(models.planner)
+    model = registry.load("language_models", "llama")(
+        file.path,
+        n_ctx=file.context_length or 4096,
+        n_threads=models.threads,
+        name=file.name,
+        sha256=file.sha256,
+        chat=models.chat,
+    )
+    decoding = Decoding(constrained=models.constrained, temperature=models.temperature, seed=seed)
+    embedder = registry.load("embedders", models.embedder)()
+    return Kit(
+        planner=Planner(model, models.profile or file.prompt_profile, decoding),
+        recall=registry.load("recalls", models.recall)(embedder, text=models.recall_text),
+        vision=registry.load("vision_models", models.vision)(),
+        maps=maps,
+        learn=learn,
+    )
+
+
+def load_header(folder: Path) -> Header:
+    """Return the header of a run's folder.
+
+    Raises:
+        KarmaError: there is no run.
+    """
+    path = folder / "header.json"
+    if not path.exists():
+        raise KarmaError(f"{folder}: no run here\n  To fix: karma eval FILE.toml --out {folder}")
+    return read_json(path, Header)
+
+
+def _sha(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,176 @@
+"""What an episode leaves behind, one JSON line each, and what the lines add up to."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from karma.contracts import SkillResult
+from karma.errors import FileError
+from karma.files import append_line, decode_json, to_json
+
+KINDS = ("simple", "composite", "complex")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Call:
+    """One skill call and how it went."""
+
+    text: str
+    ok: bool
+    reason: str
+    actions: int
+    explorations: int
+
+    @classmethod
+    def of(cls, result: SkillResult) -> "Call":
+        """Return the record of a result."""
+        return cls(
+            text=str(result.call),
+            ok=result.ok,
+            reason=result.reason,
+            actions=result.actions,
+            explorations=result.explorations,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """One planner call: the program as written, and its cost."""
+
+    program: str
+    error: str
+    finish: str
+    prompt_tokens: int
+    reused_tokens: int
+    completion_tokens: int
+    first_token_s: float
+    total_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubTaskRecord:
+    """One instruction of an episode."""
+
+    instruction: str
+    goals: tuple[str, ...]
+    unmet: tuple[str, ...]  # goals that did not hold when it ended
+    finished: bool  # the last program ran to its end
+    answers: tuple[Answer, ...]
+    calls: tuple[Call, ...]
+    recalled: tuple[str, ...]  # object ids in the prompt
+    queries: int  # things that can be carried which the goals mention
+    hits: int  # of those, in short-term memory when the instruction came
+    seconds: float
+
+    @property
+    def success(self) -> bool:
+        """Whether all its goals held."""
+        return not self.unmet
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeRecord:
+    """One task done once by one row."""
+
+    row: str
+    task: str
+    kind: str
+    scene: str
+    seed: int
+    notes: tuple[str, ...]  # what the task's loader could not resolve
+    subtasks: tuple[SubTaskRecord, ...]
+    error: str = ""  # why it ended early; errors stay in the denominator
+
+    @property
+    def success(self) -> bool:
+        """Whether every sub-task succeeded (KARMA §4.2); a task without goals cannot."""
+        asked = any(sub.goals for sub in self.subtasks)
+        return asked and not self.error and all(sub.success for sub in self.subtasks)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """The figures of one row and kind; None where nothing was measured."""
+
+    row: str
+    kind: str
+    episodes: int
+    successes: int
+    success_rate: float | None
+    explorations: float | None  # per episode
+    actions: float | None  # world actions per episode
+    planner_calls: float | None
+    seconds: float | None
+    memory_hit_rate: float | None  # cold start included
+
+
+def summarise(records: Sequence[EpisodeRecord]) -> tuple[Summary, ...]:
+    """Return one line per row and kind, and one over all kinds, in the order rows appear."""
+    lines: list[Summary] = []
+    for row in dict.fromkeys(record.row for record in records):
+        mine = [record for record in records if record.row == row]
+        for kind in KINDS:
+            if some := [record for record in mine if record.kind == kind]:
+                lines.append(_summary(row, kind, some))
+        lines.append(_summary(row, "all", mine))
+    return tuple(lines)
+
+
+def _summary(row: str, kind: str, records: Sequence[EpisodeRecord]) -> Summary:
+    parts = [sub for record in records for sub in record.subtasks]
+    queries = sum(sub.queries for sub in parts)
+    number = len(records)
+    successes = sum(record.success for record in records)
+    asked = any(sub.answers for sub in parts)
+    return Summary(
+        row=row,
+        kind=kind,
+        episodes=number,
+        successes=successes,
+        success_rate=_ratio(successes, number),
+        explorations=_ratio(sum(c.explorations for sub in parts for c in sub.calls), number),
+        actions=_ratio(sum(call.actions for sub in parts for call in sub.calls), number),
+        planner_calls=_ratio(sum(len(sub.answers) for sub in parts), number) if asked else None,
+        seconds=_ratio(sum(sub.seconds for sub in parts), number),
+        memory_hit_rate=_ratio(sum(sub.hits for sub in parts), queries) if asked else None,
+    )
+
+
+def _ratio(part: float, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def write_record(path: Path, record: EpisodeRecord) -> None:
+    """Append one record and see it to the disk."""
+    append_line(path, to_json(record))
+
+
+def read_records(path: Path) -> list[EpisodeRecord]:
+    """Read the records of a run; a torn last line, left by a killed run, is dropped.
+
+    Raises:
+        FileError: a line before the last is damaged; names it.
+    """
+    if not path.exists():
+        return []
+    lines = path.read_bytes().split(b"\n")
+    records = []
+    for number, line in enumerate(lines[:-1], start=1):
+        try:
+            records.append(decode_json(line, EpisodeRecord, path=path))
+        except FileError as error:
+            raise FileError(
+                path, f"line {number}: {error.reason}", fix="karma eval ... --fresh"
+            ) from error
+    if lines[-1]:
+        kept = b"\n".join(lines[:-1]) + (b"\n" if len(lines) > 1 else b"")
+        path.write_bytes(kept)
+    return records
+
+
+def by_task(records: Iterable[EpisodeRecord]) -> dict[str, dict[str, EpisodeRecord]]:
+    """Return task -> row -> record (the last seed)."""
+    found: dict[str, dict[str, EpisodeRecord]] = {}
+    for record in records:
+        found.setdefault(record.task, {})[record.row] = record
+    return found

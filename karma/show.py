@@ -1,0 +1,162 @@
+"""What a person sees in the terminal: an instruction being carried out, and tables of figures."""
+
+from collections.abc import Sequence
+
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from karma.bench.records import EpisodeRecord, Summary, by_task
+from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
+from karma.planner import grounded
+
+
+class InstructionView:
+    """One instruction as it happens: recalled memory, program, steps and results.
+
+    Args:
+        number: of the instruction, from 1.
+        instruction: what was asked.
+    """
+
+    def __init__(self, number: int, instruction: str) -> None:
+        self._title = f"{number}. {instruction}"
+        self._plan: Plan | None = None
+        self._results: list[SkillResult] = []
+        self._past: list[RenderableType] = []  # earlier programs of this instruction
+        self._outcome: Outcome | None = None
+
+    def add(self, moment: Plan | SkillResult | Outcome) -> None:
+        """Take in what a method yields."""
+        if isinstance(moment, Plan):
+            if self._plan is not None:
+                self._past.append(self._program(self._plan))
+            self._plan, self._results = moment, []
+        elif isinstance(moment, SkillResult):
+            self._results.append(moment)
+        else:
+            self._outcome = moment
+
+    def __rich__(self) -> RenderableType:
+        parts: list[RenderableType] = []
+        if self._plan is not None:
+            parts.append(memory_table(self._plan.recalled, "recalled from short-term memory"))
+            parts += self._past
+            parts.append(self._program(self._plan))
+        style = "yellow"
+        if self._outcome is not None:
+            style = "green" if self._outcome.finished else "red"
+        return Panel(Group(*parts), title=escape(self._title), title_align="left", style=style)
+
+    def _program(self, plan: Plan) -> RenderableType:
+        table = Table.grid(padding=(0, 1))
+        said = plan.completion
+        note = (
+            f"{said.completion_tokens} tokens in {said.total_s:.2f} s, "
+            f"{said.reused_tokens} of {said.prompt_tokens} prompt tokens kept"
+        )
+        table.add_row("", Text(f"program ({note})", style="dim"))
+        if plan.error:
+            table.add_row("[red]✗[/]", Text(plan.error, style="red"))
+        for number, call in enumerate(grounded(plan.calls, plan.names)):
+            written = plan.calls[number]
+            result = self._results[number] if number < len(self._results) else None
+            current = result is not None and str(result.call) == str(call)
+            table.add_row(*_line(str(written), result if current else None))
+        return table
+
+
+def _line(text: str, result: SkillResult | None) -> tuple[str, Text]:
+    if result is None:
+        return "[dim]·[/]", Text(text, style="dim")
+    cost = f"  {result.actions} steps"
+    if result.explorations:
+        cost += f", {result.explorations} places searched"
+    line = Text(text, style="bold" if result.ok else "red")
+    line.append(cost, style="dim")
+    if result.reason:
+        line.append(f"  {result.reason}", style="dim" if result.ok else "red")
+    return ("[green]✓[/]" if result.ok else "[red]✗[/]"), line
+
+
+def memory_table(units: Sequence[MemoryUnit], title: str) -> RenderableType:
+    """Return short-term memory as a table, the last used last."""
+    if not units:
+        return Text(f"{title}: nothing", style="dim")
+    table = Table(title=title, title_justify="left", box=None, title_style="dim", style="none")
+    for name in ("object", "states", "where", "position (m)"):
+        table.add_column(name, header_style="dim")
+    for unit in units:
+        table.add_row(
+            unit.object_type + (" *" if unit.handled else ""),
+            ", ".join(unit.states) or "–",
+            (unit.place_id or "–").split("|")[0],
+            " ".join(f"{v:+.2f}" for v in unit.position_m),
+        )
+    return table
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """Return a figure, or the sign for what was not measured.
+
+    >>> number(None), number(0.5)
+    ('–', '0.50')
+    """
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def summary_table(lines: Sequence[Summary], title: str) -> Table:
+    """Return the table at the end of a run."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("row")
+    table.add_column("tasks")
+    for name in ("success", "rate", "explorations", "steps", "planner calls", "seconds", "hits"):
+        table.add_column(name, justify="right")
+    for line in lines:
+        table.add_row(
+            line.row if line.kind != "all" else f"[bold]{escape(line.row)}[/]",
+            line.kind,
+            f"{line.successes}/{line.episodes}",
+            number(line.success_rate),
+            number(line.explorations, 1),
+            number(line.actions, 0),
+            number(line.planner_calls, 1),
+            number(line.seconds),
+            number(line.memory_hit_rate),
+            end_section=line.kind == "all",
+        )
+    table.caption = (
+        "per episode; hits: needed things found in short-term memory, cold start counted"
+    )
+    return table
+
+
+def task_table(records: Sequence[EpisodeRecord]) -> Table:
+    """Return one line per task: resolved or not, and each row's success."""
+    rows = list(dict.fromkeys(record.row for record in records))
+    table = Table(title="per task", title_justify="left")
+    for name in ("task", "scene", "goals", *rows):
+        table.add_column(name)
+    table.add_column("notes", overflow="fold")
+    for task, found in by_task(records).items():
+        one = next(iter(found.values()))
+        goals = sum(len(sub.goals) for sub in one.subtasks)
+        table.add_row(
+            task,
+            one.scene,
+            str(goals),
+            *(_mark(found.get(row)) for row in rows),
+            "\n".join(escape(note) for note in one.notes) or "",
+        )
+    return table
+
+
+def _mark(record: EpisodeRecord | None) -> str:
+    if record is None:
+        return "–"
+    if record.success:
+        return "[green]✓[/]"
+    good = sum(sub.success for sub in record.subtasks)
+    return f"[red]✗[/] {good}/{len(record.subtasks)}"
