@@ -6,6 +6,8 @@ PY := .venv/bin/python
 WORKERS ?= 2
 STEPS ?= 5500
 SEED ?= 29
+HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
+	policies tasks draw,tests/test_$(name).py))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check format scenes planner clean
@@ -22,7 +24,9 @@ demo: setup ## run the small evaluation of eval/demo.toml
 	@.venv/bin/karma eval eval/demo.toml
 
 test: check ## check, then all tests
-	@echo "test: pytest, $(WORKERS) workers"
+	@echo "test: what has golden answers, under another hash seed"
+	@PYTHONHASHSEED=4242 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) -qq -r fE $(HASHED)
+	@echo "test: everything, $(WORKERS) workers, a few minutes"
 	@PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS)
 
 check: setup ## format, lint, types, layers

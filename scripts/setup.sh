@@ -117,7 +117,7 @@ choose_cache() {
 
 llama_works() {
     "$py" -c "import llama_cpp, sys; sys.exit(llama_cpp.__version__ != '$llama_version')" \
-        >>"$log" 2>&1
+        >"$log.llama" 2>&1
 }
 
 cached_wheel() { # prints the wheel for this machine, if there is one and it is whole
@@ -179,7 +179,7 @@ llama_works || cached_wheel >/dev/null || need_compilers
 
 torch=torch==$(pinned torch)
 say "installing $torch (a CPU build where the index offers one, else some gigabytes)"
-work "installing torch" pip install -c requirements.lock "$torch"
+work "installing torch" pip install --no-deps "$torch" # what it needs comes with the next step
 
 say "installing $(grep -c '^[a-z]' requirements.lock) pinned packages"
 grep -v '^llama-cpp-python' requirements.lock >.venv/karma-setup.txt
@@ -191,7 +191,7 @@ if ! llama_works; then
     rm -f "$(cached_wheel)"
     build_wheel
     install_llama
-    llama_works || die "llama-cpp-python was built but cannot be imported; see $log"
+    llama_works || die "llama-cpp-python was built but cannot be imported; see $log.llama"
 fi
 
 say "installing this package, editable"
