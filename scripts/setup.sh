@@ -16,6 +16,7 @@ log=.venv/karma-setup.log
 portable="-DGGML_NATIVE=OFF -DLLAVA_BUILD=OFF -DLLAMA_BUILD_TOOLS=OFF -DLLAMA_BUILD_TESTS=OFF"
 portable+=" -DLLAMA_BUILD_EXAMPLES=OFF -DLLAMA_BUILD_SERVER=OFF"
 cmake_args=${CMAKE_ARGS:-$portable}
+pythons=${PYTHON:-python3.11 python3.12 python3.13 python3 python3.14}
 unset PYTHONPATH PYTHONHOME
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_INPUT=1 PIP_USER=0
 
@@ -40,7 +41,7 @@ new_enough() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev
 
 find_python() { # prints the Python under any virtual environment that happens to be active
     local name
-    for name in ${PYTHON:-python3.11 python3.12 python3.13 python3 python3.14}; do
+    for name in $pythons; do
         if command -v "$name" >/dev/null && new_enough "$name"; then
             "$name" -c 'import sys; print(getattr(sys, "_base_executable", sys.executable))'
             return
@@ -75,7 +76,12 @@ need_compilers() {
 # ------------------------------------------------------------------ long steps
 
 ticker=
-trap '[ -z "$ticker" ] || kill "$ticker" 2>/dev/null || true' EXIT
+fresh=
+tidy() {
+    [ -z "$ticker" ] || kill "$ticker" 2>/dev/null || true
+    [ -z "$fresh" ] || rm -rf "$fresh"
+}
+trap tidy EXIT
 
 work() { # work WHAT COMMAND...: runs it into the log, says every 30 s that it is alive
     local what=$1 began=$SECONDS status=0
@@ -138,7 +144,6 @@ cached_wheel() { # prints the wheel for this machine, if there is one and it is 
 build_wheel() {
     need_compilers
     say "building llama-cpp-python $llama_version from source: once, about 5 minutes on 2 cores"
-    local fresh
     fresh=$(mktemp -d "$cache/.building.XXXXXX")
     work "building llama-cpp-python" env CMAKE_ARGS="$cmake_args" \
         CMAKE_BUILD_PARALLEL_LEVEL="${CMAKE_BUILD_PARALLEL_LEVEL:-$(getconf _NPROCESSORS_ONLN)}" \
@@ -146,6 +151,7 @@ build_wheel() {
         --no-binary llama-cpp-python --wheel-dir "$fresh" "llama-cpp-python==$llama_version"
     mv -f "$fresh"/*.whl "$cache/"
     rmdir "$fresh"
+    fresh=
     say "  kept for other checkouts in $cache"
 }
 
@@ -166,8 +172,8 @@ fi
 
 began=$SECONDS
 if ! venv_is_sound; then
-    base=$(find_python) || die "Python 3.11 or newer is needed, and none was found as: ${PYTHON:-\
-python3.11, python3.12, python3.13, python3}." "Name one with \`make setup PYTHON=/path/to/python\`."
+    base=$(find_python) || die "Python 3.11 or newer is needed; looked for: $pythons." \
+        "Name one with \`make setup PYTHON=/path/to/python\`."
     say "making .venv with $("$base" --version) ($base)"
     "$base" -m venv --clear .venv || die "$base cannot make a virtual environment with pip." \
         "Debian, Ubuntu: sudo apt-get install python3-venv"
