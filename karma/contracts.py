@@ -75,6 +75,7 @@ class MemoryUnit:
     place_id: str | None = None  # the receptacle it was last seen in or on; "hand" when held
     handled: bool = False  # manipulated by the agent, not only seen
     image: str | None = None  # path below the run folder
+    vector: NDArray[np.float32] | None = field(default=None, compare=False, repr=False)  # length 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -310,6 +311,9 @@ class Recall(Protocol):
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return at most k units, best first; ties keep the order of `units`."""
+
+    def vector(self, unit: MemoryUnit) -> NDArray[np.float32]:
+        """Return the vector a unit is found by, shape (d,), length 1; `recall` trusts it."""
 
 
 class LanguageModel(Protocol):

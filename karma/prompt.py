@@ -5,6 +5,7 @@ that a few million parameters can read. Both cut the text at the same place: wha
 for a scene first, what changes with each instruction last.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,6 +18,7 @@ from karma.errors import UnknownNameError
 from karma.world.types import object_types
 
 PROFILES = ("compact", "full")
+_ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
 _TEMPLATES = Path(__file__).parent / "prompts"
 
 
@@ -125,15 +127,19 @@ def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str
 
 
 def compact(facts: Facts) -> Rendered:
-    """Fill the compact profile."""
+    """Fill the compact profile.
+
+    The task stands before the memory: a small model can then mark what matters while it reads.
+    """
     held = (facts.held_id, facts.held_type) if facts.held_id and facts.held_type else None
     names = short_names(facts.units, held)
-    lines = [compact_memory(facts.units, names)]
+    lines = [f"#task {' '.join(facts.instruction.lower().split()).rstrip('.!')}\n"]
+    if facts.error:
+        lines.append(f"#error {_ID_REST.sub('', ' '.join(facts.error.split()))[:120]}\n")
+    lines.append(compact_memory(facts.units, names))
     if held is not None:
         lines.append(f"#held {base_type(held[1])}\n")
-    if facts.error:
-        lines.append(f"#error {' '.join(facts.error.split())[:120]}\n")
-    lines.append(f"#task {' '.join(facts.instruction.lower().split()).rstrip('.!')}\n#program\n")
+    lines.append("#program\n")
     prompt = Prompt(stable=compact_areas(facts.areas), changing="".join(lines))
     return Rendered(prompt=prompt, names=names)
 

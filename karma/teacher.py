@@ -111,18 +111,16 @@ class _Draft:
         return None
 
     def likely_areas(self, object_type: str) -> tuple[str, ...]:
-        """Return up to three area nodes to search first."""
+        """Return the area node to search first: the first with the likeliest place for it."""
         kind = object_types().get(object_type)
         fits = kind.goes_in if kind is not None else None
-        chosen: list[str] = []
         for place in LIKELY:
             if fits is None or place not in fits:
                 continue
-            here = [area.name for area in self.view.areas if place in area.contains]
-            chosen += [name for name in here[:2] if name not in chosen]
-            if len(chosen) >= 2:
-                break
-        return tuple(chosen[:3])
+            for area in self.view.areas:
+                if place in area.contains:
+                    return (area.name,)
+        return ()
 
     def take(self, thing: Thing) -> None:
         """Have a thing in the hand."""

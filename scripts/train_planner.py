@@ -10,11 +10,12 @@ tasks' rooms and their (object, receptacle) pairs stay out.
 """
 
 import os
+import tempfile
 import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -84,7 +85,7 @@ def held_out_packs(recipe: Recipe, book: Book, count: int) -> list[list[Example]
     return packs
 
 
-def gather_tokenizer(folder: Path, recipe: Recipe, data: Data) -> object:
+def gather_tokenizer(folder: Path, recipe: Recipe, data: Data) -> Any:
     """Return the tokenizer, trained once and kept in the folder."""
     from tokenizers import Tokenizer
 
@@ -98,36 +99,69 @@ def gather_tokenizer(folder: Path, recipe: Recipe, data: Data) -> object:
 @app.command("train")
 def train_command(
     folder: Folder = FOLDER,
-    steps: int = 5500,
+    steps: int = 6000,
     seed: int = 0,
     device: str = "cpu",
-    threads: int = 1,
+    workers: Annotated[int, typer.Option(help="Processes of one thread each.")] = 2,
     generated: int = 300,
 ) -> None:
     """Train, or go on training from the last checkpoint."""
     import torch
 
-    torch.set_num_threads(threads)
     folder.mkdir(parents=True, exist_ok=True)
     recipe = Recipe(seed=seed, steps=steps)
     book = gather_book()
-    data = Data(
+    data = gather_data(folder, recipe, book, generated)
+    gather_tokenizer(folder, recipe, data)
+    if workers == 1:
+        train_share(0, 1, folder, recipe, device, generated)
+    else:
+        with tempfile.TemporaryDirectory() as meeting:
+            arguments = (workers, folder, recipe, device, generated, f"file://{meeting}/point")
+            torch.multiprocessing.spawn(train_share, arguments, nprocs=workers)
+
+
+def gather_data(folder: Path, recipe: Recipe, book: Book, generated: int) -> Data:
+    """Return rooms and phrases of the training side."""
+    return Data(
         rooms=gather_rooms(folder, recipe, generated),
         book=book.part(held_out=False),
         excluded=rooms.asked_pairs(TASKS),
     )
+
+
+def train_share(
+    rank: int,
+    workers: int,
+    folder: Path,
+    recipe: Recipe,
+    device: str,
+    generated: int,
+    meeting: str = "",
+) -> None:
+    """Train as one of several processes; each step's examples are shared out among them."""
+    import torch
+
+    torch.set_num_threads(1)
+    if workers > 1:
+        torch.distributed.init_process_group(
+            "gloo", init_method=meeting, rank=rank, world_size=workers
+        )
+    book = gather_book()
+    data = gather_data(folder, recipe, book, generated)
     tokenizer = gather_tokenizer(folder, recipe, data)
-    recipe = replace(recipe, vocabulary=tokenizer.get_vocab_size())  # type: ignore[attr-defined]
+    recipe = replace(recipe, vocabulary=tokenizer.get_vocab_size())
     write_atomic(folder / "recipe.json", to_json(recipe, indent=2))
-    held_out = held_out_packs(recipe, book.part(held_out=True), 30)
-    if done := last_step(folder):
+    held_out = held_out_packs(recipe, book.part(held_out=True), 60)
+    if rank == 0 and (done := last_step(folder)):
         console.print(f"going on from step {done}")
     start = time.monotonic()
-    for line in train(recipe, data, held_out, tokenizer, folder, device=device):
+    lines = train(recipe, data, held_out, tokenizer, folder, device=device, share=(rank, workers))
+    for line in lines:
         seconds = time.monotonic() - start
         console.print(
-            f"step {line.step}/{steps}  loss {line.loss:.4f}  held-out exact {line.exact:.3f}  "
-            f"tokens {line.tokens / 1e6:.1f}M  {seconds / 60:.1f} min"
+            f"step {line.step}/{recipe.steps}  loss {line.loss:.4f}  held-out {line.exact:.3f}  "
+            f"tokens {line.tokens * workers / 1e6:.1f}M  {seconds / 60:.1f} min"
         )
 
 

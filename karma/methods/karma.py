@@ -168,7 +168,7 @@ class KarmaMethod:
         )
         if self.settings.short_term:
             for unit in _with_history(units, self.short_term.units(), turn.skills.cut):
-                self.short_term.remember(unit)
+                self.short_term.remember(replace(unit, vector=self._recall.vector(unit)))
         if self.graph is not None:
             self.graph.observe(turn.skills.seen.values())
             if self._learn and self._map_path is not None:

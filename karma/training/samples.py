@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from karma.contracts import Area, Goal, MemoryUnit
+from karma.contracts import Area, Goal, MemoryUnit, SkillCall
 from karma.prompt import Facts, base_type, compact, landmark_types
 from karma.teacher import Thing, View, solve
 from karma.training.phrases import Book, lexicon
@@ -114,7 +114,6 @@ def draw(
             units=units,
             held_id=held.object_id if held else None,
             held_type=held.object_type if held else None,
-            error=pick(rng, ERRORS) if rng.random() < 0.04 else "",
         )
         names = {object_id: name for name, object_id in compact(facts).names.items()}
         scene = _Scene(
@@ -126,11 +125,32 @@ def draw(
         calls = solve(ask.goals, _view(scene, held))
         if not calls or len(calls) > 30:
             continue
-        prompt = compact(replace(facts, instruction=ask.text)).prompt
+        facts = replace(facts, instruction=ask.text, error=_draw_error(rng, calls))
+        prompt = compact(facts).prompt
         program = "".join(f"{call}\n" for call in calls)
         return Example(
             kind=ask.kind, stable=prompt.stable, changing=prompt.changing, program=program
         )
+
+
+def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
+    """Draw what an earlier program failed on, mostly nothing: often that a place was not known."""
+    roll = rng.random()
+    if roll > 0.12:
+        return ""
+    lost = [call.objects[0] for call in calls if call.skill == "Explore"]
+    if not lost or roll < 0.03:
+        return pick(rng, ERRORS)
+    name = pick(rng, lost)
+    return pick(
+        rng,
+        (
+            f"GoToObject(robot, '{name}'): no {name} is known; Explore(robot, '{name}') first",
+            f"PickupObject(robot, '{name}'): no {name} is known; Explore(robot, '{name}') first",
+            f"GoToObject(robot, '{name}'): {name} is not at its remembered place; "
+            f"Explore(robot, '{name}') to find it",
+        ),
+    )
 
 
 def _draw_ask(rng: Rng, scene: _Scene) -> _Ask | None:
@@ -179,7 +199,7 @@ def _pick_kind(rng: Rng) -> str:
 
 def draw_units(rng: Rng, room: Room) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:
     """Draw a short-term memory, the last used last, and what is in the hand, if anything."""
-    count = 0 if rng.random() < 0.15 else int(rng.integers(1, CAPACITY + 1))
+    count = 0 if rng.random() < 0.15 else int(1 + CAPACITY * rng.random() ** 1.5)
     pool = [kind for kind in room.movables if kind in lexicon()]
     if not pool:
         return (), None

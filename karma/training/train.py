@@ -38,17 +38,17 @@ class Recipe:
 
     seed: int = 0
     vocabulary: int = 2048
-    hidden: int = 256
+    hidden: int = 192
     layers: int = 4
-    heads: int = 4
-    feed_forward: int = 640
+    heads: int = 6
+    feed_forward: int = 512
     context: int = 2048
     packs: int = 8  # per step
     examples: int = 3  # per pack
-    steps: int = 5500
+    steps: int = 6000
     warmup: int = 200
     decay: float = 0.25  # share of the steps in which the learning rate falls to zero
-    learning_rate: float = 1.2e-3
+    learning_rate: float = 2e-3
     weight_decay: float = 0.05
     mapped: float = 0.82  # share of packs with long-term memory
 
@@ -219,6 +219,7 @@ def train(
     *,
     device: str = "cpu",
     every: int = 100,
+    share: tuple[int, int] = (0, 1),
 ) -> Iterator[Progress]:
     """Train from scratch or from the last checkpoint in `folder`; yields the log as it grows.
 
@@ -230,6 +231,8 @@ def train(
         folder: takes checkpoint.safetensors and progress.json.
         device: "cpu" or "cuda".
         every: steps between checkpoints.
+        share: (rank, number) of this process among those that train together; with more than one,
+            torch.distributed is up, and only rank 0 writes and yields.
     """
     import torch
 
@@ -241,29 +244,38 @@ def train(
         weight_decay=recipe.weight_decay,
     )
     step, seen = _resume(folder, model, optimizer)
+    rank, number_of = share
     losses: list[float] = []
     while step < recipe.steps:
         for group in optimizer.param_groups:
             group["lr"] = recipe.learning_rate * _schedule(recipe, step)
-        names = [(str(step), str(number)) for number in range(recipe.packs)]
+        names = [(str(step), str(number)) for number in range(rank, recipe.packs, number_of)]
         batch = collate([draw_pack(recipe, data, "train", *name) for name in names], tokenizer)
         seen += int((batch["tokens"] != 1).sum())
-        losses.append(_step(model, optimizer, _to(batch, device), device))
+        losses.append(_step(model, optimizer, _to(batch, device), number_of))
         step += 1
-        if step % every == 0 or step == recipe.steps:
+        if rank == 0 and (step % every == 0 or step == recipe.steps):
             exact = exact_share(model, tokenizer, held_out, device)
             _checkpoint(folder, model, optimizer, step, seen)
             yield Progress(step=step, loss=float(np.mean(losses)), tokens=seen, exact=exact)
             losses = []
 
 
-def _step(model: Any, optimizer: Any, batch: dict[str, Any], device: str) -> float:
+def _step(model: Any, optimizer: Any, batch: dict[str, Any], number_of: int) -> float:
     import torch
 
     logits, targets = forward(model, batch)
     loss = torch.nn.functional.cross_entropy(logits, targets)
     optimizer.zero_grad()
     loss.backward()  # type: ignore[no-untyped-call]
+    if number_of > 1:
+        flat = torch.cat([value.grad.flatten() for value in model.parameters()])
+        torch.distributed.all_reduce(flat)
+        start = 0
+        for value in model.parameters():
+            size = value.numel()
+            value.grad.copy_(flat[start : start + size].view_as(value) / number_of)
+            start += size
     torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
     optimizer.step()
     return float(loss.detach())
