@@ -1,5 +1,6 @@
 """What every test gets: no network, the same examples each time, reference data if it exists."""
 
+import os
 import socket
 from pathlib import Path
 
@@ -31,9 +32,8 @@ def no_network(monkeypatch):
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The folder of reference data beside (or in) the checkout; the test skips without it."""
-    root = Path(__file__).parents[1]
-    for folder in (root / "shared", root.parent / "shared"):
-        if folder.is_dir():
-            return folder
-    pytest.skip("needs the reference data: no folder `shared` in or beside the checkout")
+    """The reference data: $KARMA_SHARED, or `shared` beside the checkout; skips without it."""
+    folder = Path(os.environ.get("KARMA_SHARED", Path(__file__).parents[2] / "shared"))
+    if not folder.is_dir():
+        pytest.skip(f"needs the reference data: no folder {folder}")
+    return folder

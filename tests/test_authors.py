@@ -7,8 +7,8 @@ import pytest
 
 from karma.bench.authors import load_authors_tasks, read_goals, resolve
 from karma.bench.clauses import assign, key_of, split_instruction, tiers_of
-from karma.goals import object_names, parse_goal
 from karma.errors import FileError
+from karma.goals import object_names, parse_goal
 from karma.world.types import object_types
 
 KITCHEN = [

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from karma import registry
+from karma.errors import KarmaError
 from karma.goals import (
     GoalTracker,
     canonical_state,
@@ -13,7 +14,6 @@ from karma.goals import (
     parse_goal,
     read_goal,
 )
-from karma.errors import KarmaError
 from karma.world import scene as scenes
 
 ORIGIN = {"x": 0.0, "y": 0.0, "z": 0.0}

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from karma import registry
-from karma.goals import GoalTracker, alternatives, object_names, parse_goal
 from karma.bench.tasks import check_placement, load_tasks, required_types
 from karma.contracts import SubTask
 from karma.errors import FileError
+from karma.goals import GoalTracker, alternatives, object_names, parse_goal
 from karma.world import scene as scenes
 
 TASKS = Path(__file__).parents[1] / "eval" / "alfred_l" / "tasks.jsonl"
