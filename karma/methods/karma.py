@@ -161,13 +161,14 @@ class KarmaMethod:
 
     def _remember(self, turn: "_Turn", subtask: SubTask) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
+        known = self.short_term.units()  # slices inherit from wholes, which are gone
         for object_id in turn.gone():
             self.short_term.forget(object_id)
         units = fresh_units(
             turn.skills, self._vision, subtask.instruction, witnesses=self.settings.witnesses
         )
         if self.settings.short_term:
-            for unit in _with_history(units, self.short_term.units(), turn.skills.cut):
+            for unit in _with_history(units, known, turn.skills.cut):
                 self.short_term.remember(replace(unit, vector=self._recall.vector(unit)))
         if self.graph is not None:
             self.graph.observe(turn.skills.seen.values())
