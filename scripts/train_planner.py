@@ -99,7 +99,7 @@ def gather_tokenizer(folder: Path, recipe: Recipe, data: Data) -> Any:
 @app.command("train")
 def train_command(
     folder: Folder = FOLDER,
-    steps: int = 6000,
+    steps: int = 8000,
     seed: int = 0,
     device: str = "cpu",
     workers: Annotated[int, typer.Option(help="Processes of one thread each.")] = 2,

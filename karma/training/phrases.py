@@ -20,7 +20,8 @@ from karma.errors import FileError
 from karma.files import read_toml
 
 HERE = Path(__file__).parent
-MAX_WORDS = 18
+MAX_WORDS = 14  # of a mined sentence
+MINED = 0.4  # share of mined templates where there are any
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -58,9 +59,9 @@ class Book:
         return replace(self, templates=side(self.templates), mined=side(self.mined))
 
     def pick(self, rng: np.random.Generator, kind: str) -> str:
-        """Draw a template: as often one of ours as one that was mined."""
+        """Draw a template, one of ours or one that was mined."""
         mined = self.mined.get(kind, ())
-        texts = mined if mined and rng.random() < 0.5 else self.templates[kind]
+        texts = mined if mined and rng.random() < MINED else self.templates[kind]
         return texts[int(rng.integers(len(texts)))]
 
 
@@ -117,12 +118,26 @@ _GOAL_KINDS = {
 _STEP_KINDS = {
     "PickupObject": "hold",
     "PutObject": "place",
-    "CleanObject": "clean",
-    "HeatObject": "heat",
-    "CoolObject": "cool",
     "SliceObject": "slice",
     "ToggleObject": "switch_on",
 }
+
+
+_MUST_SAY = {
+    "clean_place": re.compile(r"clean|wash|rins|wet"),
+    "heat_place": re.compile(r"hot|heat|warm|cook|microwav"),
+    "cool_place": re.compile(r"cool|cold|chill"),
+    "slice_place": re.compile(r"slic|cut|piece"),
+    "slice": re.compile(r"slic|cut|chop"),
+    "switch_on": re.compile(r"\bon\b"),
+    "hold": re.compile(r"pick|take|grab|get|lift|hold"),
+}  # a sentence that leaves out what is to be done teaches nothing
+
+
+def _kept(kind: str, template: str | None) -> Iterator[tuple[str, str]]:
+    must = _MUST_SAY.get(kind)
+    if template is not None and (must is None or must.search(template)):
+        yield kind, template
 
 
 def _goal_sentence(trial: dict[str, Any], text: str) -> Iterator[tuple[str, str]]:
@@ -137,9 +152,7 @@ def _goal_sentence(trial: dict[str, Any], text: str) -> Iterator[tuple[str, str]
         slots = {"x": wanted["object_target"], "s": wanted["toggle_target"]}
     if kind == "stack":
         slots["m"] = wanted["mrecep_target"]
-    template = make_template(text, slots)
-    if template is not None:
-        yield kind, template
+    yield from _kept(kind, make_template(text, slots))
 
 
 def _step_sentences(trial: dict[str, Any], texts: list[str]) -> Iterator[tuple[str, str]]:
@@ -157,9 +170,7 @@ def _step_sentences(trial: dict[str, Any], texts: list[str]) -> Iterator[tuple[s
         slots = {"s": names[0]} if kind == "switch_on" else {"x": names[0]}
         if kind == "place" and len(names) > 1:
             slots["r"] = names[1]
-        template = make_template(text, slots)
-        if template is not None:
-            yield kind, template
+        yield from _kept(kind, make_template(text, slots))
 
 
 def make_template(text: str, slots: Mapping[str, str]) -> str | None:
@@ -184,7 +195,15 @@ def make_template(text: str, slots: Mapping[str, str]) -> str | None:
         )
         if count != 1:
             return None
-    return text
+    return None if _other_things().search(text) else text
+
+
+@cache
+def _other_things() -> re.Pattern[str]:
+    """Match the name of anything: a sentence that speaks of more than its slots is not kept."""
+    words = {word for entry in lexicon().values() for word in entry.names}
+    words |= {word.split()[-1] for word in words}
+    return re.compile(r"\b(?:" + "|".join(map(re.escape, sorted(words))) + r")s?\b(?![^{]*})")
 
 
 @cache

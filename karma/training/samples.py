@@ -7,6 +7,7 @@ is in its hand), rendered by the same `karma.prompt` that plans with it.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -33,8 +34,10 @@ ENDS_IN = {
     "cool_place": ("Fridge",),
 }  # where the change itself leaves the thing  # fmt: skip
 ERRORS = (
-    "Apple is not at its remembered place", "could not find Mug", "Fridge is closed",
-    "the hand already holds Knife", "Target openable Receptacle is CLOSED", "nothing is held",
+    "GoToObject(robot, 'CounterTop'): could not get CounterTop into view and reach",
+    "PutObject(robot, 'Mug', 'Sink'): the hand is empty; PickupObject(robot, 'Mug') first",
+    "PickupObject(robot, 'Mug'): the hand holds Fork; put it down first",
+    "Explore(robot, 'Mug'): could not find Mug; searched 12 places",
 )  # fmt: skip
 
 
@@ -135,20 +138,30 @@ def draw(
 
 def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
     """Draw what an earlier program failed on, mostly nothing: often that a place was not known."""
-    roll = rng.random()
-    if roll > 0.12:
+    if rng.random() > 0.12:
         return ""
     lost = [call.objects[0] for call in calls if call.skill == "Explore"]
-    if not lost or roll < 0.03:
+    shut = [
+        (call.objects[0], then.objects[0])
+        for call, then in pairwise(calls)
+        if call.skill == "OpenObject" and then.skill == "PickupObject"
+    ]
+    if shut and rng.random() < 0.6:
+        place, name = pick(rng, shut)
+        place, name = place.partition("_")[0], name.partition("_")[0]
+        return (
+            f"PickupObject(robot, '{name}'): {name} is in the closed {place}; "
+            f"OpenObject(robot, '{place}') first"
+        )
+    if not lost:
         return pick(rng, ERRORS)
     name = pick(rng, lost)
-    return pick(
+    skill = pick(rng, ("GoToObject", "PickupObject"))
+    return f"{skill}(robot, '{name}'): " + pick(
         rng,
         (
-            f"GoToObject(robot, '{name}'): no {name} is known; Explore(robot, '{name}') first",
-            f"PickupObject(robot, '{name}'): no {name} is known; Explore(robot, '{name}') first",
-            f"GoToObject(robot, '{name}'): {name} is not at its remembered place; "
-            f"Explore(robot, '{name}') to find it",
+            f"no {name} is known; Explore(robot, '{name}') first",
+            f"{name} is not at its remembered place; Explore(robot, '{name}') to find it",
         ),
     )
 
@@ -184,7 +197,7 @@ def _wrapped(rng: Rng, book: Book, text: str) -> str:
 KINDS = {
     "place": 26, "trash": 5, "clean": 9, "clean_place": 4, "heat": 4, "cook": 4, "heat_place": 3,
     "cook_place": 3, "cool": 3, "cool_place": 3, "slice": 8, "slice_place": 4, "toast": 1.5,
-    "fill": 4, "coffee": 2.5, "switch_on": 6, "switch_off": 4, "open": 4, "close": 4, "hold": 9,
+    "fill": 4, "coffee": 2.5, "switch_on": 6, "switch_off": 4, "open": 4, "close": 4, "hold": 15,
     "look": 4, "break": 2, "stack": 4,
 }  # fmt: skip
 

@@ -45,7 +45,7 @@ class Recipe:
     context: int = 2048
     packs: int = 8  # per step
     examples: int = 3  # per pack
-    steps: int = 6000
+    steps: int = 8000
     warmup: int = 200
     decay: float = 0.25  # share of the steps in which the learning rate falls to zero
     learning_rate: float = 2e-3
