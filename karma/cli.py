@@ -98,6 +98,8 @@ def run_command(
                     calls.append(moment)
                 elif isinstance(moment, Outcome):
                     finished = finished and moment.finished
+        if not console.is_terminal:
+            console.print()
         lines.append({"instruction": text, "calls": [Call.of(call) for call in calls]})
     console.print(show.memory_table(method.short_term.units(), "short-term memory now"))
     if json is not None:

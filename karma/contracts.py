@@ -247,7 +247,10 @@ class Task:
 
 
 class Event(Protocol):
-    """What a world returns: AI2-THOR's event, at least these two attributes."""
+    """What a world returns: AI2-THOR's event, at least this much of it."""
+
+    def __bool__(self) -> bool:
+        """Return whether the action succeeded."""
 
     @property
     def metadata(self) -> Mapping[str, Any]:

@@ -300,7 +300,7 @@ _Way = tuple[int, State | None, str]
 
 
 def _succeeded(event: Event) -> bool:
-    return bool(event.metadata["lastActionSuccess"])
+    return bool(event)  # the same as lastActionSuccess, without building the metadata
 
 
 def _after(state: State, action: str) -> State:

@@ -4,8 +4,8 @@ import hashlib
 
 import numpy as np
 import pytest
-
 from household import bring, find, kitchen
+
 from karma.contracts import Outcome, Plan, SkillResult, SubTask
 from karma.errors import FileError, KarmaError
 from karma.files import to_json

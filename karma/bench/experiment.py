@@ -87,6 +87,9 @@ class Run:
     def __init__(self, path: Path, folder: Path, *, fresh: bool = False) -> None:
         self.path, self.folder = path, folder
         self.experiment = read_toml(path, Experiment)
+        names = [row.name for row in self.experiment.rows]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise FileError(path, f"rows: the name {twice[0]!r} stands twice")
         self.records_path = folder / "episodes.jsonl"
         self.tasks = self._load_tasks()
         self._planner_file = resolve_planner(self.experiment.models.planner)
@@ -116,10 +119,11 @@ class Run:
             return
         kit = self._kit()
         world = registry.load("worlds", self.experiment.world)()
-        methods: dict[str, Any] = {}
+        methods = {  # all of them now: a wrong row must not come to light hours later
+            row.name: registry.load("methods", row.method).build(kit, row.options)
+            for row in self.experiment.rows
+        }
         for row, task, seed in todo:
-            if row.name not in methods:
-                methods[row.name] = registry.load("methods", row.method).build(kit, row.options)
             record = run_episode(
                 methods[row.name], world, task, row=row.name, seed=seed, folder=self.folder
             )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from karma.contracts import SkillResult
 from karma.errors import FileError
-from karma.files import append_line, decode_json, to_json
+from karma.files import append_line, decode_json, to_json, write_atomic
 
 KINDS = ("simple", "composite", "complex")
 
@@ -164,7 +164,7 @@ def read_records(path: Path) -> list[EpisodeRecord]:
             ) from error
     if lines[-1]:
         kept = b"\n".join(lines[:-1]) + (b"\n" if len(lines) > 1 else b"")
-        path.write_bytes(kept)
+        write_atomic(path, kept)
     return records
 
 
