@@ -1,0 +1,356 @@
+"""Experiments, their records on disk, and what the records add up to."""
+
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+from tiny import export_tiny
+
+from karma import show
+from karma.bench.experiment import Run, load_header
+from karma.bench.records import (
+    Answer,
+    Call,
+    EpisodeRecord,
+    SubTaskRecord,
+    by_task,
+    read_records,
+    summarise,
+    write_record,
+)
+from karma.errors import FileError, KarmaError, UnknownNameError
+from karma.files import decode_json, to_json
+
+ROOT = Path(__file__).parents[1]
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+
+
+def call(**changes):
+    return Call(
+        **{"text": "OpenObject(robot, 'Fridge')", "ok": True, "reason": "", "actions": 3,
+           "explorations": 1, **changes}
+    )  # fmt: skip
+
+
+def answer(**changes):
+    return Answer(
+        **{"program": "x\n", "error": "", "finish": "stop", "prompt_tokens": 9, "reused_tokens": 4,
+           "completion_tokens": 5, "first_token_s": 0.25, "total_s": 0.5, **changes}
+    )  # fmt: skip
+
+
+def part(**changes):
+    return SubTaskRecord(
+        **{"instruction": "Öffne den Kühlschrank.", "goals": ("OPEN(Fridge): 1",), "unmet": (),
+           "finished": True, "answers": (answer(),), "calls": (call(),), "recalled": ("Mug|1",),
+           "queries": 2, "hits": 1, "seconds": 1.5, **changes}
+    )  # fmt: skip
+
+
+def episode(**changes):
+    return EpisodeRecord(
+        **{"row": "KARMA", "task": "t1", "kind": "simple", "scene": "kitchen_1", "seed": 0,
+           "notes": ("unresolved X: y",), "subtasks": (part(), part()), **changes}
+    )  # fmt: skip
+
+
+FAILED = episode(task="t2", subtasks=(part(unmet=("OPEN(Fridge): 1",), hits=0, queries=1),))
+BROKEN = episode(task="t3", kind="complex", subtasks=(part(queries=0, hits=0),), error="broke")
+SILENT = episode(row="oracle", subtasks=(part(answers=(), calls=(call(), call(actions=5))),))
+
+
+# ----------------------------------------------------------------- records on disk
+
+
+def test_records_read_back_as_they_were_written(tmp_path):
+    path = tmp_path / "run" / "episodes.jsonl"
+    assert read_records(path) == []
+    for record in (episode(), FAILED, BROKEN, SILENT):
+        write_record(path, record)
+    assert read_records(path) == [episode(), FAILED, BROKEN, SILENT]
+    assert path.read_bytes().count(b"\n") == 4
+
+
+@given(text=st.text(), other=st.text(), seconds=st.floats(0, 1e6))
+def test_record_of_any_text_survives_a_round_trip_in_one_line(text, other, seconds):
+    said = part(instruction=text, answers=(answer(program=other),), seconds=seconds)
+    record = episode(subtasks=(said,), error=other)
+    line = to_json(record)
+    assert line.count(b"\n") == 1
+    assert decode_json(line, EpisodeRecord, path="x") == record
+
+
+def test_torn_last_line_is_dropped_for_good(tmp_path):
+    path = tmp_path / "episodes.jsonl"
+    write_record(path, episode())
+    whole = path.read_bytes()
+    for cut in (1, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole + whole[:cut])
+        assert read_records(path) == [episode()]
+        assert path.read_bytes() == whole
+
+
+def test_only_line_torn_leaves_an_empty_file(tmp_path):
+    path = tmp_path / "episodes.jsonl"
+    path.write_bytes(to_json(episode())[:40])
+    assert read_records(path) == []
+    assert path.read_bytes() == b""
+
+
+def test_damaged_line_before_the_last_is_refused_with_its_number(tmp_path):
+    path = tmp_path / "episodes.jsonl"
+    path.write_bytes(to_json(episode()) + b'{"row": 1}\n' + to_json(FAILED))
+    with pytest.raises(FileError, match=r"episodes\.jsonl: line 2: .*\n.*--fresh"):
+        read_records(path)
+
+
+# ----------------------------------------------------------------- figures
+
+
+def test_summary_equals_figures_computed_by_hand():
+    lines = summarise([episode(), FAILED, BROKEN, SILENT])
+    assert [(line.row, line.kind) for line in lines] == [
+        ("KARMA", "simple"), ("KARMA", "complex"), ("KARMA", "all"),
+        ("oracle", "simple"), ("oracle", "all"),
+    ]  # fmt: skip
+    simple, broken, every, _, oracle = lines
+    assert (simple.episodes, simple.successes, simple.success_rate) == (2, 1, 0.5)
+    assert (simple.explorations, simple.actions) == (1.5, 4.5)  # 3 calls of 1 and 3 in 2 episodes
+    assert (simple.planner_calls, simple.seconds) == (1.5, 2.25)
+    assert simple.memory_hit_rate == pytest.approx(2 / 5)
+    assert (broken.successes, broken.success_rate, broken.memory_hit_rate) == (0, 0.0, None)
+    assert (every.episodes, every.successes) == (3, 1)
+    assert every.success_rate == pytest.approx(1 / 3)
+    assert every.memory_hit_rate == pytest.approx(2 / 5)
+    assert (oracle.success_rate, oracle.actions, oracle.explorations) == (1.0, 8.0, 2.0)
+    assert (oracle.planner_calls, oracle.memory_hit_rate) == (None, None)
+
+
+def test_summary_of_an_episode_that_broke_at_once_measures_no_planner():
+    (_, line) = summarise([episode(subtasks=(), error="no scene")])
+    assert (line.success_rate, line.actions) == (0.0, 0.0)
+    assert (line.planner_calls, line.memory_hit_rate) == (None, None)
+
+
+def test_summary_of_nothing_is_nothing():
+    assert summarise([]) == ()
+
+
+def test_success_needs_every_goal_no_error_and_a_goal_at_all():
+    assert episode().success
+    assert not FAILED.success
+    assert not BROKEN.success
+    assert not episode(subtasks=()).success
+    assert not episode(subtasks=(part(goals=()),)).success
+    assert episode(subtasks=(part(), part(goals=()))).success
+
+
+def test_by_task_keeps_the_last_seed_of_each_row():
+    last = episode(seed=1)
+    assert by_task([episode(), SILENT, last]) == {"t1": {"KARMA": last, "oracle": SILENT}}
+
+
+def printed(renderable):
+    console = Console(file=io.StringIO(), width=160)
+    console.print(renderable)
+    return console.file.getvalue()
+
+
+def test_tables_print_a_dash_for_what_was_not_measured():
+    text = printed(show.summary_table(summarise([SILENT]), "a title"))
+    (line,) = [line for line in text.splitlines() if " simple" in line]
+    assert re.sub(r"[│\s]+", " ", line).strip() == "oracle simple 1/1 1.00 2.0 8 – 1.50 –"
+    tasks = printed(show.task_table([episode(), FAILED, SILENT]))
+    assert "✗ 0/1" in tasks
+    assert "–" in tasks
+    assert "unresolved X: y" in tasks
+
+
+# ----------------------------------------------------------------- runs
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
+
+
+@pytest.fixture
+def experiment(tmp_path, planner):
+    """A function that writes an experiment and returns its path."""
+
+    def write(*rows, only=("simple-12",), more="", name="x"):
+        rows = rows or ('name = "oracle"\nmethod = "oracle"',)
+        path = tmp_path / f"{name}.toml"
+        path.write_text(
+            f'name = "{name}"\ntasks = "{TASKS}"\nonly = {list(only)}\n{more}\n'
+            + "".join(f"[[rows]]\n{row}\n" for row in rows)
+            + f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
+        )
+        return path
+
+    return write
+
+
+BABBLE = 'name = "babble"\noptions = { attempts = 1 }'
+
+
+def timeless(record):
+    text = to_json(record).decode()
+    return re.sub(r'"(seconds|first_token_s|total_s)":[-+.e\d]+', r'"\1":0', text)
+
+
+@pytest.fixture(scope="module")
+def two_rows(planner, tmp_path_factory):
+    """A finished run of two rows on two tasks: (experiment, folder)."""
+    folder = tmp_path_factory.mktemp("two")
+    path = folder / "two.toml"
+    path.write_text(
+        f'name = "two"\ntasks = "{TASKS}"\nonly = ["simple-04", "simple-12"]\n'
+        f'[[rows]]\nname = "oracle"\nmethod = "oracle"\n[[rows]]\n{BABBLE}\n'
+        f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
+    )
+    run = Run(path, folder / "run")
+    assert run.total == len(list(run.episodes())) == 4
+    return path, folder / "run"
+
+
+def test_run_leaves_records_header_and_maps(two_rows):
+    _, folder = two_rows
+    records = read_records(folder / "episodes.jsonl")
+    assert [(record.row, record.task) for record in records] == [
+        ("oracle", "simple-04"), ("oracle", "simple-12"),
+        ("babble", "simple-04"), ("babble", "simple-12"),
+    ]  # fmt: skip
+    assert all(record.error == "" for record in records)
+    assert [record.success for record in records[:2]] == [True, True]
+    assert all(sub.answers for sub in records[2].subtasks)
+    assert load_header(folder).planner.endswith("tiny.gguf")
+    assert sorted(path.stem for path in (folder / "maps").iterdir()) == sorted(
+        {record.scene for record in records}
+    )
+
+
+def test_finished_run_is_not_run_again(two_rows):
+    path, folder = two_rows
+    before = (folder / "episodes.jsonl").read_bytes()
+    run = Run(path, folder)
+    assert list(run.episodes()) == []
+    assert len(run.records) == 4
+    assert (folder / "episodes.jsonl").read_bytes() == before
+
+
+def test_killed_run_goes_on_with_the_same_records_except_times(two_rows, tmp_path):
+    path, whole = two_rows
+    folder = tmp_path / "killed"
+    folder.mkdir()
+    lines = (whole / "episodes.jsonl").read_bytes().splitlines(keepends=True)
+    (folder / "episodes.jsonl").write_bytes(b"".join(lines[:2]) + lines[2][:100])
+    (folder / "header.json").write_bytes((whole / "header.json").read_bytes())
+    run = Run(path, folder)
+    assert len(run.records) == 2
+    assert len(list(run.episodes())) == 2
+    found = read_records(folder / "episodes.jsonl")
+    assert [timeless(r) for r in found] == [timeless(decode_json(line, EpisodeRecord, path="x"))
+                                            for line in lines]  # fmt: skip
+    assert run.records == found
+
+
+def test_run_started_afresh_forgets_the_earlier_one(two_rows, tmp_path, experiment):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "episodes.jsonl").write_bytes(to_json(episode()))
+    (folder / "header.json").write_text('{"torn')
+    run = Run(experiment(), folder, fresh=True)
+    assert run.records == []
+
+
+@pytest.mark.parametrize("what", ["experiment", "only", "planner"])
+def test_run_in_the_folder_of_another_is_refused_with_the_fix(experiment, tmp_path, what):
+    Run(experiment(), tmp_path / "run")
+    if what == "planner":
+        path = experiment()
+        path.write_text(path.read_text().replace("tiny.gguf", "other.gguf"))
+    else:
+        path = experiment(more="seeds = [1]") if what == "experiment" else experiment(only=())
+    with pytest.raises(FileError, match="another experiment") as caught:
+        Run(path, tmp_path / "run")
+    assert "header.json" in str(caught.value)
+    assert f"karma eval {path} --fresh" in str(caught.value)
+
+
+def test_load_header_of_no_run_says_how_to_make_one(tmp_path):
+    with pytest.raises(KarmaError, match=r"no run here\n.*karma eval"):
+        load_header(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        ("colour = 1", "unknown field `colour`"),
+        ('seeds = "many"', r"Expected `array`, got `str` - at `\$\.seeds`"),
+        ('authors = ["x.json"]', "give either `tasks` or `authors`"),
+        ("= 1", "Invalid"),
+    ],
+)
+def test_wrong_experiment_is_refused_by_key(experiment, tmp_path, more, named):
+    with pytest.raises(FileError, match=rf"x\.toml: .*{named}"):
+        Run(experiment(more=more), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_unknown_key_of_a_row_is_refused_by_place(experiment, tmp_path):
+    path = experiment('name = "x"\nmodel = "y"')
+    with pytest.raises(FileError, match=r"unknown field `model` - at `\$\.rows\[0\]`"):
+        Run(path, tmp_path / "run")
+
+
+def test_two_rows_of_one_name_are_refused(experiment, tmp_path):
+    with pytest.raises(FileError, match="rows: the name 'x' stands twice"):
+        Run(experiment('name = "x"', 'name = "x"\nmethod = "oracle"'), tmp_path / "run")
+
+
+def test_unknown_task_is_refused_with_the_known_ones(experiment, tmp_path):
+    with pytest.raises(FileError, match=r"only: no task 'simple-99'; there are .*simple-01"):
+        Run(experiment(only=["simple-99"]), tmp_path / "run")
+
+
+def test_missing_task_file_is_named(experiment, tmp_path):
+    path = experiment()
+    path.write_text(path.read_text().replace("tasks.jsonl", "none.jsonl"))
+    with pytest.raises(FileError, match=r"none\.jsonl: No such file"):
+        Run(path, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("row", "named"),
+    [
+        ('name = "x"\noptions = { colour = "red" }', "unknown option 'colour'; known options: lo"),
+        ('name = "x"\nmethod = "oracle"\noptions = { k = 1 }', "unknown option 'k'"),
+        ('name = "x"\nmethod = "orakel"', "Did you mean 'oracle'"),
+    ],
+)
+def test_wrong_row_is_refused_by_option_before_any_row_runs(experiment, tmp_path, row, named):
+    run = Run(experiment('name = "oracle"\nmethod = "oracle"', row), tmp_path / "run")
+    with pytest.raises(KarmaError, match=named):
+        list(run.episodes())
+    assert not run.records_path.exists()
+
+
+def test_unknown_planner_is_refused_with_the_known_ones(experiment, tmp_path):
+    path = experiment()
+    path.write_text(re.sub(r'planner = ".*"', 'planner = "karma-nanno"', path.read_text()))
+    with pytest.raises(UnknownNameError, match=r"no model named 'karma-nanno'.*minilm"):
+        Run(path, tmp_path / "run")
+
+
+def test_seeds_multiply_the_episodes(experiment, tmp_path):
+    run = Run(experiment(more="seeds = [3, 5]"), tmp_path / "run")
+    assert run.total == 2
+    first, second = run.episodes()
+    assert (first.seed, second.seed) == (3, 5)
+    assert timeless(replace(second, seed=3)) == timeless(first)
