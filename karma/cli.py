@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.live import Live
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -35,7 +36,8 @@ def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except KarmaError as error:
-            Console(stderr=True).print(f"[red]error:[/] {error}", markup=True, highlight=False)
+            text = f"[red]error:[/] {escape(str(error))}"
+            Console(stderr=True).print(text, highlight=False, soft_wrap=True)
             raise typer.Exit(1) from error
 
     return wrapped
@@ -78,7 +80,7 @@ def run_command(
         method = KarmaMethod.build(kit, options)
         world = registry.load("worlds", "embedded")()
         world.reset(scene)
-    with console.status(f"getting to know {scene} ..."):
+    with console.status(escape(f"getting to know {scene} ...")):
         method.begin(world, scene, seed=seed, folder=maps)
     if method.graph is not None:
         areas = method.graph.areas()
@@ -121,7 +123,7 @@ def eval_command(
     from karma.bench.experiment import Run
     from karma.bench.records import summarise
 
-    with console.status(f"reading {file} ..."):
+    with console.status(escape(f"reading {file} ...")):
         run = Run(file, out or Path("runs") / file.stem, fresh=fresh)
     bar = Progress(
         TextColumn("{task.description}"),
@@ -140,7 +142,7 @@ def eval_command(
         console.print(show.task_table(run.records))
     lines = summarise(run.records)
     console.print(show.summary_table(lines, run.experiment.name))
-    console.print(f"records: {run.records_path}")
+    console.print(escape(f"records: {run.records_path}"))
     write_atomic(run.folder / "results.json", to_json(lines, indent=2))
     if json is not None:
         write_atomic(json, to_json(lines, indent=2))
@@ -180,7 +182,7 @@ def world_show(
     one = scenes.load(scene)
     path = out or Path(f"{one.name}.png")
     draw_top_down(one, path)
-    console.print(f"{path}: {one.name}, {one.room}, {len(one.objects)} objects")
+    console.print(escape(f"{path}: {one.name}, {one.room}, {len(one.objects)} objects"))
 
 
 @world_app.command("import")
@@ -196,13 +198,13 @@ def world_import(
     from karma.world.importers import import_dump
 
     rows = []
-    with console.status(f"importing {dump} ...") as status:
+    with console.status(escape(f"importing {dump} ...")) as status:
         for scene in import_dump(dump, layouts=layouts, only=only):
             path = out / f"{scene.name}.json"
             write_atomic(path, to_json(scene))
             rows.append({"scene": scene.name, "objects": len(scene.objects), "path": str(path)})
             status.update(f"importing {scene.name} ...")
-    console.print(f"{len(rows)} scenes in {out}")
+    console.print(escape(f"{len(rows)} scenes in {out}"))
     if json is not None:
         write_atomic(json, to_json(rows, indent=2))
 
