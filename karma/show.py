@@ -139,6 +139,7 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
     table = Table(title="per task", title_justify="left")
     for name in ("task", "scene", "goals", *rows):
         table.add_column(name)
+    table.caption = "goals: resolved of all; a task is judged by those that could be resolved"
     table.add_column("notes", overflow="fold")
     for task, found in by_task(records).items():
         one = next(iter(found.values()))
@@ -146,7 +147,7 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
         table.add_row(
             task,
             one.scene,
-            str(goals),
+            f"{goals}/{goals + sum(note.startswith('unresolved') for note in one.notes)}",
             *(_mark(found.get(row)) for row in rows),
             "\n".join(escape(note) for note in one.notes) or "",
         )

@@ -3,7 +3,7 @@
 The one method that may read a sub-task's goals and the world's hidden state.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -20,7 +20,7 @@ from karma.contracts import (
     SubTask,
     World,
 )
-from karma.goals import GoalTracker, WatchedWorld, alternatives, object_names
+from karma.goals import GoalTracker, WatchedWorld, alternatives, is_position, object_names
 from karma.methods.kit import Kit, settings_of
 from karma.perceive import HAND
 from karma.prompt import base_type
@@ -160,7 +160,29 @@ def _bound(goal: Goal, view: View, things: Mapping[str, Mapping[str, Any]]) -> G
         if argument not in names:
             continue
         arguments[place] = _choose(alternatives(argument), view, things)
+    if goal.predicate == "ON":
+        arguments[1] = _support(arguments[1], things)
     return Goal(predicate=goal.predicate, arguments=tuple(arguments))
+
+
+def _support(name: str, things: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the receptacle for "near": what a thing lies on, or what a place "(x, y, z)" is at."""
+    if is_position(name):
+        point = [float(part) for part in name.strip("() ").split(",")]
+        open_ones = (t for t in things.values() if t["receptacle"] and not t["openable"])
+        return str(min(open_ones, key=lambda t: _off(t, point))["objectId"])
+    thing = things.get(name)
+    return name if thing is None or thing["receptacle"] else next(iter(_parents(thing)), name)
+
+
+def _off(thing: Mapping[str, Any], point: Sequence[float]) -> float:
+    """Return the squared distance of a point from a thing's box, m2."""
+    box = thing["axisAlignedBoundingBox"]
+    gaps = (
+        max(abs(p - box["center"][axis]) - box["size"][axis] / 2, 0.0)
+        for p, axis in zip(point, "xyz", strict=True)
+    )
+    return float(sum(gap * gap for gap in gaps))
 
 
 def _choose(names: tuple[str, ...], view: View, things: Mapping[str, Mapping[str, Any]]) -> str:

@@ -163,8 +163,12 @@ def _free(
 def _obstacles(
     objects: Objects, in_hand: frozenset[str], receptacle: SceneObject, *, strangers: bool
 ) -> list[int]:
-    """Return rows of what may be in the way."""
-    inside = set(objects.inside(receptacle.id))
+    """Return rows of what may be in the way.
+
+    Real rooms list a worktop among a sink's contents: only what can be moved takes up room.
+    """
+    loose = {"pickupable", "moveable"}
+    inside = {o for o in objects.inside(receptacle.id) if loose & set(objects[o].capabilities)}
     if strangers:
         around = {receptacle.id, *objects.around(receptacle.id)}
         mine = objects.blocks[objects.rows[receptacle.id]]
