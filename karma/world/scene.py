@@ -110,9 +110,13 @@ def load(name: str | Path) -> Scene:
 
 
 def check(scene: Scene, path: str | Path) -> None:
-    """Raise FileError unless ids and names are unique, parents exist, and no containment loops."""
+    """Raise FileError unless types exist, ids and names are unique, and parents without loops."""
+    from karma.world.types import object_types  # which itself needs the words above
+
     by_id: dict[str, SceneObject] = {}
     for thing in scene.objects:
+        if thing.type not in object_types():
+            raise FileError(path, f"{thing.id!r}: unknown object type {thing.type!r}")
         if thing.id in by_id:
             raise FileError(path, f"object id {thing.id!r} stands twice")
         by_id[thing.id] = thing
