@@ -1,0 +1,119 @@
+"""Nothing needs a network: whole commands run where there is no interface at all."""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tiny import export_tiny
+
+from karma.bench.episode import run_episode
+from karma.bench.tasks import load_tasks
+from karma.errors import KarmaError
+from karma.infer.manifest import find_model, verify
+from karma.methods.oracle import OracleMethod
+from karma.world.sim import EmbeddedWorld
+
+ROOT = Path(__file__).parents[1]
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+CUT_OFF = ["unshare", "--user", "--map-root-user", "--net"]
+INTERFACES = "import socket; print([name for _, name in socket.if_nameindex() if name != 'lo'])"
+
+
+@pytest.fixture(scope="module")
+def cut_off():
+    """A function that runs a command in a network namespace of its own, which has no interface."""
+    if shutil.which("unshare") is None:
+        pytest.skip("needs unshare")
+    trial = subprocess.run([*CUT_OFF, "true"], capture_output=True, check=False)
+    if trial.returncode != 0:
+        pytest.skip(f"namespaces are not permitted here: {trial.stderr.decode().strip()}")
+
+    def run(folder, *command):
+        environment = {k: v for k, v in os.environ.items() if not k.startswith(("HF_", "TRANSF"))}
+        found = subprocess.run(
+            [*CUT_OFF, sys.executable, *command],
+            cwd=folder, capture_output=True, text=True, check=False, env=environment,
+        )  # fmt: skip
+        assert found.returncode == 0, found.stdout + found.stderr
+        return found.stdout
+
+    return run
+
+
+def karma(*arguments):
+    return ("-c", "from karma.cli import app; app()", *map(str, arguments))
+
+
+def experiment(folder, planner, rows):
+    path = folder / "x.toml"
+    path.write_text(
+        f'name = "x"\ntasks = "{TASKS}"\nonly = ["simple-12"]\n{rows}'
+        f'[models]\nplanner = "{planner}"\n'
+    )
+    return path
+
+
+ORACLE = '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+
+
+def test_namespace_has_no_interface(cut_off, tmp_path):
+    assert cut_off(tmp_path, "-c", INTERFACES).strip() == "[]"
+
+
+def test_oracle_runs_without_an_interface(cut_off, tmp_path):
+    path = experiment(tmp_path, export_tiny(tmp_path / "tiny.gguf"), ORACLE)
+    cut_off(tmp_path, *karma("eval", path, "--json", "figures.json"))
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert [line["success_rate"] for line in figures] == [1.0, 1.0]
+
+
+def test_agent_with_any_gguf_runs_without_an_interface(cut_off, tmp_path):
+    """Embedder, llama.cpp, both memories: all of it but the shipped weights."""
+    row = '[[rows]]\nname = "KARMA"\noptions = { attempts = 1 }\n'
+    path = experiment(tmp_path, export_tiny(tmp_path / "tiny.gguf"), row)
+    path.write_text(path.read_text() + 'profile = "compact"\n')
+    cut_off(tmp_path, *karma("eval", path))
+    (line,) = (tmp_path / "runs/x/episodes.jsonl").read_text().splitlines()
+    record = json.loads(line)
+    assert record["error"] == ""
+    assert all(sub["answers"] for sub in record["subtasks"])
+
+
+@pytest.mark.model
+def test_shipped_planner_runs_without_an_interface(cut_off, tmp_path):
+    try:
+        verify(find_model("karma-nano"))
+    except KarmaError as error:
+        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
+    path = experiment(tmp_path, "karma-nano", '[[rows]]\nname = "KARMA"\n')
+    cut_off(tmp_path, *karma("eval", path, "--json", "figures.json"))
+    said = cut_off(tmp_path, *karma("run", "Open the fridge.", "--json", "run.json"))
+    assert "1. Open the fridge" in said
+    assert json.loads((tmp_path / "run.json").read_text())["finished"]
+
+
+def test_oracle_opens_no_socket(monkeypatch, tmp_path):
+    opened = []
+    original = socket.socket.__init__
+
+    def noting(self, *arguments, **options):
+        opened.append(arguments)
+        original(self, *arguments, **options)
+
+    monkeypatch.setattr(socket.socket, "__init__", noting)
+    (task,) = [task for task in load_tasks(TASKS) if task.id == "simple-12"]
+    record = run_episode(
+        OracleMethod(), EmbeddedWorld(), task, row="oracle", seed=0, folder=tmp_path
+    )
+    assert record.success
+    assert opened == []
+
+
+def test_sockets_of_tests_reach_this_machine_only():
+    with socket.socket() as one, pytest.raises(OSError, match="tests have no network"):
+        one.connect(("192.0.2.1", 80))
