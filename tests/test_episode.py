@@ -97,6 +97,14 @@ def test_record_names_the_goals_that_do_not_hold(run):
     assert second.success
 
 
+def test_what_ran_in_an_earlier_instruction_does_not_count_again(run):
+    tap = "GoToObject(robot, 'Faucet')\nToggleOn(robot, 'Faucet')\nToggleOff(robot, 'Faucet')\n"
+    twice = task(("Run the tap.", "TOGGLEON(Faucet)"), ("And again.", "TOGGLEON(Faucet)"))
+    first, second = run([tap, "GoToObject(robot, 'Faucet')\n"], twice).subtasks
+    assert first.success
+    assert second.unmet == ("TOGGLEON(Faucet): 1",)
+
+
 def test_record_keeps_refused_answers_and_failed_calls(run):
     record = run(["Fly(robot)", AWAY, "GoToObject(robot, 'Unicorn')\n"])
     first, second = record.subtasks
