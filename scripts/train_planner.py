@@ -20,6 +20,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from karma import registry
 from karma.files import read_json, to_json, write_atomic
 from karma.seeds import stream
 from karma.training import rooms
@@ -31,6 +32,7 @@ from karma.training.train import (
     Data,
     Recipe,
     exact_share,
+    first_embeddings,
     last_step,
     load_weights,
     make_tokenizer,
@@ -96,6 +98,18 @@ def gather_tokenizer(folder: Path, recipe: Recipe, data: Data) -> Any:
     return Tokenizer.from_file(str(path))
 
 
+def gather_embeddings(folder: Path, recipe: Recipe, tokenizer: Any) -> Any:
+    """Return the token embeddings to start from, made once and kept in the folder."""
+    from safetensors.numpy import load, save
+
+    path = folder / "embeddings.safetensors"
+    if not path.exists():
+        console.print("embedding the vocabulary ...")
+        found = first_embeddings(recipe, tokenizer, registry.load("embedders", "minilm")())
+        write_atomic(path, save({"tokens": found}))
+    return load(path.read_bytes())["tokens"]
+
+
 @app.command("train")
 def train_command(
     folder: Folder = FOLDER,
@@ -112,7 +126,7 @@ def train_command(
     recipe = Recipe(seed=seed, steps=steps)
     book = gather_book()
     data = gather_data(folder, recipe, book, generated)
-    gather_tokenizer(folder, recipe, data)
+    gather_embeddings(folder, recipe, gather_tokenizer(folder, recipe, data))
     if workers == 1:
         train_share(0, 1, folder, recipe, device, generated)
     else:
@@ -156,7 +170,16 @@ def train_share(
     if rank == 0 and (done := last_step(folder)):
         console.print(f"going on from step {done}")
     start = time.monotonic()
-    lines = train(recipe, data, held_out, tokenizer, folder, device=device, share=(rank, workers))
+    lines = train(
+        recipe,
+        data,
+        held_out,
+        tokenizer,
+        folder,
+        device=device,
+        share=(rank, workers),
+        embeddings=gather_embeddings(folder, recipe, tokenizer),
+    )
     for line in lines:
         seconds = time.monotonic() - start
         console.print(

@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from karma.contracts import Embedder
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.infer.gguf_export import new_tokenizer
@@ -106,8 +108,43 @@ def make_tokenizer(recipe: Recipe, data: Data, packs: int) -> Any:
     return bare
 
 
-def new_model(recipe: Recipe) -> Any:
-    """Return a Llama with random weights drawn from the recipe's seed."""
+def first_embeddings(recipe: Recipe, tokenizer: Any, embedder: Embedder) -> NDArray[np.float32]:
+    """Return token embeddings to start from, shape (vocabulary, hidden).
+
+    What a token spells is embedded as text and projected to its principal directions, so that
+    `Tomato`, `tomato` and, less so, `ripe fruit` start near each other; plus noise of half the
+    length, which is all that tokens without letters get.
+    """
+    rng = stream(recipe.seed, "planner", "embeddings")
+    size = tokenizer.get_vocab_size()
+    words = [_spelt(tokenizer.decode([i], skip_special_tokens=False)) for i in range(size)]
+    distinct = sorted({word for word in words if word})
+    rows = embedder.embed(distinct)
+    rows = rows - rows.mean(axis=0)
+    _, _, directions = np.linalg.svd(rows, full_matrices=False)
+    flat = rows @ directions[: recipe.hidden].T
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    place = {word: number for number, word in enumerate(distinct)}
+    noise = rng.standard_normal((size, recipe.hidden)) / np.sqrt(recipe.hidden)
+    found = 0.5 * noise
+    for token, word in enumerate(words):
+        if word:
+            found[token] += flat[place[word]]
+    return np.asarray(found * 0.02 * np.sqrt(recipe.hidden), dtype=np.float32)
+
+
+def _spelt(text: str) -> str:
+    """Return the lower-case words a token spells: "CounterTop" is "counter top"."""
+    return " ".join(re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", text)).lower()
+
+
+def new_model(recipe: Recipe, embeddings: NDArray[np.float32] | None = None) -> Any:
+    """Return a Llama with random weights drawn from the recipe's seed.
+
+    Args:
+        recipe: sizes and seed.
+        embeddings: token embeddings to start from, shape (vocabulary, hidden).
+    """
     import torch
     from transformers import LlamaConfig, LlamaForCausalLM
 
@@ -126,7 +163,11 @@ def new_model(recipe: Recipe) -> Any:
     )
     with torch.random.fork_rng():
         torch.manual_seed(recipe.seed)
-        return LlamaForCausalLM(config)
+        model = LlamaForCausalLM(config)
+    if embeddings is not None:
+        with torch.no_grad():
+            model.model.embed_tokens.weight.copy_(torch.from_numpy(embeddings))
+    return model
 
 
 def collate(packs: Sequence[Sequence[Example]], tokenizer: Any) -> dict[str, Any]:
@@ -220,6 +261,7 @@ def train(
     device: str = "cpu",
     every: int = 100,
     share: tuple[int, int] = (0, 1),
+    embeddings: NDArray[np.float32] | None = None,
 ) -> Iterator[Progress]:
     """Train from scratch or from the last checkpoint in `folder`; yields the log as it grows.
 
@@ -233,10 +275,11 @@ def train(
         every: steps between checkpoints.
         share: (rank, number) of this process among those that train together; with more than one,
             torch.distributed is up, and only rank 0 writes and yields.
+        embeddings: see `new_model`.
     """
     import torch
 
-    model = new_model(recipe).to(device)
+    model = new_model(recipe, embeddings).to(device)
     optimizer = torch.optim.AdamW(
         model.parameters(),
         lr=recipe.learning_rate,
