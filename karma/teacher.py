@@ -210,7 +210,7 @@ def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
     for goal in goals:
         if goal.predicate == "STATE":
             done_in = _change(draft, thing, goal.arguments[1].lower(), goals) or done_in
-        elif goal.predicate in ("TOGGLEON", "TOGGLEOFF", "OPEN", "CLOSED"):
+        elif goal not in placed and goal.predicate != "HOLDON" and not _helps(goal, goals):
             _switch(draft, goal)
     for goal in placed:
         if base_type(draft.thing(goal.arguments[1]).object_type).removesuffix("Basin") != done_in:

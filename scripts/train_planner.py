@@ -25,7 +25,8 @@ from karma.files import read_json, to_json, write_atomic
 from karma.seeds import stream
 from karma.training import rooms
 from karma.training.phrases import Book, our_book, with_alfred
-from karma.training.samples import Example, Room, draw
+from karma.training.recollections import Room
+from karma.training.samples import Example, draw
 from karma.training.train import (
     END,
     PAD,

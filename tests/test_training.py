@@ -20,8 +20,9 @@ from karma.prompt import Facts, base_type
 from karma.seeds import stream
 from karma.training import phrases
 from karma.training.phrases import make_template, our_book
+from karma.training.recollections import Room
 from karma.training.rooms import asked_pairs, room_of
-from karma.training.samples import KINDS, Room, draw
+from karma.training.samples import KINDS, draw
 from karma.world import scene
 from karma.world.types import object_types
 

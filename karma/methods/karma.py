@@ -151,7 +151,9 @@ class KarmaMethod:
             instruction=subtask.instruction,
             areas=turn.areas(),
             graph_text=self.graph.to_text() if self.graph else "",
-            units=turn.units(self._vision, subtask.instruction) if error else turn.recalled,
+            units=turn.units(self._vision, subtask.instruction)
+            if error and self.settings.short_term
+            else turn.recalled,
             held_id=held.object_id if held else None,
             held_type=held.object_type if held else None,
             error=error,

@@ -8,7 +8,7 @@ from karma.contracts import SeenObject
 from karma.memory.scene_graph import SceneGraph
 from karma.prompt import base_type
 from karma.seeds import stream
-from karma.training.samples import Room
+from karma.training.recollections import Room
 from karma.world.generate import build_scene
 from karma.world.importers import import_dump
 from karma.world.scene import Scene

@@ -21,7 +21,8 @@ from karma.infer.gguf_export import new_tokenizer
 from karma.program import SKILLS
 from karma.seeds import stream
 from karma.training.phrases import Book
-from karma.training.samples import Example, Room, draw
+from karma.training.recollections import Room
+from karma.training.samples import Example, draw
 
 END = "<|end|>"
 PAD = "<|pad|>"
