@@ -1,4 +1,4 @@
-"""The first visit to a home: walk the area nodes, look around at each, and build the map."""
+"""The first visit to a home: walk about, look around everywhere, and build the map."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,6 +6,8 @@ from pathlib import Path
 from karma.contracts import Area, Known, SkillCall, Vec3, World
 from karma.memory.scene_graph import SceneGraph
 from karma.skills import Skills
+
+LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
 
 
 def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bool]:
@@ -21,14 +23,16 @@ def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bo
     Raises:
         FileError: the saved map is damaged.
     """
-    graph = _empty(world)
+    cells = _cells(world)
+    graph = SceneGraph.over(cells, height_m=_position(world)[1])
     if saved is not None and saved.exists():
         known = SceneGraph.load(saved)
         if [area.position_m for area in known.areas()] == [a.position_m for a in graph.areas()]:
             return known, False
-    skills = Skills(world, _Blank(graph))
+    lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
+    skills = Skills(world, _Blank(lookouts))
     skills.look_around()
-    for area in _tour(graph.areas(), _position(world)):
+    for area in _tour(lookouts, _position(world)):
         skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
         skills.look_around()
         graph.observe(skills.seen.values())
@@ -36,11 +40,9 @@ def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bo
     return graph, True
 
 
-def _empty(world: World) -> SceneGraph:
+def _cells(world: World) -> list[tuple[float, float]]:
     event = world.step("GetReachablePositions")
-    cells = [(float(cell["x"]), float(cell["z"])) for cell in event.metadata["actionReturn"]]
-    floor_y = float(event.metadata["agent"]["position"]["y"])
-    return SceneGraph.over(cells, height_m=floor_y)
+    return [(float(cell["x"]), float(cell["z"])) for cell in event.metadata["actionReturn"]]
 
 
 def _tour(areas: Sequence[Area], start: Vec3) -> list[Area]:
@@ -65,8 +67,8 @@ def _position(world: World) -> Vec3:
 class _Blank:
     """The knowledge of somebody who knows the cells but nothing in the room."""
 
-    def __init__(self, graph: SceneGraph) -> None:
-        self._areas = graph.areas()
+    def __init__(self, areas: Sequence[Area]) -> None:
+        self._areas = areas
 
     def where(self, name: str) -> Known | None:
         """Return None: nothing is known yet."""
