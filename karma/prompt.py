@@ -133,7 +133,7 @@ def compact(facts: Facts) -> Rendered:
     """
     held = (facts.held_id, facts.held_type) if facts.held_id and facts.held_type else None
     names = short_names(facts.units, held)
-    lines = [f"#task {' '.join(facts.instruction.lower().split()).rstrip('.!')}\n"]
+    lines = [f"#task {' '.join(facts.instruction.lower().split()).rstrip('.!? ')}\n"]
     if facts.error:
         lines.append(f"#error {_ID_REST.sub('', ' '.join(facts.error.split()))[:120]}\n")
     lines.append(compact_memory(facts.units, names))

@@ -135,7 +135,7 @@ def test_excluded_pairs_are_never_asked_for(rooms):
 
 def asked_pair(example):
     """The types of the last thing put somewhere, where the request was to put it there."""
-    if example.kind not in ("place", "clean_place", "heat_place", "cool_place", "stack"):
+    if example.kind not in ("place", "trash", "clean_place", "heat_place", "cool_place", "stack"):
         return None
     puts = [call for call in parse_program(example.program) if call.skill == "PutObject"]
     thing, place = puts[-1].objects
