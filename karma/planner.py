@@ -16,6 +16,7 @@ class Decoding:
 
     constrained: bool = True  # only programs that parse
     temperature: float = 0.0
+    retry_temperature: float = 0.6  # once a program has failed, the same again will not help
     seed: int = 0
     max_tokens: int = 512
     attempts: int = 2  # per request; later ones quote the error
@@ -46,13 +47,17 @@ class Planner:
                 return
             facts = replace(facts, error=answer.error)
 
+    def _temperature(self, facts: Facts) -> float:
+        decoding = self.decoding
+        return max(decoding.temperature, decoding.retry_temperature if facts.error else 0.0)
+
     def _ask(self, facts: Facts, attempt: int) -> Plan:
         rendered = render(self.profile, facts, SKILLS)
         completion = self.model.complete(
             rendered.prompt,
             spec=program_spec(facts, rendered.names) if self.decoding.constrained else None,
             max_tokens=self.decoding.max_tokens,
-            temperature=self.decoding.temperature,
+            temperature=self._temperature(facts),
             seed=self.decoding.seed + attempt,
         )
         calls: tuple[SkillCall, ...] = ()

@@ -284,12 +284,22 @@ def _knobs(reach: Reach) -> list[SeenObject]:
     return [sight for sight in sights if sight.object_type == "StoveKnob"]
 
 
+def _open_round(reach: Reach, target: Known) -> None:
+    """Open the closed container that a thing is remembered in, and look for it there."""
+    place = reach.log.in_view[target.place_id or ""]
+    reach.act(known(place, "seen"), "OpenObject")
+    reach.explorations += 1
+    reach.approach(target)
+
+
 def _explore(reach: Reach, name: str, call: SkillCall) -> str:
     passed: set[str] = set()  # a memory that proves wrong gives way to the next one
     while (target := reach.find(name)) is not None and target.object_id not in passed:
         passed.add(target.object_id)
         try:
-            return "" if reach.approach(target, closed_will_do=True) else _SHUT_IN
+            if not reach.approach(target, closed_will_do=True):
+                _open_round(reach, target)
+            return ""
         except RefusedError:
             continue
     found = search(reach, name, call.positions)

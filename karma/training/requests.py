@@ -111,8 +111,13 @@ def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
     )
     movables = [u for u in scene.units if capability in object_types()[u.object_type].capabilities]
     thing: Ref | None
+    away = _carried(scene, capability)
     if movables and (rng.random() < 0.25 or not landmarks):
         thing = refer(rng, scene, movables[int(rng.integers(len(movables)))])
+    elif away and rng.random() < 0.3:
+        name = pick(rng, away)
+        word = pick(rng, lexicon()[name].names)
+        thing = Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
     else:
         thing = _pick_landmark(rng, scene, landmarks)
     if thing is None:
@@ -122,6 +127,17 @@ def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
     }[kind]  # fmt: skip
     text = _fill(scene.book.pick(rng, kind), _slots("s", thing))
     return Ask(kind=kind, text=text, goals=(_goal(predicate, thing.name),)) if text else None
+
+
+def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
+    """Return types that can be carried, and opened or switched, of which memory holds none."""
+    remembered = {base_type(unit.object_type) for unit in scene.units}
+    remembered.add(base_type(scene.facts.held_type or ""))
+    return tuple(
+        name
+        for name in sorted(_movable_types() - remembered)
+        if capability in object_types()[name].capabilities
+    )
 
 
 def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
@@ -168,6 +184,8 @@ def _suits(kind: str, object_type: str) -> bool:
     base = base_type(object_type)
     sort = kind.removesuffix("_place")
     if sort == "slice":
+        if base == "Egg":
+            return False
         return bool(info.slices_into) or (kind == "slice_place" and object_type != base)
     checks = {
         "clean": _fits(info, "Sink"), "heat": _fits(info, "Microwave"),
@@ -185,11 +203,18 @@ def _fits(info: ObjectType, place: str) -> bool:
 
 
 def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Ref | None:
-    """Draw what a thing is put into: a landmark, or a dish from memory or the room."""
+    """Draw what a thing is put into: a landmark, or a dish from memory or the room.
+
+    Half of the time anything that holds things will do, sensible or not: a model that can guess the
+    place from the thing never learns to read it.
+    """
     info = object_types()[x.object_type]
-    kinds = object_types()
+    anything = rng.random() < 0.5
     fits = [
-        k for k in kinds if _fits(info, k) and (base_type(x.object_type), k) not in scene.excluded
+        name
+        for name, kind in object_types().items()
+        if (_fits(info, name) or (anything and "receptacle" in kind.capabilities))
+        and (base_type(x.object_type), name) not in scene.excluded
     ]
     if not movable:
         there = scene.room.landmarks if scene.mapped else sorted(landmark_types())
