@@ -112,8 +112,8 @@ def summary_table(lines: Sequence[Summary], title: str) -> Table:
     table = Table(title=title, title_justify="left")
     table.add_column("row")
     table.add_column("tasks")
-    for name in ("success", "rate", "explorations", "steps", "planner calls", "seconds", "hits"):
-        table.add_column(name, justify="right")
+    for name in ("success", "rate", "places", "steps", "calls", "sec", "hits"):
+        table.add_column(name, justify="right", no_wrap=True)
     for line in lines:
         table.add_row(
             line.row if line.kind != "all" else f"[bold]{escape(line.row)}[/]",
@@ -128,7 +128,8 @@ def summary_table(lines: Sequence[Summary], title: str) -> Table:
             end_section=line.kind == "all",
         )
     table.caption = (
-        "per episode; hits: needed things found in short-term memory, cold start counted"
+        "per episode: places searched, world steps, planner calls, seconds; "
+        "hits: needed things found in short-term memory, cold start counted"
     )
     return table
 
