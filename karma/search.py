@@ -1,5 +1,6 @@
 """Looking for a thing whose place is not known: area by area, then in what can be opened."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 from karma.contracts import Known, SeenObject, Vec3
@@ -15,25 +16,36 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
     """Look for a thing until it is in view; every node and every opened container is counted.
 
     First the given positions, then the other areas, the nearest first (without areas: places that
-    cover the room); then the closed containers, those that may hold such a thing first.
+    cover the room); then the closed containers, those that may hold such a thing first; then places
+    between, from which what stands in a corner may come into reach of the eye.
 
     Raises:
         RefusedError: it is nowhere.
     """
     found = _in_view(reach, name)
+    visited: list[Vec3] = []
     for point in _nodes(reach, positions):
         if found is not None:
             return found
-        reach.walker.walk_near(point)
-        reach.explorations += 1
-        found = look_around(reach, name)
+        visited.append(point)
+        found = _look_from(reach, name, point)
     opened: set[str] = set()
     while found is None and (container := _next_container(reach, name, opened)) is not None:
         opened.add(container.object_id)
         found = _look_into(reach, name, container)
+    for point in _cover(reach, visited, reach.limits.look_again_m):
+        if found is not None:
+            return found
+        found = _look_from(reach, name, point)
     if found is None:
         raise RefusedError(f"could not find {name}; searched {reach.explorations} places")
     return found
+
+
+def _look_from(reach: Reach, name: str, point: Vec3) -> Known | None:
+    reach.walker.walk_near(point)
+    reach.explorations += 1
+    return look_around(reach, name)
 
 
 def _in_view(reach: Reach, name: str) -> Known | None:
@@ -69,22 +81,27 @@ def _nodes(reach: Reach, positions: Sequence[str | Vec3]) -> Iterator[Vec3]:
             yield areas.pop(position)
         elif (place := reach.find(position)) is not None:
             yield place.position_m
-    rest = list(areas.values()) if areas or reach.knowledge.areas() else _cover(reach)
+    rest = list(areas.values())
+    if not reach.knowledge.areas():
+        rest = _cover(reach, [], reach.limits.cover_m)
     while rest:
         rest.sort(key=lambda point: (reach.walker.gap(point), point))
         yield rest.pop(0)
 
 
-def _cover(reach: Reach) -> list[Vec3]:
-    """Return cells spread evenly: from one of them every cell is near."""
+def _cover(reach: Reach, visited: Sequence[Vec3], within_m: float) -> list[Vec3]:
+    """Return cells spread evenly so that every cell is near one of them or a visited point."""
     cells = sorted(reach.walker.cells())
-    x, z = reach.walker.position
-    gaps = {cell: float("inf") for cell in cells}
     chosen: list[Vec3] = []
-    while max(gaps.values(), default=0.0) > reach.limits.cover_m:
-        chosen.append((x, 0.0, z))
-        gaps = {c: min(gap, ((c[0] - x) ** 2 + (c[1] - z) ** 2) ** 0.5) for c, gap in gaps.items()}
+    near = [(x, z) for x, _, z in visited]
+    if not near:
+        near = [reach.walker.position]
+        chosen.append((near[0][0], 0.0, near[0][1]))
+    gaps = {cell: min(math.dist(cell, point) for point in near) for cell in cells}
+    while max(gaps.values(), default=0.0) > within_m:
         x, z = max(gaps, key=lambda cell: (gaps[cell], cell))
+        chosen.append((x, 0.0, z))
+        gaps = {cell: min(gap, math.dist(cell, (x, z))) for cell, gap in gaps.items()}
     return chosen
 
 

@@ -6,6 +6,7 @@ the body, `sightings` keeps the log and knows what a name means, `reach` brings 
 and acts on it, `search` looks for things.
 """
 
+import math
 from contextlib import suppress
 from typing import Literal
 
@@ -19,6 +20,7 @@ from karma.walk import OutOfActionsError
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
 _OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
 _SHUT_IN = "it is in a closed container; open that first"
+_TAP_OVER_M = 1.0  # a tap this near to what was put down last is the one that is meant
 _FLOWING = ("Faucet", "ShowerHead")
 _SWITCHED_BY = {
     "Sink": "Faucet", "SinkBasin": "Faucet", "Bathtub": "Faucet", "BathtubBasin": "Faucet",
@@ -258,7 +260,38 @@ def _switch_of(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
         if name != kind:
             reach.approach(reach.resolve(name))  # its own tap is the nearest one then
         return reach.resolve(_SWITCHED_BY[kind], state=before)
+    if name in _FLOWING and (tap := _tap_over_last(reach, name)) is not None:
+        return tap
     return reach.resolve(name, state=before)
+
+
+def _tap_over_last(reach: Reach, kind: str) -> Known | None:
+    """Return the tap over what was put down last, as a room may have several; None if there is none.
+
+    The believed one is taken if it is near enough; else the agent steps up and looks around.
+    """
+    last = next((reach.log.seen.get(name) for name in reversed(reach.log.handled)), None)
+    if last is None:
+        return None
+    believed = reach.find(kind)
+    if believed and math.dist(believed.position_m, last.box_center_m) <= _TAP_OVER_M:
+        return believed
+    near = _nearest_tap(reach, kind, last)
+    if near is None:
+        reach.walker.walk_near(last.box_center_m)
+        look_around(reach)
+        near = _nearest_tap(reach, kind, last)
+    return near
+
+
+def _nearest_tap(reach: Reach, kind: str, last: SeenObject) -> Known | None:
+    taps = [
+        (math.dist(sight.box_center_m, last.box_center_m), sight.object_id, sight)
+        for sight in reach.log.seen.values()
+        if sight.object_type == kind
+    ]
+    gap, _, tap = min(taps, default=(math.inf, "", last))
+    return known(tap, "seen") if gap <= _TAP_OVER_M else None
 
 
 def _knob(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
