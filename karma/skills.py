@@ -266,7 +266,7 @@ def _switch_of(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
 
 
 def _tap_over_last(reach: Reach, kind: str) -> Known | None:
-    """Return the tap over what was put down last, as a room may have several; None if there is none.
+    """Return the tap over what was put down last (a room may have several), or None.
 
     The believed one is taken if it is near enough; else the agent steps up and looks around.
     """
