@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 from karma.contracts import LanguageModel, Plan, ProgramSpec, SkillCall
 from karma.errors import ProgramError
+from karma.inspector import mend, objection
 from karma.program import SKILLS, parse_program
-from karma.prompt import Facts, render
+from karma.prompt import Facts, render, type_of
 from karma.world.types import object_types
 
 
@@ -19,7 +20,8 @@ class Decoding:
     retry_temperature: float = 0.6  # once a program has failed, the same again will not help
     seed: int = 0
     max_tokens: int = 512
-    attempts: int = 2  # per request; later ones quote the error
+    attempts: int = 4  # per request; later ones quote the error
+    inspected: bool = True  # see `karma.inspector`
 
 
 class Planner:
@@ -39,9 +41,16 @@ class Planner:
         self.decoding = decoding or Decoding()
 
     def plan(self, facts: Facts) -> Iterator[Plan]:
-        """Ask until an answer parses, at most `attempts` times; yields every answer."""
+        """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
+
+        The last answer is only asked to parse: the world may know better than the type table.
+        """
         for attempt in range(self.decoding.attempts):
             answer = self._ask(facts, attempt)
+            if self.decoding.inspected and not answer.error:
+                answer = _inspected(facts, answer)
+            if attempt == self.decoding.attempts - 1 and answer.calls:
+                answer = replace(answer, error="")
             yield answer
             if not answer.error:
                 return
@@ -76,6 +85,21 @@ class Planner:
             names=rendered.names,
             error=error,
         )
+
+
+def _inspected(facts: Facts, answer: Plan) -> Plan:
+    """Return the plan with its program mended, and the inspector's objection if it has one."""
+    held = next((n for n, object_id in answer.names.items() if object_id == facts.held_id), None)
+    name_of = {object_id: name for name, object_id in answer.names.items()}
+    shut = {name_of[u.object_id] for u in facts.units if _is_shut(u.place_id)}
+    seen = {kind for area in facts.areas for kind in area.contains}
+    calls = mend(answer.calls, known=seen | set(answer.names), shut=shut, held=held)
+    return replace(answer, calls=calls, error=objection(calls, held=held))
+
+
+def _is_shut(place_id: str | None) -> bool:
+    kind = object_types().get(type_of(place_id))
+    return kind is not None and kind.must_be_open and "pickupable" not in kind.capabilities
 
 
 def program_spec(facts: Facts, names: Mapping[str, str]) -> ProgramSpec:

@@ -101,7 +101,7 @@ def short_names(units: Sequence[MemoryUnit], held: tuple[str, str] | None) -> di
     names: dict[str, str] = {}
     known: set[str] = set()
     things = [(unit.object_id, unit.object_type) for unit in reversed(units)]
-    places = [(unit.place_id, _type_of(unit.place_id)) for unit in reversed(units)]
+    places = [(unit.place_id, type_of(unit.place_id)) for unit in reversed(units)]
     for object_id, object_type in [*([held] if held else []), *things, *places]:
         if object_id is None or object_id == "hand" or object_id in known:
             continue
@@ -169,7 +169,7 @@ def position_text(position_m: Vec3) -> str:
     return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
 
 
-def _type_of(object_id: str | None) -> str:
+def type_of(object_id: str | None) -> str:
     """Return the type that an AI2-THOR id names: its first part, or the child's name."""
     if object_id is None:
         return ""

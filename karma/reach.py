@@ -28,7 +28,7 @@ class Limits:
     retries: int = 3  # places tried to act from, after a refusal that room may cure
     reach_m: float = 1.4  # horizontally; AI2-THOR sees and reaches to 1.5 m
     cover_m: float = 1.0  # without area nodes, every cell is looked at from this near
-    look_again_m: float = 0.75  # the same for what was not found from the area nodes
+    look_again_m: float = 0.5  # the same for what was not found from the area nodes
 
 
 class RefusedError(Exception):

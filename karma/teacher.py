@@ -9,13 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from karma.contracts import Area, Goal, SkillCall
+from karma.inspector import SURFACES
 from karma.prompt import base_type
 from karma.world.types import object_types
 
-SURFACES = (
-    "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
-    "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Toilet", "Bathtub",
-)  # where to put something down, the best first  # fmt: skip
 LIKELY = (
     "CounterTop", "DiningTable", "Desk", "CoffeeTable", "Dresser", "SideTable", "TVStand", "Bed",
     "Sofa", "ArmChair", "Shelf", "Fridge", "Sink", "Cabinet", "Drawer", "Bathtub", "Toilet",

@@ -21,11 +21,12 @@ from karma.contracts import (
     World,
 )
 from karma.goals import GoalTracker, WatchedWorld, alternatives, is_position, object_names
+from karma.inspector import SURFACES
 from karma.methods.kit import Kit, settings_of
 from karma.perceive import HAND
 from karma.prompt import base_type
 from karma.skills import Skills
-from karma.teacher import SURFACES, Thing, View, solve
+from karma.teacher import Thing, View, solve
 
 ATTEMPTS = 3
 

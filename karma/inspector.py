@@ -1,0 +1,163 @@
+"""The inspector: mends a program's oversights, and objects to what cannot work.
+
+Planners forget to search for what nobody has seen, to open what a thing is shut in, and what is in
+the hand. Mending is by rule and shows in the record: the answer stays as written beside what was
+done. It knows types and the agent's own memory, not the world, which may still refuse.
+
+Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023).
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from karma.contracts import SkillCall
+from karma.world.types import ObjectType, object_types
+
+SURFACES = (
+    "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
+    "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Toilet", "Bathtub",
+)  # where to put something down, the best first  # fmt: skip
+_PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}
+_NEEDS = {
+    "OpenObject": ("openable", "cannot be opened"),
+    "CloseObject": ("openable", "cannot be closed"),
+    "SliceObject": ("sliceable", "cannot be sliced"),
+    "BreakObject": ("breakable", "cannot be broken"),
+    "ToggleOn": ("toggleable", "cannot be switched"),
+    "ToggleOff": ("toggleable", "cannot be switched"),
+    "SwitchOn": ("toggleable", "cannot be switched"),
+    "SwitchOff": ("toggleable", "cannot be switched"),
+    "PickupObject": ("pickupable", "cannot be picked up"),
+}
+_SWITCHED_BY_A_PART = ("StoveBurner", "Sink", "SinkBasin", "Bathtub", "BathtubBasin")
+
+
+def mend(
+    calls: Sequence[SkillCall],
+    *,
+    known: Collection[str],
+    shut: Collection[str] = (),
+    held: str | None = None,
+) -> tuple[SkillCall, ...]:
+    """Return the program with searches added and the held thing named.
+
+    * Before the first use of a thing whose place is not known, `Explore` it.
+    * Instead of going to a thing that memory has in a closed container, `Explore` it: that opens.
+    * What is put down before anything was picked up is what was in the hand.
+    * Before something else is picked up, what is in the hand goes to a known surface.
+
+    Args:
+        calls: the program, with the prompt's short names.
+        known: names and types whose place the agent knows.
+        shut: names of things that memory has in something closed.
+        held: the short name of what is in the hand.
+    """
+    found, mended, hand = set(known), list[SkillCall](), held
+    for call in calls:
+        name = call.objects[-1]
+        if call.skill == "PutObject":
+            if len(call.objects) == 2 and hand is not None and hand == held:
+                call = replace(call, objects=(hand, name))
+            found.add(call.objects[0])
+            hand = None
+        elif call.skill == "PickupObject":
+            mended += _put_down(hand, name, found)
+            hand = name
+        if call.skill == "GoToObject" and name in shut:
+            call = replace(call, skill="Explore")
+        elif call.skill != "Explore" and not _placed(name, found, held):
+            mended.append(SkillCall(skill="Explore", objects=(name,)))
+        found.add(name)
+        mended.append(call)
+    return tuple(mended)
+
+
+def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
+    """Return the lines that free the hand for another thing."""
+    kind = object_types().get(_base(hand or ""))
+    if hand is None or kind is None or hand == name:
+        return []
+    for surface in SURFACES:
+        if surface in known and _fits(kind, object_types()[surface]):
+            return [SkillCall(skill="PutObject", objects=(hand, surface))]
+    return []
+
+
+def _placed(name: str, found: Collection[str], held: str | None) -> bool:
+    return name in found or _base(name) in found or name == held or name.startswith("node_")
+
+
+@dataclass(slots=True)
+class _Hand:
+    """What would be held at a line."""
+
+    held: str | None
+
+
+def objection(calls: Sequence[SkillCall], *, held: str | None) -> str:
+    """Return what is wrong with the first line that cannot work, "" if nothing is.
+
+    Args:
+        calls: the program, with the prompt's short names.
+        held: the short name of what is in the hand.
+    """
+    hand = _Hand(held=held)
+    for call in calls:
+        if reason := _refused(call, hand):
+            return f"{call}: {reason}"
+    return ""
+
+
+def _refused(call: SkillCall, hand: _Hand) -> str:
+    name = call.objects[-1]
+    if call.skill == "ThrowObject":
+        hand.held = None
+        return ""
+    capability, words = _NEEDS.get(call.skill, ("", ""))
+    kind = object_types().get(_base(name))
+    if capability and kind is not None and not _can(kind, capability):
+        return f"{name} {words}"
+    if call.skill == "PickupObject":
+        if hand.held is not None and hand.held != name:
+            return f"the hand holds {hand.held}; put it down first"
+        hand.held = name
+    elif call.skill == "PutObject":
+        return _put(call, hand)
+    return ""
+
+
+def _put(call: SkillCall, hand: _Hand) -> str:
+    name = call.objects[0] if len(call.objects) == 2 else (hand.held or "")
+    place = call.objects[-1]
+    if hand.held is None:
+        return f"the hand is empty; PickupObject(robot, '{name}') first"
+    if _base(hand.held) != _base(name):
+        return f"the hand holds {hand.held}, not {name}"
+    thing, receptacle = object_types().get(_base(name)), object_types().get(_base(place))
+    if thing is not None and receptacle is not None and not _fits(thing, receptacle):
+        return f"{name} cannot be placed in {place}"
+    if name == place:
+        return f"{name} cannot be placed in itself"
+    hand.held = None
+    return ""
+
+
+def _can(kind: ObjectType, capability: str) -> bool:
+    if capability == "toggleable" and kind.name in _SWITCHED_BY_A_PART:
+        return True
+    if capability == "sliceable" and kind.slices_into:
+        return True
+    return capability in kind.capabilities
+
+
+def _fits(thing: ObjectType, receptacle: ObjectType) -> bool:
+    """Return whether the types allow it, whole or sliced, in the receptacle or its basin."""
+    kinds = object_types()
+    forms = (thing.name, thing.slices_into)
+    places = (receptacle.name, _PARTS.get(receptacle.name))
+    return any(kinds[f].fits(kinds[p]) for f in forms if f for p in places if p)
+
+
+def _base(name: str) -> str:
+    """Return the type of a short name: `Apple_2` is an Apple."""
+    return name.partition("_")[0]
