@@ -217,20 +217,20 @@ def test_recall_asks_with_the_whole_text_or_the_part(start, query, recalled):
 
 def test_failed_program_is_asked_for_again_with_the_reason_and_what_is_new(start):
     method, model, _ = start(
-        ["GoToObject(robot, 'Apple')\n", TAKE_APPLE + "GoToObject(robot, 'Unicorn')\n", WASH]
+        ["GoToObject(robot, 'Unicorn')\n", TAKE_APPLE + "GoToObject(robot, 'Unicorn')\n", WASH]
     )
     events = do(method, "wash the apple")
     assert [type(event) for event in events].count(Plan) == 3
     assert events[-1].finished
     assert "#error" not in model.prompts[0].changing
-    assert "no Apple is known" in model.prompts[1].changing
+    assert "could not find Unicorn" in model.prompts[1].changing
     assert "#held Apple\n" in model.prompts[2].changing
     assert "Apple @hand *" in model.prompts[2].changing
 
 
 def test_do_gives_up_after_its_attempts(start):
-    method, model, _ = start(["GoToObject(robot, 'Apple')\n"] * 9, attempts=3)
-    events = do(method, "go to the apple")
+    method, model, _ = start(["GoToObject(robot, 'Unicorn')\n"] * 9, attempts=3)
+    events = do(method, "go to the unicorn")
     assert len(model.prompts) == 3
     assert not events[-1].finished
     assert [event.ok for event in events if isinstance(event, SkillResult)] == [False] * 3
