@@ -54,7 +54,8 @@ def run_command(
     long_term: Annotated[bool, typer.Option(help="With long-term memory.")] = True,
     short_term: Annotated[bool, typer.Option(help="With short-term memory.")] = True,
     policy: Annotated[str, typer.Option(help='e.g. "fifo-merge[10]".')] = "wtinylfu-karma[9,1]",
-    recall_k: Annotated[int, typer.Option("--k", help="Units in the prompt.")] = 10,
+    recall: Annotated[str, typer.Option(help='"cosine" is the paper\'s.')] = "stateful",
+    recall_k: Annotated[int, typer.Option("--k", help="Units in the prompt.")] = 3,
     maps: Annotated[Path, typer.Option(help="Folder of long-term memories.")] = Path("runs/maps"),
     seed: int = 0,
     json: Json = None,
@@ -69,13 +70,17 @@ def run_command(
 
     with console.status("loading models ..."):
         kit = make_kit(
-            Models(planner=planner, profile=profile, chat=chat), maps=maps, seed=seed, learn=True
+            Models(planner=planner, profile=profile, chat=chat, recall=recall),
+            maps=maps,
+            seed=seed,
+            learn=True,
         )
         options = {
             "long_term": long_term,
             "short_term": short_term,
             "policy": policy,
             "recall_k": recall_k,
+            "query": "subtask",
         }
         method = KarmaMethod.build(kit, options)
         world = registry.load("worlds", "embedded")()
