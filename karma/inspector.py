@@ -155,6 +155,8 @@ def _fits(thing: ObjectType, receptacle: ObjectType) -> bool:
     kinds = object_types()
     forms = (thing.name, thing.slices_into)
     places = (receptacle.name, _PARTS.get(receptacle.name))
+    if not any("receptacle" in kinds[p].capabilities for p in places if p):
+        return False
     return any(kinds[f].fits(kinds[p]) for f in forms if f for p in places if p)
 
 

@@ -228,7 +228,7 @@ def _simple(reach: Reach, skill: str, name: str) -> str:
 
 def _slice(reach: Reach, name: str) -> str:
     target = reach.resolve(name)
-    if target.object_id.rpartition("|")[0] in reach.log.cut:
+    if target.object_type.endswith(("Sliced", "Cracked")):
         reach.use(target)
         return "it is sliced already"
     event = reach.act(target, "SliceObject")

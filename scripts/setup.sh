@@ -201,6 +201,7 @@ if ! llama_works; then
 fi
 
 say "installing this package, editable"
+rm -rf karma_offline.egg-info  # an old one would hide new entry points
 work "installing karma" pip install --no-deps --no-build-isolation -e .
 
 fingerprint >"$stamp.new"

