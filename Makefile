@@ -20,8 +20,8 @@ setup: ## make .venv: pinned packages, llama.cpp built from source once, this pa
 	@bash scripts/setup.sh
 
 demo: setup ## run the small evaluation of eval/demo.toml
-	@echo "demo: karma eval eval/demo.toml"
-	@.venv/bin/karma eval eval/demo.toml
+	@echo "demo: karma eval eval/demo.toml --fresh"
+	@.venv/bin/karma eval eval/demo.toml --fresh
 
 test: check ## check, then all tests
 	@echo "test: what has golden answers, under another hash seed"
