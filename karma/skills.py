@@ -101,7 +101,8 @@ class Skills:
             ok, reason = False, str(refusal)
         except OutOfActionsError:
             reach.look()
-            ok, reason = False, f"gave up after {reach.walker.actions} actions on {call.objects[-1]}"
+            spent = f"gave up after {reach.walker.actions} actions"
+            ok, reason = False, f"{spent} on {call.objects[-1]}"
         self.actions += reach.walker.actions
         self.explorations += reach.explorations
         return SkillResult(
