@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from karma.contracts import MemoryUnit, SeenObject, VisionModel
+from karma.contracts import MemoryUnit, VisionModel
 from karma.perceive import to_unit
 from karma.skills import Skills
 
@@ -60,8 +60,4 @@ def _standing_for(object_id: str, skills: Skills, before: Iterable[str]) -> str:
         return object_id
     parts = [name for name in skills.seen if name.startswith(f"{object_id}|")]
     used = [name for name in before if name in parts]
-    return (used or sorted(parts, key=lambda name: _order(skills.seen[name])) or [object_id])[-1]
-
-
-def _order(sight: SeenObject) -> tuple[str, ...]:
-    return (sight.object_id,)
+    return (used or sorted(parts) or [object_id])[-1]
