@@ -112,12 +112,6 @@ def alternatives(name: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in name.split("/"))
 
 
-def first_choice(goal: Goal) -> Goal:
-    """Return the goal with every name cut to its likeliest alternative, for who must act on it."""
-    arguments = (alternatives(argument)[0] for argument in goal.arguments)
-    return Goal(predicate=goal.predicate, arguments=tuple(arguments))
-
-
 def is_position(argument: str) -> bool:
     """Return whether an argument is a place "(x, y, z)" in metres instead of a name."""
     return argument.startswith("(")

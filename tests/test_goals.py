@@ -9,7 +9,6 @@ from karma.errors import KarmaError
 from karma.goals import (
     GoalTracker,
     canonical_state,
-    first_choice,
     object_names,
     parse_goal,
     read_goal,
@@ -120,10 +119,6 @@ def test_object_names_leave_out_robot_states_and_positions():
     assert object_names(parse_goal("STATE(Pan, hot)")) == ("Pan",)
     assert object_names(read_goal("ON(Pan, (1, 2, 3))")) == ("Pan",)
     assert object_names(parse_goal("ON(Egg, Pan)")) == ("Egg", "Pan")
-
-
-def test_first_choice_of_alternatives_is_one_type():
-    assert str(first_choice(parse_goal("ON(Knife/ButterKnife, Desk)"))) == "ON(Knife, Desk): 1"
 
 
 def test_canonical_state_knows_synonyms_only():

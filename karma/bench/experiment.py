@@ -15,7 +15,7 @@ from karma.bench.episode import run_episode
 from karma.bench.records import EpisodeRecord, read_records, write_record
 from karma.bench.tasks import load_tasks
 from karma.contracts import Task
-from karma.errors import FileError, KarmaError
+from karma.errors import FileError
 from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
 from karma.infer.manifest import resolve_planner
 from karma.methods.kit import Kit
@@ -215,18 +215,6 @@ def make_kit(models: Models, *, maps: Path | None, seed: int, learn: bool = Fals
         maps=maps,
         learn=learn,
     )
-
-
-def load_header(folder: Path) -> Header:
-    """Return the header of a run's folder.
-
-    Raises:
-        KarmaError: there is no run.
-    """
-    path = folder / "header.json"
-    if not path.exists():
-        raise KarmaError(f"{folder}: no run here\n  To fix: karma eval FILE.toml --out {folder}")
-    return read_json(path, Header)
 
 
 def _sha(data: bytes) -> str:
