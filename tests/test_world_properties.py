@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma.world import scene
+from karma.world.actions import ACTIONS
 from karma.world.objects import is_inert
-from karma.world.sim import ACTIONS, EmbeddedWorld
+from karma.world.sim import EmbeddedWorld
 
 ROOM = kitchen()
 IDS = [thing.id for thing in ROOM.objects]

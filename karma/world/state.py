@@ -8,14 +8,26 @@ from typing import Any
 import numpy as np
 
 from karma.contracts import Pose, Vec3
+from karma.world.camera import Camera
 from karma.world.objects import Objects, heading
 from karma.world.rules import rules
-from karma.world.scene import Scene
+from karma.world.scene import Scene, SceneObject
 from karma.world.view import Sight, camera, camera_axes, sight
 
-_HAND_AHEAD_M, _HAND_DOWN_M = 0.38, 0.16  # from the camera
+HAND_M: Vec3 = (0.0, -0.16, 0.38)  # right, up, forward from the camera
 
 Cell = tuple[int, int]  # column (x), row (z) on the scene's grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Images:
+    """Which pictures an event has."""
+
+    rgb: bool = True
+    depth: bool = False
+    instances: bool = False
+    classes: bool = False
+    normals: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +41,10 @@ class Settings:
     height: int = 300
     rotate_deg: float = 90.0
     snap: bool = True
+    near_m: float = 0.01  # planes of the agent's camera
+    far_m: float = 20.0
+    fast_emit: bool = True  # questions are answered without the objects (player only)
+    images: Images = Images()
 
     @property
     def aspect(self) -> float:
@@ -79,6 +95,12 @@ class WorldState:
     time_s: float = 0.0
     decay_s: float = field(default_factory=lambda: rules().time.decay_s)
     until_s: Mapping[str, float] = field(default_factory=dict)  # when heat or cold runs out
+    cameras: tuple[Camera, ...] = ()  # third-party cameras, by their number
+    shown: frozenset[str] | None = None  # ids that metadata lists (SetObjectFilter); None = all
+    disabled: Mapping[str, SceneObject] = field(default_factory=dict)  # out of the world for now
+    hand_m: Vec3 = HAND_M  # right, up, forward from the camera
+    hand_turn_deg: Vec3 = (0.0, 0.0, 0.0)  # the held object's own turn: pitch, yaw, roll
+    seed: int = 0  # of what actions draw by lot (SetRandomSeed)
 
     @cached_property
     def in_hand(self) -> frozenset[str]:
@@ -102,8 +124,8 @@ class WorldState:
     @property
     def hand(self) -> Vec3:
         """Where a held object hangs."""
-        _, up, forward = camera_axes(self.pose.yaw_deg, self.pose.horizon_deg)
-        x, y, z = np.array(camera(self.pose)) + forward * _HAND_AHEAD_M - up * _HAND_DOWN_M
+        axes = camera_axes(self.pose.yaw_deg, self.pose.horizon_deg)
+        x, y, z = np.array(camera(self.pose)) + np.array(self.hand_m) @ axes
         return (round(float(x), 6), round(float(y), 6), round(float(z), 6))
 
 

@@ -1,0 +1,31 @@
+"""What all commands share: the console, options, and how errors are shown."""
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from karma.errors import KarmaError
+
+console = Console()
+
+Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")]
+
+
+def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
+    """Turn the package's errors into a message and exit code 1; anything else is a bug."""
+
+    @wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except KarmaError as error:
+            text = f"[red]error:[/] {escape(str(error))}"
+            Console(stderr=True).print(text, highlight=False, soft_wrap=True)
+            raise typer.Exit(1) from error
+
+    return wrapped
