@@ -46,6 +46,10 @@ class Box(NamedTuple):
             self.x0 - x, self.y0 - y, self.z0 - z, self.x1 + x, self.y1 + y, self.z1 + z
         )  # fmt: skip
 
+    def shifted(self, x: float, z: float) -> "Box":
+        """Return the box moved across the floor."""
+        return Box(self.x0 + x, self.y0, self.z0 + z, self.x1 + x, self.y1, self.z1 + z)
+
     def overlaps(self, other: "Box", slack: float = 1e-6) -> bool:
         """Return whether the two share more than a face."""
         return (

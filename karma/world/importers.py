@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.world.boxes import AGENT_RADIUS_M, Box, Cell, distances, free_parts, nearest_to_centre
 from karma.world.dump import Seen, named, read_layouts, rows, seen_object
@@ -18,6 +19,7 @@ from karma.world.scene import (
     SceneObject,
     check,
 )
+from karma.world.types import object_types
 
 ORIGIN_M = 0.9  # the agent's origin above the floor
 FLAGS: tuple[Capability, ...] = Capability.__args__  # type: ignore[attr-defined]
@@ -69,6 +71,8 @@ def scene_from_dump(
     *,
     reachable: Sequence[Cell] | None = None,
     agent: AgentPose | None = None,
+    grid_m: float = 0.25,
+    room: RoomType | None = None,
 ) -> Scene:
     """Return a scene from AI2-THOR's object metadata at reset.
 
@@ -76,7 +80,10 @@ def scene_from_dump(
         scene_name: "FloorPlan1" and so on; its number says which room it is.
         objects: `event.metadata["objects"]`.
         reachable: (x, z) cells; computed from the boxes when None.
-        agent: its start; the cell nearest to the middle of all when None.
+        agent: its start, which is a cell of its own; the cell nearest to the middle of all when
+            None.
+        grid_m: distance of the cells.
+        room: what the scene is, where its name does not tell.
 
     Raises:
         FileError: a field is missing or wrong, or the objects contradict each other; the path
@@ -87,21 +94,24 @@ def scene_from_dump(
         raise FileError(scene_name, "objects: there are none")
     floor_y = _floor_y(seen)
     cells = tuple(sorted((float(x), float(z)) for x, z in reachable or ()))
-    room = _room_box(seen, floor_y, cells)
-    cells = cells or _free_cells(seen, room)
+    box = _room_box(seen, floor_y, cells)
+    if agent is not None:
+        cells = _with_start(cells or _cells_round(seen, box, agent.position, grid_m), agent, grid_m)
+    cells = cells or _free_cells(seen, box, grid_m)
     if not cells:
         raise FileError(scene_name, "nowhere to stand: every cell is blocked")
     x, z = nearest_to_centre(cells)
     parents = _parents(seen)
     scene = Scene(
         name=scene_name,
-        room=_room_type(scene_name),
+        room=room or _room_type(scene_name),
         source="AI2-THOR metadata at reset",
         floor_y=floor_y,
+        grid_m=grid_m,
         agent=agent or AgentPose(position=(x, round(floor_y + ORIGIN_M, 4), z)),
         reachable=cells,
-        bounds_center=room.center,
-        bounds_size=room.size,
+        bounds_center=box.center,
+        bounds_size=box.size,
         objects=tuple(_object(one, parents[one.object_id]) for one in seen),
     )
     check(scene, scene_name)
@@ -111,13 +121,31 @@ def scene_from_dump(
 # ----------------------------------------------------------------- geometry
 
 
-def _room_type(scene_name: str) -> RoomType:
-    """Return the room by AI2-THOR's numbers: 1-30 kitchen, 201-, 301-, 401-."""
+def room_by_name(scene_name: str) -> RoomType | None:
+    """Return the room by AI2-THOR's numbers: 1-30 kitchen, 201-, 301-, 401-; None without one."""
     found = re.match(r"FloorPlan(\d+)", scene_name)
     hundred = int(found[1]) // 100 if found else -1
-    if hundred not in ROOM_OF_HUNDRED:
+    return ROOMS[ROOM_OF_HUNDRED[hundred]] if hundred in ROOM_OF_HUNDRED else None
+
+
+def room_by_things(objects: Sequence[Mapping[str, Any]]) -> RoomType:
+    """Return the room in which AI2-THOR has most of the types seen; the first of equals.
+
+    For scenes named otherwise (RoboTHOR, houses): a type counts the more, the fewer rooms have it.
+    """
+    weight = dict.fromkeys(ROOMS, 0.0)
+    for kind in sorted({str(row.get("objectType")) for row in objects}):
+        rooms_of = object_types()[kind].rooms if kind in object_types() else ()
+        for room in rooms_of:
+            weight[room] += 1 / len(rooms_of)
+    return max(ROOMS, key=lambda room: weight[room])
+
+
+def _room_type(scene_name: str) -> RoomType:
+    room = room_by_name(scene_name)
+    if room is None:
         raise FileError(scene_name, "scene: the name has no FloorPlan number of a single room")
-    return ROOMS[ROOM_OF_HUNDRED[hundred]]
+    return room
 
 
 def _floor_y(seen: Sequence[Seen]) -> float:
@@ -142,12 +170,38 @@ def _room_box(seen: Sequence[Seen], floor_y: float, cells: Sequence[Cell]) -> Bo
     )  # fmt: skip
 
 
-def _free_cells(seen: Sequence[Seen], room: Box) -> tuple[Cell, ...]:
-    solid = [one.box for one in seen if not (one.pickupable or _spans(one))]
+def _free_cells(seen: Sequence[Seen], room: Box, grid_m: float) -> tuple[Cell, ...]:
+    solid = _solid(seen)
     things = [one.box for one in seen if one.pickupable] or solid
-    parts = free_parts(room, solid)
+    parts = free_parts(room, solid, grid_m=grid_m)
     # beside the room there can be larger free ground within the bounds, with nothing in reach
     return max(parts, key=lambda part: _in_reach(part, things), default=())
+
+
+def _solid(seen: Sequence[Seen]) -> list[Box]:
+    return [one.box for one in seen if not (one.pickupable or _spans(one))]
+
+
+def _cells_round(seen: Sequence[Seen], room: Box, start: Vec3, grid_m: float) -> tuple[Cell, ...]:
+    """Return the cells in steps of the grid from where the agent stands, that it can walk to."""
+    x, _, z = start
+    parts = free_parts(
+        room.shifted(-x, -z), [one.shifted(-x, -z) for one in _solid(seen)], grid_m=grid_m
+    )
+
+    def far(part: tuple[Cell, ...]) -> float:
+        return min(across * across + along * along for across, along in part)
+
+    mine = min(parts, key=far, default=())
+    return tuple((round(x + across, 6), round(z + along, 6)) for across, along in mine)
+
+
+def _with_start(cells: Sequence[Cell], agent: AgentPose, grid_m: float) -> tuple[Cell, ...]:
+    """Return the cells with the one that the agent stands on."""
+    x, _, z = agent.position
+    if any(abs(a - x) < grid_m / 2 and abs(b - z) < grid_m / 2 for a, b in cells):
+        return tuple(cells)
+    return tuple(sorted((*cells, (x, z))))
 
 
 def _in_reach(cells: Sequence[Cell], boxes: Sequence[Box]) -> tuple[int, int]:
