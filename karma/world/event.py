@@ -1,84 +1,114 @@
-"""What the embedded world returns: AI2-THOR 5.0.0's event, its metadata built when asked for."""
+"""What the embedded world returns: AI2-THOR 5.0.0's event.
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+A genuine `ai2thor.server.Event` where that package is installed, else one with the same attributes.
+Metadata and pictures are made when first asked for; a moment never changes, so later is not too
+late. Parts of the metadata are shared between events: copy before changing any.
+"""
+
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from karma.contracts import Frame, Vec3
-from karma.world.objects import bottom
-from karma.world.scene import SceneObject
-from karma.world.state import WorldState
+import numpy as np
+
+from karma.world.metadata import box, xyz
+from karma.world.state import Images, WorldState
 from karma.world.view import camera
 
-_SIGNS = (1, -1)
+try:
+    from ai2thor.server import Event, MetadataWrapper
+except ImportError:  # the extra `thor` is not installed
+    from karma.world.drop_in import Event, MetadataWrapper  # type: ignore[assignment]
+
+if TYPE_CHECKING:
+    from karma.world.render.picture import Picture
 
 
-class Metadata(dict[str, Any]):
-    """A dict with AI2-THOR's two aliases."""
+class _Drawn:
+    """An attribute of the event that is drawn, with those that go with it, when first asked for."""
 
-    def __missing__(self, key: str) -> Any:
-        if key == "hand":
-            return self["heldObjectPose"]
-        if key == "reachablePositions":
-            if self["lastAction"] != "GetReachablePositions":
-                raise IndexError("reachablePositions is only known after GetReachablePositions")
-            return self["actionReturn"]
-        raise KeyError(key)
+    def __init__(self, draw: "Callable[[WorldEvent], None]") -> None:
+        self.draw = draw
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, event: "WorldEvent | None", owner: type) -> Any:
+        if event is None:
+            return self
+        self.draw(event)
+        return event.__dict__[self.name]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WorldEvent:
-    """One action's outcome: the moment after it, and how it went."""
+def _draw_agent(event: "WorldEvent") -> None:
+    event.draw_agent()
 
-    state: WorldState
-    action: str
-    success: bool = True
-    message: str = ""
-    code: str | None = None
-    value: Any = None
-    first: bool = False  # AI2-THOR leaves three fields null in the first event
-    before: "WorldEvent | None" = None  # an event of the same moment; shares its object list
+
+def _draw_cameras(event: "WorldEvent") -> None:
+    event.draw_cameras()
+
+
+class WorldEvent(Event):  # type: ignore[misc]
+    """One action's outcome: the moment after it, and how it went.
+
+    Args:
+        state: the moment.
+        action: its name.
+        success: whether it happened.
+        message: why not, as AI2-THOR words it.
+        code: AI2-THOR's errorCode.
+        value: what it returns.
+        first: AI2-THOR leaves three fields null in the first event.
+        images: which pictures there are; None = those of the state's settings.
+        before: an earlier event of the same moment; its object list and pictures are shared.
+    """
+
+    frame: Any = _Drawn(_draw_agent)
+    depth_frame: Any = _Drawn(_draw_agent)
+    normals_frame: Any = _Drawn(_draw_agent)
+    instance_segmentation_frame: Any = _Drawn(_draw_agent)
+    semantic_segmentation_frame: Any = _Drawn(_draw_agent)
+    instance_masks: Any = _Drawn(_draw_agent)
+    class_masks: Any = _Drawn(_draw_agent)
+    instance_detections2D: Any = _Drawn(_draw_agent)
+    class_detections2D: Any = _Drawn(_draw_agent)
+    third_party_camera_frames: Any = _Drawn(_draw_cameras)
+    third_party_depth_frames: Any = _Drawn(_draw_cameras)
+    third_party_normals_frames: Any = _Drawn(_draw_cameras)
+    third_party_instance_segmentation_frames: Any = _Drawn(_draw_cameras)
+    third_party_semantic_segmentation_frames: Any = _Drawn(_draw_cameras)
+    third_party_instance_masks: Any = _Drawn(_draw_cameras)
+    third_party_class_masks: Any = _Drawn(_draw_cameras)
+
+    def __init__(
+        self,
+        *,
+        state: WorldState,
+        action: str,
+        success: bool = True,
+        message: str = "",
+        code: str | None = None,
+        value: Any = None,
+        first: bool = False,
+        images: Images | None = None,
+        before: "WorldEvent | None" = None,
+    ) -> None:
+        self.state = state
+        self.action = action
+        self.success = success
+        self.message = message
+        self.code = code
+        self.value = value
+        self.first = first
+        self.images = state.settings.images if images is None else images
+        self.before = None if before is None else before.before or before
+        self.events = [self]
+        self.flow_frame = None
+        self.third_party_flows_frames: list[Any] = []
 
     def __bool__(self) -> bool:
         """Return whether the action happened."""
         return self.success
-
-    @cached_property
-    def objects(self) -> list[dict[str, Any]]:
-        """All objects' metadata."""
-        if self.before is not None:
-            return self.before.objects
-        return object_list(self.state)
-
-    @cached_property
-    def metadata(self) -> Mapping[str, Any]:
-        """All 37 fields, the objects with 42 each."""
-        late: list[Any] | None = None if self.first else []
-        return Metadata(
-            objects=self.objects,
-            **_situation(self.state),
-            lastAction=self.action,
-            lastActionSuccess=self.success,
-            errorMessage=self.message,
-            errorCode=self.code,
-            actionReturn=self.value,
-            actionIntReturn=0,
-            actionFloatReturn=0.0,
-            actionStringsReturn=late,
-            actionFloatsReturn=late,
-            actionVector3sReturn=late,
-        )
-
-    @property
-    def frame(self) -> Frame | None:
-        """None: nothing is rendered here."""
-        return None
-
-    @property
-    def events(self) -> list["WorldEvent"]:
-        """One event per agent."""
-        return [self]
 
     @property
     def screen_width(self) -> int:
@@ -89,6 +119,41 @@ class WorldEvent:
     def screen_height(self) -> int:
         """Pixels."""
         return self.state.settings.height
+
+    # ------------------------------------------------------------- metadata
+
+    @cached_property
+    def objects(self) -> list[dict[str, Any]]:
+        """The listed objects' metadata, 42 fields each."""
+        return object_list(self.state) if self.before is None else self.before.objects
+
+    @cached_property
+    def metadata(self) -> dict[str, Any]:
+        """All 37 fields."""
+        late: list[Any] | None = None if self.first else []
+        fields: dict[str, Any] = MetadataWrapper(_situation(self.state, self.images))
+        fields.update(
+            objects=self.objects,
+            lastAction=self.action,
+            lastActionSuccess=self.success,
+            errorMessage=self.message,
+            errorCode=self.code,
+            actionReturn=self.value,
+            actionStringsReturn=late,
+            actionFloatsReturn=late,
+            actionVector3sReturn=late,
+        )
+        return fields
+
+    @cached_property
+    def color_to_object_id(self) -> dict[tuple[int, int, int], str]:
+        """Names by colour; empty without segmentation."""
+        return {tuple(row["color"]): row["name"] for row in self.metadata["colors"] or ()}
+
+    @cached_property
+    def object_id_to_color(self) -> dict[str, tuple[int, int, int]]:
+        """Colours by name; empty without segmentation."""
+        return {name: color for color, name in self.color_to_object_id.items()}
 
     @property
     def pose(self) -> tuple[int, int, int, int]:
@@ -107,15 +172,89 @@ class WorldEvent:
 
     def get_object(self, object_id: str) -> dict[str, Any] | None:
         """Return one object's metadata; None for an unknown id."""
-        row = self.state.objects.rows.get(object_id)
-        return None if row is None else self.objects[row]
+        return next((thing for thing in self.objects if thing["objectId"] == object_id), None)
 
-    def objects_by_type(self, object_type: str) -> list[dict[str, Any]]:
-        """Return the metadata of all objects of a type."""
-        return [thing for thing in self.objects if thing["objectType"] == object_type]
+    # ------------------------------------------------------------- pictures
+
+    @cached_property
+    def picture(self) -> "Picture":
+        """What the agent's camera sees; drawn even when the event has no frame."""
+        from karma.world.render.picture import agent_camera, render
+
+        if self.before is not None:
+            return self.before.picture
+        settings = self.state.settings
+        return render(self.state, agent_camera(self.state), settings.width, settings.height)
+
+    @cached_property
+    def camera_pictures(self) -> "list[Picture]":
+        """What each third-party camera sees."""
+        from karma.world.render.picture import render
+
+        if self.before is not None:
+            return self.before.camera_pictures
+        settings = self.state.settings
+        return [
+            render(self.state, camera, settings.width, settings.height)
+            for camera in self.state.cameras
+        ]
+
+    def draw_agent(self) -> None:
+        """Set the agent's frames, masks and boxes."""
+        wanted = self.images
+        self.frame = self.picture.rgb if wanted.rgb else None
+        self.depth_frame = self.picture.depth_m if wanted.rgb and wanted.depth else None
+        self.normals_frame = self.picture.normals_rgb if wanted.rgb and wanted.normals else None
+        self.instance_segmentation_frame = self.semantic_segmentation_frame = None
+        self.instance_masks, self.class_masks = {}, {}
+        self.instance_detections2D, self.class_detections2D = None, {}
+        if wanted.rgb and wanted.classes:
+            self.semantic_segmentation_frame = self._classes(self.picture)
+        if wanted.rgb and wanted.instances:
+            self.instance_segmentation_frame = self._instances(self.picture)
+            self.process_colors_ids(rgba_bytes(self.instance_segmentation_frame))
+
+    def draw_cameras(self) -> None:
+        """Set the lists of the third-party cameras' frames and masks."""
+        wanted = self.images
+        pictures = self.camera_pictures if wanted.rgb else []
+        self.third_party_camera_frames = [one.rgb for one in pictures]
+        self.third_party_depth_frames = [one.depth_m for one in pictures if wanted.depth]
+        self.third_party_normals_frames = [one.normals_rgb for one in pictures if wanted.normals]
+        classes = [self._classes(one) for one in pictures if wanted.classes]
+        instances = [self._instances(one) for one in pictures if wanted.instances]
+        self.third_party_semantic_segmentation_frames = classes
+        self.third_party_instance_segmentation_frames = instances
+        readers = [self._reader(frame) for frame in instances]
+        self.third_party_instance_masks = [one.instance_masks for one in readers]
+        self.third_party_class_masks = [one.class_masks for one in readers]
+
+    def _instances(self, picture: "Picture") -> np.ndarray:
+        from karma.world.render.colours import instance_frame
+
+        return instance_frame(picture.rows, self.state.objects)
+
+    def _classes(self, picture: "Picture") -> np.ndarray:
+        from karma.world.render.colours import class_frame
+
+        return class_frame(picture.rows, self.state.objects)
+
+    def _reader(self, frame: np.ndarray) -> Any:
+        """Return an event that has read one segmentation frame."""
+        reader = WorldEvent(state=self.state, action=self.action, images=self.images, before=self)
+        reader.process_colors_ids(rgba_bytes(frame))
+        return reader
 
 
-def _situation(state: WorldState) -> dict[str, Any]:
+def rgba_bytes(frame: np.ndarray) -> bytes:
+    """Return a frame as AI2-THOR sends it: bottom row first, four bytes a pixel, alpha 255."""
+    height, width, _ = frame.shape
+    full = np.full((height, width, 4), 255, dtype=np.uint8)
+    full[:, :, :3] = frame[::-1]
+    return full.tobytes()
+
+
+def _situation(state: WorldState, images: Images) -> dict[str, Any]:
     """Return the fields that tell of the agent, its hand and the scene."""
     pose, settings, room = state.pose, state.settings, state.room
     held = None if state.held is None else state.objects[state.held]
@@ -134,14 +273,14 @@ def _situation(state: WorldState) -> dict[str, Any]:
         "heldObjectPose": {
             "position": xyz(state.hand),
             "rotation": dict(yaw),
-            "localPosition": {"x": 0.0, "y": -0.16, "z": 0.38},
-            "localRotation": {"x": 0.0, "y": 0.0, "z": 0.0},
+            "localPosition": xyz(state.hand_m),
+            "localRotation": xyz(state.hand_turn_deg),
         },
         "arm": None,
         "fov": float(settings.fov_deg),
         "cameraPosition": xyz(camera(pose)),
         "cameraOrthSize": 0.0,
-        "thirdPartyCameras": [],
+        "thirdPartyCameras": _cameras(state) if images.rgb else None,
         "collided": False,
         "collidedObjects": [],
         "inventoryObjects": []
@@ -152,13 +291,15 @@ def _situation(state: WorldState) -> dict[str, Any]:
         "screenHeight": settings.height,
         "agentId": 0,
         "depthFormat": "Meters",
-        "colors": None,
+        "colors": _colors(state, images),
         "flatSurfacesOnGrid": [],
         "distances": [],
         "normals": [],
         "isOpenableGrid": [],
         "segmentedObjectIds": [],
         "objectIdsInBox": [],
+        "actionIntReturn": 0,
+        "actionFloatReturn": 0.0,
         "visibleRange": None,
         "currentTime": round(state.time_s, 5),
         "sceneBounds": bounds,
@@ -174,94 +315,40 @@ def scene_name(name: str) -> str:
     return f"{name}_physics" if name.startswith("FloorPlan") and "_" not in name else name
 
 
-def object_list(state: WorldState) -> list[dict[str, Any]]:
-    """Return the 42 fields of every object, in the scene's order."""
-    sight, children = state.sight, state.objects.children
+def _cameras(state: WorldState) -> list[dict[str, Any]]:
     return [
         {
-            "visible": object_id in sight.visible,
-            "isInteractable": object_id in sight.interactable,
-            "distance": _far(thing.position, state.pose.position_m),
-            "receptacleObjectIds": list(children.get(object_id, ()))
-            if "receptacle" in thing.capabilities
-            else None,
-            **_fields(thing),
+            "thirdPartyCameraId": number,
+            "position": xyz(one.position_m),
+            "rotation": xyz(one.rotation_deg),
+            "fieldOfView": float(one.fov_deg),
         }
-        for object_id, thing in state.objects.items()
+        for number, one in enumerate(state.cameras)
     ]
 
 
-def _fields(thing: SceneObject) -> dict[str, Any]:
-    """Return the fields that do not depend on anything around the object."""
-    can = thing.capabilities
-    loose = "pickupable" in can or "moveable" in can
-    return {
-        "name": thing.name,
-        "objectId": thing.id,
-        "objectType": thing.type,
-        "assetId": thing.asset,
-        "position": xyz(thing.position),
-        "rotation": xyz(thing.rotation),
-        "isMoving": False,
-        "receptacle": "receptacle" in can,
-        "parentReceptacles": list(thing.parents) or None,
-        "pickupable": "pickupable" in can,
-        "isPickedUp": thing.is_picked_up,
-        "moveable": "moveable" in can,
-        "mass": float(thing.mass_kg),
-        "salientMaterials": None if thing.materials is None else list(thing.materials),
-        "openable": "openable" in can,
-        "isOpen": thing.openness > 0,
-        "openness": float(thing.openness),
-        "toggleable": "toggleable" in can,
-        "isToggled": thing.is_toggled,
-        "controlledObjects": list(thing.controls) if "toggleable" in can else None,
-        "breakable": "breakable" in can,
-        "isBroken": thing.is_broken,
-        "canFillWithLiquid": "canFillWithLiquid" in can,
-        "isFilledWithLiquid": thing.is_filled,
-        "fillLiquid": thing.liquid,
-        "dirtyable": "dirtyable" in can,
-        "isDirty": thing.is_dirty,
-        "canBeUsedUp": "canBeUsedUp" in can,
-        "isUsedUp": thing.is_used_up,
-        "cookable": "cookable" in can,
-        "isCooked": thing.is_cooked,
-        "temperature": thing.temperature,
-        "isHeatSource": "isHeatSource" in can,
-        "isColdSource": "isColdSource" in can,
-        "sliceable": "sliceable" in can,
-        "isSliced": thing.is_sliced,
-        "axisAlignedBoundingBox": box(thing.center, thing.size),
-        "objectOrientedBoundingBox": {"cornerPoints": _corners(thing)} if loose else None,
-    }
+def _colors(state: WorldState, images: Images) -> list[dict[str, Any]] | None:
+    """Return the colour table that goes with segmentation."""
+    if not (images.rgb and (images.instances or images.classes)):
+        return None
+    from karma.world.render.colours import colour_table
+
+    return colour_table(state.objects)
 
 
-def xyz(point: Vec3) -> dict[str, float]:
-    """Return a point as AI2-THOR writes it."""
-    x, y, z = point
-    return {"x": float(x), "y": float(y), "z": float(z)}
-
-
-def box(center: Vec3, size: Vec3) -> dict[str, Any]:
-    """Return an axis-aligned box as AI2-THOR writes it."""
-    (cx, cy, cz), (sx, sy, sz) = center, (size[0] / 2, size[1] / 2, size[2] / 2)
-    corners = [
-        [cx + i * sx, cy + j * sy, cz + k * sz] for i in _SIGNS for j in _SIGNS for k in _SIGNS
-    ]
-    return {"cornerPoints": corners, "center": xyz(center), "size": xyz(size)}
-
-
-def _corners(thing: SceneObject) -> list[list[float]]:
-    """Return the oriented box, its lower side first, each side in turn."""
-    if thing.corners is not None:
-        return [list(corner) for corner in thing.corners]
-    (x, _, z), (sx, sy, sz) = thing.center, thing.size
-    low = bottom(thing)
-    ring = ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    return [[x + i * sx / 2, low + up, z + k * sz / 2] for up in (0.0, sy) for i, k in ring]
-
-
-def _far(a: Vec3, b: Vec3) -> float:
-    far: float = ((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2) ** 0.5
-    return far
+def object_list(state: WorldState) -> list[dict[str, Any]]:
+    """Return the 42 fields of every listed object, in the scene's order."""
+    objects, sight = state.objects, state.sight
+    far = np.sqrt(((objects.origin - state.pose.position_m) ** 2).sum(axis=1)).tolist()
+    visible, interactable = sight.visible_rows.tolist(), sight.interactable_rows.tolist()
+    found = [record.copy() for record in objects.records]
+    for record, seen, near, metres in zip(found, visible, interactable, far, strict=True):
+        record["visible"] = seen
+        record["isInteractable"] = near
+        record["distance"] = metres
+    children = objects.children
+    for row, object_id in objects.holders:
+        found[row]["receptacleObjectIds"] = list(children.get(object_id, ()))
+    if state.shown is None:
+        return found
+    return [record for record in found if record["objectId"] in state.shown]

@@ -34,7 +34,7 @@ def hang(state: WorldState, object_id: str, turn: float) -> Objects:
     changes = {object_id: moved(thing, by)}
     for child in state.objects.carried(object_id):
         changes[child] = moved(turned(state.objects[child], turn, here), by)
-    return state.objects.changed(changes)
+    return state.objects.changed(changes, in_hand=object_id in state.in_hand)
 
 
 def mover(angle: float) -> Callable[..., Result]:

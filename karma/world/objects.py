@@ -1,7 +1,7 @@
 """The objects of one moment: who lies in whom, and the boxes as arrays."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vec3
+from karma.world.metadata import fields
 from karma.world.rules import rules
 from karma.world.scene import SceneObject
 
@@ -32,9 +33,39 @@ class Objects(Mapping[str, SceneObject]):
     def __len__(self) -> int:
         return len(self._items)
 
-    def changed(self, changes: Mapping[str, SceneObject]) -> "Objects":
-        """Return the objects with some replaced or added."""
-        return Objects({**self._items, **changes}) if changes else self
+    def changed(self, changes: Mapping[str, SceneObject], *, in_hand: bool = False) -> "Objects":
+        """Return the objects with some replaced or added; keeps what is known and still true.
+
+        Args:
+            changes: by id.
+            in_hand: they hang from the hand, before and after, and only moved: such things hide
+                nothing, so all that is known of hiding stays.
+        """
+        if not changes:
+            return self
+        after = Objects({**self._items, **changes})
+        if changes.keys() <= self._items.keys():
+            pairs = [(self._items[key], thing) for key, thing in changes.items()]
+            touched = _UNSEEN if in_hand else _touched(pairs)
+            for name in self.__dict__.keys() & _DEPENDS.keys():
+                if not _DEPENDS[name] & touched:
+                    after.__dict__[name] = self.__dict__[name]
+            self._patch(after, changes, moved=in_hand or "place" in touched)
+        return after
+
+    def _patch(self, after: "Objects", changes: Mapping[str, SceneObject], *, moved: bool) -> None:
+        """Carry over the arrays, with new rows where things moved."""
+        for name, (build, still) in _PATCHED.items():
+            known = self.__dict__.get(name)
+            if known is None:
+                continue
+            if still and not moved:
+                after.__dict__[name] = known
+                continue
+            known = known.copy()
+            for object_id, thing in changes.items():
+                known[self.rows[object_id]] = build(thing)
+            after.__dict__[name] = known
 
     @cached_property
     def children(self) -> dict[str, tuple[str, ...]]:
@@ -84,6 +115,11 @@ class Objects(Mapping[str, SceneObject]):
         return {object_id: row for row, object_id in enumerate(self._items)}
 
     @cached_property
+    def origin(self) -> Floats:
+        """Positions, shape (n, 3), metres."""
+        return np.array([thing.position for thing in self._items.values()]).reshape(-1, 3)
+
+    @cached_property
     def center(self) -> Floats:
         """Box centres, shape (n, 3), metres."""
         return np.array([thing.center for thing in self._items.values()]).reshape(-1, 3)
@@ -102,6 +138,25 @@ class Objects(Mapping[str, SceneObject]):
     def high(self) -> Floats:
         """Upper box corners, shape (n, 3), metres."""
         return self.center + self.half
+
+    @cached_property
+    def records(self) -> list[dict[str, Any]]:
+        """Metadata of each object, without what depends on agent and contents."""
+        return [fields(thing) for thing in self._items.values()]
+
+    @cached_property
+    def holders(self) -> list[tuple[int, str]]:
+        """Row and id of each receptacle."""
+        return [
+            (row, thing.id)
+            for row, thing in enumerate(self._items.values())
+            if "receptacle" in thing.capabilities
+        ]
+
+    @cached_property
+    def vantages(self) -> dict[Any, Any]:
+        """What view.py has found out about places to look from, while nothing moves."""
+        return {}
 
     @cached_property
     def solid(self) -> tuple[Floats, Floats]:
@@ -195,6 +250,47 @@ class Objects(Mapping[str, SceneObject]):
     def _fixed(self) -> Flags:
         free = {"pickupable", "moveable"}
         return np.array([not free & set(thing.capabilities) for thing in self.values()])
+
+
+# What of the objects each cached property depends on; a change of anything else leaves it true.
+_DEPENDS: Mapping[str, frozenset[str]] = {
+    "rows": frozenset(),
+    "by_type": frozenset(),
+    "holders": frozenset(),
+    "_fixed": frozenset(),
+    "children": frozenset({"parents"}),
+    "solid": frozenset({"place"}),
+    "inert": frozenset({"inert"}),
+    "hidden": frozenset({"parents", "inert", "open"}),
+    "blocks": frozenset({"place", "parents", "inert", "open", "held"}),
+    "vantages": frozenset({"place", "parents", "inert", "open", "held"}),
+}
+_UNSEEN: frozenset[str] = frozenset()  # what a move of something in the hand touches of these
+_PATCHED: Mapping[str, tuple[Callable[[SceneObject], Any], bool]] = {
+    "origin": (lambda thing: thing.position, True),
+    "center": (lambda thing: thing.center, True),
+    "half": (lambda thing: np.array(thing.size) / 2, True),
+    "low": (lambda thing: np.array(thing.center) - np.array(thing.size) / 2, True),
+    "high": (lambda thing: np.array(thing.center) + np.array(thing.size) / 2, True),
+    "records": (fields, False),
+}  # property -> (a row from an object, whether it stays true while nothing moves)
+
+
+def _touched(pairs: Sequence[tuple[SceneObject, SceneObject]]) -> set[str]:
+    """Return what of some objects has changed, in the words of `_DEPENDS`."""
+    return {
+        aspect
+        for before, after in pairs
+        for aspect, changed in (
+            ("place", before.center != after.center or before.size != after.size),
+            ("place", before.position != after.position),
+            ("parents", before.parents != after.parents),
+            ("inert", is_inert(before) != is_inert(after)),
+            ("open", (before.openness > 0) != (after.openness > 0)),
+            ("held", before.is_picked_up != after.is_picked_up),
+        )
+        if changed
+    }
 
 
 def is_inert(thing: SceneObject) -> bool:

@@ -1,7 +1,8 @@
 """The embedded world: AI2-THOR 5.0.0's vocabulary over a scene file, headless and deterministic.
 
 Covered: the actions in `ACTIONS`, all event and object fields, containment, visibility, heat,
-cold, water, coffee, slicing, breaking. Not covered: pictures, meshes, doors that swing, pushing.
+cold, water, coffee, slicing, breaking, pictures. Not covered: mesh physics; docs/world.md lists
+every simplification.
 """
 
 from collections.abc import Mapping
@@ -15,13 +16,27 @@ from karma.world.actions import ACTIONS
 from karma.world.event import WorldEvent
 from karma.world.rules import settle
 from karma.world.scene import Scene
-from karma.world.state import Refusal, Settings, WorldState, begin
+from karma.world.state import (
+    Done,
+    Images,
+    Refusal,
+    Result,
+    Settings,
+    WorldState,
+    begin,
+)
 
 MISUSE = frozenset({"InvalidAction", "MissingArguments", "AmbiguousAction", "InvalidArgument"})
-_PLAYER_ARGUMENTS = frozenset(
-    {"agentId", "sequenceId", "renderImage", "renderDepthImage", "renderInstanceSegmentation",
-     "renderSemanticSegmentation", "renderNormalsImage", "visibilityDistance"}
-)  # fmt: skip
+RENDER_FLAGS: Mapping[str, str] = {  # AI2-THOR's flag -> field of state.Images
+    "renderImage": "rgb",
+    "renderDepthImage": "depth",
+    "renderInstanceSegmentation": "instances",
+    "renderSemanticSegmentation": "classes",
+    "renderNormalsImage": "normals",
+    "renderObjectImage": "instances",  # the names of older versions
+    "renderClassImage": "classes",
+}
+_PLAYER_ARGUMENTS = frozenset({"agentId", "sequenceId", "visibilityDistance"})
 
 
 class EmbeddedWorld:
@@ -36,6 +51,10 @@ class EmbeddedWorld:
         height: of the picture, pixels.
         rotateStepDegrees: of one turn.
         snapToGrid: whether a step ends on a cell.
+        render: AI2-THOR's flags, e.g. `renderDepthImage=True`; pictures are drawn when asked for.
+
+    Raises:
+        TypeError: an unknown flag.
     """
 
     def __init__(
@@ -49,7 +68,10 @@ class EmbeddedWorld:
         height: int = 300,
         rotateStepDegrees: float = 90.0,
         snapToGrid: bool = True,
+        **render: bool,
     ) -> None:
+        if unknown := sorted(render.keys() - RENDER_FLAGS.keys()):
+            raise TypeError(f"EmbeddedWorld has no argument {unknown[0]!r}")
         self._grid_m = gridSize
         self._settings = Settings(
             visibility_m=visibilityDistance,
@@ -58,6 +80,7 @@ class EmbeddedWorld:
             height=height,
             rotate_deg=rotateStepDegrees,
             snap=snapToGrid,
+            images=_images(Images(), render),
         )
         self._event: WorldEvent | None = None
         if scene is not None:
@@ -123,31 +146,39 @@ def _load(name: str | Path) -> Scene:
     return scene.load(name)
 
 
+def _images(usual: Images, given: Mapping[str, Any]) -> Images:
+    """Return the usual pictures with AI2-THOR's flags applied."""
+    flags = {RENDER_FLAGS[k]: bool(v) for k, v in given.items() if v is not None}
+    return replace(usual, **flags) if flags else usual
+
+
 def _act(last: WorldEvent, name: str, arguments: Mapping[str, Any]) -> WorldEvent:
     """Return the event of one action."""
-    given = {k: v for k, v in arguments.items() if k not in _PLAYER_ARGUMENTS and v is not None}
+    given = {k: v for k, v in arguments.items() if v is not None and k not in _PLAYER_ARGUMENTS}
     action = ACTIONS.get(name)
+    taken: Mapping[str, Any] = {} if action is None else action.kinds  # Initialize takes flags
+    flags = {k: given.pop(k) for k in RENDER_FLAGS if k in given and k not in taken}
     if action is None:
-        return _refused(last, name, Refusal(f"Invalid action: {name}", "InvalidAction"))
-    wrong = action.check(given)
-    if wrong is not None:
-        return _refused(last, name, wrong)
-    known = {k: v for k, v in given.items() if k in action.kinds}
-    result = action.handler(last.state, **known)
-    if isinstance(result, Refusal):
-        return _refused(last, name, result)
-    if result.state is last.state and not result.seconds:
-        return WorldEvent(state=last.state, action=name, value=result.value, before=last)
-    state = settle(replace(result.state, time_s=result.state.time_s + result.seconds))
-    return WorldEvent(state=state, action=name, value=result.value)
-
-
-def _refused(last: WorldEvent, name: str, refusal: Refusal) -> WorldEvent:
+        result: Result = Refusal(f"Invalid action: {name}", "InvalidAction")
+    else:
+        result = action.check(given) or action.handler(
+            last.state, **{k: v for k, v in given.items() if k in action.kinds}
+        )
+    state = last.state
+    if isinstance(result, Done) and not (result.state is state and not result.seconds):
+        state = settle(replace(result.state, time_s=result.state.time_s + result.seconds))
+    images = _images(state.settings.images, flags)
+    before = last if state is last.state else None
+    if isinstance(result, Done):
+        return WorldEvent(
+            state=state, action=name, value=result.value, images=images, before=before
+        )
     return WorldEvent(
-        state=last.state,
+        state=state,
         action=name,
         success=False,
-        message=refusal.message,
-        code=refusal.code,
-        before=last,
+        message=result.message,
+        code=result.code,
+        images=images,
+        before=before,
     )

@@ -7,9 +7,13 @@ doors do not swing, and hollow furniture hides only the part of its box that `ru
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Iterable
+from functools import cached_property
+from itertools import compress
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from karma.contracts import Pose, Vec3
 from karma.world.objects import Flags, Floats, Objects, heading
@@ -18,15 +22,36 @@ from karma.world.rules import rules
 CAMERA_M = 0.675  # above the agent's origin
 CROUCH_M = 0.22  # lower when crouching
 _BODY_TOP_M = 0.9  # of the agent's capsule, above its origin
+_MOST_VANTAGES = 256  # places remembered; a few kilobytes each
 _PULL = (-0.85, 0.0, 0.85)
 SAMPLES = np.array([(x, y, z) for x in _PULL for y in _PULL for z in _PULL])  # of the half sizes
 
 
-class Sight(NamedTuple):
-    """Ids in view, and those of them not only seen through glass."""
+class Sight:
+    """What is in view, and what of it is not only seen through glass."""
 
-    visible: frozenset[str]
-    interactable: frozenset[str]
+    def __init__(self, ids: Iterable[str], visible: Flags, interactable: Flags) -> None:
+        self._ids = ids
+        self.visible_rows = visible  # shape (objects,)
+        self.interactable_rows = interactable
+
+    @cached_property
+    def visible(self) -> frozenset[str]:
+        """Ids in view."""
+        return frozenset(compress(self._ids, self.visible_rows))
+
+    @cached_property
+    def interactable(self) -> frozenset[str]:
+        """Ids in view that are not only seen through glass."""
+        return frozenset(compress(self._ids, self.interactable_rows))
+
+
+class _Vantage(NamedTuple):
+    """What can be seen from one place, whichever way one looks: points that nothing hides."""
+
+    offsets: Floats  # from the eye, shape (points, 3)
+    rows: NDArray[np.intp]  # of the objects that the points are on
+    clear: Flags  # whether no glass is in between
 
 
 def camera(pose: Pose) -> Vec3:
@@ -114,23 +139,46 @@ def sight(
         fov_deg: vertical field of view.
         aspect: of the picture, width over height.
     """
-    if not len(objects):
-        return Sight(frozenset(), frozenset())
+    visible, interactable = np.zeros((2, len(objects)), dtype=bool)
+    if len(objects):
+        seen = _vantage(objects, pose, held, visibility_m)
+        axes = camera_axes(pose.yaw_deg, pose.horizon_deg)
+        inside = in_picture(seen.offsets, axes, fov_deg, aspect)
+        visible[seen.rows[inside]] = True
+        interactable[seen.rows[inside & seen.clear]] = True
+        for object_id in held:
+            visible[objects.rows[object_id]] = interactable[objects.rows[object_id]] = True
+    return Sight(objects, visible, interactable)
+
+
+def _vantage(objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float) -> _Vantage:
+    """Return what can be seen from the camera's place; known places are looked up."""
+    eye = camera(pose)
+    key = (eye, pose.position_m, visibility_m)
+    known: dict[Any, _Vantage] = objects.vantages
+    if key not in known:
+        if len(known) >= _MOST_VANTAGES:
+            del known[next(iter(known))]
+        known[key] = _look_round(objects, pose, held, visibility_m)
+    return known[key]
+
+
+def _look_round(
+    objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float
+) -> _Vantage:
     x, y, z = pose.position_m
     near = across(objects, x, z) <= visibility_m
     near &= objects.low[:, 1] <= y + _BODY_TOP_M + visibility_m
-    candidates = np.flatnonzero(near & ~objects.hidden)
+    near &= ~objects.hidden
+    for object_id in held:
+        near[objects.rows[object_id]] = False
+    candidates = np.flatnonzero(near)
     eye = np.array(camera(pose))
     points = sample_points(objects, candidates, eye)
-    offsets = points - eye
-    inside = in_picture(offsets, camera_axes(pose.yaw_deg, pose.horizon_deg), fov_deg, aspect)
-    which, point = np.nonzero(inside)
-    targets = candidates[which]
-    solid, glass = _blocked(objects, eye, points[which, point], targets, held)
-    ids = list(objects)
-    seen = {ids[row] for row in targets[~solid]}
-    touchable = {ids[row] for row in targets[~solid & ~glass]}
-    return Sight(frozenset(seen | held), frozenset(touchable | held))
+    targets = np.repeat(candidates, points.shape[1])
+    points = points.reshape(-1, 3)
+    solid, glass = _blocked(objects, eye, points, targets, held)
+    return _Vantage((points - eye)[~solid], targets[~solid], ~glass[~solid])
 
 
 def sample_points(objects: Objects, targets: np.ndarray, eye: Floats) -> Floats:
