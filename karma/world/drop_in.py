@@ -30,9 +30,7 @@ class MetadataWrapper(dict[str, Any]):
 class InstanceMasks(Mapping[str, Mask]):
     """Object id -> where it is in the picture, shape (height, width)."""
 
-    def __init__(
-        self, codes: NDArray[np.uint32], colors: Mapping[str, tuple[int, int, int]]
-    ) -> None:
+    def __init__(self, codes: NDArray[Any], colors: Mapping[str, tuple[int, int, int]]) -> None:
         self.codes = codes
         shown = set(np.unique(codes).tolist())
         self.names = {name: code(color) for name, color in colors.items() if code(color) in shown}

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from karma.world.metadata import box, xyz
+from karma.world.metadata import xyz
 from karma.world.state import Images, WorldState
 from karma.world.view import camera
 
 try:
     from ai2thor.server import Event, MetadataWrapper
 except ImportError:  # the extra `thor` is not installed
-    from karma.world.drop_in import Event, MetadataWrapper  # type: ignore[assignment]
+    from karma.world.drop_in import Event, MetadataWrapper  # type: ignore[assignment, unused-ignore]
 
 if TYPE_CHECKING:
     from karma.world.render.picture import Picture
@@ -101,7 +101,7 @@ class WorldEvent(Event):  # type: ignore[misc]
         self.value = value
         self.first = first
         self.images = state.settings.images if images is None else images
-        self.before = None if before is None else before.before or before
+        self.before: WorldEvent | None = None if before is None else before.before or before
         self.events = [self]
         self.flow_frame = None
         self.third_party_flows_frames: list[Any] = []
@@ -232,12 +232,12 @@ class WorldEvent(Event):  # type: ignore[misc]
     def _instances(self, picture: "Picture") -> np.ndarray:
         from karma.world.render.colours import instance_frame
 
-        return instance_frame(picture.rows, self.state.objects)
+        return np.asarray(instance_frame(picture.rows, self.state.objects))
 
     def _classes(self, picture: "Picture") -> np.ndarray:
         from karma.world.render.colours import class_frame
 
-        return class_frame(picture.rows, self.state.objects)
+        return np.asarray(class_frame(picture.rows, self.state.objects))
 
     def _reader(self, frame: np.ndarray) -> Any:
         """Return an event that has read one segmentation frame."""
@@ -259,7 +259,6 @@ def _situation(state: WorldState, images: Images) -> dict[str, Any]:
     pose, settings, room = state.pose, state.settings, state.room
     held = None if state.held is None else state.objects[state.held]
     yaw = {"x": 0.0, "y": float(pose.yaw_deg), "z": 0.0}
-    bounds = box(room.bounds_center, room.bounds_size)
     return {
         "isSceneAtRest": True,
         "agent": {
@@ -286,7 +285,7 @@ def _situation(state: WorldState, images: Images) -> dict[str, Any]:
         "inventoryObjects": []
         if held is None
         else [{"objectId": held.id, "objectType": held.type}],
-        "sceneName": scene_name(room.name),
+        "sceneName": room.scene_name,
         "screenWidth": settings.width,
         "screenHeight": settings.height,
         "agentId": 0,
@@ -302,17 +301,8 @@ def _situation(state: WorldState, images: Images) -> dict[str, Any]:
         "actionFloatReturn": 0.0,
         "visibleRange": None,
         "currentTime": round(state.time_s, 5),
-        "sceneBounds": bounds,
+        "sceneBounds": room.bounds,
     }
-
-
-def scene_name(name: str) -> str:
-    """Return a scene's name as metadata gives it.
-
-    >>> scene_name("FloorPlan1"), scene_name("kitchen_1")
-    ('FloorPlan1_physics', 'kitchen_1')
-    """
-    return f"{name}_physics" if name.startswith("FloorPlan") and "_" not in name else name
 
 
 def _cameras(state: WorldState) -> list[dict[str, Any]]:
@@ -333,7 +323,7 @@ def _colors(state: WorldState, images: Images) -> list[dict[str, Any]] | None:
         return None
     from karma.world.render.colours import colour_table
 
-    return colour_table(state.objects)
+    return list(colour_table(state.objects))
 
 
 def object_list(state: WorldState) -> list[dict[str, Any]]:

@@ -1,7 +1,7 @@
 """The objects of one moment: who lies in whom, and the boxes as arrays."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, ItemsView, Iterator, Mapping, Sequence, ValuesView
 from functools import cached_property
 from typing import Any
 
@@ -32,6 +32,14 @@ class Objects(Mapping[str, SceneObject]):
 
     def __len__(self) -> int:
         return len(self._items)
+
+    def items(self) -> ItemsView[str, SceneObject]:
+        """Ids with objects."""
+        return self._items.items()
+
+    def values(self) -> ValuesView[SceneObject]:
+        """All objects."""
+        return self._items.values()
 
     def changed(self, changes: Mapping[str, SceneObject], *, in_hand: bool = False) -> "Objects":
         """Return the objects with some replaced or added; keeps what is known and still true.

@@ -5,14 +5,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from karma.contracts import Pose, Vec3
 from karma.world.camera import Camera
+from karma.world.metadata import box
 from karma.world.objects import Objects, heading
 from karma.world.rules import rules
 from karma.world.scene import Scene, SceneObject
-from karma.world.view import Sight, camera, camera_axes, sight
+from karma.world.view import Sight, camera, sight
 
 HAND_M: Vec3 = (0.0, -0.16, 0.38)  # right, up, forward from the camera
 
@@ -59,7 +58,9 @@ class Room:
         self.name = scene.name
         self.floor_y = scene.floor_y
         self.grid_m = scene.grid_m
+        self.scene_name = scene_name(scene.name)
         self.bounds_center, self.bounds_size = scene.bounds_center, scene.bounds_size
+        self.bounds = box(scene.bounds_center, scene.bounds_size)  # as metadata gives it
         self._origin = min(scene.reachable, default=(0.0, 0.0))
         self.cells: dict[Cell, tuple[float, float]] = {}
         for x, z in scene.reachable:
@@ -81,6 +82,15 @@ class Room:
                 if (cell_x - x) ** 2 + (cell_z - z) ** 2 <= radius_m**2:
                     return True
         return False
+
+
+def scene_name(name: str) -> str:
+    """Return a scene's name as metadata gives it.
+
+    >>> scene_name("FloorPlan1"), scene_name("kitchen_1")
+    ('FloorPlan1_physics', 'kitchen_1')
+    """
+    return f"{name}_physics" if name.startswith("FloorPlan") and "_" not in name else name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,9 +134,16 @@ class WorldState:
     @property
     def hand(self) -> Vec3:
         """Where a held object hangs."""
-        axes = camera_axes(self.pose.yaw_deg, self.pose.horizon_deg)
-        x, y, z = np.array(camera(self.pose)) + np.array(self.hand_m) @ axes
-        return (round(float(x), 6), round(float(y), 6), round(float(z), 6))
+        right, up, ahead = self.hand_m
+        sine, cosine = heading(self.pose.yaw_deg)
+        dip_sine, dip_cosine = heading(self.pose.horizon_deg)
+        x, y, z = camera(self.pose)
+        level = up * dip_sine + ahead * dip_cosine
+        return (
+            round(x + right * cosine + level * sine, 6),
+            round(y + up * dip_cosine - ahead * dip_sine, 6),
+            round(z - right * sine + level * cosine, 6),
+        )
 
 
 def begin(scene: Scene, settings: Settings) -> WorldState:
