@@ -1,0 +1,27 @@
+"""What to give AI2-THOR's Controller so that it starts the player."""
+
+import shlex
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+
+def command(scenes: str | Path | Iterable[str | Path] | None = None) -> str:
+    """Return the text for `Controller(local_executable_path=...)`.
+
+    Args:
+        scenes: one folder, or several, of scene files to serve besides our own.
+
+    >>> command("my rooms").endswith("my rooms'")
+    True
+    """
+    if scenes is None:
+        folders: list[str | Path] = []
+    elif isinstance(scenes, str | Path):
+        folders = [scenes]
+    else:
+        folders = list(scenes)
+    words = [sys.executable, "-P", "-m", "karma.world.player"]
+    for folder in folders:
+        words += ["--scenes", str(Path(folder).resolve())]
+    return shlex.join(words)

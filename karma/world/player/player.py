@@ -1,0 +1,204 @@
+"""The embedded world as AI2-THOR's player: a message in, a message out.
+
+Covered: what the client asks of a player itself (scenes, Reset), per-step pictures, fast emit,
+answers to malformed messages and to faults of our own, which the player outlives. Everything else
+is an action of the embedded world.
+"""
+
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import msgspec
+
+from karma.errors import KarmaError
+from karma.world.event import WorldEvent
+from karma.world.player.answer import Writer
+from karma.world.player.fifo import Field, FieldType, read_message
+from karma.world.scene import AgentPose, Scene
+from karma.world.sim import EmbeddedWorld
+from karma.world.state import Images
+
+log = logging.getLogger(__name__)
+
+_NO_IMAGES = Images(rgb=False)
+_OLD_NAMES = ("renderClassImage", "renderObjectImage")  # the client sends the new ones beside them
+_NOWHERE = Scene(  # where the player is until the first Reset
+    name="nowhere",
+    room="Kitchen",
+    source="karma/world/player/player.py",
+    agent=AgentPose(position=(0.0, 0.9, 0.0)),
+    reachable=((0.0, 0.0),),
+    bounds_center=(0.0, 1.25, 0.0),
+    bounds_size=(1.0, 2.5, 1.0),
+    objects=(),
+)
+
+
+def _nowhere(width: int, height: int) -> EmbeddedWorld:
+    return EmbeddedWorld(_NOWHERE, width=width, height=height, renderImage=False)
+
+
+class MalformedError(KarmaError):
+    """A message that is whole, but not an action."""
+
+
+class Player:
+    """One client's world.
+
+    Args:
+        scenes: name -> scene file, as `scenes.catalogue` gives it.
+        width: of the pictures, pixels.
+        height: of the pictures, pixels.
+        images: whether there are any until an action asks for them.
+    """
+
+    def __init__(
+        self,
+        scenes: Mapping[str, Path],
+        *,
+        width: int = 300,
+        height: int = 300,
+        images: bool = True,
+    ) -> None:
+        self._scenes = scenes
+        self._images = images
+        self._world = _nowhere(width, height)
+        self._trouble = ""  # why the last Reset failed; nothing else can be done until one succeeds
+        self._sequence_id = 0
+        self._writer = Writer()
+        self._sent: WorldEvent | None = None  # the last event that went out in full
+
+    def hello(self) -> bytes:
+        """Return the message that the player sends unasked."""
+        return self._send(self._world.last_event)
+
+    def answer(self, message: Sequence[Field]) -> bytes:
+        """Return the answer to a message; whatever happens, there is one."""
+        self._sequence_id += 1  # what it should be, if the message does not tell
+        name = ""
+        try:
+            action = read_action(message)
+            self._sequence_id = action.pop("sequenceId", self._sequence_id)
+            name = action["action"]
+            return self._send(self._do(name, action))
+        except MalformedError as error:
+            return self._fail(name, str(error), "InvalidAction")
+        except Exception as error:  # a fault of ours must not cost the episode
+            log.exception("action %r", name)
+            return self._fail(name, f"{type(error).__name__}: {error}", "UnhandledException")
+
+    def _do(self, name: str, action: dict[str, Any]) -> WorldEvent:
+        if name == "Reset":
+            return self._reset(action)
+        if name == "GetScenesInBuild":
+            last = self._world.last_event
+            return WorldEvent(
+                state=last.state, action=name, value=sorted(self._scenes), before=last
+            )
+        if self._trouble:
+            return self._refuse(name, self._trouble, "Undefined")
+        before = self._world.last_event
+        try:
+            event = self._world.step({k: v for k, v in action.items() if k not in _OLD_NAMES})
+        except (ValueError, RuntimeError):  # misuse, which the client raises
+            event = self._world.last_event
+            if event is before or event.success:
+                raise
+        return event
+
+    def _reset(self, action: Mapping[str, Any]) -> WorldEvent:
+        settings = self._world.state.settings
+        width, height = settings.width, settings.height
+        name = action.get("sceneName")
+        self._trouble, self._world = "", _nowhere(width, height)
+        path = self._scenes.get(name) if isinstance(name, str) else None
+        try:
+            if path is None:
+                raise KarmaError(f"no scene named {name!r}; procedural houses are not supported")
+            self._world = EmbeddedWorld(path, width=width, height=height, renderImage=self._images)
+        except KarmaError as error:
+            self._trouble = f"Reset: {error}"
+            return self._refuse("Reset", self._trouble, "Undefined")
+        return self._world.last_event
+
+    def _refuse(self, name: str, message: str, code: str) -> WorldEvent:
+        """Return the event of an action that never reached the world."""
+        last = self._world.last_event
+        return WorldEvent(
+            state=last.state,
+            action=name,
+            success=False,
+            message=message,
+            code=code,
+            images=_NO_IMAGES,
+            before=last,
+        )
+
+    def _fail(self, name: str, message: str, code: str) -> bytes:
+        """Return the message of a failure, whatever state the world is in."""
+        try:
+            return self._send(self._refuse(name, message, code))
+        except Exception:  # the fault is in the world's metadata itself
+            log.exception("the answer to %r", name)
+            self._trouble, self._world = message, _nowhere(300, 300)
+            return self._send(self._refuse(name, message, code))
+
+    def _send(self, event: WorldEvent) -> bytes:
+        if self._known(event):
+            return self._writer.patch(event)
+        message = self._writer.full(event, self._sequence_id)
+        self._sent = event
+        return message
+
+    def _known(self, event: WorldEvent) -> bool:
+        """Return whether the client has all but the answer: fast emit of a question."""
+        sent, root = self._sent, event.before
+        if sent is None or root is None or not event.success:
+            return False
+        same_moment = root is sent or root is sent.before
+        return same_moment and event.images == sent.images and event.state.settings.fast_emit
+
+
+def read_action(message: Sequence[Field]) -> dict[str, Any]:
+    """Return the action that a message is, its name under "action".
+
+    Raises:
+        MalformedError: it is none; says why.
+    """
+    if [field.kind for field in message] != [FieldType.ACTION]:
+        kinds = ", ".join(field.kind.name for field in message) or "nothing"
+        raise MalformedError(f"expected one ACTION field, got {kinds}")
+    action = _decoded(message[0].body)
+    if not isinstance(action, dict):
+        raise MalformedError(f"an action is a JSON object, this is a {type(action).__name__}")
+    if not isinstance(action.get("action"), str):
+        raise MalformedError('the action has no name: "action" must be a string')
+    if not isinstance(action.get("sequenceId", 0), int):
+        raise MalformedError(f"sequenceId must be a whole number, not {action['sequenceId']!r}")
+    return action
+
+
+def _decoded(body: bytes) -> Any:
+    try:
+        return msgspec.json.decode(body)
+    except msgspec.DecodeError:
+        pass
+    try:
+        return json.loads(body)  # which knows NaN and Infinity, as the client does
+    except (ValueError, RecursionError) as error:
+        raise MalformedError(f"the action is not JSON: {error}") from None
+
+
+def serve(player: Player, source: BinaryIO, sink: BinaryIO) -> None:
+    """Answer message after message until the client closes its pipe.
+
+    Raises:
+        WireError: what came is not a message.
+        BrokenPipeError: the client reads no more.
+    """
+    while (message := read_message(source)) is not None:
+        sink.write(player.answer(message))
+        sink.flush()
