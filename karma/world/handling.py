@@ -8,9 +8,9 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.world.moving import hang, unknown
-from karma.world.objects import bottom, heading, is_inert, moved
+from karma.world.objects import Objects, bottom, heading, is_inert, moved
 from karma.world.pieces import broken, in_pieces
-from karma.world.placement import find_place, flight, land
+from karma.world.placement import find_place, flight, land, parents_in
 from karma.world.rules import rules
 from karma.world.scene import Capability, SceneObject
 from karma.world.state import Done, Refusal, Result, WorldState, refuse
@@ -152,13 +152,26 @@ def _does_not_take(
 def _released(state: WorldState, middle: Vec3, holder: str | None) -> WorldState:
     """Return the state with the held object, and what it carries, let go somewhere."""
     thing = state.objects[state.held or ""]
+    objects = state.objects
     by = (middle[0] - thing.center[0], middle[1] - thing.center[1], middle[2] - thing.center[2])
-    parents = () if holder is None else (holder,)
-    changes = {child: moved(state.objects[child], by) for child in state.objects.carried(thing.id)}
-    changes[thing.id] = msgspec.structs.replace(
-        moved(thing, by), parents=parents, is_picked_up=False
+    changes = {child: moved(objects[child], by) for child in objects.carried(thing.id)}
+    there = msgspec.structs.replace(moved(thing, by), is_picked_up=False)
+    parents = () if holder is None else parents_in(objects, there, holder)
+    changes[thing.id] = msgspec.structs.replace(there, parents=parents)
+    objects = objects.changed(changes)
+    changes = {child: _nested(objects, child) for child in objects.carried(thing.id)}
+    return replace(state, objects=objects.changed(changes), held=None)
+
+
+def _nested(objects: Objects, child: str) -> SceneObject:
+    """Return what lies in a thing just put down, lying also in what that thing lies in."""
+    thing = objects[child]
+    if not thing.parents:
+        return thing
+    parents = dict.fromkeys(
+        (*thing.parents, *(p for own in thing.parents for p in parents_in(objects, thing, own)))
     )
-    return replace(state, objects=state.objects.changed(changes), held=None)
+    return msgspec.structs.replace(thing, parents=tuple(parents))
 
 
 def drop(state: WorldState, *, forceAction: bool = False, autoSimulation: bool = True) -> Result:

@@ -1,4 +1,4 @@
-"""Finding a free place: on a surface, in a container, or below a hand that lets go.
+"""Finding a free place, on a surface, in a container or below a hand, and what it is part of.
 
 Boxes only. A place is looked for with full clearance first, then with less, because a meal's
 worth of plates does fit a table whose boxes claim otherwise.
@@ -21,6 +21,8 @@ _STEP_M = 0.06  # between the places tried
 _MOST = 16  # places tried along one side
 _OVERHANG_IN, _OVERHANG_ON = 1.5, 2.5  # a thing's size over its place's, at most
 _LEVEL_M = 0.03  # heights closer than this are one
+_TALL_M = 0.8  # a container higher than this has boards at these shares of its height
+_BOARDS = (0.35, 0.6, 0.1)
 
 
 class _Try(NamedTuple):
@@ -102,7 +104,7 @@ def _levels(objects: Objects, thing: SceneObject, receptacle: SceneObject) -> li
     if receptacle.type not in put.inside:
         return _common(used)[:1] or [high]
     height = high - low
-    own = [low + height * share for share in (0.35, 0.6, 0.1)] if height > 0.8 else [low]
+    own = [low + height * share for share in _BOARDS] if height > _TALL_M else [low]
     found = _common(used) + own
     if receptacle.type in put.open_top:
         return found
@@ -228,3 +230,47 @@ def flight(room: Room, start: Vec3, step: tuple[float, float], far_m: float) -> 
             break
         x, z = following
     return (round(x, 5), round(z, 5))
+
+
+# ----------------------------------------------------------------- what a thing lies in
+
+
+def parents_in(objects: Objects, thing: SceneObject, holder: str) -> tuple[str, ...]:
+    """Return the receptacles whose volume a thing is in, once it lies in one: the nearest first.
+
+    AI2-THOR asks trigger volumes, and those of surfaces reach some way up: what lies in a plate on
+    a counter lies on the counter too, and what lies in a bin on the floor lies on the floor.
+    Furniture that stands on others is not passed through: a fork in a built-in sink is not on the
+    worktop. How high the floor's volume reaches differs from room to room, see `floor_reach`.
+    """
+    place = objects[holder]
+    found = [holder]
+    loose = "pickupable" in place.capabilities or "moveable" in place.capabilities
+    for other in place.parents:
+        if objects[other].type == "Floor":
+            if bottom(thing) <= floor_reach(objects, other):
+                found.append(other)
+        elif loose and bottom(thing) - bottom(place) <= rules().put.surface_reach_m:
+            found.append(other)
+    return tuple(found)
+
+
+def floor_reach(objects: Objects, floor: str) -> float:
+    """Return the height up to which things in furniture lie on the floor as well, metres.
+
+    It is read off the room: at least as high as the highest thing that lists the floor, lower
+    than anything in furniture on the floor that does not; between the two, a usual height.
+    """
+    level = top(objects[floor])
+    on_floor = frozenset(objects.children.get(floor, ()))
+    least = max((bottom(objects[child]) for child in on_floor), default=level)
+    most = min(
+        (
+            bottom(thing)
+            for thing in objects.values()
+            if floor not in thing.parents and not on_floor.isdisjoint(thing.parents)
+        ),
+        default=float("inf"),
+    )
+    usual = level + rules().put.floor_reach_m
+    return max(least, min(usual, most - _LEVEL_M))

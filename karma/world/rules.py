@@ -97,6 +97,8 @@ class Liquids(Struct, frozen=True, forbid_unknown_fields=True):
 class Put(Struct, frozen=True, forbid_unknown_fields=True):
     """Where things come to lie."""
 
+    floor_reach_m: float
+    surface_reach_m: float
     anywhere: tuple[str, ...]
     inside: tuple[str, ...]
     open_top: tuple[str, ...]
