@@ -16,6 +16,7 @@ from karma.world.view import (
     cut,
     in_picture,
     occluders,
+    perhaps_cut,
     sample_points,
 )
 
@@ -188,9 +189,12 @@ def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Fla
     hiding, _ = occluders(objects, state.in_hand)
     rows = np.flatnonzero(hiding & objects.blocks[row])
     low, high = objects.solid
-    starts = np.repeat(eyes, points.shape[1], axis=0)
-    hits = cut(starts, points.reshape(-1, 3), low[rows], high[rows])
-    hits = hits.reshape(len(eyes), -1, len(rows))
     beside = np.abs(objects.center[None, rows] - eyes[:, None]) - objects.half[None, rows]
-    hits &= np.any(beside[..., [0, 2]] > 0, axis=2)[:, None]  # not what the agent stands in
-    return points, ~np.any(hits, axis=2)
+    away = np.any(beside[..., [0, 2]] > 0, axis=2)  # not what the agent stands in
+    hidden = np.zeros(points.shape[:2], dtype=bool)
+    for index, eye in enumerate(eyes):
+        near = perhaps_cut(eye, points[index], low[rows], high[rows]) & away[index]
+        ray, box = np.nonzero(near)
+        hits = cut(eye, points[index, ray], low[rows[box]], high[rows[box]])
+        hidden[index, ray[hits]] = True
+    return points, ~hidden

@@ -90,27 +90,37 @@ def in_picture(offsets: Floats, axes: Floats, fov_deg: float, aspect: float) -> 
 
 
 def cut(starts: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
-    """Return which segments pass through which boxes, shape (rays, boxes).
+    """Return which segments pass through their boxes, shape (n,); a box at the end does not count.
 
     Args:
-        starts: shape (rays, 3), or (3,) when shared.
-        ends: shape (rays, 3).
-        low: lower box corners, shape (boxes, 3).
-        high: upper box corners, shape (boxes, 3).
+        starts: shape (n, 3), or (3,) when shared.
+        ends: shape (n, 3).
+        low: lower box corners, shape (n, 3), or (3,) when shared.
+        high: upper box corners, likewise.
     """
-    starts = np.broadcast_to(starts, ends.shape)
     along = ends - starts
-    along = np.where(np.abs(along) < 1e-9, 1e-9, along)
-    enter = np.full((len(ends), len(low)), 0.0)
-    leave = np.full((len(ends), len(low)), 1.0)
-    for axis in range(3):
-        scale = 1.0 / along[:, axis, None]
-        near = (low[None, :, axis] - starts[:, axis, None]) * scale
-        far = (high[None, :, axis] - starts[:, axis, None]) * scale
-        np.maximum(enter, np.minimum(near, far), out=enter)
-        np.minimum(leave, np.maximum(near, far), out=leave)
-    passes: Flags = (enter < leave) & (enter < 0.999)
+    along[np.abs(along) < 1e-9] = 1e-9
+    near, far = (low - starts) / along, (high - starts) / along
+    enter = np.minimum(near, far).max(axis=1)
+    leave = np.maximum(near, far).min(axis=1)
+    passes: Flags = (np.maximum(enter, 0.0) < np.minimum(leave, 1.0)) & (enter < 0.999)
     return passes
+
+
+def perhaps_cut(eye: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
+    """Return which segments come near which boxes' bounding spheres, shape (segments, boxes).
+
+    Quick; never False where `cut` is True.
+    """
+    along = (ends - eye).astype(np.float32)
+    far = np.sqrt((along**2).sum(axis=1, keepdims=True))
+    along /= np.maximum(far, 1e-6)
+    middle = ((low + high) / 2 - eye).astype(np.float32)
+    radius = (np.sqrt(((high - low) ** 2).sum(axis=1)) / 2 + 1e-3).astype(np.float32)
+    on_way = along @ middle.T  # of each box's middle, from the eye
+    room = (middle**2).sum(axis=1) - radius**2
+    near: Flags = (on_way**2 > room) & (on_way > -radius) & (on_way < far + radius)
+    return near
 
 
 def across(objects: Objects, x: float, z: float) -> Floats:
@@ -196,9 +206,14 @@ def _blocked(
     low, high = objects.solid
     hiding &= ~_over(objects, eye)
     rows = np.flatnonzero(hiding)
-    hits = cut(eye, ends, low[rows], high[rows]) & objects.blocks[targets][:, rows]
-    clear = glass[rows]
-    return (hits & ~clear).any(axis=1), (hits & clear).any(axis=1)
+    near = perhaps_cut(eye, ends, low[rows], high[rows]) & objects.blocks[targets][:, rows]
+    ray, box = np.nonzero(near)
+    hits = cut(eye, ends[ray], low[rows[box]], high[rows[box]])
+    ray, clear = ray[hits], glass[rows[box[hits]]]
+    solid, through_glass = np.zeros((2, len(ends)), dtype=bool)
+    solid[ray[~clear]] = True
+    through_glass[ray[clear]] = True
+    return solid, through_glass
 
 
 def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
@@ -242,8 +257,7 @@ def aim(
     best: tuple[float, float, str] | None = None
     for object_id in seen:
         row = objects.rows[object_id]
-        box = (objects.low[row][None], objects.high[row][None])
-        if cut(eye, (eye + ray * 20.0)[None], *box)[0, 0]:
+        if cut(eye, (eye + ray * 20.0)[None], objects.low[row], objects.high[row])[0]:
             size = float(np.prod(objects.half[row]))
             found = (float(np.linalg.norm(objects.center[row] - eye)), size, object_id)
             best = found if best is None else min(best, found)
