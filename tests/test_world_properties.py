@@ -1,7 +1,9 @@
 """What holds after any sequence of actions, in the handmade kitchen and in every scene we ship."""
 
+import contextlib
 import json
 
+import numpy as np
 import pytest
 from household import kitchen
 from hypothesis import given, settings
@@ -9,8 +11,9 @@ from hypothesis import strategies as st
 
 from karma.world import scene
 from karma.world.actions import ACTIONS
-from karma.world.objects import is_inert
+from karma.world.objects import Objects, is_inert
 from karma.world.sim import EmbeddedWorld
+from karma.world.view import sight
 
 ROOM = kitchen()
 IDS = [thing.id for thing in ROOM.objects]
@@ -163,3 +166,22 @@ def test_shipped_scene_has_room_on_every_surface(shipped):
             shipped.step("PickupObject", objectId=small.id, forceAction=True)
             event = shipped.step("PutObject", objectId=place, forceAction=True)
             assert event, (place, event.message)
+
+
+@settings(max_examples=40)
+@given(ACTS)
+def test_what_is_remembered_of_the_world_is_what_a_fresh_look_finds(acts):
+    world = EmbeddedWorld(ROOM)
+    for action in acts:
+        with contextlib.suppress(ValueError):
+            do(world, action)
+        state = world.state
+        fresh = Objects(dict(state.objects))
+        again = sight(fresh, state.pose, held=state.in_hand)
+        assert again.visible == state.sight.visible
+        assert again.interactable == state.sight.interactable
+        for name in ("center", "half", "low", "high", "origin", "inert", "hidden"):
+            assert np.array_equal(getattr(fresh, name), getattr(state.objects, name)), name
+        assert fresh.records == state.objects.records
+        assert fresh.children == state.objects.children
+        assert world.state.in_hand or np.array_equal(fresh.blocks, state.objects.blocks)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, ItemsView, Iterator, Mapping, Sequence, ValuesView
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 import numpy as np
@@ -11,11 +11,18 @@ from numpy.typing import NDArray
 
 from karma.contracts import Vec3
 from karma.world.metadata import fields
-from karma.world.rules import rules
+from karma.world.rules import STATES, Effects, effects, rules
 from karma.world.scene import SceneObject
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+
+class Vantage(Protocol):
+    """What can be seen from one place."""
+
+    def reaches(self, x0: float, z0: float, x1: float, z1: float) -> bool:
+        """Return whether something on this ground may change what is seen."""
 
 
 class Objects(Mapping[str, SceneObject]):
@@ -59,6 +66,8 @@ class Objects(Mapping[str, SceneObject]):
                 if not _DEPENDS[name] & touched:
                     after.__dict__[name] = self.__dict__[name]
             self._patch(after, changes, moved=in_hand or "place" in touched)
+            if "vantages" in self.__dict__:
+                after.vantages = self._untouched(pairs) if touched else self.vantages
         return after
 
     def _patch(self, after: "Objects", changes: Mapping[str, SceneObject], *, moved: bool) -> None:
@@ -74,6 +83,15 @@ class Objects(Mapping[str, SceneObject]):
             for object_id, thing in changes.items():
                 known[self.rows[object_id]] = build(thing)
             after.__dict__[name] = known
+
+    def _untouched(self, pairs: Sequence[tuple[SceneObject, SceneObject]]) -> dict[Any, Vantage]:
+        """Return the vantages that nothing of what changed is near to."""
+        boxes = dict.fromkeys(box for pair in pairs for box in map(_ground, pair))
+        return {
+            key: vantage
+            for key, vantage in self.vantages.items()
+            if not any(vantage.reaches(*box) for box in boxes)
+        }
 
     @cached_property
     def children(self) -> dict[str, tuple[str, ...]]:
@@ -116,6 +134,11 @@ class Objects(Mapping[str, SceneObject]):
             if "pickupable" in self._items[child].capabilities and not is_inert(self[child]):
                 found.append(child)
         return tuple(found)
+
+    @cached_property
+    def effects(self) -> Effects:
+        """What the household does to these objects by itself."""
+        return effects(self)
 
     @cached_property
     def rows(self) -> dict[str, int]:
@@ -162,8 +185,8 @@ class Objects(Mapping[str, SceneObject]):
         ]
 
     @cached_property
-    def vantages(self) -> dict[Any, Any]:
-        """What view.py has found out about places to look from, while nothing moves."""
+    def vantages(self) -> dict[Any, Vantage]:
+        """What view.py has found out about places to look from; goes when things near it change."""
         return {}
 
     @cached_property
@@ -269,9 +292,9 @@ _DEPENDS: Mapping[str, frozenset[str]] = {
     "children": frozenset({"parents"}),
     "solid": frozenset({"place"}),
     "inert": frozenset({"inert"}),
+    "effects": frozenset({"parents", "inert", "state"}),
     "hidden": frozenset({"parents", "inert", "open"}),
     "blocks": frozenset({"place", "parents", "inert", "open", "held"}),
-    "vantages": frozenset({"place", "parents", "inert", "open", "held"}),
 }
 _UNSEEN: frozenset[str] = frozenset()  # what a move of something in the hand touches of these
 _PATCHED: Mapping[str, tuple[Callable[[SceneObject], Any], bool]] = {
@@ -296,14 +319,26 @@ def _touched(pairs: Sequence[tuple[SceneObject, SceneObject]]) -> set[str]:
             ("inert", is_inert(before) != is_inert(after)),
             ("open", (before.openness > 0) != (after.openness > 0)),
             ("held", before.is_picked_up != after.is_picked_up),
+            ("state", any(getattr(before, key) != getattr(after, key) for key in STATES)),
         )
         if changed
     }
 
 
+def _ground(thing: SceneObject) -> tuple[float, float, float, float]:
+    """Return the ground under a box: x0, z0, x1, z1."""
+    (x, _, z), (long, _, wide) = thing.center, thing.size
+    return (x - long / 2, z - wide / 2, x + long / 2, z + wide / 2)
+
+
 def is_inert(thing: SceneObject) -> bool:
-    """Return whether an object is only kept for its id: sliced, or an egg that broke."""
-    return thing.is_sliced or (thing.is_broken and thing.type == "Egg")
+    """Return whether an object is only kept for its id: sliced, or broken to pieces."""
+    return thing.is_sliced or (thing.is_broken and shatters(thing))
+
+
+def shatters(thing: SceneObject) -> bool:
+    """Return whether only pieces are left of an object that breaks; screens and panes stay."""
+    return "pickupable" in thing.capabilities and thing.type not in rules().fragile.stays_whole
 
 
 def moved(thing: SceneObject, by: Vec3) -> SceneObject:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from functools import cached_property
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,9 +49,18 @@ class Sight:
 class _Vantage(NamedTuple):
     """What can be seen from one place, whichever way one looks: points that nothing hides."""
 
-    offsets: Floats  # from the eye, shape (points, 3)
+    x: float
+    z: float
+    reach_m: float  # across the floor, to the farthest point that was looked for
+    offsets: Floats  # of the points from the eye, shape (points, 3)
     rows: NDArray[np.intp]  # of the objects that the points are on
     clear: Flags  # whether no glass is in between
+
+    def reaches(self, x0: float, z0: float, x1: float, z1: float) -> bool:
+        """Return whether something on this ground may change what is seen."""
+        far_x = max(x0 - self.x, self.x - x1, 0.0)
+        far_z = max(z0 - self.z, self.z - z1, 0.0)
+        return far_x * far_x + far_z * far_z <= self.reach_m * self.reach_m
 
 
 def camera(pose: Pose) -> Vec3:
@@ -165,12 +174,13 @@ def _vantage(objects: Objects, pose: Pose, held: frozenset[str], visibility_m: f
     """Return what can be seen from the camera's place; known places are looked up."""
     eye = camera(pose)
     key = (eye, pose.position_m, visibility_m)
-    known: dict[Any, _Vantage] = objects.vantages
-    if key not in known:
+    known = objects.vantages
+    found = known.get(key)
+    if not isinstance(found, _Vantage):
         if len(known) >= _MOST_VANTAGES:
             del known[next(iter(known))]
-        known[key] = _look_round(objects, pose, held, visibility_m)
-    return known[key]
+        found = known[key] = _look_round(objects, pose, held, visibility_m)
+    return found
 
 
 def _look_round(
@@ -187,8 +197,10 @@ def _look_round(
     points = sample_points(objects, candidates, eye)
     targets = np.repeat(candidates, points.shape[1])
     points = points.reshape(-1, 3)
+    offsets = points - eye
     solid, glass = _blocked(objects, eye, points, targets, held)
-    return _Vantage((points - eye)[~solid], targets[~solid], ~glass[~solid])
+    reach_m = max(visibility_m, float(np.hypot(offsets[:, 0], offsets[:, 2]).max(initial=0.0)))
+    return _Vantage(x, z, reach_m + 0.01, offsets[~solid], targets[~solid], ~glass[~solid])
 
 
 def sample_points(objects: Objects, targets: np.ndarray, eye: Floats) -> Floats:
