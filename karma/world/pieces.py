@@ -4,23 +4,25 @@ from dataclasses import replace
 
 import msgspec
 
-from karma.world.objects import Objects, bottom
-from karma.world.rules import rules
+from karma.world.objects import Objects, bottom, shatters
 from karma.world.scene import SceneObject
 from karma.world.state import WorldState
 from karma.world.types import object_types
 
 
 def broken(state: WorldState, thing: SceneObject) -> WorldState:
-    """Return the state with a thing broken: an egg runs out, screens go off, vessels spill."""
-    thing = msgspec.structs.replace(
-        thing, is_broken=True, is_toggled=False, is_filled=False, liquid=None
-    )
+    """Return the state with a thing broken.
+
+    An egg runs out; a screen goes dark and stays; of a vessel only its id is left, out of
+    everything, and what lay in it lies where it lay.
+    """
     if object_types()[thing.type].slices_into and thing.type == "Egg":
-        return in_pieces(state, thing)
-    changes = {thing.id: thing}
-    if thing.type not in rules().fragile.stays_whole:
-        changes.update(_spilled(state.objects, thing))
+        return in_pieces(state, msgspec.structs.replace(thing, is_broken=True))
+    if not shatters(thing):
+        thing = msgspec.structs.replace(thing, is_broken=True, is_toggled=False)
+        return replace(state, objects=state.objects.changed({thing.id: thing}))
+    gone = msgspec.structs.replace(thing, is_broken=True, parents=())
+    changes = {thing.id: gone, **_spilled(state.objects, thing)}
     return replace(state, objects=state.objects.changed(changes))
 
 
@@ -38,11 +40,7 @@ def in_pieces(state: WorldState, source: SceneObject) -> WorldState:
     kind = object_types()[source.type].slices_into or ""
     pieces = _pieces(source, kind, object_types()[source.type].slice_count)
     changes = {source.id: msgspec.structs.replace(source, parents=()), **pieces}
-    until = dict(state.until_s)
-    for piece in pieces:
-        if source.id in until:
-            until[piece] = until[source.id]
-    return replace(state, objects=state.objects.changed(changes), until_s=until)
+    return replace(state, objects=state.objects.changed(changes))
 
 
 def _pieces(source: SceneObject, kind: str, count: int) -> dict[str, SceneObject]:
@@ -71,7 +69,6 @@ def _pieces(source: SceneObject, kind: str, count: int) -> dict[str, SceneObject
             materials=row.materials,
             parents=source.parents,
             is_cooked=source.is_cooked and "cookable" in row.capabilities,
-            temperature=source.temperature,
         )
         found[piece.id] = piece
     return found

@@ -1,11 +1,11 @@
 """What the household does by itself: the rule table, and applying it until nothing changes."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import msgspec
 from msgspec import UNSET, Struct, UnsetType
@@ -14,6 +14,7 @@ from karma.files import read_toml
 from karma.world.scene import Capability, SceneObject, Temperature
 
 if TYPE_CHECKING:
+    from karma.world.objects import Objects
     from karma.world.state import WorldState
 
 TABLE = Path(__file__).with_name("rules.toml")
@@ -40,6 +41,9 @@ class Condition(Struct, frozen=True, forbid_unknown_fields=True):
     def holds(self, thing: SceneObject) -> bool:
         """Return whether the object has all of them."""
         return all(getattr(thing, key) == value for key, value in self.items())
+
+
+STATES = Condition.__struct_fields__  # what effects ask for and change
 
 
 class Effect(Struct, frozen=True, forbid_unknown_fields=True):
@@ -131,29 +135,35 @@ def rules() -> Rules:
     return read_toml(TABLE, Rules)
 
 
+class Effects(NamedTuple):
+    """One round of the rule table over the objects of a moment."""
+
+    changes: dict[str, SceneObject]  # what it makes of those that it changes
+    kept: frozenset[str]  # whose temperature a zone keeps up
+    fading: tuple[str, ...]  # hot or cold, and in no zone: furniture stays as it is
+
+
 def settle(state: "WorldState") -> "WorldState":
     """Return the state after all effects, and after heat and cold that ran out.
 
     Effects are idempotent, so the loop ends; the bound only guards against a bad table.
     """
-    objects, kept = state.objects, set[str]()
     for _ in range(len(rules().effect) + 1):
-        changes, kept = _apply(state)
+        changes = state.objects.effects.changes
         if not changes:
             break
-        objects = objects.changed(changes)
-        state = replace(state, objects=objects)
-    return _decay(state, kept)
+        state = replace(state, objects=state.objects.changed(changes))
+    fading = state.objects.effects.fading
+    return _decay(state, fading) if fading or state.until_s else state
 
 
-def _apply(state: "WorldState") -> tuple[dict[str, SceneObject], set[str]]:
-    """Return what one round changes, and the ids whose temperature a zone keeps up."""
-    objects = state.objects
+def effects(objects: "Objects") -> Effects:
+    """Return what the household does to these objects by itself, in one round."""
     changes: dict[str, SceneObject] = {}
     kept: set[str] = set()
     for effect in rules().effect:
-        for source in _sources(state, effect):
-            for target in _zone(state, effect, source):
+        for source in _sources(objects, effect):
+            for target in _zone(objects, effect, source):
                 thing = changes.get(target, objects[target])
                 if not effect.fits(thing):
                     continue
@@ -161,32 +171,40 @@ def _apply(state: "WorldState") -> tuple[dict[str, SceneObject], set[str]]:
                     kept.add(target)
                 if not effect.set.holds(thing):
                     changes[target] = msgspec.structs.replace(thing, **dict(effect.set.items()))
-    return {key: thing for key, thing in changes.items() if thing != objects[key]}, kept
+    fading = (
+        object_id
+        for object_id, thing in objects.items()
+        if thing.temperature != "RoomTemp"
+        and object_id not in kept
+        and "pickupable" in thing.capabilities
+    )
+    changes = {key: thing for key, thing in changes.items() if thing != objects[key]}
+    return Effects(changes, frozenset(kept), tuple(fading))
 
 
-def _sources(state: "WorldState", effect: Effect) -> Iterable[str]:
+def _sources(objects: "Objects", effect: Effect) -> Iterator[str]:
     for kind in effect.source:
-        for object_id in state.objects.by_type.get(kind, ()):
-            thing = state.objects[object_id]
+        for object_id in objects.by_type.get(kind, ()):
+            thing = objects[object_id]
             if (thing.is_toggled or not effect.on) and not thing.is_broken:
                 yield object_id
 
 
-def _zone(state: "WorldState", effect: Effect, source: str) -> tuple[str, ...]:
+def _zone(objects: "Objects", effect: Effect, source: str) -> tuple[str, ...]:
     if effect.zone == "inside":
-        return state.objects.inside(source)
-    basin = basin_under(state, source)
-    return () if basin is None else state.objects.inside(basin)
+        return objects.inside(source)
+    basin = basin_under(objects, source)
+    return () if basin is None else objects.inside(basin)
 
 
-def basin_under(state: "WorldState", source: str) -> str | None:
+def basin_under(objects: "Objects", source: str) -> str | None:
     """Return the nearest basin a faucet or shower head pours into; basins before sinks."""
-    x, y, z = state.objects[source].center
+    x, y, z = objects[source].center
     for kinds in _BASINS:
         found: list[tuple[float, str]] = []
         for kind in kinds:
-            for object_id in state.objects.by_type.get(kind, ()):
-                thing = state.objects[object_id]
+            for object_id in objects.by_type.get(kind, ()):
+                thing = objects[object_id]
                 across = max(abs(x - thing.center[0]) - thing.size[0] / 2, 0.0)
                 along = max(abs(z - thing.center[2]) - thing.size[2] / 2, 0.0)
                 far = math.hypot(across, along)
@@ -197,15 +215,14 @@ def basin_under(state: "WorldState", source: str) -> str | None:
     return None
 
 
-def _decay(state: "WorldState", kept: set[str]) -> "WorldState":
+def _decay(state: "WorldState", fading: tuple[str, ...]) -> "WorldState":
     """Let heat and cold outside any zone run out."""
     until: dict[str, float] = {}
     changes: dict[str, SceneObject] = {}
-    for object_id, thing in state.objects.items():
-        if thing.temperature == "RoomTemp" or object_id in kept:
-            continue
+    for object_id in fading:
         end = state.until_s.get(object_id, state.time_s + state.decay_s)
         if end <= state.time_s:
+            thing = state.objects[object_id]
             changes[object_id] = msgspec.structs.replace(thing, temperature="RoomTemp")
         else:
             until[object_id] = end
