@@ -41,3 +41,22 @@ class ProgramError(KarmaError):
     def __init__(self, reason: str, *, line: int, code: str) -> None:
         super().__init__(f"line {line}: {reason}\n    {code}")
         self.reason, self.line, self.code = reason, line, code
+
+
+class WorldLost(KarmaError):
+    """The simulator's process has died, hangs, or no longer makes sense; `reset` starts another.
+
+    Args:
+        reason: what became of it.
+        during: the action that waited for it, or "start".
+        log: where its output went.
+        tail: the last lines of that output.
+    """
+
+    def __init__(self, reason: str, *, during: str, log: str | Path, tail: str = "") -> None:
+        said = f"\n  It said:\n{tail}" if tail else ""
+        super().__init__(
+            f"the simulator is lost, during {during}: {reason}\n  Its output: {log}{said}\n"
+            "  To go on: reset(scene) starts another; `karma doctor thor` looks for causes"
+        )
+        self.reason, self.during, self.log = reason, during, Path(log)

@@ -1,0 +1,187 @@
+"""Where the Unity build lies: an argument, $KARMA_THOR_BUILD, or AI2-THOR's own cache.
+
+Only looks at the disk; a build that is not there is never fetched.
+"""
+
+import os
+import shlex
+import shutil
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from karma.errors import KarmaError
+
+VERSION = "5.0.0"
+COMMIT = "f0825767cd50d69f666c7f282e54abfe58f1e917"  # the build that the package 5.0.0 belongs to
+VARIABLE = "KARMA_THOR_BUILD"
+SOURCE = "http://s3-us-west-2.amazonaws.com/ai2-thor-public/builds"  # for people; never opened here
+SIZE = "about half a gigabyte"
+METADATA = '{"server_types": ["FIFO", "WSGI"]}'
+
+Platform = Literal["Linux64", "CloudRendering", "OSXIntel64"]
+PLATFORMS: tuple[Platform, ...] = Platform.__args__  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Build:
+    """What to launch.
+
+    `path` is the executable; `command` starts with it and may have arguments.
+    """
+
+    path: Path
+    command: tuple[str, ...]
+    platform: Platform
+    origin: Literal["argument", "environment", "cache"]
+
+
+def home() -> Path:
+    """Return the client's own folder, ~/.ai2thor."""
+    return Path("~/.ai2thor").expanduser()
+
+
+def name(platform: Platform) -> str:
+    """Return a build's name, of which its folder, zip and executable are called.
+
+    >>> name("CloudRendering")[:24]
+    'thor-CloudRendering-f082'
+    """
+    return f"thor-{platform}-{COMMIT}"
+
+
+def cached(platform: Platform) -> Path:
+    """Return where the client's cache has the executable of a platform."""
+    folder = home() / "releases" / name(platform)
+    if platform != "OSXIntel64":
+        return folder / name(platform)
+    return folder / f"{name(platform)}.app" / "Contents" / "MacOS" / "AI2-Thor"
+
+
+def candidates(platform: Platform | None = None) -> tuple[Platform, ...]:
+    """Return the platforms of this machine, the preferred one first."""
+    if platform is not None:
+        return (platform,)
+    if sys.platform == "darwin":
+        return ("OSXIntel64",)
+    screen = "DISPLAY" in os.environ or any(screens())
+    return ("Linux64", "CloudRendering") if screen else ("CloudRendering", "Linux64")
+
+
+def screens() -> list[str]:
+    """Return the X displays of this machine, by their sockets, e.g. [":0"]."""
+    found = Path("/tmp/.X11-unix").glob("X*")
+    return [
+        f":{number}" for number in sorted(int(p.name[1:]) for p in found if p.name[1:].isdigit())
+    ]
+
+
+def find(
+    executable: str | Path | None = None,
+    platform: Platform | None = None,
+    environment: Mapping[str, str] = os.environ,
+) -> Build:
+    """Return the build to launch.
+
+    Args:
+        executable: a file, a build's folder, or the text of a command; None = $KARMA_THOR_BUILD,
+            else the client's cache.
+        platform: what it renders with; None = by its name, else Linux64.
+        environment: in which the variable is looked up.
+
+    Raises:
+        KarmaError: there is none, or it cannot be run; says what to do.
+    """
+    if executable is not None:
+        return _given(executable, platform, "argument")
+    if environment.get(VARIABLE):
+        return _given(environment[VARIABLE], platform, "environment")
+    for one in candidates(platform):
+        path = cached(one)
+        if path.exists():
+            return Build(path=_runnable(path), command=(str(path),), platform=one, origin="cache")
+    raise KarmaError(missing(candidates(platform)))
+
+
+def missing(platforms: tuple[Platform, ...]) -> str:
+    """Return what to tell a user who has no build."""
+    looked = "\n".join(f"    {cached(one)}" for one in platforms)
+    return (
+        f"no Unity build of AI2-THOR {VERSION} is on this machine\n  Looked for, with ${VARIABLE} "
+        f"not set:\n{looked}\n  To fix: {fetch(platforms[0])}\n"
+        f"  or, if it lies elsewhere: export {VARIABLE}=/path/to/its/executable"
+    )
+
+
+def fetch(platform: Platform) -> str:
+    """Return how a build comes here, for a person to do."""
+    folder, zipped = cached(platform).parent, f"{name(platform)}.zip"
+    return (
+        f"on a machine with a network, fetch {SOURCE}/{zipped} ({SIZE}); carry it here, then\n"
+        f"    mkdir -p {folder} && unzip {zipped} -d {folder} && chmod +x {cached(platform)}"
+    )
+
+
+def _given(
+    executable: str | Path,
+    platform: Platform | None,
+    origin: Literal["argument", "environment"],
+) -> Build:
+    text = str(executable)
+    path = Path(text).expanduser()
+    if path.is_dir():
+        path = _inside(path)
+        words = [str(path)]
+    elif path.exists() or isinstance(executable, Path):
+        words = [str(path)]
+    else:
+        words = _words(text)
+        path = Path(shutil.which(words[0]) or Path(words[0]).expanduser())
+        words[0] = str(path)
+    return Build(
+        path=_runnable(path),
+        command=tuple(words),
+        platform=platform or _platform_of(path),
+        origin=origin,
+    )
+
+
+def _words(text: str) -> list[str]:
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise KarmaError(f"not a command: {text!r}: {error}") from error
+    if not words:
+        raise KarmaError("the executable is an empty text")
+    return words
+
+
+def _inside(folder: Path) -> Path:
+    """Return the executable of an unpacked build: the file that has a _Data folder beside it."""
+    for path in sorted(folder.iterdir()):
+        if path.is_file() and (folder / f"{path.stem}_Data").is_dir():
+            return path
+    same = folder / folder.name
+    if same.is_file():
+        return same
+    raise KarmaError(
+        f"{folder}: no Unity build in this folder: no file with a `_Data` folder of its name "
+        f"beside it\n  To fix: unzip the build into it, or name the executable itself"
+    )
+
+
+def _platform_of(path: Path) -> Platform:
+    for one in PLATFORMS:
+        if f"-{one}-" in path.name:
+            return one
+    return "OSXIntel64" if sys.platform == "darwin" else "Linux64"
+
+
+def _runnable(path: Path) -> Path:
+    if not path.is_file():
+        raise KarmaError(f"{path}: no such executable\n  To fix: export {VARIABLE}=/path/to/it")
+    if not os.access(path, os.X_OK):
+        raise KarmaError(f"{path}: not executable\n  To fix: chmod +x {shlex.quote(str(path))}")
+    return path
