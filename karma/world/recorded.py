@@ -35,12 +35,39 @@ FLAGS = (*STATES, *LISTS, *CAPABILITIES)
 SEEN = ("visible", "isInteractable")
 MOTION = ("isMoving",)
 
-_NEAR_M, _NEAR_DEG, _NEAR = 0.02, 0.1, 1e-3
+CAUSES = {
+    "jitter": "the real simulator changed it without an action: physics lets things settle, "
+    "slide or fall",
+    "start": "differs from the first event on: our scenes refuse two things in each other, and "
+    "openness where isOpen is false",
+    "place": "it came to lie elsewhere: where a put or a fall ends is chosen by physics",
+    "pieces": "another number of slices: it belongs to the asset and is not published",
+    "one side only": "an object that only one side has",
+    "outcome": "the action ended otherwise here, and what follows from that",
+    "heat": "heat and cold: the real simulator counts seconds of its own clock",
+    "water": "a stream of water or coffee: the real simulator asks whether it is met",
+    "breaking": "whether a fall or a throw breaks depends on the meshes that meet",
+    "agent": "the agent's pose",
+    "unexplained": "no rule tells",
+}
+ABSENT = "absent"  # the value of an object that one side does not have
+
+_BY_FIELD = {
+    "parentReceptacles": "place",
+    "temperature": "heat",
+    "isFilledWithLiquid": "water",
+    "fillLiquid": "water",
+    "isDirty": "water",
+    "isBroken": "breaking",
+}
+_KINDS = {**dict.fromkeys(SEEN, "seen"), **dict.fromkeys(MOTION, "motion")}
+_NEAR_POSE, _NEAR = 0.02, 1e-3
 _SETTINGS = ("visibilityDistance", "fieldOfView", "rotateStepDegrees", "snapToGrid")
 _LAYOUT_M = 0.25  # ALFRED's cells
 
 Row = Mapping[str, Any]
-Values = dict[tuple[str, str], Any]  # (object id, field) -> value; lists as frozen sets
+Key = tuple[str, str]  # object id and field
+Values = dict[Key, Any]  # lists of ids as frozen sets
 
 
 # ----------------------------------------------------------------- the report
@@ -56,7 +83,7 @@ class Difference:
     field: str
     ours: Any
     theirs: Any
-    cause: str
+    cause: str  # one of `CAUSES`; it counts as a difference whatever the cause
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,34 +249,23 @@ def _replayed(world: EmbeddedWorld, steps: Sequence[tuple[Row, Row]]) -> Iterato
 
 
 def _compared(path: str, scene: str, moments: Sequence[_Moment]) -> EventReport:
-    found: list[Difference] = []
     counts = Counter[tuple[str, str]]()
+    found: list[Difference] = []
+    blame = _Blame(moments[0])
     before = _values(moments[0].theirs)
     for step, moment in enumerate(moments[1:], 1):
         ours, theirs = _values(moment.ours), _values(moment.theirs)
-        keys = [*theirs, *(key for key in ours if key not in theirs)]
-        for key in keys:
-            mine, real = ours.get(key, "absent"), theirs.get(key, "absent")
-            kind, alike = _kind(key[1]), _alike(mine, real)
-            counts[kind, "all"] += 1
-            counts[kind, "equal"] += alike
-            if kind != "state":
-                continue
-            if not _alike(before.get(key, "absent"), real):
-                counts["changes", "all"] += 1
-                counts["changes", "equal"] += alike
-            if not alike:
-                found.append(
-                    Difference(
-                        step=step,
-                        action=str(moment.action["action"]),
-                        object_id=key[0],
-                        field=key[1],
-                        ours=_shown(mine),
-                        theirs=_shown(real),
-                        cause="",
-                    )
+        blame.follow(moment, before, theirs)
+        unlike = _count(counts, ours, before, theirs)
+        for object_id, field in unlike:
+            mine, real = (side.get((object_id, field), ABSENT) for side in (ours, theirs))
+            cause = blame.cause(object_id, field, mine, real)
+            found.append(
+                Difference(
+                    step=step, action=str(moment.action["action"]), object_id=object_id,
+                    field=field, ours=_shown(mine), theirs=_shown(real), cause=cause,
                 )
+            )  # fmt: skip
         before = theirs
     return EventReport(
         path=path,
@@ -257,17 +273,35 @@ def _compared(path: str, scene: str, moments: Sequence[_Moment]) -> EventReport:
         steps=len(moments) - 1,
         compared=counts["state", "all"],
         equal=counts["state", "equal"],
-        changes=Share(compared=counts["changes", "all"], equal=counts["changes", "equal"]),
-        seen=Share(compared=counts["seen", "all"], equal=counts["seen", "equal"]),
-        motion=Share(compared=counts["motion", "all"], equal=counts["motion", "equal"]),
+        changes=_share(counts, "changes"),
+        seen=_share(counts, "seen"),
+        motion=_share(counts, "motion"),
         differences=tuple(found),
     )
 
 
-def _kind(field: str) -> str:
-    if field in SEEN:
-        return "seen"
-    return "motion" if field in MOTION else "state"
+def _share(counts: Mapping[tuple[str, str], int], kind: str) -> Share:
+    return Share(compared=counts[kind, "all"], equal=counts[kind, "equal"])
+
+
+def _count(
+    counts: Counter[tuple[str, str]], ours: Values, before: Values, theirs: Values
+) -> list[Key]:
+    """Count what is equal after one action, and return the keys of the states that are not."""
+    unlike = []
+    for key in (*theirs, *(key for key in ours if key not in theirs)):
+        kind, real = _KINDS.get(key[1], "state"), theirs.get(key, ABSENT)
+        alike = _alike(ours.get(key, ABSENT), real)
+        counts[kind, "all"] += 1
+        counts[kind, "equal"] += alike
+        if kind != "state":
+            continue
+        if not _alike(before.get(key, ABSENT), real):
+            counts["changes", "all"] += 1
+            counts["changes", "equal"] += alike
+        if not alike:
+            unlike.append(key)
+    return unlike
 
 
 def _values(metadata: Row) -> Values:
@@ -276,15 +310,17 @@ def _values(metadata: Row) -> Values:
     found: Values = {
         ("", "lastActionSuccess"): metadata["lastActionSuccess"],
         ("", "inventoryObjects"): frozenset(o["objectId"] for o in metadata["inventoryObjects"]),
-        ("", "agent.isStanding"): agent["isStanding"],
+        ("", "agent.isStanding"): agent.get("isStanding"),
     }
     for field in ("position", "rotation"):
         found["", f"agent.{field}"] = tuple(float(agent[field][axis]) for axis in "xyz")
     found["", "agent.cameraHorizon"] = (float(agent["cameraHorizon"]),)
     for thing in metadata["objects"]:
-        for field in (*FLAGS, *SEEN, *MOTION):
+        for field in (*FLAGS, *_KINDS):
             value = thing.get(field)
-            found[thing["objectId"], field] = frozenset(value) if isinstance(value, list) else value
+            found[thing["objectId"], field] = (
+                frozenset(value) if isinstance(value, list | tuple) else value
+            )
     return found
 
 
@@ -297,8 +333,68 @@ def _alike(ours: Any, theirs: Any) -> bool:
 
 
 def _near(a: float, b: float) -> bool:
-    return abs((a - b + 180) % 360 - 180) <= _NEAR_M
+    """Return whether two metres or degrees of a pose are one."""
+    return abs((a - b + 180) % 360 - 180) <= _NEAR_POSE
 
 
 def _shown(value: Any) -> Any:
     return sorted(value) if isinstance(value, frozenset) else value
+
+
+# ----------------------------------------------------------------- explaining
+
+
+class _Blame:
+    """Tells by rule where a difference comes from; a difference counts whatever its cause."""
+
+    def __init__(self, start: _Moment) -> None:
+        self._ours, self._theirs = _values(start.ours), _values(start.theirs)
+        self._touched: set[str] = set()  # ids that an action concerned so far
+        self._outcomes: set[str] = set()  # of them, those of an action that ended otherwise here
+        self._alone: set[Key] = set()  # what the real simulator changed without an action
+
+    def follow(self, moment: _Moment, before: Values, theirs: Values) -> None:
+        """Take note of one action, and of what the real simulator changed beside it."""
+        near = {str(moment.action.get("objectId", ""))}
+        near |= before["", "inventoryObjects"] | theirs["", "inventoryObjects"]
+        near |= {o["objectId"] for o in moment.ours["inventoryObjects"]}
+        for object_id in tuple(near):
+            near |= before.get((object_id, "receptacleObjectIds")) or frozenset()
+        self._touched |= near - {""}
+        if moment.ours["lastActionSuccess"] != moment.theirs["lastActionSuccess"]:
+            self._outcomes |= near - {""}
+        self._alone |= {
+            key
+            for key, value in theirs.items()
+            if key[0] and not self._concerned(key[0]) and not _alike(before.get(key), value)
+        }
+
+    def _concerned(self, object_id: str) -> bool:
+        whole = object_id.rsplit("|", 1)[0]  # of a slice
+        return object_id in self._touched or whole in self._touched
+
+    def cause(self, object_id: str, field: str, ours: Any, theirs: Any) -> str:
+        """Return one of `CAUSES`."""
+        key = (object_id, field)
+        if ours is ABSENT or theirs is ABSENT or ours == ABSENT or theirs == ABSENT:
+            return "pieces" if "Sliced_" in object_id else "one side only"
+        if self._ours.get(key) == ours and self._theirs.get(key) == theirs:
+            return "start"
+        if field == "receptacleObjectIds":
+            return self._of_contents(ours or frozenset(), theirs or frozenset())
+        if key in self._alone:
+            return "jitter"
+        if not object_id:
+            return "outcome" if field in ("lastActionSuccess", "inventoryObjects") else "agent"
+        if object_id in self._outcomes:
+            return "outcome"
+        return _BY_FIELD.get(field, "unexplained")
+
+    def _of_contents(self, ours: frozenset[str], theirs: frozenset[str]) -> str:
+        """Return why two lists of contents differ: as their members' parents do."""
+        strangers = ours ^ theirs
+        if any("Sliced_" in member for member in strangers):
+            return "pieces"
+        if all((member, "parentReceptacles") in self._alone for member in strangers):
+            return "jitter"
+        return "outcome" if strangers & self._outcomes else "place"
