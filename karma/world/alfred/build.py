@@ -1,0 +1,153 @@
+"""An episode's scene from a trial: what stands there by the facts, what lies there by the trial."""
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from karma.errors import FileError
+from karma.world.alfred.contents import contained
+from karma.world.alfred.facts import Facts
+from karma.world.alfred.furniture import furnished
+from karma.world.alfred.goal import Deeds, goal_met
+from karma.world.alfred.ids import kind_of, type_now
+from karma.world.alfred.steps import STEP_M
+from karma.world.alfred.trial import ObjectPose, Trial
+from karma.world.boxes import AGENT_RADIUS_M, Box
+from karma.world.importers import ORIGIN_M, room_by_name, room_by_things
+from karma.world.objects import moved, turned
+from karma.world.scene import AgentPose, Scene, SceneObject, check
+from karma.world.types import object_types
+
+_LAMPS = ("DeskLamp", "FloorLamp")
+
+
+def build(trial: Trial, facts: Facts) -> Scene:
+    """Return the room of a trial at its start.
+
+    Args:
+        trial: whose poses, switches and start pose count.
+        facts: of its FloorPlan, with this trial among those gathered.
+
+    Raises:
+        FileError: the trial contradicts itself; the path is its id.
+    """
+    start = trial.scene.init_action
+    floor_y = round(start.y - ORIGIN_M, 4) if facts.dump is None else facts.dump.floor_y
+    poses = {pose.id: pose for pose in trial.scene.object_poses if type_now(pose.kind)}
+    kinds = frozenset(type_now(pose.kind) or "" for pose in poses.values())
+    fixed = furnished(facts, floor_y, kinds)
+    fixed = [thing for thing in fixed if thing.id not in poses]
+    movables = [_movable(pose, facts) for pose in poses.values()]
+    parents = contained(trial, facts, fixed, movables)
+    loose = [_in(thing, parents.get(thing.id)) for thing in movables]
+    things = _named_apart([_at_start(thing, trial) for thing in (*fixed, *loose)])
+    cells = facts.cells
+    box = _bounds(things, cells, floor_y)
+    scene = Scene(
+        name=facts.name,
+        room=room_by_name(facts.name)
+        or room_by_things([{"objectType": thing.type} for thing in things]),
+        source=f"ALFRED {trial.id}",
+        floor_y=floor_y,
+        grid_m=STEP_M,
+        agent=AgentPose(
+            position=(start.x, start.y, start.z), yaw=start.rotation % 360, horizon=start.horizon
+        ),
+        reachable=cells,
+        bounds_center=box.center,
+        bounds_size=box.size,
+        objects=tuple(things),
+    )
+    check(scene, trial.id)
+    return scene
+
+
+# ----------------------------------------------------------------- movable objects
+
+
+def _movable(pose: ObjectPose, facts: Facts) -> SceneObject:
+    """Return an object at its pose, shaped as one of its type: of this room, of any, or typical."""
+    kind = type_now(pose.kind) or ""
+    model = _model(kind, facts)
+    place, turn = pose.position.tuple, pose.rotation.tuple
+    row = object_types()[kind]
+    if model is None:
+        x, y, z = place
+        made = SceneObject(
+            id=pose.id, type=kind, name=pose.id, position=place, center=(x, y + row.size_m[1] / 2, z),
+            size=row.size_m,
+        )  # fmt: skip
+        made = turned(made, turn[1], place)
+    else:
+        made = turned(model, turn[1] - model.rotation[1], model.position)
+        made = moved(made, _minus(place, model.position))
+    return msgspec.structs.replace(
+        made,
+        id=pose.id,
+        type=kind,
+        name=pose.object_name,
+        position=place,
+        rotation=turn,
+        capabilities=row.capabilities,
+        mass_kg=row.mass_kg if model is None else model.mass_kg,
+        materials=row.materials if model is None else model.materials,
+        parents=(),
+        openness=1.0 if row.starts_open and "openable" in row.capabilities else 0.0,
+        temperature="RoomTemp",
+        is_toggled=row.starts_on,
+        is_broken=False,
+        is_dirty=False,
+    )
+
+
+def _model(kind: str, facts: Facts) -> SceneObject | None:
+    here = [] if facts.dump is None else [t for t in facts.dump.objects if t.type == kind]
+    return here[0] if here else facts.models.get(kind)
+
+
+def _minus(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _in(thing: SceneObject, parent: str | None) -> SceneObject:
+    return thing if parent is None else msgspec.structs.replace(thing, parents=(parent,))
+
+
+# ----------------------------------------------------------------- states
+
+
+def _at_start(thing: SceneObject, trial: Trial) -> SceneObject:
+    """Return an object in the state that the trial says its type is in."""
+    change: dict[str, bool | None] = {}
+    for toggle in trial.scene.object_toggles:
+        if kind_of(thing.id) == toggle.object_type or thing.type == toggle.object_type:
+            change["is_toggled"] = toggle.is_on
+    if trial.scene.dirty_and_empty:
+        if "dirtyable" in thing.capabilities:
+            change["is_dirty"] = True
+        if "canFillWithLiquid" in thing.capabilities:
+            change |= {"is_filled": False, "liquid": None}
+    return msgspec.structs.replace(thing, **change) if change else thing
+
+
+def _named_apart(things: Sequence[SceneObject]) -> list[SceneObject]:
+    """Return the objects with unique names: copies share their model's name in ALFRED."""
+    taken: set[str] = set()
+    found = []
+    for thing in things:
+        name = thing.name if thing.name not in taken else f"{thing.name}({thing.id})"
+        taken.add(name)
+        found.append(thing if name == thing.name else msgspec.structs.replace(thing, name=name))
+    return found
+
+
+def _bounds(
+    things: Sequence[SceneObject], cells: Sequence[tuple[float, float]], floor_y: float
+) -> Box:
+    """Return what holds all boxes but the floor's, and all cells."""
+    boxes = [Box.around(thing.center, thing.size) for thing in things if thing.type != "Floor"]
+    r = AGENT_RADIUS_M
+    boxes += [Box(x - r, floor_y, z - r, x + r, floor_y + 2.0, z + r) for x, z in cells]
+    low = [min(box[axis] for box in boxes) for axis in range(3)]
+    high = [max(box[axis] for box in boxes) for axis in range(3, 6)]
+    return Box(low[0], floor_y, low[2], *high)

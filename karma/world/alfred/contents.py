@@ -1,0 +1,139 @@
+"""Which receptacle each movable object lies in at the start: ALFRED does not say, so it is inferred.
+
+Of the rules below the first that applies decides; the figures are in docs/alfred-replay.md.
+1. The planner names the receptacle at the object's first pickup. It is believed unless it is a
+   thing with a door that the demonstrator did not open before: what was picked up was in view.
+2. The object lies within the box of a larger vessel (plate, mug, box ...).
+3. Most of the nearest labelled positions of the room within `NEAR_M` have one receptacle.
+4. The object rests on, or lies within, the box of a fixed receptacle; the smallest such box.
+Nothing else is assumed: the rest lies on the floor, in no receptacle.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+
+from karma.contracts import Vec3
+from karma.world.alfred.facts import Facts
+from karma.world.alfred.trial import LabelledSpot, Trial
+from karma.world.objects import bottom, top
+from karma.world.rules import rules
+from karma.world.scene import SceneObject
+
+NEAR_M = 0.3
+_VOTES = 5
+_BELOW_M, _ABOVE_M = 0.03, 0.12  # of a surface's height to what rests on it
+_BESIDE_M = 0.05
+_OVER_VESSEL_M = 0.08
+
+
+def contained(
+    trial: Trial, facts: Facts, furniture: Sequence[SceneObject], movables: Sequence[SceneObject]
+) -> dict[str, str]:
+    """Return the receptacle of each movable object that has one, id -> id."""
+    places = {thing.id: thing for thing in furniture if "receptacle" in thing.capabilities}
+    own = {spot.thing: spot.receptacle for spot in facts.spots if spot.trial == trial.id}
+    refuted = {(one, own[one]) for one in _seen_through_doors(trial, own, places)}
+    spots = [spot for spot in facts.spots if spot.receptacle in places]
+    found = {}
+    for thing in movables:
+        label = own.get(thing.id)
+        if label in places and (thing.id, label) not in refuted:
+            found[thing.id] = label
+            continue
+        vessel = _vessel(thing, movables) if label is None else None
+        if vessel is not None:
+            found[thing.id] = vessel
+            continue
+        fits = {one: p for one, p in places.items() if (thing.id, one) not in refuted}
+        guess = _voted(thing, trial.id, spots, fits) or _resting(thing.position, fits)
+        if guess is not None:
+            found[thing.id] = guess
+    return found
+
+
+def _seen_through_doors(
+    trial: Trial, own: Mapping[str, str], places: Mapping[str, SceneObject]
+) -> Iterator[str]:
+    """Yield what was picked up out of something shut, according to its label."""
+    opened: set[str] = set()
+    taken: set[str] = set()
+    for low in trial.plan.low_actions:
+        step = low.api_action
+        one = step.object_id or ""
+        if step.action == "OpenObject":
+            opened.add(one)
+        if step.action not in ("PickupObject", "SliceObject") or one in taken:
+            continue
+        taken.add(one)
+        place = places.get(own.get(one, ""))
+        if place is not None and _has_door(place) and place.id not in opened:
+            yield one
+
+
+def _has_door(place: SceneObject) -> bool:
+    return place.type in rules().view.hides_when_closed and "openable" in place.capabilities
+
+
+def _vessel(thing: SceneObject, movables: Sequence[SceneObject]) -> str | None:
+    """Return the smallest vessel whose box a thing lies in."""
+    x, _, z = thing.center
+    found = []
+    for other in movables:
+        if "receptacle" not in other.capabilities or _volume(other) <= _volume(thing):
+            continue
+        across = abs(x - other.center[0]) <= other.size[0] / 2
+        along = abs(z - other.center[2]) <= other.size[2] / 2
+        low, high = bottom(other) - _BELOW_M, top(other) + _OVER_VESSEL_M
+        if across and along and low <= bottom(thing) <= high:
+            found.append((_volume(other), other.id))
+    return min(found)[1] if found else None
+
+
+def _volume(thing: SceneObject) -> float:
+    return round(math.prod(thing.size), 9)
+
+
+def _voted(
+    thing: SceneObject,
+    trial: str,
+    spots: Sequence[LabelledSpot],
+    places: Mapping[str, SceneObject],
+) -> str | None:
+    """Return the receptacle that most of the nearest labels have; the nearest of equals."""
+    far = sorted(
+        (math.dist(thing.position, spot[:3]), spot.receptacle)
+        for spot in spots
+        if spot.receptacle in places and (spot.trial, spot.thing) != (trial, thing.id)
+    )
+    near = [receptacle for gap, receptacle in far[:_VOTES] if gap <= NEAR_M]
+    return Counter(near).most_common(1)[0][0] if near else None
+
+
+def _resting(position: Vec3, places: Mapping[str, SceneObject]) -> str | None:
+    """Return the fixed receptacle on or in whose box a position is."""
+    found = []
+    for place in places.values():
+        rank = _rank(position, place)
+        if rank is not None:
+            found.append((*rank, place.id))
+    return min(found)[-1] if found else None
+
+
+def _rank(position: Vec3, place: SceneObject) -> tuple[bool, bool, float] | None:
+    """Return how well a position fits a receptacle, less is better; None = not at all."""
+    if place.type == "Floor":
+        return None
+    x, y, z = position
+    across = max(abs(x - place.center[0]) - place.size[0] / 2, 0.0)
+    along = max(abs(z - place.center[2]) - place.size[2] / 2, 0.0)
+    if math.hypot(across, along) > _BESIDE_M:
+        return None
+    low, high = bottom(place), top(place)
+    beside = across > 0 or along > 0
+    if place.type in rules().put.inside:
+        fits = low - _BELOW_M <= y <= max(high - 0.02, low + 0.05)
+        return (False, beside, _volume(place)) if fits else None
+    if -_BELOW_M <= y - high <= _ABOVE_M:
+        return (False, beside, _volume(place))
+    return (True, beside, _volume(place)) if low <= y <= high else None

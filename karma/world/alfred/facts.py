@@ -1,0 +1,199 @@
+"""What is known of the rooms: ALFRED's side files, AI2-THOR's dump, and the trials themselves.
+
+A trial tells of its room: the cells its demonstrator walked on, the ids of what it handled, and
+the planner's coordinates, which give receptacles to a millimetre and say what lay in them.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from karma.contracts import Vec3
+from karma.world.alfred.ids import kind_of, object_id, place_of, spelt_out
+from karma.world.alfred.steps import named, visited
+from karma.world.alfred.trial import (
+    FixedObjects,
+    LabelledSpot,
+    Layout,
+    PlannerAction,
+    Receptacle,
+    Spot,
+    Trial,
+    read_fixed,
+    read_layouts,
+    read_receptacles,
+    read_spots,
+)
+from karma.world.importers import import_dump
+from karma.world.scene import Scene, SceneObject
+
+SAME_M = 0.03  # two places of one type that are one object, where ids carry centimetres
+_BASIN_M = 1.0  # between a basin and the sink or tub whose place its id carries
+_PARENT_OF_BASIN = {"SinkBasin": "Sink", "BathtubBasin": "Bathtub"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Files:
+    """The side files; None = none."""
+
+    layouts: Path | None = None
+    dumps: Path | None = None
+    fixed: Path | None = None
+    receptacles: Path | None = None
+    spots: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """What is known of one FloorPlan, whatever the trial."""
+
+    name: str
+    cells: tuple[tuple[float, float], ...]  # sorted
+    fixed: Mapping[str, Vec3]  # id -> where its origin is, metres
+    spots: tuple[LabelledSpot, ...]
+    dump: Scene | None
+    models: Mapping[str, SceneObject] = field(default_factory=dict)  # one of each type, of any dump
+
+
+def gather(trials: Iterable[Trial], files: Files) -> dict[str, Facts]:
+    """Return the facts of every FloorPlan that the trials play in.
+
+    Raises:
+        FileError: a side file is missing, torn, or of the wrong form.
+    """
+    rooms: dict[str, list[Trial]] = {}
+    for trial in trials:
+        rooms.setdefault(trial.scene.floor_plan, []).append(trial)
+    layouts = read_layouts(files.layouts) if files.layouts else {}
+    fixed = read_fixed(files.fixed) if files.fixed else {}
+    receptacles = read_receptacles(files.receptacles) if files.receptacles else {}
+    spots = read_spots(files.spots) if files.spots else {}
+    dumps = {scene.name: scene for scene in import_dump(files.dumps)} if files.dumps else {}
+    models = _models(dumps.values())
+    found = {}
+    for name, played in sorted(rooms.items()):
+        layout = layouts.get(name, Layout())
+        places = _places(layout, fixed.get(name), receptacles.get(name, ()))
+        places, own = _told(places, played)
+        cells = {cell for trial in played for cell in visited(trial)}
+        cells.update((float(x), float(z)) for x, z in layout.reachable)
+        found[name] = Facts(
+            name=name,
+            cells=tuple(sorted(cells)),
+            fixed=places,
+            spots=_distinct((*spots.get(name, ()), *own)),
+            dump=dumps.get(name),
+            models=models,
+        )
+    return found
+
+
+def _models(scenes: Iterable[Scene]) -> dict[str, SceneObject]:
+    """Return of each type the object of middling volume."""
+    found: dict[str, list[SceneObject]] = {}
+    for scene in scenes:
+        for thing in scene.objects:
+            found.setdefault(thing.type, []).append(thing)
+    return {
+        kind: sorted(things, key=lambda t: (math.prod(t.size), t.id))[len(things) // 2]
+        for kind, things in sorted(found.items())
+    }
+
+
+def _distinct(spots: Iterable[LabelledSpot]) -> tuple[LabelledSpot, ...]:
+    """Drop what is told twice, by the file and by the trial."""
+    found = {}
+    for spot in spots:
+        found[spot.trial, spot.thing] = spot._replace(receptacle=spelt_out(spot.receptacle))
+    return tuple(found.values())
+
+
+# ----------------------------------------------------------------- fixed objects
+
+
+def _places(
+    layout: Layout, fixed: FixedObjects | None, receptacles: Sequence[Receptacle]
+) -> dict[str, Vec3]:
+    """Return the ids that the side files know, with the best place each has."""
+    found: dict[str, Vec3] = {}
+    told: list[tuple[str, Vec3 | None]] = [(one, None) for one in layout.receptacle_points]
+    told += [(spelt_out(one.id or object_id(one.type, one.pos)), one.pos) for one in receptacles]
+    told += [(one, facts.pos) for one, facts in (fixed.fixed if fixed else {}).items()]
+    for one, position in told:
+        _add(found, one, position)
+    return found
+
+
+def _add(found: dict[str, Vec3], one: str, position: Vec3 | None) -> None:
+    """Note an id; a place told outright is better than the one the id carries."""
+    place = position or found.get(one) or place_of(one)
+    if place is not None:
+        found[one] = place
+
+
+def _told(
+    places: dict[str, Vec3], trials: Sequence[Trial]
+) -> tuple[dict[str, Vec3], tuple[LabelledSpot, ...]]:
+    """Return the places with what trials add, and what the trials label."""
+    movable = {pose.id for trial in trials for pose in trial.scene.object_poses}
+    for trial in trials:
+        for one in named(trial):
+            if one not in movable:
+                _add(places, one, None)
+        for step in _planned(trial):
+            for one, spot in _named_spots(step):
+                if one not in movable:
+                    _add(places, one, spot.position)
+    labels = [label for trial in trials for label in _labels(places, trial)]
+    return places, tuple(labels)
+
+
+def _planned(trial: Trial) -> Iterator[PlannerAction]:
+    for goal in trial.plan.high_pddl:
+        yield goal.planner_action
+
+
+def _named_spots(step: PlannerAction) -> Iterator[tuple[str, Spot]]:
+    """Yield the ids that a sub-goal names with their exact places."""
+    for one in filter(None, (step.object_id, step.receptacle_object_id)):
+        for spot in filter(None, (step.thing, step.receptacle)):
+            place = place_of(one)
+            reach = _BASIN_M if spot.kind in _PARENT_OF_BASIN else SAME_M
+            if kind_of(one) == spot.kind and place and math.dist(place, spot.position) <= reach:
+                yield one, spot
+
+
+def _labels(places: dict[str, Vec3], trial: Trial) -> Iterator[LabelledSpot]:
+    """Yield where the planner says that things lay, at the first time each is picked up."""
+    poses = {pose.id: pose for pose in trial.scene.object_poses}
+    seen: set[str] = set()
+    for step in _planned(trial):
+        one, spot = step.object_id, step.receptacle
+        if step.action == "PutObject" and one:
+            seen.add(one)
+        if step.action != "PickupObject" or one not in poses or one in seen or spot is None:
+            continue
+        seen.add(one)
+        x, y, z = poses[one].position.tuple
+        yield LabelledSpot(x, y, z, _resolved(places, spot), trial.id, one)
+
+
+def _resolved(places: dict[str, Vec3], spot: Spot) -> str:
+    """Return the id of the receptacle at a place; a new one is noted when nothing is known there.
+
+    Ids of basins carry the place of their sink or tub.
+    """
+    far = {
+        one: math.dist(place, spot.position)
+        for one, place in places.items()
+        if kind_of(one) == spot.kind
+    }
+    nearest = min(far, key=lambda one: (far[one], one), default=None)
+    reach = _BASIN_M if spot.kind in _PARENT_OF_BASIN else SAME_M
+    if nearest is not None and far[nearest] <= reach:
+        return nearest
+    parent = _PARENT_OF_BASIN.get(spot.kind)
+    one = object_id(parent or spot.kind, spot.position) + (f"|{spot.kind}" if parent else "")
+    _add(places, one, spot.position)
+    return one

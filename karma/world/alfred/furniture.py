@@ -1,0 +1,272 @@
+"""The fixed objects of a room, with the ids that a trial uses and boxes from AI2-THOR 5.0.0.
+
+Between the AI2-THOR that ALFRED was recorded on and 5.0.0, fixed objects were shifted, renamed,
+moved or dropped. An id of ALFRED's takes, of what the dump has left:
+1. the box of the nearest object of its type, where it stands; origins moved from a table's top to
+   its foot, so heights may differ,
+2. the box of a receptacle of another type that has the same origin: a renamed one,
+3. the shape of an object of its type elsewhere in the room: a moved one,
+4. the shape of its type in other rooms, or the typical one of `types.toml`, widened by what is
+   known to have lain there.
+What the dump has beyond that (windows, chairs, the floor) is there as it is.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import msgspec
+
+from karma.contracts import Vec3
+from karma.world.alfred.facts import Facts
+from karma.world.alfred.ids import kind_of, place_of, type_now
+from karma.world.alfred.trial import LabelledSpot
+from karma.world.objects import bottom, moved, top
+from karma.world.rules import rules
+from karma.world.scene import SceneObject
+from karma.world.types import object_types
+
+_BESIDE_M = 0.35  # two versions of one object, across the floor
+_ABOVE_M = 1.2  # and in height
+_SAME_ORIGIN_M, _SAME_HEIGHT_M = 0.3, 0.15
+_ONE_M = 0.05  # two ids of one object
+_MARGIN_M = 0.1  # round what lay on a surface
+_ON_FLOOR_M = 0.15
+_LOOSE = {"pickupable", "moveable"}
+
+
+class _Match(NamedTuple):
+    """A fixed object of ALFRED's and what of the dump it is."""
+
+    thing: SceneObject | None
+    moved: bool = False  # it stands elsewhere here
+
+
+def furnished(facts: Facts, floor_y: float, kinds: frozenset[str]) -> list[SceneObject]:
+    """Return everything but what trials place themselves.
+
+    Args:
+        facts: of the FloorPlan.
+        floor_y: height of the floor, metres.
+        kinds: types that the trial places; the dump's own of these are left out.
+    """
+    places = {
+        one: place
+        for one, place in facts.fixed.items()
+        if (kind := type_now(kind_of(one))) and kind not in kinds
+    }
+    dump = [] if facts.dump is None else [*facts.dump.objects]
+    rest = [o for o in dump if "pickupable" not in o.capabilities and o.type not in kinds]
+    matches = _matched(places, rest)
+    found, ids = [], dict[str, str]()
+    for one, place in places.items():
+        match = matches.get(one)
+        if match is None or match.thing is None:
+            made = _typical(one, place, facts, floor_y)
+        elif match.moved:
+            made = _at(match.thing, one, place)
+        else:
+            made = _same(match.thing, one, place)
+        if match is not None and match.thing is not None:
+            ids.setdefault(match.thing.id, one)
+        found.append(made)
+    found += [o for o in rest if o.id not in ids and o.id not in places]
+    found = _with_floor(found, facts, floor_y)
+    return _related(found, ids)
+
+
+# ----------------------------------------------------------------- matching
+
+
+def _matched(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> dict[str, _Match]:
+    found: dict[str, _Match] = {}
+    taken: set[str] = set()
+    for pairs in (_of_one_kind(places, things), _of_one_origin(places, things)):
+        _pair(sorted(pairs), things, found, taken)
+    for _, one, index in sorted(_of_one_kind(places, things)):  # two ids of one object
+        gap = math.dist(places[one], things[index].position)
+        if one not in found and gap <= _ONE_M:
+            found[one] = _Match(things[index])
+    left = {one: place for one, place in places.items() if one not in found}
+    fresh: dict[str, _Match] = {}
+    _pair(sorted(_elsewhere(left, things)), things, fresh, taken)
+    return found | {one: _Match(match.thing, moved=True) for one, match in fresh.items()}
+
+
+_Pairs = Iterator[tuple[float, str, int]]  # how far, id, index of the dump's object
+
+
+def _pair(
+    pairs: Sequence[tuple[float, str, int]],
+    things: Sequence[SceneObject],
+    found: dict[str, _Match],
+    taken: set[str],
+) -> None:
+    """Match the nearest pairs first, each side once."""
+    for _, one, index in pairs:
+        thing = things[index]
+        if one not in found and thing.id not in taken:
+            found[one] = _Match(thing)
+            taken.add(thing.id)
+
+
+def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
+    for one, place in places.items():
+        kind = type_now(kind_of(one))
+        for index, thing in enumerate(things):
+            if thing.type != kind:
+                continue
+            across, up = _gaps(place, _origin(one, thing))
+            if across <= _BESIDE_M and up <= _ABOVE_M:
+                yield across + up, one, index
+
+
+def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
+    for one, place in places.items():
+        if "receptacle" not in object_types()[type_now(kind_of(one)) or ""].capabilities:
+            continue
+        for index, thing in enumerate(things):
+            if thing.type == "Floor" or "receptacle" not in thing.capabilities:
+                continue
+            across, up = _gaps(place, thing.position)
+            if across <= _SAME_ORIGIN_M and up <= _SAME_HEIGHT_M:
+                yield across + up, one, index
+
+
+def _elsewhere(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
+    for one, place in places.items():
+        for index, thing in enumerate(things):
+            if thing.type == type_now(kind_of(one)):
+                yield math.dist(place, thing.position), one, index
+
+
+def _origin(one: str, thing: SceneObject) -> Vec3:
+    """Return a dump object's place, measured as the id's is: basins by their sink or tub."""
+    basin = one.count("|") == 4
+    return (place_of(thing.id) if basin else None) or thing.position
+
+
+def _gaps(a: Vec3, b: Vec3) -> tuple[float, float]:
+    return math.hypot(a[0] - b[0], a[2] - b[2]), abs(a[1] - b[1])
+
+
+# ----------------------------------------------------------------- making
+
+
+def _same(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
+    """Return the dump's object under ALFRED's id; its box follows its origin across the floor."""
+    x, y, z = thing.position
+    if one.count("|") == 4:  # a basin's id carries another place than its own
+        return _renamed(thing, one, thing.position)
+    up = place[1] - y if abs(place[1] - y) <= _SAME_HEIGHT_M else 0.0
+    return _renamed(moved(thing, (place[0] - x, up, place[2] - z)), one, place)
+
+
+def _at(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
+    """Return a dump's object, brought to where ALFRED has it."""
+    x, y, z = thing.position
+    return _renamed(moved(thing, (place[0] - x, place[1] - y, place[2] - z)), one, place)
+
+
+def _renamed(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
+    kind = type_now(kind_of(one)) or thing.type
+    same = kind == thing.type
+    return msgspec.structs.replace(
+        thing,
+        id=one,
+        type=kind,
+        name=one,
+        position=place,
+        capabilities=thing.capabilities if same else object_types()[kind].capabilities,
+        openness=0.0,
+        parents=thing.parents,
+    )
+
+
+def _typical(one: str, place: Vec3, facts: Facts, floor_y: float) -> SceneObject:
+    """Return an object that no dump of the room has: its type's shape, and what lay there."""
+    kind = type_now(kind_of(one)) or ""
+    row, model = object_types()[kind], facts.models.get(kind)
+    size = row.size_m if model is None else model.size
+    if model is None:
+        low = place[1] if place[1] <= floor_y + _ON_FLOOR_M else place[1] - size[1] / 2
+    else:
+        low = bottom(model) + place[1] - model.position[1]
+    low = max(low, floor_y)
+    made = SceneObject(
+        id=one,
+        type=kind,
+        name=one,
+        position=place,
+        center=(place[0], low + size[1] / 2, place[2]),
+        size=size,
+        capabilities=row.capabilities,
+        mass_kg=row.mass_kg,
+        materials=row.materials,
+    )
+    return _round(made, [spot for spot in facts.spots if spot.receptacle == one])
+
+
+def _round(thing: SceneObject, spots: Sequence[LabelledSpot]) -> SceneObject:
+    """Widen a box to hold what lay there; a surface is as high as what lay on it."""
+    if not spots:
+        return thing
+    low = [c - s / 2 for c, s in zip(thing.center, thing.size, strict=True)]
+    high = [c + s / 2 for c, s in zip(thing.center, thing.size, strict=True)]
+    for spot in spots:
+        for axis, value in ((0, spot.x), (2, spot.z)):
+            low[axis] = min(low[axis], value - _MARGIN_M)
+            high[axis] = max(high[axis], value + _MARGIN_M)
+    heights = sorted(spot.y for spot in spots)
+    if thing.type in rules().put.inside:
+        low[1], high[1] = min(low[1], heights[0]), max(high[1], heights[-1] + _MARGIN_M)
+    else:
+        high[1] = heights[len(heights) // 2]
+        low[1] = min(low[1], high[1] - 0.02)
+    middle = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
+    sides = tuple(b - a for a, b in zip(low, high, strict=True))
+    return msgspec.structs.replace(thing, center=middle, size=sides)
+
+
+def _with_floor(things: list[SceneObject], facts: Facts, floor_y: float) -> list[SceneObject]:
+    """Return the objects with a floor among them: all rooms of AI2-THOR 5.0.0 have one."""
+    if any(thing.type == "Floor" for thing in things):
+        return things
+    xs, zs = [x for x, _ in facts.cells] or [0.0], [z for _, z in facts.cells] or [0.0]
+    middle = ((min(xs) + max(xs)) / 2, floor_y - 0.05, (min(zs) + max(zs)) / 2)
+    size = (max(xs) - min(xs) + 2.0, 0.1, max(zs) - min(zs) + 2.0)
+    row = object_types()["Floor"]
+    floor = SceneObject(
+        id="Floor|+00.00|+00.00|+00.00", type="Floor", name="Floor", position=(0.0, floor_y, 0.0),
+        center=middle, size=size, capabilities=row.capabilities,
+    )  # fmt: skip
+    return [*things, floor]
+
+
+def _related(things: Sequence[SceneObject], ids: Mapping[str, str]) -> list[SceneObject]:
+    """Return the objects with the dump's relations under the new ids, as far as they hold."""
+    by_id = {thing.id: thing for thing in things}
+    found = []
+    for thing in things:
+        parents = [ids.get(parent, parent) for parent in thing.parents]
+        holds = [p for p in dict.fromkeys(parents) if p in by_id and _may_hold(by_id[p], thing)]
+        controls = [ids.get(other, other) for other in thing.controls]
+        found.append(
+            msgspec.structs.replace(
+                thing,
+                parents=tuple(holds),
+                controls=tuple(c for c in controls if c in by_id),
+            )
+        )
+    return found
+
+
+def _may_hold(parent: SceneObject, thing: SceneObject) -> bool:
+    """Return whether a thing is still within a receptacle's box, seen from above."""
+    if parent.id == thing.id or math.prod(parent.size) <= math.prod(thing.size):
+        return False
+    low, high = bottom(parent) - 0.1, top(parent) + 0.3
+    near = all(
+        abs(parent.center[axis] - thing.center[axis]) <= parent.size[axis] / 2 for axis in (0, 2)
+    )
+    return near and low <= bottom(thing) <= high

@@ -1,0 +1,167 @@
+"""Whether a task of ALFRED's is done, as ALFRED's own evaluation decides it on metadata.
+
+A target names objects by any part of their id: Pen also finds Pencil, Pot also Potato, Knife also
+ButterKnife. "In" is direct: listed among the receptacle's `receptacleObjectIds`.
+
+    pick_and_place_simple             an object in a receptacle
+    pick_two_obj_and_place            two objects in one and the same receptacle
+    look_at_obj_in_light              the object is held, and a lamp is on and in view
+    pick_{clean,heat,cool}_then_place an object in a receptacle that was {cleaned, heated, cooled}
+    pick_and_place_with_movable       an object in a movable receptacle that is in a receptacle
+
+For sliced targets the object is `<type>Sliced`, and there have to be as many pieces as objects.
+Cleaned, heated and cooled are told by events, not by looks: `Deeds` keeps what lay in the basin
+nearest to a faucet at the moment it was switched on, in a microwave switched on, in a fridge being
+closed. Beyond ALFRED's rule the world has to agree at that moment: what was heated is Hot, what
+was cooled Cold, and what was cleaned not dirty.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from karma.world.alfred.trial import Targets, Trial
+
+Thing = Mapping[str, Any]  # one object of the metadata
+Metadata = Mapping[str, Any]
+
+
+@dataclass(slots=True)
+class Deeds:
+    """Ids of what an episode's actions have cleaned, heated and cooled."""
+
+    cleaned: set[str] = field(default_factory=set)
+    heated: set[str] = field(default_factory=set)
+    cooled: set[str] = field(default_factory=set)
+
+    def note(self, action: str, object_id: str, after: Metadata) -> None:
+        """Take in a successful action on an object."""
+        if action == "ToggleObjectOn" and "Faucet" in object_id:
+            ids = _contents(_nearest_basin(object_id, after))
+            self.cleaned |= {one["objectId"] for one in _of(ids, after) if not one["isDirty"]}
+        elif action == "ToggleObjectOn" and "Microwave" in object_id:
+            ids = _contents(_by_id(object_id, after))
+            self.heated |= _at("Hot", ids, after)
+        elif action == "CloseObject" and "Fridge" in object_id:
+            ids = _contents(_by_id(object_id, after))
+            self.cooled |= _at("Cold", ids, after)
+
+
+def noteworthy(action: str, object_id: str) -> bool:
+    """Return whether `Deeds.note` would look at the metadata after an action."""
+    if action == "ToggleObjectOn":
+        return "Faucet" in object_id or "Microwave" in object_id
+    return action == "CloseObject" and "Fridge" in object_id
+
+
+def _by_id(object_id: str, metadata: Metadata) -> Thing | None:
+    return next((one for one in metadata["objects"] if one["objectId"] == object_id), None)
+
+
+def _nearest_basin(faucet: str, metadata: Metadata) -> Thing | None:
+    source = _by_id(faucet, metadata)
+    basins = [one for one in metadata["objects"] if one["objectType"] == "SinkBasin"]
+    if source is None or not basins:
+        return None
+    here = _place(source)
+    return min(basins, key=lambda one: (math.dist(_place(one), here), one["objectId"]))
+
+
+def _place(one: Thing) -> list[float]:
+    return [float(one["position"][axis]) for axis in "xyz"]
+
+
+def _contents(receptacle: Thing | None) -> set[str]:
+    return set() if receptacle is None else set(receptacle["receptacleObjectIds"] or ())
+
+
+def _of(ids: set[str], metadata: Metadata) -> list[Thing]:
+    return [one for one in metadata["objects"] if one["objectId"] in ids]
+
+
+def _at(temperature: str, ids: set[str], metadata: Metadata) -> set[str]:
+    return {one["objectId"] for one in _of(ids, metadata) if one["temperature"] == temperature}
+
+
+# ----------------------------------------------------------------- the tasks
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Case:
+    """What a task's condition looks at."""
+
+    metadata: Metadata
+    deeds: Deeds
+    objects: Sequence[Thing]  # that the target names
+    receptacles: Sequence[Thing]
+    movables: Sequence[Thing]
+    lamps: Sequence[Thing]
+
+
+def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds) -> bool:
+    """Return whether the trial's task is done.
+
+    Args:
+        trial: names the task and its targets.
+        metadata: of an event.
+        deeds: of the episode so far.
+    """
+    targets = trial.pddl_params
+    case = _Case(
+        metadata=metadata,
+        deeds=deeds,
+        objects=_find(_wanted(targets), "pickupable", metadata),
+        receptacles=_find(targets.parent_target, "receptacle", metadata),
+        movables=_find(targets.mrecep_target, "pickupable", metadata),
+        lamps=_find(targets.toggle_target, "toggleable", metadata),
+    )
+    if targets.object_sliced and len(case.objects) < _COUNT.get(trial.task_type, 1):
+        return False
+    return _CONDITIONS[trial.task_type](case)
+
+
+def _wanted(targets: Targets) -> str:
+    return targets.object_target + ("Sliced" if targets.object_sliced else "")
+
+
+def _find(name: str, capability: str, metadata: Metadata) -> list[Thing]:
+    """Return the objects whose id has the name in it, as ALFRED looks for them."""
+    return [one for one in metadata["objects"] if name in one["objectId"] and one[capability]]
+
+
+def _placed(case: _Case) -> set[str]:
+    inside = {one for place in case.receptacles for one in _contents(place)}
+    return {one["objectId"] for one in case.objects} & inside
+
+
+def _two_placed(case: _Case) -> bool:
+    wanted = {one["objectId"] for one in case.objects}
+    return any(len(wanted & _contents(place)) >= 2 for place in case.receptacles)
+
+
+def _stacked(case: _Case) -> bool:
+    wanted = {one["objectId"] for one in case.objects}
+    goals = {one["objectId"] for one in case.receptacles}
+    return any(
+        wanted & _contents(stack) and goals & set(stack["parentReceptacles"] or ())
+        for stack in case.movables
+    )
+
+
+def _lit(case: _Case) -> bool:
+    held = {one["objectId"] for one in case.metadata["inventoryObjects"]}
+    shining = any(lamp["isToggled"] and lamp["visible"] for lamp in case.lamps)
+    return shining and bool(held & {one["objectId"] for one in case.objects})
+
+
+_COUNT = {"pick_two_obj_and_place": 2}
+_CONDITIONS: dict[str, Callable[[_Case], bool]] = {
+    "pick_and_place_simple": lambda case: bool(_placed(case)),
+    "pick_two_obj_and_place": _two_placed,
+    "look_at_obj_in_light": _lit,
+    "pick_clean_then_place_in_recep": lambda case: bool(_placed(case) & case.deeds.cleaned),
+    "pick_heat_then_place_in_recep": lambda case: bool(_placed(case) & case.deeds.heated),
+    "pick_cool_then_place_in_recep": lambda case: bool(_placed(case) & case.deeds.cooled),
+    "pick_and_place_with_movable_recep": _stacked,
+}

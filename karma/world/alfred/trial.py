@@ -1,0 +1,359 @@
+"""ALFRED's files as strict records: demonstrations, and the side files of their rooms.
+
+A trial is a line of JSON (or a lone `traj_data.json`) with `id` or `task_id`, `task_type`,
+`pddl_params`, `scene` and `plan`, as ALFRED publishes them. Keys that are not read are allowed.
+"""
+
+import gzip
+import re
+import zlib
+from collections.abc import Iterator, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import msgspec
+
+from karma.contracts import Vec3
+from karma.errors import FileError
+from karma.files import read_bytes
+from karma.world.alfred.ids import kind_of, object_id
+
+T = TypeVar("T")
+TYPES_OF_TASK = (
+    "pick_and_place_simple",
+    "pick_two_obj_and_place",
+    "look_at_obj_in_light",
+    "pick_clean_then_place_in_recep",
+    "pick_heat_then_place_in_recep",
+    "pick_cool_then_place_in_recep",
+    "pick_and_place_with_movable_recep",
+)
+_FARTHEST_M = 1000.0
+_LOCATION = re.compile(r"loc\|(-?\d+)\|(-?\d+)\|([0-3])\|(-?\d+)")
+_COPY = "copy the file again"
+
+
+class Xyz(msgspec.Struct, frozen=True):
+    """A point, metres, or angles, degrees."""
+
+    x: float
+    y: float
+    z: float
+
+    @property
+    def tuple(self) -> Vec3:
+        """The three numbers."""
+        return (self.x, self.y, self.z)
+
+
+class ObjectPose(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
+    """Where one movable object spawned."""
+
+    object_name: str
+    position: Xyz
+    rotation: Xyz = Xyz(0.0, 0.0, 0.0)
+    object_id: str | None = None
+
+    @property
+    def kind(self) -> str:
+        """Its type: the name of its model up to the underscore."""
+        return self.object_name.partition("_")[0]
+
+    @property
+    def id(self) -> str:
+        """Its id: as given, else by the rule."""
+        return self.object_id or object_id(self.kind, self.position.tuple)
+
+
+class ToggleState(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
+    """Whether all objects of a type are switched on at the start."""
+
+    object_type: str
+    is_on: bool
+
+
+class Start(msgspec.Struct, frozen=True, kw_only=True):
+    """The agent's first pose: metres, degrees."""
+
+    x: float
+    y: float
+    z: float
+    rotation: float
+    horizon: float
+
+
+class SceneFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """The room and what differs in it."""
+
+    floor_plan: str
+    init_action: Start
+    object_poses: tuple[ObjectPose, ...]
+    object_toggles: tuple[ToggleState, ...] = ()
+    dirty_and_empty: bool = False
+
+
+class Targets(msgspec.Struct, frozen=True, kw_only=True):
+    """What the task is about; "" where it does not ask for one."""
+
+    object_target: str
+    parent_target: str = ""
+    toggle_target: str = ""
+    mrecep_target: str = ""
+    object_sliced: bool = False
+
+
+class Spot(NamedTuple):
+    """A receptacle or object that the planner names by type and place."""
+
+    kind: str
+    position: Vec3
+
+
+class PlannerAction(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
+    """One sub-goal as the planner wrote it."""
+
+    action: str
+    location: str | None = None
+    object_id: str | None = None
+    receptacle_object_id: str | None = None
+    coordinate_object_id: tuple[str, tuple[float, ...]] | None = None
+    coordinate_receptacle_object_id: tuple[str, tuple[float, ...]] | None = None
+
+    @property
+    def pose(self) -> tuple[int, int, int, int] | None:
+        """Where a GotoLocation ends: x and z in quarter metres, quarter turns, degrees."""
+        found = _LOCATION.fullmatch(self.location or "")
+        if found is None:
+            return None
+        x, z, turns, horizon = map(int, found.groups())
+        return (x, z, turns, horizon)
+
+    @property
+    def thing(self) -> Spot | None:
+        """The object, with its place in the planner's words."""
+        return _spot(self.coordinate_object_id)
+
+    @property
+    def receptacle(self) -> Spot | None:
+        """The receptacle, with its place in the planner's words."""
+        return _spot(self.coordinate_receptacle_object_id)
+
+
+def _spot(given: tuple[str, tuple[float, ...]] | None) -> Spot | None:
+    """Return the place of six numbers: x, z and y in quarter metres, each twice."""
+    if given is None or len(given[1]) != 6:
+        return None
+    kind, (x, _, z, _, y, _) = given
+    return Spot(kind, (x / 4, y / 4, z / 4))
+
+
+class SubGoal(msgspec.Struct, frozen=True, kw_only=True):
+    """One step of the plan."""
+
+    high_idx: int
+    planner_action: PlannerAction
+
+
+class ApiAction(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
+    """One action as it was sent to the simulator; other keys are dropped."""
+
+    action: str
+    object_id: str | None = None
+    receptacle_object_id: str | None = None
+    force_action: bool = False
+    place_stationary: bool | None = None
+    move_magnitude: float | None = None
+
+
+class LowAction(msgspec.Struct, frozen=True, kw_only=True):
+    """One recorded action and the sub-goal that it belongs to."""
+
+    high_idx: int
+    api_action: ApiAction
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True):
+    """The planner's sub-goals and the actions that carried them out."""
+
+    high_pddl: tuple[SubGoal, ...]
+    low_actions: tuple[LowAction, ...]
+
+
+class Trial(msgspec.Struct, frozen=True, kw_only=True):
+    """One demonstration."""
+
+    id: str = ""
+    task_id: str = ""
+    task_type: str
+    pddl_params: Targets
+    scene: SceneFacts
+    plan: Plan
+
+
+class Layout(msgspec.Struct, frozen=True, kw_only=True):
+    """What ALFRED's layouts tell of a room: cells (x, z), and poses to see receptacles from."""
+
+    reachable: tuple[tuple[float, float], ...] = ()
+    receptacle_points: dict[str, tuple[float, ...]] = {}  # noqa: RUF012 - a Struct copies it
+
+
+class FixedObject(msgspec.Struct, frozen=True, kw_only=True):
+    """A fixed object; its place to better than the centimetre of its id, where known."""
+
+    pos: Vec3 | None = None
+
+
+class FixedObjects(msgspec.Struct, frozen=True, kw_only=True):
+    """The fixed objects of a room by id."""
+
+    fixed: dict[str, FixedObject]
+
+
+class Receptacle(msgspec.Struct, frozen=True, kw_only=True):
+    """One fixed receptacle of a room."""
+
+    type: str
+    pos: Vec3
+    id: str | None = None
+
+
+class LabelledSpot(NamedTuple):
+    """Where an object of some trial lay, and the receptacle that the planner names for it."""
+
+    x: float
+    y: float
+    z: float
+    receptacle: str
+    trial: str
+    thing: str
+
+
+class _Spots(msgspec.Struct, frozen=True, kw_only=True):
+    spots: dict[str, tuple[LabelledSpot, ...]]
+
+
+# ----------------------------------------------------------------- reading
+
+
+def read_trials(path: str | Path) -> Iterator[Trial]:
+    """Yield the trials of a file: JSON lines, or one JSON object, also gzipped.
+
+    Raises:
+        FileError: missing, torn, or not of ALFRED's form; names the line and the field.
+    """
+    data = _text(path)
+    if not data.strip():
+        raise FileError(path, "line 1: the file is empty", fix=_COPY)
+    decoder = msgspec.json.Decoder(Trial)
+    for place, text in _documents(data):
+        try:
+            trial = decoder.decode(text)
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise FileError(path, f"{place}: {error}", fix=_help(error)) from error
+        trial = msgspec.structs.replace(trial, id=trial.id or trial.task_id)
+        wrong = _wrong(trial)
+        if wrong is not None:
+            raise FileError(path, f"{place}: {wrong}")
+        yield trial
+
+
+def _documents(data: bytes) -> Iterator[tuple[str, bytes]]:
+    lines = data.splitlines()
+    if lines[0].strip() == b"{":  # one object over many lines: a lone traj_data.json
+        yield "line 1", data
+        return
+    for number, line in enumerate(lines, 1):
+        if line.strip():
+            yield f"line {number}", line
+
+
+def _help(error: Exception) -> str | None:
+    return None if isinstance(error, msgspec.ValidationError) else _COPY
+
+
+def _wrong(trial: Trial) -> str | None:
+    """Return what makes a well-formed trial useless, with its field."""
+    if not trial.id:
+        return "`id` and `task_id` are both missing"
+    if trial.task_type not in TYPES_OF_TASK:
+        return f"{trial.task_type!r} is not a task type of ALFRED - at `$.task_type`"
+    start = trial.scene.init_action
+    if not _sane((start.x, start.y, start.z)):
+        return "not a place in a room - at `$.scene.init_action`"
+    return _wrong_pose(trial.scene.object_poses) or _wrong_plan(trial.plan)
+
+
+def _wrong_pose(poses: Sequence[ObjectPose]) -> str | None:
+    for number, pose in enumerate(poses):
+        field = f"at `$.scene.object_poses[{number}]`"
+        if not _sane(pose.position.tuple):
+            return f"not a place in a room - {field}"
+        if kind_of(pose.id) != pose.kind:
+            return f"{pose.id!r} is not an id of {pose.object_name!r} - {field}"
+    return None
+
+
+def _wrong_plan(plan: Plan) -> str | None:
+    for number, goal in enumerate(plan.high_pddl):
+        step = goal.planner_action
+        if step.action == "GotoLocation" and step.pose is None:
+            field = f"at `$.plan.high_pddl[{number}].planner_action.location`"
+            return f"{step.location!r} is not loc|x|z|quarter turns|horizon - {field}"
+    return None
+
+
+def _sane(position: Vec3) -> bool:
+    return all(isfinite(value) and abs(value) <= _FARTHEST_M for value in position)
+
+
+def read_layouts(path: str | Path) -> dict[str, Layout]:
+    """Read rooms' cells and receptacles by FloorPlan; errors as in `read_trials`."""
+    return _table(path, dict[str, Layout])
+
+
+def read_fixed(path: str | Path) -> dict[str, FixedObjects]:
+    """Read rooms' fixed objects by FloorPlan; errors as in `read_trials`."""
+    return _table(path, dict[str, FixedObjects])
+
+
+def read_receptacles(path: str | Path) -> dict[str, tuple[Receptacle, ...]]:
+    """Read rooms' receptacles by FloorPlan; errors as in `read_trials`."""
+    return _table(path, dict[str, tuple[Receptacle, ...]])
+
+
+def read_spots(path: str | Path) -> dict[str, tuple[LabelledSpot, ...]]:
+    """Read labelled positions by FloorPlan; errors as in `read_trials`."""
+    return _table(path, _Spots).spots
+
+
+def read_ids(path: str | Path) -> tuple[str, ...]:
+    """Read trial ids: a list, or an object that holds exactly one list of ids.
+
+    Raises:
+        FileError: torn, or neither.
+    """
+    given = _table(path, Any)  # type: ignore[arg-type]
+    if isinstance(given, dict):
+        lists = [value for value in given.values() if isinstance(value, list)]
+        given = lists[0] if len(lists) == 1 else None
+    if not isinstance(given, list) or not all(isinstance(one, str) for one in given):
+        raise FileError(path, "expected a list of trial ids, or an object with one such list")
+    return tuple(given)
+
+
+def _table(path: str | Path, kind: type[T]) -> T:
+    try:
+        return msgspec.json.decode(_text(path), type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise FileError(path, str(error), fix=_help(error)) from error
+
+
+def _text(path: str | Path) -> bytes:
+    data = read_bytes(path)
+    if data[:2] != b"\x1f\x8b" and Path(path).suffix != ".gz":
+        return data
+    try:
+        return gzip.decompress(data)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FileError(path, f"torn gzip: {error}", fix=_COPY) from error
