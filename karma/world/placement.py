@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from karma.contracts import Vec3
-from karma.world.objects import Flags, Floats, Objects, bottom, is_inert, top
+from karma.world.objects import Floats, Objects, bottom, is_inert, top
 from karma.world.rules import rules
 from karma.world.scene import SceneObject
 from karma.world.state import Room, WorldState
@@ -19,6 +19,7 @@ from karma.world.types import object_types
 _LIFT_M = 0.002  # above what it rests on
 _STEP_M = 0.06  # between the places tried
 _MOST = 16  # places tried along one side
+_AT_ONCE = 32  # places compared with all boxes at once
 _OVERHANG_IN, _OVERHANG_ON = 1.5, 2.5  # a thing's size over its place's, at most
 _LEVEL_M = 0.03  # heights closer than this are one
 _TALL_M = 0.8  # a container higher than this has boards at these shares of its height
@@ -62,11 +63,11 @@ def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -
     far = np.round(np.linalg.norm(places - agent, axis=1), 4)
     places = places[np.lexsort((places[:, 1], places[:, 0], far))]
     for attempt in _ROUNDS:
+        barred = _obstacles(state, receptacle, strangers=attempt.strangers)
         for level in levels:
-            free = _free(state, thing, receptacle, places, level, attempt)
-            if free.any():
-                x, z = places[int(np.argmax(free))]
-                return (round(float(x), 5), _rest(thing, level), round(float(z), 5))
+            found = _first_free(state, thing, receptacle, places, level, attempt, barred)
+            if found is not None:
+                return (round(found[0], 5), _rest(thing, level), round(found[1], 5))
     return None
 
 
@@ -137,53 +138,53 @@ def _grid(thing: SceneObject, receptacle: SceneObject) -> Floats:
     return np.stack([across.ravel(), along.ravel()], axis=1)
 
 
-def _free(
+def _first_free(
     state: WorldState,
     thing: SceneObject,
     receptacle: SceneObject,
     places: Floats,
     level: float,
     attempt: _Try,
-) -> Flags:
-    """Return which places are free, shape (n,)."""
-    objects = state.objects
-    rows = _obstacles(objects, state.in_hand, receptacle, strangers=attempt.strangers)
-    low, high = objects.solid if attempt.strangers else (objects.low, objects.high)
+    barred: tuple[Floats, Floats],
+) -> tuple[float, float] | None:
+    """Return the first of some places, shape (n, 2), on which a thing can come to rest."""
+    low, high = barred
     half = np.array(thing.size) / 2 * attempt.clearance
-    middle = np.insert(places, 1, _rest(thing, level), axis=1)
-    overlap = (middle[:, None] - half < high[rows]) & (middle[:, None] + half > low[rows])
-    free: Flags = ~np.any(np.all(overlap, axis=2), axis=1)
-    if attempt.standing and receptacle.type != "Floor":
-        for index in np.flatnonzero(free):
-            if state.room.stands(*places[index]):
-                free[index] = False
-            else:
-                break  # the first free one is all that is asked for
-    return free
+    level = _rest(thing, level)
+    tall = (level - half[1] < high[:, 1]) & (level + half[1] > low[:, 1])
+    low, high = low[tall][:, [0, 2]] - half[[0, 2]], high[tall][:, [0, 2]] + half[[0, 2]]
+    keep_off = attempt.standing and receptacle.type != "Floor"
+    for start in range(0, len(places), _AT_ONCE):
+        some = places[start : start + _AT_ONCE, None]
+        taken = ((some < high) & (some > low)).all(axis=2).any(axis=1)
+        for index in np.flatnonzero(~taken):
+            x, z = places[start + index]
+            if not (keep_off and state.room.stands(x, z)):
+                return (float(x), float(z))
+    return None
 
 
 def _obstacles(
-    objects: Objects, in_hand: frozenset[str], receptacle: SceneObject, *, strangers: bool
-) -> list[int]:
-    """Return rows of what may be in the way.
+    state: WorldState, receptacle: SceneObject, *, strangers: bool
+) -> tuple[Floats, Floats]:
+    """Return the lower and upper corners of what may be in the way, each shape (n, 3).
 
     Real rooms list a worktop among a sink's contents: only what can be moved takes up room.
     """
+    objects, in_hand = state.objects, state.in_hand
     loose = {"pickupable", "moveable"}
-    inside = {o for o in objects.inside(receptacle.id) if loose & set(objects[o].capabilities)}
+    ids = {o for o in objects.inside(receptacle.id) if loose & set(objects[o].capabilities)}
+    low, high = objects.solid if strangers else (objects.low, objects.high)
     if strangers:
         around = {receptacle.id, *objects.around(receptacle.id)}
         mine = objects.blocks[objects.rows[receptacle.id]]
-        ids = [
-            o for o, row in objects.rows.items() if o in inside or (mine[row] and o not in around)
-        ]
-    else:
-        ids = list(inside)
-    return [
+        ids |= {o for o, row in objects.rows.items() if mine[row] and o not in around}
+    rows = [
         objects.rows[object_id]
         for object_id in ids
         if object_id not in in_hand and not is_inert(objects[object_id])
     ]
+    return low[rows], high[rows]
 
 
 def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec3, str | None]:
