@@ -3,10 +3,22 @@
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import NoneType, UnionType
-from typing import Any, get_args, get_origin
+from typing import Any
 
-from karma.world import handling, moving
+from karma.world import (
+    asking,
+    cameras,
+    hand,
+    handling,
+    moving,
+    pushing,
+    setup,
+    spawning,
+    stating,
+    teleporting,
+)
+from karma.world.absent import absent, refuser
+from karma.world.arguments import fit, kinds
 from karma.world.state import Refusal, Result
 
 
@@ -16,49 +28,47 @@ class Action:
 
     name: str
     handler: Callable[..., Result]
+    takes: Mapping[str, Any]  # argument -> the handler's annotation
     kinds: Mapping[str, tuple[type, ...]]  # argument -> types it may have
     required: tuple[str, ...]
     lenient: bool  # a legacy action: unknown arguments are ignored
 
-    def check(self, given: Mapping[str, Any]) -> Refusal | None:
-        """Return what is wrong with the arguments, if anything."""
+    def ready(self, given: Mapping[str, Any]) -> dict[str, Any] | Refusal:
+        """Return the arguments as the handler takes them, or what is wrong with them."""
         unknown = [name for name in given if name not in self.kinds]
         if unknown and not self.lenient:
             return Refusal(self._misfit(unknown, given), "InvalidArgument")
         if missing := [name for name in self.required if name not in given]:
             text = f"action: {self.name} is missing the following arguments: {', '.join(missing)}"
             return Refusal(text, "MissingArguments")
+        found: dict[str, Any] = {}
         for name, value in given.items():
-            kinds = self.kinds.get(name)
-            if kinds is not None and not _fits(value, kinds):
-                wanted = " or ".join(kind.__name__ for kind in kinds if kind is not NoneType)
-                text = f"action: {self.name} has an invalid argument: {name} (=={value!r})."
-                return Refusal(f"{text} Cannot convert to: {wanted}", "InvalidArgument")
-        return None
+            if name in self.takes:
+                value = fit(self.name, name, value, self.takes[name])
+                if isinstance(value, Refusal):
+                    return value
+                found[name] = value
+        return found
+
+    def check(self, given: Mapping[str, Any]) -> Refusal | None:
+        """Return what is wrong with the arguments, if anything."""
+        found = self.ready(given)
+        return found if isinstance(found, Refusal) else None
 
     def _misfit(self, unknown: list[str], given: Mapping[str, Any]) -> str:
         return (
-            f"action: {self.name} has invalid arguments: {', '.join(unknown)}.\n"
-            f"Expected arguments: {', '.join(self.kinds)}\nYour arguments: {', '.join(given)}"
+            f"action: {self.name} has invalid arguments: {', '.join(map(str, unknown))}.\n"
+            f"Expected arguments: {', '.join(self.kinds)}\n"
+            f"Your arguments: {', '.join(map(str, given))}"
         )
-
-
-def _fits(value: Any, kinds: tuple[type, ...]) -> bool:
-    if isinstance(value, bool):
-        return bool in kinds
-    return isinstance(value, kinds) or (float in kinds and isinstance(value, int))
 
 
 def _action(name: str, handler: Callable[..., Result], *, lenient: bool = False) -> Action:
     parameters = list(inspect.signature(handler).parameters.values())[1:]
-    kinds = {p.name: _kinds(p.annotation) for p in parameters}
+    takes = {p.name: p.annotation for p in parameters}
+    types = {name: kinds(annotation) for name, annotation in takes.items()}
     required = tuple(p.name for p in parameters if p.default is inspect.Parameter.empty)
-    return Action(name, handler, kinds, required, lenient)
-
-
-def _kinds(annotation: Any) -> tuple[type, ...]:
-    parts = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
-    return tuple(get_origin(part) or part for part in parts)
+    return Action(name, handler, takes, types, required, lenient)
 
 
 def _legacy(name: str, handler: Callable[..., Result]) -> Action:
@@ -66,6 +76,7 @@ def _legacy(name: str, handler: Callable[..., Result]) -> Action:
 
 
 _SIGNED: dict[str, Callable[..., Result]] = {
+    # walking and looking
     "MoveAhead": moving.mover(0.0),
     "MoveRight": moving.mover(90.0),
     "MoveBack": moving.mover(180.0),
@@ -74,11 +85,16 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "RotateLeft": moving.turner(-1),
     "Teleport": moving.teleport,
     "TeleportFull": moving.teleport_full,
+    # asking
     "GetReachablePositions": moving.reachable_positions,
     "GetShortestPath": moving.shortest_path,
     "GetShortestPathToPoint": moving.shortest_path_to_point,
     "GetInteractablePoses": moving.interactable_poses,
-    "SetTemperatureDecayTime": moving.set_decay_time,
+    "GetObjectInFrame": asking.object_in_frame,
+    "GetCoordinateFromRaycast": asking.coordinate,
+    "GetVisibleObjects": asking.visible_objects,
+    "GetMapViewCameraProperties": cameras.map_view,
+    # handling
     "PickupObject": handling.pick_up,
     "PutObject": handling.put,
     "DropHeldObject": handling.drop,
@@ -88,8 +104,42 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "CloseObject": handling.close_object,
     "ToggleObjectOn": handling.toggler(True),
     "ToggleObjectOff": handling.toggler(False),
+    # the hand
+    "MoveHeldObject": hand.move,
+    "MoveHeldObjectAhead": hand.mover(0.0, 0.0, 1.0),
+    "MoveHeldObjectBack": hand.mover(0.0, 0.0, -1.0),
+    "MoveHeldObjectLeft": hand.mover(-1.0, 0.0, 0.0),
+    "MoveHeldObjectRight": hand.mover(1.0, 0.0, 0.0),
+    "MoveHeldObjectUp": hand.mover(0.0, 1.0, 0.0),
+    "MoveHeldObjectDown": hand.mover(0.0, -1.0, 0.0),
+    "RotateHeldObject": hand.rotate,
+    # arranging the household
+    "PlaceObjectAtPoint": teleporting.place_at_point,
+    "TeleportObject": teleporting.teleport_object,
+    "RemoveFromScene": teleporting.remove,
+    "DisableObject": teleporting.disable,
+    "EnableObject": teleporting.enable,
+    "InitialRandomSpawn": spawning.initial_random_spawn,
+    # cameras
+    "AddThirdPartyCamera": cameras.add,
+    "UpdateThirdPartyCamera": cameras.update,
+    # setting up
+    "SetObjectFilter": setup.set_object_filter,
+    "SetObjectFilterForType": setup.set_object_filter_for_type,
+    "ResetObjectFilter": setup.reset_object_filter,
+    "SetRandomSeed": setup.set_random_seed,
+    "SetTemperatureDecayTime": moving.set_decay_time,
+    "ChangeResolution": setup.change_resolution,
+    "ChangeQuality": setup.change_quality,
+    "MakeAllObjectsUnbreakable": setup.make_all_unbreakable,
+    "PausePhysicsAutoSim": setup.wait_for_physics,
+    "UnpausePhysicsAutoSim": setup.wait_for_physics,
+    "AdvancePhysicsStep": setup.advance_physics_step,
+    "TestFastEmit": setup.echo_fast,
+    "TestActionReflectParam": setup.echo,
 }
 _LEGACY: dict[str, Callable[..., Result]] = {
+    "Initialize": setup.initialize,
     "Pass": moving.wait,
     "Done": moving.wait,
     "NoOp": moving.wait,
@@ -97,10 +147,18 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "Stand": moving.stand,
     "LookDown": moving.looker(+1),
     "LookUp": moving.looker(-1),
+    "RotateLook": moving.rotate_look,
     "GetScenesInBuild": moving.scenes_in_build,
     "SliceObject": handling.slice_object,
     "BreakObject": handling.break_object,
     "FillObjectWithLiquid": handling.fill,
+    "PushObject": pushing.pusher("PushObject", 0.0),
+    "PullObject": pushing.pusher("PullObject", 180.0),
+    "DirectionalPush": pushing.directional_push,
+    "SetObjectPoses": teleporting.set_object_poses,
+    "SetObjectStates": stating.set_object_states,
+    "RandomToggleStateOfAllObjects": stating.random_states,
+    "RandomToggleSpecificState": stating.random_state,
 }
 _STATES: dict[str, tuple[Any, ...]] = {
     "DirtyObject": ("dirtyable", "is_dirty", True, "dirty"),
@@ -113,4 +171,5 @@ ACTIONS: Mapping[str, Action] = {
     **{name: _action(name, handler) for name, handler in _SIGNED.items()},
     **{name: _legacy(name, handler) for name, handler in _LEGACY.items()},
     **{name: _legacy(name, handling.state_changer(name, *row)) for name, row in _STATES.items()},
+    **{name: _legacy(name, refuser(name, reason)) for name, reason in absent().items()},
 }

@@ -11,6 +11,7 @@ from karma.world.moving import hang, unknown
 from karma.world.objects import Objects, bottom, heading, is_inert, moved
 from karma.world.pieces import broken, in_pieces
 from karma.world.placement import find_place, flight, land, parents_in
+from karma.world.posing import emptied
 from karma.world.rules import rules
 from karma.world.scene import Capability, SceneObject
 from karma.world.state import Done, Refusal, Result, WorldState, refuse
@@ -55,6 +56,9 @@ def target(
 
 
 def _aimed(state: WorldState, x: float, y: float) -> SceneObject | Refusal:
+    if not (0 <= x <= 1 and 0 <= y <= 1):
+        message = f"x and y must be in [0:1] not (x={x:g}, y={y:g})."
+        return refuse("ArgumentOutOfRangeException", message)
     settings, seen = state.settings, state.sight.interactable - state.in_hand
     found = aim(
         state.objects, state.pose, x, y,
@@ -102,7 +106,7 @@ def _grasped(state: WorldState, thing: SceneObject) -> WorldState:
         inner = state.objects[child]
         parents = tuple(parent for parent in inner.parents if parent in mine)
         changes[child] = msgspec.structs.replace(inner, parents=parents)
-    after = replace(state, objects=state.objects.changed(changes), held=thing.id)
+    after = replace(emptied(state), objects=state.objects.changed(changes), held=thing.id)
     turn = state.pose.yaw_deg - thing.rotation[1]
     return replace(after, objects=hang(after, thing.id, turn))
 
@@ -160,7 +164,7 @@ def _released(state: WorldState, middle: Vec3, holder: str | None) -> WorldState
     changes[thing.id] = msgspec.structs.replace(there, parents=parents)
     objects = objects.changed(changes)
     changes = {child: _nested(objects, child) for child in objects.carried(thing.id)}
-    return replace(state, objects=objects.changed(changes), held=None)
+    return replace(emptied(state), objects=objects.changed(changes))
 
 
 def _nested(objects: Objects, child: str) -> SceneObject:
@@ -216,12 +220,14 @@ def open_object(
     x: float | None = None,
     y: float | None = None,
     openness: float = 1.0,
+    moveMagnitude: float | None = None,
     forceAction: bool = False,
 ) -> Result:
-    """Open to a degree; opening what is open succeeds."""
+    """Open to a degree; opening what is open succeeds. moveMagnitude is openness's old name."""
     thing = target(state, "OpenObject", objectId, x, y, forceAction)
     if isinstance(thing, Refusal):
         return thing
+    openness = openness if moveMagnitude is None else moveMagnitude or 1.0
     if not 0.0 <= openness <= 1.0:
         return refuse("ArgumentOutOfRangeException", "openness must be in [0:1]")
     if "openable" not in thing.capabilities:

@@ -1,20 +1,23 @@
 """Actions of the agent's body: walking, turning, looking, and asking for ways and poses."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 from karma.contracts import Pose
 from karma.world import navigate, scene
+from karma.world.arguments import Place
+from karma.world.footing import BODY_M, Ground, finer, snapped
 from karma.world.objects import Objects, heading, moved, turned
 from karma.world.state import Cell, Done, Refusal, Result, WorldState, refuse
 
 _LOOK_UP_LIMIT, _LOOK_DOWN_LIMIT = -30.0, 60.0
 _ON_GRID_M = 0.01
-_BODY_M = 0.2  # the agent's radius
+_FLOOR_SLACK_M = 0.05  # a teleport may miss the floor's height by this much
 _BODY_TOP_M = 1.8
-
-Place = dict[str, Any]  # AI2-THOR's {x, y, z}
+_FINEST_M = 0.02  # of the grids that GetReachablePositions can be asked for
+_MOST_STEPS = 10_000  # of GetReachablePositions, per square metre of a step
+_ACROSS = ((0, 1), (1, 0), (0, -1), (-1, 0))  # steps right and ahead
 
 
 def with_pose(state: WorldState, pose: Pose) -> WorldState:
@@ -58,16 +61,32 @@ def mover(angle: float) -> Callable[..., Result]:
 
 def _step(state: WorldState, step: tuple[float, float], far: float, snap: bool) -> Result:
     room, (x, y, z) = state.room, state.pose.position_m
-    parts = max(round(far / room.grid_m), 1)
+    on_cells = snap and not finer(state)
+    free = _on_a_cell(state) if on_cells else _between_cells(state)
+    parts = max(round(far / room.grid_m * (1 if on_cells else 4)), 1)
     for part in range(1, parts + 1):
         target = (x + step[0] * far * part / parts, z + step[1] * far * part / parts)
-        if room.key(*target) not in room.cells:
+        if snap and not on_cells and part == parts:
+            target = snapped(state, *target)
+        if not free(*target):
             by = f"({step[0] * far:.4f}, 0.0000, {step[1] * far:.4f})"
             return Refusal(f"{_in_the_way(state, target)} is blocking Agent 0 from moving by {by}.")
-    if snap:
+    if on_cells:
         target = room.cells[room.key(*target)]
     pose = replace(state.pose, position_m=(round(target[0], 6), y, round(target[1], 6)))
     return Done(with_pose(state, pose))
+
+
+def _on_a_cell(state: WorldState) -> Callable[[float, float], bool]:
+    room = state.room
+    return lambda x, z: room.key(x, z) in room.cells
+
+
+def _between_cells(state: WorldState) -> Callable[[float, float], bool]:
+    """Return whether one can stand at a place; an agent that cannot stand where it is may leave."""
+    ground = Ground(state)
+    x, _, z = state.pose.position_m
+    return ground.free if ground.free(x, z) else _on_a_cell(state)
 
 
 def _in_the_way(state: WorldState, place: tuple[float, float]) -> str:
@@ -82,7 +101,7 @@ def _in_the_way(state: WorldState, place: tuple[float, float]) -> str:
             continue
         gap_x = max(abs(thing.center[0] - place[0]) - thing.size[0] / 2, 0.0)
         gap_z = max(abs(thing.center[2] - place[1]) - thing.size[2] / 2, 0.0)
-        if max(gap_x, gap_z) <= _BODY_M:
+        if max(gap_x, gap_z) <= BODY_M:
             far = abs(thing.center[0] - place[0]) + abs(thing.center[2] - place[1])
             best = min(best or (far, thing.name), (far, thing.name))
     return "Wall" if best is None else best[1]
@@ -109,16 +128,32 @@ def looker(sign: int) -> Callable[..., Result]:
     def look(state: WorldState, *, degrees: float = 30.0) -> Result:
         if degrees < 0:
             return Refusal("degrees must not be negative")
+        if abs(degrees * 10 - round(degrees * 10)) > 1e-3:
+            return refuse("InvalidOperationException", "degrees must be a multiple of 0.1")
         horizon = round(state.pose.horizon_deg + sign * degrees, 4)
-        if horizon > _LOOK_DOWN_LIMIT + 1e-3:
-            message = "can't look down beyond 60 degrees below the forward horizon"
-            return Refusal(message, "LookDownCantExceedMin")
-        if horizon < _LOOK_UP_LIMIT - 1e-3:
-            message = "can't look up beyond 30 degrees above the forward horizon"
-            return Refusal(message, "LookDownCantExceedMin")
-        return Done(with_pose(state, replace(state.pose, horizon_deg=horizon)))
+        refusal = _beyond(horizon)
+        return refusal or Done(with_pose(state, replace(state.pose, horizon_deg=horizon)))
 
     return look
+
+
+def _beyond(horizon: float) -> Refusal | None:
+    if horizon > _LOOK_DOWN_LIMIT + 1e-3:
+        message = "can't look down beyond 60 degrees below the forward horizon"
+    elif horizon < _LOOK_UP_LIMIT - 1e-3:
+        message = "can't look up beyond 30 degrees above the forward horizon"
+    else:
+        return None
+    return Refusal(message, "LookDownCantExceedMin")
+
+
+def rotate_look(
+    state: WorldState, *, rotation: Place | None = None, horizon: float | None = None
+) -> Result:
+    """Turn to a yaw and tilt to a horizon; what is left out is 0."""
+    tilt = round(horizon or 0.0, 4)
+    pose = replace(state.pose, yaw_deg=_yaw(rotation or {}), horizon_deg=tilt)
+    return _beyond(tilt) or Done(with_pose(state, pose))
 
 
 def crouch(state: WorldState) -> Result:
@@ -147,42 +182,45 @@ def teleport(
     x: float | None = None,
     y: float | None = None,
     z: float | None = None,
-    rotation: Place | float | None = None,
+    rotation: Place | None = None,
     horizon: float | None = None,
     standing: bool | None = None,
     forceAction: bool = False,
 ) -> Result:
     """Put the agent elsewhere; what is left out stays as it is."""
     here = state.pose.position_m
-    given = {
-        **(position or {}),
-        **{k: v for k, v in (("x", x), ("y", y), ("z", z)) if v is not None},
-    }
-    to = (
-        float(given.get("x", here[0])),
-        float(given.get("y", here[1])),
-        float(given.get("z", here[2])),
-    )
-    yaw = state.pose.yaw_deg if rotation is None else _yaw(rotation)
+    given = _given(position, x, y, z)
+    to = (given.get("x", here[0]), given.get("y", here[1]), given.get("z", here[2]))
     pose = Pose(
         position_m=to,
-        yaw_deg=round(yaw, 4) % 360,
+        yaw_deg=state.pose.yaw_deg if rotation is None else _yaw(rotation),
         horizon_deg=state.pose.horizon_deg if horizon is None else float(horizon),
         standing=state.pose.standing if standing is None else standing,
     )
     refusal = None if forceAction else _cannot_be(state, pose)
     if refusal is not None:
         return refusal
-    cell = state.room.cells.get(state.room.key(to[0], to[2]))
-    if cell is not None and max(abs(cell[0] - to[0]), abs(cell[1] - to[2])) <= _ON_GRID_M:
-        pose = replace(pose, position_m=(cell[0], here[1], cell[1]))
+    at = _on_grid(state, to[0], to[2])
+    if at is not None and abs(to[1] - here[1]) <= _FLOOR_SLACK_M:
+        pose = replace(pose, position_m=(at[0], here[1], at[1]))
+    elif refusal is None and not forceAction:
+        pose = replace(pose, position_m=(to[0], here[1], to[2]))
     return Done(with_pose(state, pose))
+
+
+def _given(
+    position: Place | None, x: float | None, y: float | None, z: float | None
+) -> dict[str, float]:
+    """Return the coordinates that were said, either way of saying them."""
+    axes = {k: v for k, v in (("x", x), ("y", y), ("z", z)) if v is not None}
+    said: Mapping[str, Any] = position or {}
+    return {**said, **axes}
 
 
 def teleport_full(
     state: WorldState,
     *,
-    rotation: Place | float,
+    rotation: Place,
     horizon: float,
     standing: bool,
     position: Place | None = None,
@@ -192,10 +230,7 @@ def teleport_full(
     forceAction: bool = False,
 ) -> Result:
     """Put the agent elsewhere; everything has to be said."""
-    given = {
-        **(position or {}),
-        **{k: v for k, v in (("x", x), ("y", y), ("z", z)) if v is not None},
-    }
+    given = _given(position, x, y, z)
     if missing := [axis for axis in "xyz" if axis not in given]:
         return Refusal(
             f"action: TeleportFull is missing the following arguments: {', '.join(missing)}",
@@ -203,7 +238,9 @@ def teleport_full(
         )
     return teleport(
         state,
-        position=given,
+        x=given["x"],
+        y=given["y"],
+        z=given["z"],
         rotation=rotation,
         horizon=horizon,
         standing=standing,
@@ -212,7 +249,17 @@ def teleport_full(
 
 
 def _yaw(rotation: Place | float) -> float:
-    return float(rotation.get("y", 0.0)) if isinstance(rotation, dict) else float(rotation)
+    yaw = rotation.get("y", 0.0) if isinstance(rotation, dict) else rotation
+    return round(yaw % 360, 4) % 360
+
+
+def _on_grid(state: WorldState, x: float, z: float) -> tuple[float, float] | None:
+    """Return the point of the agent's grid that a place is on; None when it is on none."""
+    fine = finer(state)
+    point = snapped(state, x, z) if fine else state.room.cells.get(state.room.key(x, z))
+    if point is None or max(abs(point[0] - x), abs(point[1] - z)) > _ON_GRID_M:
+        return None
+    return point
 
 
 def _cannot_be(state: WorldState, pose: Pose) -> Refusal | None:
@@ -221,13 +268,17 @@ def _cannot_be(state: WorldState, pose: Pose) -> Refusal | None:
     if not _LOOK_UP_LIMIT - 1e-3 <= pose.horizon_deg <= _LOOK_DOWN_LIMIT + 1e-3:
         message = f"horizon must be in [-30, 60], not {pose.horizon_deg}"
         return refuse("ArgumentOutOfRangeException", message)
-    if abs(y - state.pose.position_m[1]) > 0.05:
+    middle, size = state.room.bounds_center, state.room.bounds_size
+    if abs(x - middle[0]) > size[0] / 2 or abs(z - middle[2]) > size[2] / 2:
+        message = f"Teleport target ({x:.4f}, {z:.4f}) is out of the scene's bounds"
+        return refuse("ArgumentOutOfRangeException", message)
+    if abs(y - state.pose.position_m[1]) > _FLOOR_SLACK_M:
         return Refusal(f"Teleport target y {y:.4f} is not at the height of the floor.")
-    cell = state.room.cells.get(state.room.key(x, z))
-    if cell is None:
+    on_cells = not finer(state)
+    if not (_on_a_cell(state) if on_cells else Ground(state).free)(x, z):
         what = _in_the_way(state, (x, z))
         return Refusal(f"{what} is in the way: Agent 0 cannot teleport to ({x:.4f}, {z:.4f}).")
-    if state.settings.snap and max(abs(cell[0] - x), abs(cell[1] - z)) > _ON_GRID_M:
+    if state.settings.snap and _on_grid(state, x, z) is None:
         return Refusal(f"Teleport target ({x:.4f}, {z:.4f}) is not on the grid.")
     return None
 
@@ -240,14 +291,44 @@ def reachable_positions(
     *,
     maxStepCount: int | None = None,
     gridSize: float | None = None,
-    directionsRelativeAgent: list[Any] | None = None,
+    directionsRelativeAgent: bool = False,
 ) -> Result:
     """Return the places the agent can walk to, the nearest first."""
-    start = navigate.agent_cell(state)
-    cells = [] if start is None else list(navigate.walk(state.room, start))
-    if not cells:
+    grid = state.settings.grid_m if gridSize is None else gridSize
+    if not _FINEST_M <= grid <= 5:
+        return refuse("ArgumentOutOfRangeException", f"gridSize must be in [{_FINEST_M}, 5]")
+    if abs(grid - state.room.grid_m) < 1e-6 and not directionsRelativeAgent:
+        start = navigate.agent_cell(state)
+        cells = [] if start is None else list(navigate.walk(state.room, start))
+        places = [state.room.cells[cell] for cell in cells]
+    else:
+        places = _walk_between(state, grid, state.pose.yaw_deg if directionsRelativeAgent else 0.0)
+    if not places:
         return Refusal("No reachable positions", "ReachablePositionsCountZero")
-    return Done(state, [_xyz(state, cell) for cell in cells], 0.0)
+    most = _MOST_STEPS if maxStepCount is None else maxStepCount
+    if len(places) > most / grid**2:
+        return Refusal("Too many steps taken in GetReachablePositions.")
+    return Done(state, [_xyz(state, place) for place in places], 0.0)
+
+
+def _walk_between(state: WorldState, grid: float, yaw_deg: float) -> list[tuple[float, float]]:
+    """Return the places that steps of a length lead to, along and across a yaw; the start first."""
+    free = _between_cells(state)
+    x, _, z = state.pose.position_m
+    (ahead_x, ahead_z), (right_x, right_z) = heading(yaw_deg), heading(yaw_deg + 90)
+    found = {(0, 0): (x, z)}
+    queue = [(0, 0)]
+    for right, ahead in queue:
+        for across, along in _ACROSS:
+            key = (right + across, ahead + along)
+            place = (
+                round(x + (key[0] * right_x + key[1] * ahead_x) * grid, 6),
+                round(z + (key[0] * right_z + key[1] * ahead_z) * grid, 6),
+            )
+            if key not in found and free(*place):
+                found[key] = place
+                queue.append(key)
+    return list(found.values())
 
 
 def shortest_path(
@@ -256,8 +337,8 @@ def shortest_path(
     objectId: str | None = None,
     objectType: str | None = None,
     position: Place | None = None,
-    initialRotation: Place | float | None = None,
-    rotation: Place | float | None = None,
+    initialRotation: Place | None = None,
+    rotation: Place | None = None,
     allowedError: float = 1e-4,
 ) -> Result:
     """Return the way to where the agent is nearest to an object."""
@@ -284,11 +365,11 @@ def shortest_path_to_point(
     allowedError: float = 1e-4,
 ) -> Result:
     """Return the way to the cell nearest to a point."""
-    given = {**(target or {}), **{k: v for k, v in (("x", x), ("z", z)) if v is not None}}
+    given = _given(target, x, y, z)
     if "x" not in given or "z" not in given:
         message = "action: GetShortestPathToPoint is missing the following arguments: target"
         return Refusal(message, "MissingArguments")
-    goal = navigate.nearest_cell(state.room, float(given["x"]), float(given["z"]))
+    goal = navigate.nearest_cell(state.room, given["x"], given["z"])
     return _way(state, position, goal, f"({given['x']}, {given['z']})")
 
 
@@ -296,21 +377,24 @@ def _way(state: WorldState, start: Place | None, goal: Cell | None, name: str) -
     if start is None:
         first = navigate.agent_cell(state)
     else:
-        first = navigate.nearest_cell(state.room, float(start["x"]), float(start["z"]))
+        here = state.pose.position_m
+        x, z = start.get("x", here[0]), start.get("z", here[2])
+        first = navigate.nearest_cell(state.room, x, z)
     cells = None if first is None or goal is None else navigate.path(state.room, first, goal)
     if cells is None:
         return Refusal(f"Path to target {name} could not be found.")
-    return Done(state, {"corners": [_xyz(state, cell) for cell in navigate.corners(cells)]}, 0.0)
+    places = [state.room.cells[cell] for cell in navigate.corners(cells)]
+    return Done(state, {"corners": [_xyz(state, place) for place in places]}, 0.0)
 
 
 def interactable_poses(
     state: WorldState,
     *,
     objectId: str,
-    positions: list[Any] | None = None,
-    rotations: list[Any] | None = None,
-    horizons: list[Any] | None = None,
-    standings: list[Any] | None = None,
+    positions: list[Place] | None = None,
+    rotations: list[float | Place] | None = None,
+    horizons: list[float] | None = None,
+    standings: list[bool] | None = None,
     maxDistance: float | None = None,
     maxPoses: int | None = None,
 ) -> Result:
@@ -319,15 +403,18 @@ def interactable_poses(
         return unknown(objectId)
     if maxPoses is not None and maxPoses < 1:
         return refuse("ArgumentOutOfRangeException", "maxPoses must be > 0.")
+    if [] in (positions, rotations, horizons, standings):
+        return Done(state, [], 0.0)
     choice: dict[str, Any] = {"max_m": maxDistance, "limit": maxPoses}
     if positions is not None:
-        choice["cells"] = [state.room.key(float(p["x"]), float(p["z"])) for p in positions]
+        cells = [state.room.key(p.get("x", 0.0), p.get("z", 0.0)) for p in positions]
+        choice["cells"] = cells
     if rotations is not None:
-        choice["yaws"] = [_yaw(rotation) % 360 for rotation in rotations]
+        choice["yaws"] = [_yaw(rotation) for rotation in rotations]
     if horizons is not None:
-        choice["horizons"] = [float(horizon) for horizon in horizons]
+        choice["horizons"] = horizons
     if standings is not None:
-        choice["standings"] = [bool(standing) for standing in standings]
+        choice["standings"] = standings
     poses = navigate.interactable_poses(state, objectId, **choice)
     return Done(state, [_pose(pose) for pose in poses], 0.0)
 
@@ -362,6 +449,5 @@ def _pose(pose: Pose) -> dict[str, Any]:
     }
 
 
-def _xyz(state: WorldState, cell: Cell) -> dict[str, float]:
-    x, z = state.room.cells[cell]
-    return {"x": x, "y": state.pose.position_m[1], "z": z}
+def _xyz(state: WorldState, place: tuple[float, float]) -> dict[str, float]:
+    return {"x": place[0], "y": state.pose.position_m[1], "z": place[1]}

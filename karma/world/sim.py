@@ -154,16 +154,16 @@ def _images(usual: Images, given: Mapping[str, Any]) -> Images:
 
 def _act(last: WorldEvent, name: str, arguments: Mapping[str, Any]) -> WorldEvent:
     """Return the event of one action."""
-    given = {k: v for k, v in arguments.items() if v is not None and k not in _PLAYER_ARGUMENTS}
     action = ACTIONS.get(name)
     taken: Mapping[str, Any] = {} if action is None else action.kinds  # Initialize takes flags
+    aside = _PLAYER_ARGUMENTS - taken.keys()
+    given = {k: v for k, v in arguments.items() if v is not None and k not in aside}
     flags = {k: given.pop(k) for k in RENDER_FLAGS if k in given and k not in taken}
     if action is None:
         result: Result = Refusal(f"Invalid action: {name}", "InvalidAction")
     else:
-        result = action.check(given) or action.handler(
-            last.state, **{k: v for k, v in given.items() if k in action.kinds}
-        )
+        ready = action.ready(given)
+        result = ready if isinstance(ready, Refusal) else action.handler(last.state, **ready)
     state = last.state
     if isinstance(result, Done) and not (result.state is state and not result.seconds):
         state = settle(replace(result.state, time_s=result.state.time_s + result.seconds))
