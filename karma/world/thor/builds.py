@@ -37,6 +37,21 @@ class Build:
     platform: Platform
     origin: Literal["argument", "environment", "cache"]
 
+    @property
+    def runs(self) -> bool:
+        """Whether this user may execute it."""
+        return os.access(self.path, os.X_OK)
+
+    @property
+    def is_command(self) -> bool:
+        """Whether it has arguments: then it is what starts a player, not Unity itself."""
+        return len(self.command) > 1
+
+    @property
+    def make_run(self) -> str:
+        """The command that makes it executable."""
+        return f"chmod +x {shlex.quote(str(self.path))}"
+
 
 def home() -> Path:
     """Return the client's own folder, ~/.ai2thor."""
@@ -94,14 +109,26 @@ def find(
     Raises:
         KarmaError: there is none, or it cannot be run; says what to do.
     """
+    build = locate(executable, platform, environment)
+    if not build.runs:
+        raise KarmaError(f"{build.path}: not executable\n  To fix: {build.make_run}")
+    return build
+
+
+def locate(
+    executable: str | Path | None = None,
+    platform: Platform | None = None,
+    environment: Mapping[str, str] = os.environ,
+) -> Build:
+    """Return the build that lies there, whether it can be run or not; otherwise as `find`."""
     if executable is not None:
         return _given(executable, platform, "argument")
     if environment.get(VARIABLE):
         return _given(environment[VARIABLE], platform, "environment")
     for one in candidates(platform):
         path = cached(one)
-        if path.exists():
-            return Build(path=_runnable(path), command=(str(path),), platform=one, origin="cache")
+        if path.is_file():
+            return Build(path=path, command=(str(path),), platform=one, origin="cache")
     raise KarmaError(missing(candidates(platform)))
 
 
@@ -140,8 +167,10 @@ def _given(
         words = _words(text)
         path = Path(shutil.which(words[0]) or Path(words[0]).expanduser())
         words[0] = str(path)
+    if not path.is_file():
+        raise KarmaError(f"{path}: no such executable\n  To fix: export {VARIABLE}=/path/to/it")
     return Build(
-        path=_runnable(path),
+        path=path,
         command=tuple(words),
         platform=platform or _platform_of(path),
         origin=origin,
@@ -177,11 +206,3 @@ def _platform_of(path: Path) -> Platform:
         if f"-{one}-" in path.name:
             return one
     return "OSXIntel64" if sys.platform == "darwin" else "Linux64"
-
-
-def _runnable(path: Path) -> Path:
-    if not path.is_file():
-        raise KarmaError(f"{path}: no such executable\n  To fix: export {VARIABLE}=/path/to/it")
-    if not os.access(path, os.X_OK):
-        raise KarmaError(f"{path}: not executable\n  To fix: chmod +x {shlex.quote(str(path))}")
-    return path

@@ -259,8 +259,8 @@ class Guard:
 def farewell(reason: str) -> bytes:
     """Return a message whose sequenceId is -1, which no client waits for.
 
-    >>> len(farewell("died"))
-    46
+    >>> farewell("died")[-5:].hex(" ")
+    'ff 00 00 00 00'
     """
     text = reason.encode()[:1000]
     body = b"\x83\xa6agents\x90\xaasequenceId\xff\xa5guard\xda" + struct.pack("!H", len(text))
