@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import acos, cos, degrees, radians
 from typing import Any
 
 import msgspec
@@ -9,7 +10,7 @@ import msgspec
 from karma.contracts import Vec3
 from karma.world.moving import hang, unknown
 from karma.world.objects import Objects, bottom, heading, is_inert, moved
-from karma.world.pieces import broken, in_pieces
+from karma.world.pieces import broken, in_pieces, left_behind
 from karma.world.placement import find_place, flight, land, parents_in
 from karma.world.posing import emptied
 from karma.world.rules import rules
@@ -21,6 +22,16 @@ from karma.world.view import aim
 _FLIGHT_M_PER_N = 0.01
 _LONGEST_FLIGHT_M = 3.0
 _GRAVITY = 9.81
+
+
+def tilt_deg(rotation: Vec3) -> float:
+    """Return by how much Unity's angles tilt a thing away from upright.
+
+    >>> tilt_deg((0.0, 90.0, 0.0)), round(tilt_deg((90.0, 0.0, 0.0)))
+    (0.0, 90)
+    """
+    up = cos(radians(rotation[0])) * cos(radians(rotation[2]))
+    return degrees(acos(max(-1.0, min(1.0, up))))
 
 
 def target(
@@ -99,9 +110,13 @@ def pick_up(
 
 
 def _grasped(state: WorldState, thing: SceneObject) -> WorldState:
+    upright = tilt_deg(thing.rotation) <= rules().hand.spills_deg
     carried = state.objects.carried(thing.id)
     mine = {thing.id, *carried}
     changes = {thing.id: msgspec.structs.replace(thing, parents=(), is_picked_up=True)}
+    if not upright:
+        changes |= left_behind(state.objects, thing)
+        carried = ()
     for child in carried:
         inner = state.objects[child]
         parents = tuple(parent for parent in inner.parents if parent in mine)
@@ -206,11 +221,26 @@ def _let_go(state: WorldState, force: float) -> Result:
     height = max(bottom(thing) - (middle[1] - thing.size[1] / 2), 0.0)
     impulse = force * fragile.impulse_per_force_s
     impulse += fragile.fall_share * thing.mass_kg * (2 * _GRAVITY * height) ** 0.5
-    after = _released(state, middle, holder)
-    if "breakable" in thing.capabilities and impulse >= fragile.impulse_ns:
-        after = broken(after, after.objects[thing.id])
+    after = _struck(_released(state, middle, holder), thing.id, holder, impulse)
     px, py, pz = after.objects[thing.id].position
     return Done(after, {"x": px, "y": py, "z": pz}, rules().time.fall_s)
+
+
+def _struck(state: WorldState, fallen: str, under: str | None, impulse: float) -> WorldState:
+    """Return the state with what breaks when a thing comes down: itself, and what it falls on."""
+    fragile, thing = rules().fragile, state.objects[fallen]
+    below = None if under is None else state.objects[under]
+    soft = below is not None and below.type in fragile.soft
+    if _breaks(thing, impulse - (fragile.soft_ns if soft else 0.0)):
+        state = broken(state, thing)
+    if below is not None and thing.type not in fragile.harmless and _breaks(below, impulse):
+        state = broken(state, state.objects[below.id])
+    return state
+
+
+def _breaks(thing: SceneObject, impulse: float) -> bool:
+    fragile = "breakable" in thing.capabilities and not thing.is_broken
+    return fragile and impulse >= rules().fragile.impulse_ns
 
 
 def open_object(

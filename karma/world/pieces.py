@@ -22,11 +22,11 @@ def broken(state: WorldState, thing: SceneObject) -> WorldState:
         thing = msgspec.structs.replace(thing, is_broken=True, is_toggled=False)
         return replace(state, objects=state.objects.changed({thing.id: thing}))
     gone = msgspec.structs.replace(thing, is_broken=True, parents=())
-    changes = {thing.id: gone, **_spilled(state.objects, thing)}
+    changes = {thing.id: gone, **left_behind(state.objects, thing)}
     return replace(state, objects=state.objects.changed(changes))
 
 
-def _spilled(objects: Objects, thing: SceneObject) -> dict[str, SceneObject]:
+def left_behind(objects: Objects, thing: SceneObject) -> dict[str, SceneObject]:
     """Return the contents of a thing, now lying where the thing lies."""
     found = {}
     for child in objects.children.get(thing.id, ()):

@@ -197,7 +197,7 @@ def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec
         for other in state.objects.values():
             level = _catches(state, other, x, z)
             if level is not None and best < level <= bottom(thing) + 0.05:
-                best, holder = level, _holds(other)
+                best, holder = level, _holds(state.objects, other, level)
     return (x, _rest(thing, best), z), holder
 
 
@@ -215,11 +215,17 @@ def _catches(state: WorldState, other: SceneObject, x: float, z: float) -> float
     return bottom(other) if deep else top(other)
 
 
-def _holds(other: SceneObject) -> str | None:
-    """Return the object's id if what rests on it counts as lying in it."""
-    shut = other.type in rules().view.hides_when_closed
+def _holds(objects: Objects, other: SceneObject, level: float) -> str | None:
+    """Return the receptacle that what rests on an object lies in: the object, or one around it.
+
+    What falls on a book on a table, or on a closed box, lies on what those lie on.
+    """
+    shut = other.type in rules().view.hides_when_closed and other.openness <= 0
     single = object_types()[other.type].accepts_only
-    return other.id if "receptacle" in other.capabilities and not shut and not single else None
+    if "receptacle" in other.capabilities and not shut and not single:
+        return other.id
+    low = level - bottom(other) <= rules().put.surface_reach_m
+    return next(iter(other.parents), None) if low else None
 
 
 def flight(room: Room, start: Vec3, step: tuple[float, float], far_m: float) -> tuple[float, float]:

@@ -87,15 +87,24 @@ class Fragile(Struct, frozen=True, forbid_unknown_fields=True):
     """What breaks things."""
 
     impulse_ns: float
+    soft_ns: float
     impulse_per_force_s: float
     fall_share: float
     stays_whole: tuple[str, ...]
+    soft: tuple[str, ...]
+    harmless: tuple[str, ...]
 
 
 class Liquids(Struct, frozen=True, forbid_unknown_fields=True):
     """What a vessel may be filled with."""
 
     known: tuple[str, ...]
+
+
+class Hand(Struct, frozen=True, forbid_unknown_fields=True):
+    """What comes along with what is picked up."""
+
+    spills_deg: float
 
 
 class Put(Struct, frozen=True, forbid_unknown_fields=True):
@@ -124,6 +133,7 @@ class Rules(Struct, frozen=True, forbid_unknown_fields=True):
     toggle: Toggle
     fragile: Fragile
     liquids: Liquids
+    hand: Hand
     put: Put
     view: View
     effect: tuple[Effect, ...]
