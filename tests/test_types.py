@@ -101,9 +101,9 @@ def test_type_unknown_names_the_nearest():
     ("old", "new", "said"),
     [('"@basins"', '"@basin"', "no group named '@basin'"),
      ('"Microwave"', '"Micro"', "names 'Micro'"),
-     ("slice_count = 6", "slices = 6", "slices"),
-     ("slice_count = 6", 'slice_count = "six"', "slice_count"),
-     ("slice_count = 6", "slice_count = ", "line")],
+     ("slice_count = 3", "slices = 6", "slices"),
+     ("slice_count = 3", 'slice_count = "six"', "slice_count"),
+     ("slice_count = 3", "slice_count = ", "line")],
 )  # fmt: skip
 def test_types_damaged_table_says_where(tmp_path, old, new, said):
     path = tmp_path / "types.toml"
