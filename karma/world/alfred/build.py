@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from karma.errors import FileError
 from karma.world.alfred.contents import contained
 from karma.world.alfred.facts import Facts
 from karma.world.alfred.furniture import furnished
-from karma.world.alfred.goal import Deeds, goal_met
 from karma.world.alfred.ids import kind_of, type_now
 from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import ObjectPose, Trial
@@ -18,15 +16,14 @@ from karma.world.objects import moved, turned
 from karma.world.scene import AgentPose, Scene, SceneObject, check
 from karma.world.types import object_types
 
-_LAMPS = ("DeskLamp", "FloorLamp")
 
-
-def build(trial: Trial, facts: Facts) -> Scene:
+def build(trial: Trial, facts: Facts, *, widened: Mapping[str, float] | None = None) -> Scene:
     """Return the room of a trial at its start.
 
     Args:
         trial: whose poses, switches and start pose count.
         facts: of its FloorPlan, with this trial among those gathered.
+        widened: receptacles whose boxes are to be larger across the floor, and how many times.
 
     Raises:
         FileError: the trial contradicts itself; the path is its id.
@@ -36,9 +33,10 @@ def build(trial: Trial, facts: Facts) -> Scene:
     poses = {pose.id: pose for pose in trial.scene.object_poses if type_now(pose.kind)}
     kinds = frozenset(type_now(pose.kind) or "" for pose in poses.values())
     fixed = furnished(facts, floor_y, kinds)
-    fixed = [thing for thing in fixed if thing.id not in poses]
+    fixed = [_wider(thing, widened) for thing in fixed if thing.id not in poses]
     movables = [_movable(pose, facts) for pose in poses.values()]
     parents = contained(trial, facts, fixed, movables)
+    movables = [_wider(thing, widened) for thing in movables]
     loose = [_in(thing, parents.get(thing.id)) for thing in movables]
     things = _named_apart([_at_start(thing, trial) for thing in (*fixed, *loose)])
     cells = facts.cells
@@ -105,12 +103,22 @@ def _model(kind: str, facts: Facts) -> SceneObject | None:
     return here[0] if here else facts.models.get(kind)
 
 
-def _minus(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+def _minus(
+    a: tuple[float, float, float], b: tuple[float, float, float]
+) -> tuple[float, float, float]:
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def _in(thing: SceneObject, parent: str | None) -> SceneObject:
     return thing if parent is None else msgspec.structs.replace(thing, parents=(parent,))
+
+
+def _wider(thing: SceneObject, widened: Mapping[str, float] | None) -> SceneObject:
+    factor = (widened or {}).get(thing.id)
+    if factor is None:
+        return thing
+    x, y, z = thing.size
+    return msgspec.structs.replace(thing, size=(x * factor, y, z * factor), corners=None)
 
 
 # ----------------------------------------------------------------- states

@@ -1,12 +1,14 @@
-"""Which receptacle each movable object lies in at the start: ALFRED does not say, so it is inferred.
+"""Which receptacle each movable object lies in at the start, which ALFRED does not say.
 
 Of the rules below the first that applies decides; the figures are in docs/alfred-replay.md.
 1. The planner names the receptacle at the object's first pickup. It is believed unless it is a
    thing with a door that the demonstrator did not open before: what was picked up was in view.
-2. The object lies within the box of a larger vessel (plate, mug, box ...).
-3. Most of the nearest labelled positions of the room within `NEAR_M` have one receptacle.
+2. The object's box overlaps that of a larger vessel (plate, mug, box ...), at its height.
+3. It is the one that most of the nearest labelled positions of the room have, of those within
+   `NEAR_M` across and `LEVEL_M` in height.
 4. The object rests on, or lies within, the box of a fixed receptacle; the smallest such box.
-Nothing else is assumed: the rest lies on the floor, in no receptacle.
+Nothing else is assumed: the rest lies in no receptacle. What takes one thing at a time (a burner,
+a coffee machine, a hanger) is filled by rule 1 only: a wrong guess would leave no room in it.
 """
 
 import math
@@ -19,11 +21,13 @@ from karma.world.alfred.trial import LabelledSpot, Trial
 from karma.world.objects import bottom, top
 from karma.world.rules import rules
 from karma.world.scene import SceneObject
+from karma.world.types import object_types
 
-NEAR_M = 0.3
+NEAR_M, LEVEL_M = 0.3, 0.08
 _VOTES = 5
 _BELOW_M, _ABOVE_M = 0.03, 0.12  # of a surface's height to what rests on it
 _BESIDE_M = 0.05
+_SEAT_SHARE = 0.3  # of a sofa's height: its box goes up to the back, things lie lower
 _OVER_VESSEL_M = 0.08
 
 
@@ -47,7 +51,7 @@ def contained(
             continue
         fits = {one: p for one, p in places.items() if (thing.id, one) not in refuted}
         guess = _voted(thing, trial.id, spots, fits) or _resting(thing.position, fits)
-        if guess is not None:
+        if guess is not None and not _takes_one(places[guess]):
             found[thing.id] = guess
     return found
 
@@ -71,22 +75,27 @@ def _seen_through_doors(
             yield one
 
 
+def _takes_one(place: SceneObject) -> bool:
+    return bool(object_types()[place.type].accepts_only)
+
+
 def _has_door(place: SceneObject) -> bool:
     return place.type in rules().view.hides_when_closed and "openable" in place.capabilities
 
 
 def _vessel(thing: SceneObject, movables: Sequence[SceneObject]) -> str | None:
-    """Return the smallest vessel whose box a thing lies in."""
-    x, _, z = thing.center
+    """Return the vessel whose box a thing is deepest in."""
     found = []
     for other in movables:
         if "receptacle" not in other.capabilities or _volume(other) <= _volume(thing):
             continue
-        across = abs(x - other.center[0]) <= other.size[0] / 2
-        along = abs(z - other.center[2]) <= other.size[2] / 2
+        apart = [
+            abs(thing.center[axis] - other.center[axis]) - (thing.size[axis] + other.size[axis]) / 2
+            for axis in (0, 2)
+        ]
         low, high = bottom(other) - _BELOW_M, top(other) + _OVER_VESSEL_M
-        if across and along and low <= bottom(thing) <= high:
-            found.append((_volume(other), other.id))
+        if max(apart) < 0 and low <= bottom(thing) <= high:
+            found.append((round(max(apart), 6), other.id))
     return min(found)[1] if found else None
 
 
@@ -101,10 +110,13 @@ def _voted(
     places: Mapping[str, SceneObject],
 ) -> str | None:
     """Return the receptacle that most of the nearest labels have; the nearest of equals."""
+    x, y, z = thing.position
     far = sorted(
-        (math.dist(thing.position, spot[:3]), spot.receptacle)
+        (math.hypot(spot.x - x, spot.z - z), spot.receptacle)
         for spot in spots
-        if spot.receptacle in places and (spot.trial, spot.thing) != (trial, thing.id)
+        if spot.receptacle in places
+        and abs(spot.y - y) <= LEVEL_M
+        and (spot.trial, spot.thing) != (trial, thing.id)
     )
     near = [receptacle for gap, receptacle in far[:_VOTES] if gap <= NEAR_M]
     return Counter(near).most_common(1)[0][0] if near else None
@@ -136,4 +148,5 @@ def _rank(position: Vec3, place: SceneObject) -> tuple[bool, bool, float] | None
         return (False, beside, _volume(place)) if fits else None
     if -_BELOW_M <= y - high <= _ABOVE_M:
         return (False, beside, _volume(place))
-    return (True, beside, _volume(place)) if low <= y <= high else None
+    seat = low + _SEAT_SHARE * (high - low)
+    return (True, beside, _volume(place)) if seat <= y <= high else None

@@ -29,9 +29,11 @@ from karma.world.types import object_types
 _BESIDE_M = 0.35  # two versions of one object, across the floor
 _ABOVE_M = 1.2  # and in height
 _SAME_ORIGIN_M, _SAME_HEIGHT_M = 0.3, 0.15
+_ORIGIN_OFF_M = 0.3  # from an object's box, at most
 _ONE_M = 0.05  # two ids of one object
 _MARGIN_M = 0.1  # round what lay on a surface
 _ON_FLOOR_M = 0.15
+_FOOT_M = 0.02
 _LOOSE = {"pickupable", "moveable"}
 
 
@@ -119,6 +121,8 @@ def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _
             across, up = _gaps(place, _origin(one, thing))
             if across <= _BESIDE_M and up <= _ABOVE_M:
                 yield across + up, one, index
+            elif not _origin_at_box(thing) and math.dist(place, thing.center) <= _BESIDE_M:
+                yield math.dist(place, thing.center), one, index
 
 
 def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
@@ -146,6 +150,14 @@ def _origin(one: str, thing: SceneObject) -> Vec3:
     return (place_of(thing.id) if basin else None) or thing.position
 
 
+def _origin_at_box(thing: SceneObject) -> bool:
+    """Return whether an object's origin is at its box; a few have theirs at the room's."""
+    return all(
+        abs(thing.position[axis] - thing.center[axis]) <= thing.size[axis] / 2 + _ORIGIN_OFF_M
+        for axis in range(3)
+    )
+
+
 def _gaps(a: Vec3, b: Vec3) -> tuple[float, float]:
     return math.hypot(a[0] - b[0], a[2] - b[2]), abs(a[1] - b[1])
 
@@ -156,15 +168,15 @@ def _gaps(a: Vec3, b: Vec3) -> tuple[float, float]:
 def _same(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
     """Return the dump's object under ALFRED's id; its box follows its origin across the floor."""
     x, y, z = thing.position
-    if one.count("|") == 4:  # a basin's id carries another place than its own
-        return _renamed(thing, one, thing.position)
+    if one.count("|") == 4 or not _origin_at_box(thing):
+        return _renamed(thing, one, thing.position if one.count("|") == 4 else place)
     up = place[1] - y if abs(place[1] - y) <= _SAME_HEIGHT_M else 0.0
     return _renamed(moved(thing, (place[0] - x, up, place[2] - z)), one, place)
 
 
 def _at(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
     """Return a dump's object, brought to where ALFRED has it."""
-    x, y, z = thing.position
+    x, y, z = thing.position if _origin_at_box(thing) else thing.center
     return _renamed(moved(thing, (place[0] - x, place[1] - y, place[2] - z)), one, place)
 
 
@@ -250,6 +262,7 @@ def _related(things: Sequence[SceneObject], ids: Mapping[str, str]) -> list[Scen
     for thing in things:
         parents = [ids.get(parent, parent) for parent in thing.parents]
         holds = [p for p in dict.fromkeys(parents) if p in by_id and _may_hold(by_id[p], thing)]
+        holds += [one.id for one in things if one.id not in holds and _stands_in(thing, one)]
         controls = [ids.get(other, other) for other in thing.controls]
         found.append(
             msgspec.structs.replace(
@@ -259,6 +272,18 @@ def _related(things: Sequence[SceneObject], ids: Mapping[str, str]) -> list[Scen
             )
         )
     return found
+
+
+def _stands_in(thing: SceneObject, place: SceneObject) -> bool:
+    """Return whether a lamp, a plant and the like has its foot in a receptacle's box."""
+    if "moveable" not in thing.capabilities or "receptacle" in thing.capabilities:
+        return False
+    if place.type == "Floor" or "receptacle" not in place.capabilities:
+        return False
+    foot = (thing.center[0], bottom(thing) + _FOOT_M, thing.center[2])
+    return all(
+        abs(foot[axis] - place.center[axis]) <= place.size[axis] / 2 + _FOOT_M for axis in range(3)
+    )
 
 
 def _may_hold(parent: SceneObject, thing: SceneObject) -> bool:

@@ -22,11 +22,14 @@ from karma.world.alfred.goal import Deeds, goal_met, noteworthy
 from karma.world.alfred.mutate import without_one
 from karma.world.alfred.steps import UntranslatableError, translated
 from karma.world.alfred.trial import ApiAction, LowAction, SubGoal, Trial
+from karma.world.scene import Scene
 from karma.world.sim import EmbeddedWorld
 
 REACH_M, FOV_DEG = 1.5, 60.0  # ALFRED's visibility distance and vertical field of view
 _CELL_M, _TURN_DEG = 0.25, 90.0
 _NEAR = 0.01
+_WIDER, _WIDEST = 1.3, 3.0  # times
+_NO_ROOM = "No valid positions"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +71,7 @@ def replay(
         actions, deleted = without_one(trial, mutate)
     reason, step, tally = "", None, _Tally(strict=strict)
     try:
-        scene = build(trial, facts)
+        scene = fitted(trial, facts)
         world = EmbeddedWorld(scene, visibilityDistance=REACH_M, fieldOfView=FOV_DEG)
         _follow(world, trial, actions, tally)
     except _Mismatch as found:
@@ -118,6 +121,36 @@ def _job(job: tuple[Trial, Facts, int | None, bool]) -> TrialResult:
     return replay(trial, facts, mutate=mutate, strict=strict)
 
 
+def fitted(trial: Trial, facts: Facts) -> Scene:
+    """Return the trial's scene with boxes in which everything finds room that was put there.
+
+    Boxes are of another version of the room, or typical ones. Where a recorded PutObject finds no
+    valid position, its receptacle is widened, and the demonstration is begun again.
+
+    Raises:
+        FileError: the trial contradicts itself.
+    """
+    widened: dict[str, float] = {}
+    while True:
+        scene = build(trial, facts, widened=widened)
+        world = EmbeddedWorld(scene, visibilityDistance=REACH_M, fieldOfView=FOV_DEG)
+        full = _first_full(world, trial)
+        if full is None or widened.get(full, 1.0) >= _WIDEST:
+            return scene
+        widened[full] = widened.get(full, 1.0) * _WIDER
+
+
+def _first_full(world: EmbeddedWorld, trial: Trial) -> str | None:
+    """Return the first receptacle of a demonstration in which there is no room."""
+    tally = _Tally(strict=False)
+    for number, low in enumerate(trial.plan.low_actions):
+        try:
+            _act(world, low.api_action, number, tally)
+        except _Mismatch as found:
+            return low.api_action.receptacle_object_id if _NO_ROOM in found.reason else None
+    return None
+
+
 # ----------------------------------------------------------------- one replay
 
 
@@ -150,9 +183,7 @@ def _follow(
         raise _Mismatch("the goal is not met at the end", len(actions))
 
 
-def _act(
-    world: EmbeddedWorld, given: ApiAction, number: int, tally: _Tally
-) -> tuple[str, str]:
+def _act(world: EmbeddedWorld, given: ApiAction, number: int, tally: _Tally) -> tuple[str, str]:
     """Do one action; return its name and its object, "" if it has none."""
     state = world.state
     try:

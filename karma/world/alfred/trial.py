@@ -195,7 +195,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
     """What ALFRED's layouts tell of a room: cells (x, z), and poses to see receptacles from."""
 
     reachable: tuple[tuple[float, float], ...] = ()
-    receptacle_points: dict[str, tuple[float, ...]] = {}  # noqa: RUF012 - a Struct copies it
+    receptacle_points: dict[str, tuple[float, ...]] = {}
 
 
 class FixedObject(msgspec.Struct, frozen=True, kw_only=True):
