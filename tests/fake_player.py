@@ -33,7 +33,7 @@ def metadata(action, *, value=None, scene="", size=(300, 300)):
         "objects": things(), "lastAction": action, "lastActionSuccess": True, "errorMessage": "",
         "errorCode": None, "actionReturn": value, "sceneName": scene, "screenWidth": size[0],
         "screenHeight": size[1], "thirdPartyCameras": [], "colors": None, "agentId": 0,
-        "depthFormat": "Meters",
+        "depthFormat": "Meters", "agent": {}, "sceneBounds": {},
     }  # fmt: skip
 
 
@@ -80,6 +80,8 @@ class Player:
                 return {"cameraNearPlane": 0.01, "cameraFarPlane": 20.0}
             case "GetObjectInFrame":
                 return things()[0 if action["x"] < 0.5 else 1]["objectId"]
+            case "GetReachablePositions":
+                return [{"x": 0.0, "y": 0.9, "z": 0.0}]
             case "Environment":
                 return dict(os.environ)
             case "Echo":
@@ -98,6 +100,8 @@ class Player:
         data = metadata(name, value=value, scene=self.scene, size=self.size)
         if name == "Bad":
             data |= {"lastActionSuccess": False, "errorCode": "InvalidAction", "errorMessage": "no"}
+        if self.fault == f"refuse@{name}":
+            data |= {"lastActionSuccess": False, "errorMessage": "not like this"}
         whole = {"agents": [data], "thirdPartyCameras": [], "activeAgentId": 0}
         body = msgpack.packb({**whole, "sequenceId": sequence})
         picture = bytes(range(256)) * (width * height * 3 // 256 + 1)

@@ -96,9 +96,22 @@ def test_arguments_that_look_for_a_build_are_refused(name, home):
 
 def test_world_without_a_scene_says_what_to_do(home):
     world = ThorWorld(fake_player.command())
-    for call in (lambda: world.last_event, lambda: world.step("Pass"), lambda: world.scenes):
+    for call in (lambda: world.last_event, lambda: world.step("Pass")):
         with pytest.raises(KarmaError, match="reset"):
             call()
+
+
+def test_scenes_can_be_asked_for_before_the_first_reset(home):
+    world = ThorWorld(fake_player.command())
+    assert len(world.scenes) == 2
+    assert world.last_event.metadata["sceneName"] == "FloorPlan1_physics"
+    world.stop()
+
+
+def test_refusal_to_begin_is_a_clear_error(home):
+    world = ThorWorld(fake_player.command("refuse@Initialize"))
+    with pytest.raises(KarmaError, match="refuses to begin: not like this"):
+        world.reset("FloorPlan1")
 
 
 # ----------------------------------------------------------------- blinds

@@ -108,12 +108,13 @@ class ThorWorld:
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """The names of the build's scenes, sorted; needs a running player.
+        """The names of the build's scenes, sorted; starts the player if none has been.
 
         Raises:
-            KarmaError: none is running.
-            WorldLost: it has just died.
+            WorldLost: the player is gone, or does not start.
         """
+        if self._client is None and self._loss is None:
+            self._begin(None)
         return tuple(sorted(self._running().scenes_in_build))
 
     @property
@@ -132,16 +133,10 @@ class ThorWorld:
         Raises:
             UnknownNameError: the build has no such scene.
             WorldLost: the player does not start, or dies while it loads the scene.
-            ValueError: an argument of Initialize is refused.
+            ValueError: an argument of Initialize does not fit.
+            KarmaError: the player refuses to begin.
         """
-        if self._client is not None and self._client.alive:
-            try:
-                return self._keep(self._client.reset(scene))
-            except WorldLost as loss:  # it died between two episodes: this one gets a fresh one
-                log.warning("%s", loss)
-        self._drop()
-        self._client = self._launch(scene)
-        return self._keep(self._client.last_event)
+        return self._begin(scene)
 
     def step(self, action: str | Mapping[str, Any], **arguments: Any) -> Any:
         """Do one action, as AI2-THOR's Controller does; pictures are the caller's to write on.
@@ -175,7 +170,7 @@ class ThorWorld:
 
     # ------------------------------------------------------------- the player
 
-    def _launch(self, scene: str) -> "Client":
+    def _launch(self, scene: str | None) -> "Client":
         from karma.world.thor.client import Client
 
         return Client(
@@ -186,6 +181,23 @@ class ThorWorld:
             **self._limits,
             **self._settings,
         )
+
+    def _begin(self, scene: str | None) -> Any:
+        try:
+            return self._keep(self._begun(scene))
+        except RuntimeError as error:
+            what = scene or "the first scene"
+            raise KarmaError(f"{what}: the player refuses to begin: {error}") from error
+
+    def _begun(self, scene: str | None) -> Any:
+        if self._client is not None and self._client.alive:
+            try:
+                return self._client.reset(scene)
+            except WorldLost as loss:  # it died between two episodes: this one gets a fresh one
+                log.warning("%s", loss)
+        self._drop()
+        self._client = self._launch(scene)
+        return self._client.last_event
 
     def _running(self) -> "Client":
         if self._client is not None:

@@ -109,7 +109,7 @@ class Client(Controller):  # type: ignore[misc]
         build: what to launch.
         folder: for the client's log; ~/.ai2thor as a rule.
         display: X display, any text.
-        scene: name of the first scene.
+        scene: name of the first scene; None = the client's choice.
         start_timeout_s: until the first frame.
         step_timeout_s: for each answer.
         settings: further arguments of AI2-THOR's Controller, and of Initialize.
@@ -127,7 +127,7 @@ class Client(Controller):  # type: ignore[misc]
         *,
         folder: Path,
         display: str,
-        scene: str,
+        scene: str | None,
         start_timeout_s: float,
         step_timeout_s: float,
         **settings: Any,
