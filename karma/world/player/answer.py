@@ -61,15 +61,6 @@ class Writer:
         return encode([Field(FieldType.METADATA_PATCH, self._encoder.encode(fields))])
 
 
-def farewell(reason: str) -> bytes:
-    """Return the message that makes the client raise an error which quotes the reason.
-
-    The client compares the sequence id with its own before anything else, and says both.
-    """
-    body = msgspec.msgpack.encode({"agents": [], "sequenceId": reason})
-    return encode([Field(FieldType.METADATA, body)])
-
-
 def pictures(event: WorldEvent) -> Iterator[Field]:
     """Yield an event's pictures, those of the third-party cameras first."""
     for kind, frames in (

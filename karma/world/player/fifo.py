@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from enum import IntEnum
 from typing import NamedTuple, Protocol
 
+import msgspec
+
 from karma.errors import KarmaError
 
 _HEADER = struct.Struct("!BI")
@@ -70,6 +72,15 @@ def encode(fields: Iterable[Field]) -> bytes:
         parts += (_HEADER.pack(kind, len(body)), body)
     parts.append(END_MARK)
     return b"".join(parts)
+
+
+def farewell(reason: str) -> bytes:
+    """Return the message that makes the client raise an error which quotes the reason.
+
+    The client compares the sequence id with its own before anything else, and says both.
+    """
+    body = msgspec.msgpack.encode({"agents": [], "sequenceId": reason})
+    return encode([Field(FieldType.METADATA, body)])
 
 
 def read_message(source: Source) -> list[Field] | None:

@@ -9,25 +9,26 @@ import os
 import signal
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from karma.errors import KarmaError
-from karma.world.player.answer import farewell
+from karma.world.player.fifo import farewell
 from karma.world.player.pipes import ClientGoneError, await_client, open_sink, open_source
-from karma.world.player.player import Player, serve
-from karma.world.player.scenes import VARIABLE, catalogue, folders
+
+if TYPE_CHECKING:
+    from karma.world.player.player import Player
 
 log = logging.getLogger("karma-player")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve one client; 0 when it is done, 1 when something was wrong, 2 for wrong usage."""
+    parent = os.getppid()  # asked early: it changes when the client dies
     logging.basicConfig(level=logging.WARNING, format="karma-player: %(levelname)s: %(message)s")
     options = _options(sys.argv[1:] if arguments is None else arguments)
     try:
         server_pipe, client_pipe = _pipes(os.environ)
-        with open_sink(server_pipe) as sink:
+        with open_sink(server_pipe, parent) as sink:
             return _talk(options, client_pipe, sink)
     except KarmaError as error:
         log.error("%s", error)
@@ -55,7 +56,7 @@ def _options(arguments: Sequence[str]) -> argparse.Namespace:
         action="append",
         default=[],
         metavar="DIR",
-        help=f"serve the scene files in this folder too; default ${VARIABLE}; may be repeated",
+        help="serve the scene files in this folder too; default $KARMA_SCENES; may be repeated",
     )
     parser.add_argument("-screen-width", type=int, default=300, metavar="PIXELS")
     parser.add_argument("-screen-height", type=int, default=300, metavar="PIXELS")
@@ -90,21 +91,25 @@ def _talk(options: argparse.Namespace, client_pipe: str, sink: BinaryIO) -> int:
             sink.flush()
             await_client(source, sink)
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is meant for the client
-            serve(player, source, sink)
+            player.serve(source, sink)
     except ClientGoneError:
         return 0
-    except (KarmaError, OSError) as error:
-        if isinstance(error, BrokenPipeError):
-            raise
-        log.error("%s", error)
+    except BrokenPipeError:
+        raise
+    except Exception as error:  # without a word from us the client would wait for ever
+        log.error("%s", error, exc_info=not isinstance(error, KarmaError))
         sink.write(farewell(f"karma-player: {error}"))
         sink.flush()
         return 1
     return 0
 
 
-def _player(options: argparse.Namespace) -> Player:
-    scenes = catalogue(folders([Path(folder) for folder in options.scenes], os.environ))
+def _player(options: argparse.Namespace) -> "Player":
+    """Return the player; imported here, where a failing import can be told to the client."""
+    from karma.world.player.player import Player
+    from karma.world.player.scenes import catalogue, folders
+
+    scenes = catalogue(folders(options.scenes, os.environ))
     return Player(
         scenes,
         width=options.screen_width,

@@ -15,7 +15,8 @@ from typing import BinaryIO
 
 from karma.errors import KarmaError
 
-_WAIT_S = 0.002
+_PAUSE_S = 0.002
+_PATIENCE_S = 60.0  # the client opens its end as soon as it has started us
 _PIPE_BYTES = 1 << 20  # room for a message with pictures; Linux allows this much to everybody
 _SET_PIPE_SIZE = getattr(fcntl, "F_SETPIPE_SZ", None)
 
@@ -24,14 +25,18 @@ class ClientGoneError(KarmaError):
     """The client ended before it had opened both pipes."""
 
 
-def open_sink(path: str | Path) -> BinaryIO:
+def open_sink(path: str | Path, parent: int) -> BinaryIO:
     """Open the pipe that the client reads, as soon as it does.
 
+    Args:
+        path: of the pipe.
+        parent: the process that started this one; without it there is no point in waiting.
+
     Raises:
-        ClientGoneError: the process that started this one ended first.
+        ClientGoneError: the parent ended first, or the client does not come.
         OSError: there is no such pipe.
     """
-    parent = os.getppid()
+    deadline = time.monotonic() + _PATIENCE_S
     while True:
         try:
             handle = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
@@ -39,9 +44,9 @@ def open_sink(path: str | Path) -> BinaryIO:
         except OSError as error:
             if error.errno != errno.ENXIO:  # no reader yet
                 raise
-        if os.getppid() != parent:
-            raise ClientGoneError("the client ended before it opened the server pipe")
-        time.sleep(_WAIT_S)
+        if os.getppid() != parent or time.monotonic() > deadline:
+            raise ClientGoneError("nobody reads the server pipe: the client is gone")
+        time.sleep(_PAUSE_S)
     os.set_blocking(handle, True)
     if _SET_PIPE_SIZE is not None:
         with contextlib.suppress(OSError):  # only makes it faster

@@ -23,6 +23,7 @@ from karma.world.state import Images
 
 log = logging.getLogger(__name__)
 
+_LARGEST_ID = 2**62  # msgpack ends at 2**63
 _NO_IMAGES = Images(rgb=False)
 _OLD_NAMES = ("renderClassImage", "renderObjectImage")  # the client sends the new ones beside them
 _NOWHERE = Scene(  # where the player is until the first Reset
@@ -74,6 +75,17 @@ class Player:
     def hello(self) -> bytes:
         """Return the message that the player sends unasked."""
         return self._send(self._world.last_event)
+
+    def serve(self, source: BinaryIO, sink: BinaryIO) -> None:
+        """Answer message after message until the client closes its pipe.
+
+        Raises:
+            WireError: what came is not a message.
+            BrokenPipeError: the client reads no more.
+        """
+        while (message := read_message(source)) is not None:
+            sink.write(self.answer(message))
+            sink.flush()
 
     def answer(self, message: Sequence[Field]) -> bytes:
         """Return the answer to a message; whatever happens, there is one."""
@@ -174,31 +186,25 @@ def read_action(message: Sequence[Field]) -> dict[str, Any]:
     action = _decoded(message[0].body)
     if not isinstance(action, dict):
         raise MalformedError(f"an action is a JSON object, this is a {type(action).__name__}")
-    if not isinstance(action.get("action"), str):
+    if not _is_text(action.get("action")):
         raise MalformedError('the action has no name: "action" must be a string')
-    if not isinstance(action.get("sequenceId", 0), int):
-        raise MalformedError(f"sequenceId must be a whole number, not {action['sequenceId']!r}")
+    number = action.get("sequenceId", 0)
+    if not isinstance(number, int) or abs(number) > _LARGEST_ID:
+        raise MalformedError(f"sequenceId must be a whole number, not {number!r}")
     return action
+
+
+def _is_text(value: Any) -> bool:
+    """Return whether this is a string that can be sent back: without halves of characters."""
+    return isinstance(value, str) and not any("\ud800" <= letter <= "\udfff" for letter in value)
 
 
 def _decoded(body: bytes) -> Any:
     try:
         return msgspec.json.decode(body)
-    except msgspec.DecodeError:
+    except (msgspec.DecodeError, RecursionError):
         pass
     try:
         return json.loads(body)  # which knows NaN and Infinity, as the client does
     except (ValueError, RecursionError) as error:
         raise MalformedError(f"the action is not JSON: {error}") from None
-
-
-def serve(player: Player, source: BinaryIO, sink: BinaryIO) -> None:
-    """Answer message after message until the client closes its pipe.
-
-    Raises:
-        WireError: what came is not a message.
-        BrokenPipeError: the client reads no more.
-    """
-    while (message := read_message(source)) is not None:
-        sink.write(player.answer(message))
-        sink.flush()
