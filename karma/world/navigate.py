@@ -185,7 +185,8 @@ def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Fla
     """Return per camera the sample points, shape (eyes, points, 3), and which nothing hides."""
     objects = state.objects
     targets = np.array([row])
-    points = np.stack([sample_points(objects, targets, eye)[0] for eye in eyes])
+    reach = state.settings.visibility_m
+    points = np.stack([sample_points(objects, targets, eye, reach)[0] for eye in eyes])
     hiding, _ = occluders(objects, state.in_hand)
     rows = np.flatnonzero(hiding & objects.blocks[row])
     low, high = objects.solid

@@ -21,6 +21,7 @@ from karma.world.rules import rules
 
 CAMERA_M = 0.675  # above the agent's origin
 CROUCH_M = 0.22  # lower when crouching
+BEYOND_M = 0.5  # how much farther than its reach across the floor the agent sees things
 _BODY_TOP_M = 0.9  # of the agent's capsule, above its origin
 _MOST_VANTAGES = 256  # places remembered; a few kilobytes each
 _PULL = (-0.85, 0.0, 0.85)
@@ -194,7 +195,7 @@ def _look_round(
         near[objects.rows[object_id]] = False
     candidates = np.flatnonzero(near)
     eye = np.array(camera(pose))
-    points = sample_points(objects, candidates, eye)
+    points = sample_points(objects, candidates, eye, visibility_m)
     targets = np.repeat(candidates, points.shape[1])
     points = points.reshape(-1, 3)
     offsets = points - eye
@@ -203,9 +204,20 @@ def _look_round(
     return _Vantage(x, z, reach_m + 0.01, offsets[~solid], targets[~solid], ~glass[~solid])
 
 
-def sample_points(objects: Objects, targets: np.ndarray, eye: Floats) -> Floats:
-    """Return points of some boxes, the one nearest to the eye last, shape (targets, 28, 3)."""
-    center, half = objects.center[targets, None], objects.half[targets, None]
+def sample_points(
+    objects: Objects, targets: np.ndarray, eye: Floats, visibility_m: float
+) -> Floats:
+    """Return points of some boxes, the one nearest to the eye last, shape (targets, 28, 3).
+
+    Of a long counter, or the floor, they are spread over the part within reach and a little more.
+    """
+    reach = np.array((visibility_m + BEYOND_M, np.inf, visibility_m + BEYOND_M))
+    low, high = objects.low[targets], objects.high[targets]
+    low, high = (
+        np.minimum(np.maximum(low, eye - reach), high),
+        np.maximum(np.minimum(high, eye + reach), low),
+    )
+    center, half = ((low + high) / 2)[:, None], ((high - low) / 2)[:, None]
     nearest = np.clip(eye, center - half * 0.95, center + half * 0.95)
     return np.concatenate([center + half * SAMPLES, nearest], axis=1)
 
