@@ -1,0 +1,1 @@
+"""Pictures of a moment, drawn on the CPU with Embree; needs no display."""

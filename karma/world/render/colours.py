@@ -1,0 +1,92 @@
+"""AI2-THOR's colour tables: one colour for each object, each type and the room's structure."""
+
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.world.render.picture import CEILING, FLOOR, NOTHING, WALL
+from karma.world.scene import SceneObject
+
+RGB = tuple[int, int, int]
+STRUCTURE: Mapping[int, str] = {NOTHING: "Sky", WALL: "Wall", CEILING: "Ceiling", FLOOR: "Floor"}
+_OFFSET = -min(STRUCTURE)
+
+
+def colour(name: str, turn: int = 0) -> RGB:
+    """Return a colour that depends on the name alone, never black.
+
+    Args:
+        name: of an object, a type or a part of the room.
+        turn: which of the name's colours, when the first is taken.
+
+    >>> colour("Mug") == colour("Mug") != colour("Cup")
+    True
+    """
+    for number in range(turn, turn + 256):
+        text = name if not number else f"{name}#{number}"
+        red, green, blue = blake2b(text.encode(), digest_size=3).digest()
+        if red or green or blue:
+            return (red, green, blue)
+    raise ValueError(f"no colour for {name!r}")
+
+
+def names(objects: Mapping[str, SceneObject]) -> list[str]:
+    """Return every name that has a colour: the structure, then types and ids as they come."""
+    found = dict.fromkeys(STRUCTURE.values())
+    found.update(dict.fromkeys(thing.type for thing in objects.values()))
+    found.update(dict.fromkeys(objects))
+    return list(found)
+
+
+def assigned(all_names: Iterable[str]) -> dict[str, RGB]:
+    """Return a colour for each name, no two alike; of two that clash the later one gives way."""
+    return dict(_assigned(tuple(all_names)))
+
+
+@lru_cache(maxsize=32)
+def _assigned(all_names: tuple[str, ...]) -> dict[str, RGB]:
+    found: dict[str, RGB] = {}
+    taken: set[RGB] = set()
+    for name in all_names:
+        turn = 0
+        while (one := colour(name, turn)) in taken:
+            turn += 1
+        taken.add(one)
+        found[name] = one
+    return found
+
+
+def colour_table(objects: Mapping[str, SceneObject]) -> list[dict[str, Any]]:
+    """Return `metadata["colors"]`: {"color": [r, g, b], "name": name} for every name."""
+    table = _assigned(tuple(names(objects)))
+    return [{"color": list(one), "name": name} for name, one in table.items()]
+
+
+def instance_frame(
+    rows: NDArray[np.int32], objects: Mapping[str, SceneObject]
+) -> NDArray[np.uint8]:
+    """Return each pixel's object as its colour, uint8 (H, W, 3).
+
+    Args:
+        rows: of a `Picture`.
+        objects: of the same moment.
+    """
+    return _painted(rows, objects, list(objects))
+
+
+def class_frame(rows: NDArray[np.int32], objects: Mapping[str, SceneObject]) -> NDArray[np.uint8]:
+    """Return each pixel's type as its colour, uint8 (H, W, 3); arguments as `instance_frame`."""
+    return _painted(rows, objects, [thing.type for thing in objects.values()])
+
+
+def _painted(
+    rows: NDArray[np.int32], objects: Mapping[str, SceneObject], of_rows: list[str]
+) -> NDArray[np.uint8]:
+    table = _assigned(tuple(names(objects)))
+    structure = [STRUCTURE[row] for row in range(-_OFFSET, 0)]
+    colours = np.array([table[name] for name in (*structure, *of_rows)], dtype=np.uint8)
+    return colours[rows + _OFFSET]

@@ -1,0 +1,179 @@
+"""From the objects of a moment to triangles in the room."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from karma.contracts import Vec3
+from karma.world.boxes import Box
+from karma.world.objects import Objects
+from karma.world.render.cases import SLIDE
+from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
+from karma.world.render.frame import Floats, Frame, frame
+from karma.world.render.looks import Look, looks, pick, rgb
+from karma.world.render.mesh import Mesh
+from karma.world.render.shapes import shape
+from karma.world.scene import SceneObject
+
+STRAIGHT_M = 1.1  # a worktop wider than this goes round a corner
+AGENT_M = 0.2
+
+
+class Task(NamedTuple):
+    """What one object's triangles depend on; equal tasks give equal triangles."""
+
+    thing: SceneObject
+    holes: tuple[Box, ...] = ()
+    slide: Vec3 = (0.0, 0.0, 0.0)  # along with the drawer it lies in
+
+    def same(self, other: "Task") -> bool:
+        """Return whether two tasks give the same triangles."""
+        alike = self.thing is other.thing or _appearance(self.thing) == _appearance(other.thing)
+        return alike and self.holes == other.holes and self.slide == other.slide
+
+
+def _appearance(thing: SceneObject) -> tuple[object, ...]:
+    return (
+        thing.id, thing.type, thing.center, thing.size, thing.rotation, thing.corners,
+        thing.openness, thing.is_toggled, thing.is_broken, thing.is_filled, thing.liquid,
+        thing.is_dirty, thing.is_used_up, thing.is_cooked, thing.temperature,
+    )  # fmt: skip
+
+
+def tasks(objects: Objects, cells: Floats) -> Iterator[Task]:
+    """Yield a task for each object that shows: not the floor, not what is shut in or in pieces."""
+    slides = _slides(objects, cells)
+    hidden = objects.hidden
+    for row, (object_id, thing) in enumerate(objects.items()):
+        if thing.type == "Floor" or (hidden[row] and thing.type != "TargetCircle"):
+            continue
+        yield Task(thing, _holes(objects, thing), slides.get(object_id, (0.0, 0.0, 0.0)))
+
+
+def _holes(objects: Objects, thing: SceneObject) -> tuple[Box, ...]:
+    """Return the basins let into a worktop or a sink."""
+    within = {"CounterTop": ("Sink", "SinkBasin"), "Sink": ("SinkBasin",)}.get(thing.type, ())
+    own = Box.around(thing.center, thing.size)
+    found = []
+    for kind in within:
+        for object_id in objects.by_type.get(kind, ()):
+            other = Box.around(objects[object_id].center, objects[object_id].size)
+            level = own.y0 - 0.3 < other.y1 and other.y0 < own.y1
+            if level and own.overlaps(other._replace(y0=own.y0, y1=own.y1)):
+                found.append(other)
+    return tuple(found)
+
+
+def _slides(objects: Objects, cells: Floats) -> dict[str, Vec3]:
+    """Return how far the contents of open drawers have come out with them."""
+    found: dict[str, Vec3] = {}
+    for object_id in objects.by_type.get("Drawer", ()):
+        drawer = objects[object_id]
+        if drawer.openness > 0:
+            stand = _frame(drawer, looks()["Drawer"], cells)
+            x, y, z = stand.axes[2] * stand.size[2] * SLIDE * drawer.openness
+            for child in objects.inside(object_id):
+                found[child] = (float(x), float(y), float(z))
+    return found
+
+
+def _frame(thing: SceneObject, look: Look, cells: Floats) -> Frame:
+    return frame(thing, cells, front=look.front, laid=look.laid)
+
+
+def drawn(task: Task, cells: Floats, room_name: str) -> Mesh:
+    """Return an object's triangles where they are in the room."""
+    thing = task.thing
+    look = looks()[thing.type]
+    stand = _frame(thing, look, cells)
+    ground = _ground(thing, stand, task.holes, cells)
+    form = _form(thing, look, stand, ground, room_name)
+    local = shape(look.shape, form, thing.temperature)
+    place = (stand.foot + task.slide).astype(np.float32)
+    return local._replace(vertices=local.vertices @ stand.axes.astype(np.float32) + place)
+
+
+def _form(
+    thing: SceneObject, look: Look, stand: Frame, ground: tuple[Rectangle, ...], room_name: str
+) -> Form:  # fmt: skip
+    width, height, depth = (round(max(side, 0.002), 4) for side in stand.size)
+    mains = look.colours
+    main = mains[pick(len(mains), f"{room_name} {thing.type}" if look.alike else thing.id)]
+    if thing.type == "Drawer":  # as the cabinets around it
+        main = mains[pick(len(mains), f"{room_name} Cabinet")]
+    return Form(
+        style=look.style,
+        width=width,
+        height=height,
+        depth=depth,
+        main=rgb(main),
+        second=rgb(look.second),
+        third=rgb(look.third),
+        openness=round(thing.openness, 3),
+        on=thing.is_toggled,
+        broken=thing.is_broken,
+        filled=thing.is_filled,
+        liquid=LIQUIDS.get(thing.liquid or "", WATER),
+        dirty=thing.is_dirty,
+        used_up=thing.is_used_up,
+        cooked=thing.is_cooked,
+        filled_parts=ground,
+    )
+
+
+# ------------------------------------------------------------------ ground with holes
+
+
+def _ground(
+    thing: SceneObject, stand: Frame, holes: tuple[Box, ...], cells: Floats
+) -> tuple[Rectangle, ...]:
+    """Return the parts of a worktop's or sink's box that it fills, in its own frame."""
+    if thing.type not in ("CounterTop", "Sink"):
+        return ()
+    own = Box.around(thing.center, thing.size)
+    free = [(box.x0, box.z0, box.x1, box.z1) for box in holes]
+    if thing.type == "CounterTop" and min(thing.size[0], thing.size[2]) > STRAIGHT_M:
+        r = AGENT_M
+        free += [(float(x - r), float(z - r), float(x + r), float(z + r)) for x, z in cells]
+    if not free:
+        return ()
+    found = []
+    for x0, z0, x1, z1 in _without((own.x0, own.z0, own.x1, own.z1), free):
+        corners = np.array([(x0, 0.0, z0), (x1, 0.0, z1)]) - stand.foot
+        a, b = corners @ stand.axes.T
+        low, high = np.minimum(a, b), np.maximum(a, b)
+        found.append(tuple(round(float(v), 4) for v in (low[0], low[2], high[0], high[2])))
+    return tuple(found)  # type: ignore[arg-type]
+
+
+def _without(whole: Rectangle, holes: list[Rectangle]) -> list[Rectangle]:
+    """Return a rectangle less others, as strips along x that are as deep as can be."""
+    x0, z0, x1, z1 = whole
+    cuts = [
+        (max(a, x0), max(b, z0), min(c, x1), min(d, z1))
+        for a, b, c, d in holes
+        if a < x1 and c > x0 and b < z1 and d > z0
+    ]
+    xs = np.array(sorted({x0, x1, *(c[0] for c in cuts), *(c[2] for c in cuts)}))
+    zs = np.array(sorted({z0, z1, *(c[1] for c in cuts), *(c[3] for c in cuts)}))
+    filled = np.ones((len(zs) - 1, len(xs) - 1), dtype=bool)
+    for a, b, c, d in cuts:
+        rows = slice(np.searchsorted(zs, b), np.searchsorted(zs, d))
+        filled[rows, np.searchsorted(xs, a) : np.searchsorted(xs, c)] = False
+    found: list[Rectangle] = []
+    open_runs: dict[tuple[int, int], int] = {}
+    for row in range(len(zs)):
+        runs = _runs(filled[row]) if row < len(zs) - 1 else []
+        for run in [run for run in open_runs if run not in runs]:
+            start = open_runs.pop(run)
+            found.append((float(xs[run[0]]), float(zs[start]), float(xs[run[1]]), float(zs[row])))
+        for run in runs:
+            open_runs.setdefault(run, row)
+    return [r for r in found if r[2] - r[0] > 1e-3 and r[3] - r[1] > 1e-3]
+
+
+def _runs(row: np.ndarray) -> list[tuple[int, int]]:
+    """Return (start, end) of each stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

@@ -1,0 +1,348 @@
+"""What is built into a room: basins, taps, windows, pictures, curtains, switches, burners."""
+
+from math import cos, sin
+
+from karma.world.render.cases import cracks
+from karma.world.render.form import CRACK, WATER, Builder, Form, shade
+from karma.world.render.mesh import (
+    GHOST,
+    GLASS,
+    Mesh,
+    ball,
+    bent,
+    box,
+    drum,
+    lathe,
+    ring,
+    rod,
+    sheet,
+    shifted,
+    turned,
+)
+
+
+def basin(f: Form) -> list[Mesh]:
+    """Return a tub, a sink's rim round its basin, or the basin itself."""
+    x, y, z = f.half
+    if f.style == "rim" and f.filled_parts:
+        low = max(0.0, y - 0.02)
+        return [box((x0, low, z0), (x1, y, z1), f.main) for x0, z0, x1, z1 in f.filled_parts]
+    wall = min(0.08 if f.style == "tub" else 0.02, x * 0.2, z * 0.2)
+    floor = y * (0.22 if f.style == "tub" else 0.06)
+    parts = [
+        box((-x, 0, -z), (-x + wall, y, z), f.main), box((x - wall, 0, -z), (x, y, z), f.main),
+        box((-x, 0, -z), (x, y, -z + wall), f.main), box((-x, 0, z - wall), (x, y, z), f.main),
+        box((-x + wall, 0, -z + wall), (x - wall, floor, z - wall), shade(f.main, 0.9)),
+    ]  # fmt: skip
+    drain = drum(min(x, z) * 0.12, floor, floor + 0.004, f.second)
+    return [*parts, drain]
+
+
+def faucet(f: Form) -> list[Mesh]:
+    """Return a tap; on, water runs from it."""
+    x, y, z = f.half
+    thick = max(min(x, z) * 0.16, 0.008)
+    reach = z * 0.85
+    parts = [
+        *bent(
+            [(0, 0, -z * 0.5), (0, y * 0.9, -z * 0.5), (0, y * 0.93, reach), (0, y * 0.7, reach)],
+            thick,
+            f.main,
+        ),
+        drum(thick * 2, 0.0, y * 0.08, f.main),
+        rod((-x * 0.8, y * 0.25, -z * 0.5), (x * 0.8, y * 0.25, -z * 0.5), thick * 0.8, f.main),
+        ball(
+            (-x * 0.8, y * 0.25, -z * 0.5),
+            (thick * 1.5,) * 3,
+            (200.0, 60.0, 50.0),
+            sides=6,
+            rings=4,
+        ),
+        ball(
+            (x * 0.8, y * 0.25, -z * 0.5), (thick * 1.5,) * 3, (60.0, 90.0, 200.0), sides=6, rings=4
+        ),
+    ]
+    if f.on:
+        parts.append(rod((0, y * 0.7, reach), (0, -0.12, reach), thick * 0.75, f.second, sides=6))
+    return parts
+
+
+def shower_head(f: Form) -> list[Mesh]:
+    """Return a shower head on its arm, or on a pole when it is tall; on, it rains."""
+    x, y, z = f.half
+    pole = y > 0.6
+    top = y * 0.97
+    head_y = y * (0.88 if pole else 0.45)
+    wide = min(x, z) * 0.75
+    front = z - wide if z > wide else 0.0
+    parts = [
+        *bent([(0, 0.0 if pole else y * 0.8, -z), (0, top, -z * 0.9), (0, top, front),
+               (0, head_y + 0.03, front)], max(0.012, wide * 0.08), f.main),
+        shifted(lathe([(wide * 0.3, head_y + 0.05), (wide, head_y)], f.main), 0, 0, front),
+        shifted(drum(wide, head_y - 0.02, head_y, shade(f.main, 0.8)), 0, 0, front),
+    ]  # fmt: skip
+    if f.on:
+        for drop in range(10):
+            angle = drop * 2.4
+            far = wide * 0.9 * (drop / 10) ** 0.5
+            a, b = sin(angle) * far, front + cos(angle) * far
+            parts.append(
+                rod(
+                    (a, head_y - 0.02, b), (a, head_y - 0.65, b), 0.006, WATER, sides=4, clear=GHOST
+                )
+            )
+            parts.append(rod((a, head_y - 0.02, b), (a, head_y - 0.1, b), 0.008, WATER, sides=4))
+    return parts
+
+
+def window(f: Form) -> list[Mesh]:
+    """Return a frame with a cross, and the outside behind it."""
+    x, y, z = f.half
+    edge = min(0.06, x * 0.15)
+    back = -z + 0.005
+    horizon = y * 0.38
+    parts = [
+        box((-x + edge, horizon, back - 0.004), (x - edge, y - edge, back), f.second, glow=True),
+        box((-x + edge, edge, back - 0.004), (x - edge, horizon, back), f.third, glow=True),
+        *_edges(f, edge),
+        box((-edge * 0.3, 0, back), (edge * 0.3, y, back + 0.03), f.main),
+        box((-x, y * 0.5 - edge * 0.3, back), (x, y * 0.5 + edge * 0.3, back + 0.03), f.main),
+        ball(
+            (x * 0.5, y * 0.76, back), (x * 0.2, y * 0.05, 0.004), (250.0, 252.0, 255.0), glow=True
+        ),
+    ]
+    return parts + (cracks(x - edge, edge, y - edge, back + 0.035) if f.broken else [])
+
+
+def _edges(f: Form, edge: float) -> list[Mesh]:
+    x, y, z = f.half
+    return [
+        box((-x, 0, -z), (-x + edge, y, z), f.main), box((x - edge, 0, -z), (x, y, z), f.main),
+        box((-x, 0, -z), (x, edge, z), f.main), box((-x, y - edge, -z), (x, y, z), f.main),
+    ]  # fmt: skip
+
+
+def picture(f: Form) -> list[Mesh]:
+    """Return a mirror, a painting or a poster."""
+    return {"mirror": _mirror, "painting": _painting, "poster": _poster}[f.style](f)
+
+
+def _mirror(f: Form) -> list[Mesh]:
+    x, y, z = f.half
+    edge = min(0.035, x * 0.12)
+    front = z * 0.4
+    pane = sheet(
+        (-x + edge, edge, front),
+        (2 * (x - edge), 0, 0),
+        (0, y - 2 * edge, 0),
+        f.second,
+        cells=(8, 10),
+    )
+    shine = [
+        sheet((a * x, y * 0.2, front + 0.002), (x * 0.12, 0, 0), (x * 0.3, y * 0.6, 0), f.third)
+        for a in (-0.55, -0.3)
+    ]
+    back = box((-x, 0, -z), (x, y, front - 0.002), shade(f.main, 0.8))
+    parts = [pane, back, *shine, *_edges(f, edge)]
+    return parts + (cracks(x - edge, edge, y - edge, front + 0.004) if f.broken else [])
+
+
+def _painting(f: Form) -> list[Mesh]:
+    x, y, z = f.half
+    edge = min(0.05, x * 0.14, y * 0.14)
+    a, front = x - edge, z * 0.6
+    hills = [
+        sheet((-a, edge, front + 0.003), (2 * a, 0, 0), (0, (y - 2 * edge) * 0.36, 0), f.third),
+        turned(
+            sheet(
+                (-a * 0.3, edge, front + 0.002),
+                (a * 0.9, 0, 0),
+                (0, y * 0.3, 0),
+                shade(f.third, 0.7),
+            ),
+            30,
+            axis=2,
+            about=(0, y * 0.35, 0),
+        ),
+        ball((a * 0.5, y * 0.74, front), (min(a, y) * 0.14,) * 2 + (0.004,), (250.0, 220.0, 120.0)),
+    ]
+    return [box((-x, 0, -z), (x, y, front), f.second), *hills, *_edges(f, edge)]
+
+
+def _poster(f: Form) -> list[Mesh]:
+    x, y, z = f.half
+    parts = [box((-x, 0, -z), (x, y, z), f.main)]
+    parts.append(box((-x * 0.8, y * 0.35, z), (x * 0.8, y * 0.9, z + 0.002), f.second))
+    disc = ball((0, y * 0.64, z), (x * 0.4, x * 0.4, 0.004), f.third)
+    lines = [
+        box((-x * 0.7, y * level, z), (x * 0.7, y * (level + 0.05), z + 0.002), (60.0, 60.0, 64.0))
+        for level in (0.1, 0.2)
+    ]
+    return [*parts, disc, *lines]
+
+
+def glass_door(f: Form) -> list[Mesh]:
+    """Return a pane of glass in a frame; a door swings when open, a broken one has cracks."""
+    x, y, z = f.half
+    z = max(z, 0.008)
+    edge = 0.025
+    pane = box((-x + edge, edge, -0.003), (x - edge, y - edge, 0.003), f.second, clear=GLASS)
+    parts = [pane, *_edges(f._replace(depth=2 * z), edge)]
+    if f.style == "door":
+        parts.append(
+            rod(
+                (x * 0.8, y * 0.4, z + 0.03),
+                (x * 0.8, y * 0.6, z + 0.03),
+                0.014,
+                (90.0, 95.0, 100.0),
+            )
+        )
+    if f.broken:
+        parts += cracks(x - edge, edge, y - edge, 0.006, (245.0, 250.0, 252.0))
+        parts += cracks(x - edge, edge, y * 0.6, 0.008, CRACK)
+    if f.openness > 0:
+        parts = [turned(part, -95 * f.openness, about=(-x, 0, 0)) for part in parts]
+    return parts
+
+
+def curtain(f: Form) -> list[Mesh]:
+    """Return folds of cloth on a rod; an open shower curtain is pushed aside."""
+    x, y, z = f.half
+    parts = [rod((-x, y * 0.985, 0), (x, y * 0.985, 0), min(0.02, z), f.second, sides=6)]
+    if f.style == "shower":
+        spans = [(-x, x - f.openness * 1.4 * x)]
+    else:
+        spans = [(-x, -x * 0.45), (x * 0.45, x)]
+    for low, high in spans:
+        folds = max(3, round((high - low) / 0.09))
+        step = (high - low) / folds
+        for fold in range(folds):
+            a = low + step * (fold + 0.5)
+            colour = f.main if fold % 2 else shade(f.main, 0.82)
+            wave = shifted(
+                drum(step * 0.62, 0.0, y * 0.97, colour, sides=6, depth=0.0 + z / step), a
+            )
+            parts.append(wave)
+    return parts
+
+
+def blinds(f: Form) -> list[Mesh]:
+    """Return slats: drawn up to a bundle when open, all the way down the box when closed."""
+    x, y, z = f.half
+    top = min(0.05, y * 0.25)
+    parts = [box((-x, y - top, -z), (x, y, z), shade(f.second, 0.9))]
+    low = (y - top) * min(f.openness, 1.0) * 0.75
+    count = max(3, min(24, round((y - top) / 0.045)))
+    for slat in range(count):
+        level = low + (y - top - low) * (slat + 0.5) / count
+        colour = f.main if slat % 2 else f.second
+        high = (y - top - low) / count * 0.42
+        parts.append(box((-x, level - high, -z * 0.6), (x, level + high, z * 0.7), colour))
+    if f.openness > 0:
+        parts.append(rod((x * 0.8, 0, 0), (x * 0.8, low, 0), 0.006, (90.0, 90.0, 90.0), sides=4))
+    return parts
+
+
+def fabric(f: Form) -> list[Mesh]:
+    """Return a hanging towel with stripes, or a cloth in a heap."""
+    x, y, z = f.half
+    if f.style == "hanging":
+        body = sheet(
+            (-x, 0, z * 0.7), (2 * x, 0, 0), (0, y, 0), f.main, cells=(8, 10), bump=z * 0.25
+        )
+        back = box((-x, y * 0.1, -z), (x, y, z * 0.3), shade(f.main, 0.85))
+        bands = [
+            box((-x * 1.01, y * level, z * 0.3), (x * 1.01, y * (level + 0.05), z * 1.02), f.second)
+            for level in (0.1, 0.22)
+        ]
+        return [body, back, *bands]
+    y = max(y, 0.015)
+    under = sheet(
+        (-x, y * 0.15, z), (2 * x, 0, 0), (0, 0, -2 * z), f.main, cells=(8, 8), bump=y * 0.15
+    )
+    fold = sheet(
+        (-x * 0.7, y * 0.75, z * 0.8),
+        (1.3 * x, 0, -0.3 * z),
+        (0.2 * x, 0, -1.4 * z),
+        shade(f.main, 1.1),
+        cells=(8, 8),
+        bump=y * 0.3,
+    )
+    hem = box((-x, 0, z * 0.8), (x, y * 0.3, z * 0.9), f.second)
+    return [under, fold, hem]
+
+
+def holder(f: Form) -> list[Mesh]:
+    """Return a bar or a ring on the wall."""
+    x, y, z = f.half
+    if f.style == "ring":
+        radius = min(x, y / 2) * 0.85
+        around = ring((0, radius, z * 0.3), radius, 0.012, f.main, axis=2)
+        return [around, box((-0.02, y - 0.04, -z), (0.02, y, z * 0.4), f.main)]
+    level = y * 0.5
+    posts = [box((s * x - 0.012, 0, -z), (s * x + 0.012, y, z), f.main) for s in (-0.95, 0.95)]
+    return [*posts, rod((-x, level, z * 0.6), (x, level, z * 0.6), min(0.012, y / 2), f.main)]
+
+
+def light_switch(f: Form) -> list[Mesh]:
+    """Return a plate with a rocker, up and bright when on."""
+    x, y, z = f.half
+    middle = y * (0.6 if f.on else 0.4)
+    rocker = f.third if f.on else (90.0, 88.0, 82.0)
+    return [
+        box((-x, 0, -z), (x, y, z * 0.3), f.main),
+        box((-x * 0.45, y * 0.22, z * 0.3), (x * 0.45, y * 0.78, z * 0.4), f.second),
+        box(
+            (-x * 0.35, middle - y * 0.16, z * 0.3),
+            (x * 0.35, middle + y * 0.16, z),
+            rocker,
+            glow=f.on,
+        ),
+    ]
+
+
+def burner(f: Form) -> list[Mesh]:
+    """Return a plate with rings, red and glowing when on."""
+    x, y, z = f.half
+    y = max(y, 0.012)
+    hot = f.third if f.on else f.second
+    rings = [
+        ring((0, y * 0.9, 0), x * share, x * 0.1, hot, sides=16, glow=f.on)
+        for share in (0.3, 0.55, 0.8)
+    ]
+    flame = [ring((0, y * 0.9, 0), x * 0.95, x * 0.06, (255.0, 170.0, 40.0), sides=16, glow=True)]
+    return [drum(x, 0, y * 0.8, f.main, depth=z / x, sides=18), *rings, *(flame if f.on else [])]
+
+
+def knob(f: Form) -> list[Mesh]:
+    """Return a knob whose mark stands upright when off, and across, lit, when on."""
+    x, y, z = f.half
+    lying = y < min(f.width, f.depth)
+    radius = min(x, z) if lying else min(x, y / 2)
+    mark = f.third if f.on else f.second
+    long, short = radius * 0.95, radius * 0.24
+    if lying:
+        a, b = (long, short) if f.on else (short, long)
+        return [
+            drum(radius, 0, y * 0.8, f.main, sides=14),
+            box((-a, y * 0.8, -b), (a, y, b), mark, glow=f.on),
+        ]
+    disc = shifted(turned(drum(radius, -z, z * 0.7, f.main, sides=14), 90, axis=0), 0, y / 2, 0)
+    a, b = (long, short) if f.on else (short, long)
+    return [disc, box((-a, y / 2 - b, z * 0.7), (a, y / 2 + b, z), mark, glow=f.on)]
+
+
+def target(f: Form) -> list[Mesh]:
+    """Return rings of a target on the floor."""
+    x, y, z = f.half
+    colours = [f.main if step % 2 == 0 else f.second for step in range(4)]
+    profile = [(x * (1 - step / 4), y * (0.5 + step * 0.1)) for step in range(5)]
+    return [lathe(profile, colours, depth=z / x, sides=18)]
+
+
+BUILDERS: dict[str, Builder] = {
+    "basin": basin, "faucet": faucet, "shower_head": shower_head, "window": window,
+    "picture": picture, "glass_door": glass_door, "curtain": curtain, "blinds": blinds,
+    "fabric": fabric, "holder": holder, "light_switch": light_switch, "burner": burner,
+    "knob": knob, "target": target,
+}  # fmt: skip
