@@ -138,7 +138,8 @@ def set_object_poses(
     for there in sorted(wanted.values(), key=_lowest):
         thing = state.objects[there.id]
         stays = before.get(there.id) is not None and same_pose(thing, there)
-        if stays and there.id != state.held and changed.isdisjoint(thing.parents) and thing.parents:
+        rests = placeStationary or bool(thing.parents)
+        if stays and rests and there.id != state.held and changed.isdisjoint(thing.parents):
             continue
         changed.add(there.id)
         state = let_lie(state, there, falls=not placeStationary)
