@@ -96,21 +96,27 @@ def _levels(objects: Objects, thing: SceneObject, receptacle: SceneObject) -> li
     """Return heights to rest on, the one most in use first."""
     put = rules().put
     low, high = bottom(receptacle), top(receptacle)
+    used = _in_use(objects, receptacle)
+    if receptacle.type not in put.inside:
+        return used[:1] or [high]
+    height = high - low
+    own = [low + height * share for share in _BOARDS] if height > _TALL_M else [low]
+    found = used + own
+    if receptacle.type in put.open_top:
+        return found
+    fits = [level for level in found if level + thing.size[1] <= high + 0.02]
+    return fits or [low]
+
+
+def _in_use(objects: Objects, receptacle: SceneObject) -> list[float]:
+    """Return the heights at which things lie in a receptacle, the most common first."""
+    low, high = bottom(receptacle), top(receptacle)
     used = [
         bottom(objects[child])
         for child in objects.children.get(receptacle.id, ())
         if "pickupable" in objects[child].capabilities and not is_inert(objects[child])
     ]
-    used = [level for level in used if low - 0.05 <= level <= high + 0.05]
-    if receptacle.type not in put.inside:
-        return _common(used)[:1] or [high]
-    height = high - low
-    own = [low + height * share for share in _BOARDS] if height > _TALL_M else [low]
-    found = _common(used) + own
-    if receptacle.type in put.open_top:
-        return found
-    fits = [level for level in found if level + thing.size[1] <= high + 0.02]
-    return fits or [low]
+    return _common([level for level in used if low - 0.05 <= level <= high + 0.05])
 
 
 def _common(levels: Sequence[float]) -> list[float]:
@@ -190,14 +196,14 @@ def _obstacles(
 def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec3, str | None]:
     """Return where a falling thing's middle comes to rest, and the receptacle it lands in or on.
 
-    It falls on the highest thing below it; on the floor where the agent can stand.
+    It falls on the highest surface below it; on the floor where the agent can stand.
     """
     best, holder = state.room.floor_y, _floor(state.objects)
     if not state.room.stands(x, z):
-        for other in state.objects.values():
-            level = _catches(state, other, x, z)
-            if level is not None and best < level <= bottom(thing) + 0.05:
-                best, holder = level, _holds(state.objects, other, level)
+        for other in _below(state, x, z):
+            for level in _surfaces(state, other):
+                if best < level <= bottom(thing) + 0.05:
+                    best, holder = level, _holds(state.objects, other, level)
     return (x, _rest(thing, best), z), holder
 
 
@@ -205,14 +211,32 @@ def _floor(objects: Objects) -> str | None:
     return next(iter(objects.by_type.get("Floor", ())), None)
 
 
-def _catches(state: WorldState, other: SceneObject, x: float, z: float) -> float | None:
-    """Return the height at which an object stops what falls at (x, z); None if it does not."""
-    if other.id in state.in_hand or is_inert(other) or other.type == "Floor":
-        return None
-    if abs(x - other.center[0]) > other.size[0] / 2 or abs(z - other.center[2]) > other.size[2] / 2:
-        return None
-    deep = other.type in rules().put.open_top
-    return bottom(other) if deep else top(other)
+def _below(state: WorldState, x: float, z: float) -> list[SceneObject]:
+    """Return what has a vertical line through its box, the floor apart; receptacles last."""
+    objects = state.objects
+    inside = np.all(np.abs(objects.center[:, [0, 2]] - (x, z)) <= objects.half[:, [0, 2]], axis=1)
+    inside &= ~objects.inert
+    things = list(objects.values())
+    found = [things[row] for row in np.flatnonzero(inside)]
+    found = [one for one in found if one.type != "Floor" and one.id not in state.in_hand]
+    return sorted(found, key=lambda one: "receptacle" in one.capabilities)
+
+
+def _surfaces(state: WorldState, other: SceneObject) -> list[float]:
+    """Return the heights at which an object stops what falls on it.
+
+    The box of a bed or a desk reaches up to its headboard: where it holds things, they tell.
+    """
+    if "receptacle" not in other.capabilities or _is_shut(other):
+        return [top(other)]
+    used = _in_use(state.objects, other)
+    if used and other.type not in rules().put.open_top:
+        return used
+    return [bottom(other) if other.type in rules().put.inside else top(other)]
+
+
+def _is_shut(thing: SceneObject) -> bool:
+    return thing.type in rules().view.hides_when_closed and thing.openness <= 0
 
 
 def _holds(objects: Objects, other: SceneObject, level: float) -> str | None:
@@ -220,9 +244,8 @@ def _holds(objects: Objects, other: SceneObject, level: float) -> str | None:
 
     What falls on a book on a table, or on a closed box, lies on what those lie on.
     """
-    shut = other.type in rules().view.hides_when_closed and other.openness <= 0
     single = object_types()[other.type].accepts_only
-    if "receptacle" in other.capabilities and not shut and not single:
+    if "receptacle" in other.capabilities and not _is_shut(other) and not single:
         return other.id
     low = level - bottom(other) <= rules().put.surface_reach_m
     return next(iter(other.parents), None) if low else None
