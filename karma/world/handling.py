@@ -19,8 +19,6 @@ from karma.world.state import Done, Refusal, Result, WorldState, refuse
 from karma.world.types import object_types
 from karma.world.view import aim
 
-_FLIGHT_M_PER_N = 0.01
-_LONGEST_FLIGHT_M = 3.0
 _GRAVITY = 9.81
 
 
@@ -215,7 +213,7 @@ def _let_go(state: WorldState, force: float) -> Result:
     if state.held is None:
         return Refusal("Nothing held in hand to drop!")
     thing, fragile = state.objects[state.held], rules().fragile
-    far = min(force * _FLIGHT_M_PER_N, _LONGEST_FLIGHT_M)
+    far = min(force * rules().flight.m_per_n, rules().flight.longest_m)
     x, z = flight(state.room, thing.position, heading(state.pose.yaw_deg), far)
     middle, holder = land(state, thing, x, z)
     height = max(bottom(thing) - (middle[1] - thing.size[1] / 2), 0.0)

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 TABLE = Path(__file__).with_name("rules.toml")
 _BASINS = (("SinkBasin", "BathtubBasin"), ("Sink", "Bathtub"))
-_BASIN_REACH_M = 1.0
 
 
 class Condition(Struct, frozen=True, forbid_unknown_fields=True):
@@ -83,6 +82,13 @@ class Toggle(Struct, frozen=True, forbid_unknown_fields=True):
     controlled_only: tuple[str, ...]
 
 
+class Flight(Struct, frozen=True, forbid_unknown_fields=True):
+    """How far a thrown thing gets."""
+
+    m_per_n: float
+    longest_m: float
+
+
 class Fragile(Struct, frozen=True, forbid_unknown_fields=True):
     """What breaks things."""
 
@@ -96,9 +102,10 @@ class Fragile(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Liquids(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a vessel may be filled with."""
+    """What a vessel may be filled with, and where water runs."""
 
     known: tuple[str, ...]
+    basin_reach_m: float
 
 
 class Hand(Struct, frozen=True, forbid_unknown_fields=True):
@@ -131,6 +138,7 @@ class Rules(Struct, frozen=True, forbid_unknown_fields=True):
 
     time: Time
     toggle: Toggle
+    flight: Flight
     fragile: Fragile
     liquids: Liquids
     hand: Hand
@@ -218,7 +226,7 @@ def basin_under(objects: "Objects", source: str) -> str | None:
                 across = max(abs(x - thing.center[0]) - thing.size[0] / 2, 0.0)
                 along = max(abs(z - thing.center[2]) - thing.size[2] / 2, 0.0)
                 far = math.hypot(across, along)
-                if far <= _BASIN_REACH_M and thing.center[1] <= y + 0.1:
+                if far <= rules().liquids.basin_reach_m and thing.center[1] <= y + 0.1:
                     found.append((far, object_id))
         if found:
             return min(found)[1]
