@@ -66,6 +66,16 @@ def test_pictures_can_be_written_and_lie_in_one_piece(world):
     assert second.frame[-1, 0].tolist() == [0, 1, 2]  # the first bytes are the lower left corner
 
 
+def test_failure_raises_when_asked_to(home):
+    world = ThorWorld(fake_player.command("refuse@MoveAhead"), scene="FloorPlan1")
+    assert not world.step("MoveAhead")
+    with pytest.raises(RuntimeError, match="not like this"):
+        world.step("MoveAhead", raise_for_failure=True)
+    assert world.last_event.metadata["lastAction"] == "MoveAhead"
+    assert world.step("Pass")
+    world.stop()
+
+
 def test_misuse_is_a_value_error_and_the_world_goes_on(world):
     with pytest.raises(ValueError, match="no"):
         world.step("Bad")
@@ -141,6 +151,7 @@ def test_blinds_are_refused_as_a_value_and_never_sent(given, home):
     assert before["lastActionSuccess"]
     with pytest.raises(RuntimeError, match="Blinds"):
         world.step(given, raise_for_failure=True)
+    assert world.last_event.metadata["errorMessage"] == event.metadata["errorMessage"]
     assert world.step("Pass")
     world.stop()
 

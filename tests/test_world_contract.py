@@ -13,6 +13,7 @@ from household import kitchen
 from karma import registry
 from karma.errors import KarmaError
 from karma.files import to_json
+from karma.world.player import command
 
 TEXT, NUMBER, FLAG, LIST, DICT, NULL = str, (int, float), bool, list, dict, type(None)
 EVENT_FIELDS = {
@@ -61,17 +62,36 @@ SCRIPT = [
 ]
 
 
-@pytest.fixture(params=registry.names("worlds"))
-def world(request, tmp_path):
-    try:
-        made = registry.load("worlds", request.param)()
-    except KarmaError as error:  # a world may need what is not installed
-        pytest.skip(str(error))
+@pytest.fixture(params=[*registry.names("worlds"), "thor by the player"])
+def opened(request, tmp_path):
+    """A world and what it calls the handmade scene, which is loaded."""
     path = tmp_path / "handmade.json"
     path.write_bytes(to_json(kitchen()))
-    made.reset(str(path))
-    yield made
+    try:
+        made, scene = open_world(request.param, path)
+    except KarmaError as error:  # a world may need what is not installed
+        pytest.skip(str(error).partition("\n")[0])
+    made.reset(scene)
+    yield made, scene
     made.stop()
+
+
+@pytest.fixture
+def world(opened):
+    return opened[0]
+
+
+@pytest.fixture
+def scene(opened):
+    return opened[1]
+
+
+def open_world(name, path):
+    """Return a world, and what it calls the scene at `path`."""
+    if name == "thor by the player":  # AI2-THOR's own client, our world behind its protocol
+        made = registry.load("worlds", "thor")(command(path.parent), folder=path.parent / "thor")
+        return made, path.stem
+    return registry.load("worlds", name)(), str(path)
 
 
 def id_of(world, kind):
@@ -170,9 +190,9 @@ def test_every_object_has_one_place(world):
                 assert object_id in by_id[child]["parentReceptacles"]
 
 
-def test_replay_of_the_same_actions_gives_equal_bytes(world, tmp_path):
+def test_replay_of_the_same_actions_gives_equal_bytes(world, scene):
     def run():
-        world.reset(str(tmp_path / "handmade.json"))
+        world.reset(scene)
         return [json.dumps(do(world, action).metadata) for action in SCRIPT]
 
     assert run() == run()

@@ -171,7 +171,12 @@ def _act(last: WorldEvent, name: str, arguments: Mapping[str, Any]) -> WorldEven
     before = last if state is last.state else None
     if isinstance(result, Done):
         return WorldEvent(
-            state=state, action=name, value=result.value, images=images, before=before
+            state=state,
+            action=name,
+            value=result.value,
+            first=name == "Initialize",
+            images=images,
+            before=before,
         )
     return WorldEvent(
         state=state,

@@ -146,13 +146,13 @@ class ThorWorld:
             RuntimeError: `raise_for_failure` was given, and the action failed.
             WorldLost: the player is gone, hangs, or makes no sense; `reset` starts another.
         """
+        loud = bool(arguments.pop("raise_for_failure", False))
         given = {"action": action} if isinstance(action, str) else dict(action)
         given.update(arguments)
         client = self._running()
         try:
-            if self._moves_blinds(client, given):
-                return self._refuse(given)
-            return self._keep(client.step(given))
+            if not self._moves_blinds(client, given):
+                return self._keep(client.step(given, raise_for_failure=loud))
         except WorldLost as loss:
             self._loss = loss
             raise
@@ -162,6 +162,7 @@ class ThorWorld:
         finally:
             if not client.alive:
                 self._drop()
+        return self._refuse(str(given["action"]), loud=loud)
 
     def stop(self) -> None:
         """End the player; a later `reset` starts another."""
@@ -252,21 +253,22 @@ class ThorWorld:
         )
         return found["objectType"] if found else object_id.partition("|")[0]
 
-    def _refuse(self, given: Mapping[str, Any]) -> Any:
+    def _refuse(self, action: str, *, loud: bool) -> Any:
         """Return the present moment as the event of an action that failed."""
-        if given.get("raise_for_failure"):
-            raise RuntimeError(BLINDS)
         last = self.last_event.events[0]
         event = copy.copy(last)
         event.metadata = type(last.metadata)(last.metadata)
         event.metadata.update(
-            lastAction=given["action"],
+            lastAction=action,
             lastActionSuccess=False,
             errorMessage=BLINDS,
             errorCode=None,
             actionReturn=None,
         )
         event.events = [event]
+        if loud:
+            self._keep(event)
+            raise RuntimeError(BLINDS)
         return self._keep(event)
 
 
