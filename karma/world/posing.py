@@ -13,6 +13,7 @@ from karma.world.placement import land, parents_in
 from karma.world.rules import rules
 from karma.world.scene import SceneObject
 from karma.world.state import HAND_M, Refusal, WorldState
+from karma.world.types import object_types
 
 _SAME_M, _SAME_DEG = 1e-4, 1e-3
 _LEVEL_M = 0.06  # a thing whose bottom is so near to a surface lies on it
@@ -157,12 +158,15 @@ def holder_of(objects: Objects, thing: SceneObject) -> str | None:
 
 
 def _takes(other: SceneObject, thing: SceneObject) -> bool:
-    """Return whether a thing's foot is in the part of a box in which its contents lie."""
+    """Return whether a thing is where the contents of a receptacle lie."""
     if any(abs(thing.center[k] - other.center[k]) > other.size[k] / 2 for k in (0, 2)):
         return False
     low, high, level = bottom(other), top(other), bottom(thing)
-    if other.type in rules().put.inside:
-        return low - _LEVEL_M / 2 <= level <= high - min(_LEVEL_M / 2, (high - low) / 2)
+    if only := object_types()[other.type].accepts_only:  # towels hang, and mugs stand, anywhere
+        return thing.type in only and level < high + _LEVEL_M and top(thing) > low
+    rim = high - low <= _LEVEL_M or other.type in rules().put.open_top
+    if rim or other.type in rules().put.inside:
+        return low - _LEVEL_M / 2 <= level <= high + (_LEVEL_M if rim else -_LEVEL_M) / 2
     return low + (high - low) * _SEAT <= level <= high + _LEVEL_M
 
 

@@ -14,7 +14,7 @@ from karma.world.posing import difference, emptied, let_lie, with_contents
 from karma.world.rules import rules
 from karma.world.scene import SceneObject
 from karma.world.state import Done, Refusal, Result, WorldState
-from karma.world.teleporting import copied, is_loose
+from karma.world.teleporting import copied
 from karma.world.types import object_types
 
 _MOST_OF_A_TYPE = 100
@@ -51,7 +51,8 @@ def initial_random_spawn(
 ) -> Result:
     """Put pickupable things into or onto receptacles drawn by lot; all ids are kept.
 
-    A thing for which no attempt finds room stays where it is; a copy is then not made.
+    With allowMoveable what can only be pushed is put somewhere too. A thing for which no attempt
+    finds room stays where it is; a copy is then not made.
     """
     if numPlacementAttempts <= 0:
         return Refusal("numPlacementAttempts must be a positive integer.")
@@ -65,36 +66,39 @@ def initial_random_spawn(
         and place.type not in barred
         and (receptacleObjectIds is None or place.id in receptacleObjectIds)
         and not is_inert(place)
-        and (allowMoveable or not is_loose(place))
+        and "pickupable" not in place.capabilities
         and not (forceVisible and _hides(place))
     ]
     rng = lot(state, randomSeed, "InitialRandomSpawn")
     draw = _Lot(rng, places, numPlacementAttempts)
     spared = frozenset(excludedObjectIds or ())
-    for index in rng.permutation(len(state.objects)):
-        thing = list(state.objects.values())[index]
-        if _spawns(thing) and thing.id not in spared and (not objectIds or thing.id in objectIds):
-            state = _spawned(state, thing, draw)
+    things = [thing.id for thing in state.objects.values() if _spawns(thing, allowMoveable)]
+    for index in rng.permutation(len(things)):
+        object_id = things[index]
+        if object_id not in spared and (objectIds is None or object_id in objectIds):
+            state = _spawned(state, state.objects[object_id], draw)
     for row in numDuplicatesOfType or ():
-        state = _duplicated(state, row, draw)
+        kind = state.objects.by_type.get(row["objectType"], ())
+        sources = [object_id for object_id in kind if object_id in things]
+        state = _duplicated(state, sources, row["count"], draw)
     return Done(state)
 
 
-def _spawns(thing: SceneObject) -> bool:
-    return "pickupable" in thing.capabilities and not is_inert(thing)
+def _spawns(thing: SceneObject, moveable: bool) -> bool:
+    return not is_inert(thing) and (
+        "pickupable" in thing.capabilities or (moveable and "moveable" in thing.capabilities)
+    )
 
 
 def _hides(place: SceneObject) -> bool:
     return place.type in rules().view.hides_when_closed and place.openness <= 0
 
 
-def _duplicated(state: WorldState, row: TypeCount, draw: _Lot) -> WorldState:
+def _duplicated(state: WorldState, sources: Sequence[str], count: int, draw: _Lot) -> WorldState:
     """Return the state with copies until there are as many of a type as asked for."""
-    sources = [thing for thing in state.objects.values() if thing.type == row["objectType"]]
-    sources = [thing for thing in sources if _spawns(thing)]
-    missing = min(row["count"], _MOST_OF_A_TYPE) - len(sources)
+    missing = min(count, _MOST_OF_A_TYPE) - len(sources)
     for number in range(missing if sources else 0):
-        thing = copied(state.objects, sources[number % len(sources)])
+        thing = copied(state.objects, state.objects[sources[number % len(sources)]])
         state = _spawned(state, thing, draw)
     return state
 

@@ -131,18 +131,21 @@ def set_object_poses(
             return Refusal(f"No Pickupable or Moveable object of name {name} found in scene.")
     named = {one["objectName"] for one in objectPoses}
     gone = [thing.id for name, thing in by_name.items() if name not in named]
-    before = state.objects
     state = _without(state, gone)
-    state, wanted = _with_copies(state, by_name, objectPoses)
-    changed: set[str] = set()
+    wanted, fresh = _wanted(state, by_name, objectPoses)
+    state = replace(state, objects=state.objects.changed(fresh))
+    placed = {
+        key: there
+        for key, there in wanted.items()
+        if there != state.objects[key] or key in fresh or not (there.parents or placeStationary)
+    }
+    if state.held in placed:
+        state = emptied(state)
+    state = replace(state, objects=state.objects.changed(placed))
     for there in sorted(wanted.values(), key=_lowest):
-        thing = state.objects[there.id]
-        stays = before.get(there.id) is not None and same_pose(thing, there)
-        rests = placeStationary or bool(thing.parents)
-        if stays and rests and there.id != state.held and changed.isdisjoint(thing.parents):
-            continue
-        changed.add(there.id)
-        state = let_lie(state, there, falls=not placeStationary)
+        if there.id in placed or not placed.keys().isdisjoint(state.objects[there.id].parents):
+            placed[there.id] = there
+            state = let_lie(state, state.objects[there.id], falls=not placeStationary)
     return Done(state)
 
 
@@ -151,22 +154,27 @@ def _lowest(thing: SceneObject) -> tuple[float, float, str]:
     return (round(bottom(thing), 2), -thing.size[0] * thing.size[2], thing.id)
 
 
-def _with_copies(
+def _wanted(
     state: WorldState, by_name: dict[str, SceneObject], poses: list[ObjectPose]
-) -> tuple[WorldState, dict[str, SceneObject]]:
-    """Return the state with the copies that repeated names ask for, and every wanted pose."""
-    counts: dict[str, int] = {}
+) -> tuple[dict[str, SceneObject], dict[str, SceneObject]]:
+    """Return all things in their poses, and of them the copies that repeated names ask for.
+
+    A thing that is elsewhere now, or in the hand, lies in nothing until it is found out.
+    """
     fresh: dict[str, SceneObject] = {}
     wanted: dict[str, SceneObject] = {}
     for one in poses:
-        source = state.objects[by_name[one["objectName"]].id]
-        number = counts[source.name] = counts.get(source.name, 0) + 1
-        thing = source if number == 1 else copied(state.objects, source, fresh)
-        if number > 1:
+        thing = state.objects[by_name[one["objectName"]].id]
+        if thing.id in wanted:
+            thing = copied(state.objects, thing, fresh)
             fresh[thing.id] = thing
         turn = vector(one["rotation"], thing.rotation)
-        wanted[thing.id] = posed(thing, vector(one["position"], thing.position), turn)
-    return replace(state, objects=state.objects.changed(fresh)), wanted
+        there = posed(thing, vector(one["position"], thing.position), turn)
+        if same_pose(thing, there) and not thing.is_picked_up:
+            wanted[thing.id] = thing
+        else:
+            wanted[thing.id] = msgspec.structs.replace(there, parents=(), is_picked_up=False)
+    return wanted, fresh
 
 
 def copied(objects: Objects, source: SceneObject, also: Iterable[str] = ()) -> SceneObject:
