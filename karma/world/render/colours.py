@@ -8,11 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.world.render.picture import CEILING, FLOOR, NOTHING, WALL
+from karma.world.render.pixels import CEILING, FLOOR, NOTHING, PIECES, WALL, packed
 from karma.world.scene import SceneObject
 
 RGB = tuple[int, int, int]
-STRUCTURE: Mapping[int, str] = {NOTHING: "Sky", WALL: "Wall", CEILING: "Ceiling", FLOOR: "Floor"}
+STRUCTURE: Mapping[int, str] = {
+    NOTHING: "Sky",
+    WALL: "Wall",
+    CEILING: "Ceiling",
+    FLOOR: "Floor",
+    PIECES: "Pieces",
+}
 _OFFSET = -min(STRUCTURE)
 
 
@@ -89,4 +95,5 @@ def _painted(
     table = _assigned(tuple(names(objects)))
     structure = [STRUCTURE[row] for row in range(-_OFFSET, 0)]
     colours = np.array([table[name] for name in (*structure, *of_rows)], dtype=np.uint8)
-    return colours[rows + _OFFSET]
+    quick = packed(colours)[rows + _OFFSET]
+    return np.ascontiguousarray(quick.view(np.uint8).reshape(*rows.shape, 4)[..., :3])

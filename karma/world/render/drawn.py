@@ -7,14 +7,16 @@ import numpy as np
 
 from karma.contracts import Vec3
 from karma.world.boxes import Box
-from karma.world.objects import Objects
+from karma.world.objects import Objects, is_inert
 from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
 from karma.world.render.frame import Floats, Frame, frame
 from karma.world.render.looks import Look, looks, pick, rgb
 from karma.world.render.mesh import Mesh
 from karma.world.render.shapes import shape
+from karma.world.rules import rules
 from karma.world.scene import SceneObject
+from karma.world.types import object_types
 
 STRAIGHT_M = 1.1  # a worktop wider than this goes round a corner
 AGENT_M = 0.2
@@ -26,6 +28,11 @@ class Task(NamedTuple):
     thing: SceneObject
     holes: tuple[Box, ...] = ()
     slide: Vec3 = (0.0, 0.0, 0.0)  # along with the drawer it lies in
+
+    @property
+    def row_id(self) -> str:
+        """The object that pixels show: "" for pieces, which are no objects."""
+        return "" if is_inert(self.thing) else self.thing.id
 
     def same(self, other: "Task") -> bool:
         """Return whether two tasks give the same triangles."""
@@ -46,9 +53,21 @@ def tasks(objects: Objects, cells: Floats) -> Iterator[Task]:
     slides = _slides(objects, cells)
     hidden = objects.hidden
     for row, (object_id, thing) in enumerate(objects.items()):
-        if thing.type == "Floor" or (hidden[row] and thing.type != "TargetCircle"):
+        unseen = hidden[row] and thing.type != "TargetCircle" and not _lies_about(objects, thing)
+        if thing.type == "Floor" or unseen:
             continue
         yield Task(thing, _holes(objects, thing), slides.get(object_id, (0.0, 0.0, 0.0)))
+
+
+def _lies_about(objects: Objects, thing: SceneObject) -> bool:
+    """Return whether an object is in pieces that are no objects, and not shut in."""
+    if not is_inert(thing) or thing.is_sliced or object_types()[thing.type].slices_into:
+        return False
+    around = [objects[parent] for parent in thing.parents[:1]]
+    for one in around:
+        around += [objects[parent] for parent in one.parents[:1] if objects[parent] not in around]
+    closes = rules().view.hides_when_closed
+    return not any(one.type in closes and one.openness <= 0 for one in around)
 
 
 def _holes(objects: Objects, thing: SceneObject) -> tuple[Box, ...]:

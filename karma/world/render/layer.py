@@ -1,7 +1,6 @@
 """Triangles that rays can be shot at."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -32,7 +31,8 @@ class Layer:
         length = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-20)
         self.normals: Floats = (across / length).astype(np.float32)
         self.centres: Floats = _shared(corners.mean(axis=1, dtype=np.float32), self.normals)
-        self.low, self.high = (whole.low, whole.high) if len(whole.faces) else (None, None)
+        self.low: Floats | None = whole.low if len(whole.faces) else None
+        self.high: Floats | None = whole.high if len(whole.faces) else None
         self._scene = EmbreeScene()
         if len(whole.faces):
             TriangleMesh(
@@ -44,17 +44,28 @@ class Layer:
     def __len__(self) -> int:
         return len(self.owner)
 
-    def shot(self, origins: Floats, rays: Floats) -> tuple[Floats, NDArray[np.int32]]:
+    def shot(self, origins: Floats, ways: Floats) -> tuple[Floats, NDArray[np.int32]]:
         """Return for each ray how far it gets and which triangle it meets, -1 = none.
 
         Args:
             origins: shape (n, 3).
-            rays: directions of any length, in which distances count; shape (n, 3).
+            ways: directions of any length, in which distances count; shape (n, 3).
         """
         if not len(self):
-            return np.full(len(rays), np.inf, np.float32), np.full(len(rays), -1, np.int32)
-        found = self._scene.run(origins, rays, output=True)
+            return np.full(len(ways), np.inf, np.float32), np.full(len(ways), -1, np.int32)
+        found = self._scene.run(origins, ways, output=True)
         return found["tfar"], found["primID"]
+
+    def near(self, origins: Floats, ways: Floats) -> NDArray[np.intp]:
+        """Return which rays can meet the ball around all triangles; arguments as `shot`."""
+        if self.low is None or self.high is None:
+            return np.zeros(0, dtype=np.intp)
+        radius = float(np.linalg.norm(self.high - self.low)) / 2 + 1e-3
+        gap = (self.low + self.high) / 2 - origins
+        ahead = np.einsum("ij,ij->i", gap, ways)
+        length = np.einsum("ij,ij->i", ways, ways)
+        far = np.einsum("ij,ij->i", gap, gap) - ahead**2 / length
+        return np.flatnonzero(far <= np.float32(radius**2))
 
     def shaded(self, eye: Floats | None, forward: Floats) -> NDArray[np.uint8]:
         """Return each triangle's colour as seen from an eye; None = from far behind.
@@ -82,10 +93,3 @@ def _shared(centres: Floats, normals: Floats) -> Floats:
     counts = np.diff(np.concatenate([starts, [len(centres)]]))
     means = np.add.reduceat(centres, starts, axis=0) / counts[:, None]
     return np.repeat(means, counts, axis=0).astype(np.float32)
-
-
-class Hits(NamedTuple):
-    """What rays meet first: how far, and which triangle of the layers counted through."""
-
-    along: Floats
-    triangle: NDArray[np.int32]  # -1 = none

@@ -83,14 +83,24 @@ def turned(part: Mesh, degrees: float, axis: int = 1, about: Point = (0.0, 0.0, 
     turn[first, first] = turn[second, second] = cos(angle)
     turn[first, second], turn[second, first] = -sin(angle), sin(angle)
     middle = np.array(about, dtype=np.float32)
-    return part._replace(vertices=(part.vertices - middle) @ turn.T + middle)
+    return part._replace(
+        vertices=np.add((part.vertices - middle) @ turn.T, middle, dtype=np.float32)
+    )
 
 
-def fitted(part: Mesh, low: Point, high: Point) -> Mesh:
-    """Return the part stretched to fill a box."""
-    start, end = np.array(low, dtype=np.float32), np.array(high, dtype=np.float32)
-    span = np.maximum(part.high - part.low, 1e-6)
-    return part._replace(vertices=(part.vertices - part.low) / span * (end - start) + start)
+def finer(whole: Mesh) -> Mesh:
+    """Return the mesh with each face cut in four."""
+    a, b, c = whole.vertices[whole.faces].swapaxes(0, 1)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = [a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca]
+    points: Floats = np.stack(quarters, axis=1).reshape(-1, 3)
+    return Mesh(
+        points,
+        np.arange(len(points), dtype=np.int32).reshape(-1, 3),
+        np.repeat(whole.colours, 4, axis=0),
+        np.repeat(whole.glow, 4),
+        np.repeat(whole.clear, 4),
+    )
 
 
 # ------------------------------------------------------------------ flat solids

@@ -7,7 +7,7 @@ import numpy as np
 
 from karma.world.render import cases, dishes, fixtures, food, furniture, machines, things
 from karma.world.render.form import Builder, Form
-from karma.world.render.mesh import GHOST, Mesh, joined, lathe, shifted
+from karma.world.render.mesh import GHOST, Mesh, finer, joined, lathe, shifted
 
 _MODULES = (food, dishes, furniture, cases, fixtures, machines, things)
 BUILDERS = MappingProxyType(
@@ -18,6 +18,7 @@ TINTS = {
     "Hot": (np.array([240.0, 70.0, 30.0], dtype=np.float32), 0.32),
     "Cold": (np.array([110.0, 180.0, 255.0], dtype=np.float32), 0.38),
 }
+_SPOTTED = 600  # faces that patches are drawn over, at least
 _KEPT = 256  # shapes, some kilobytes each; shared by all worlds of a process
 
 
@@ -43,6 +44,8 @@ def shape(builder: str, form: Form, temperature: str) -> Mesh:
 
 def _stained(whole: Mesh) -> Mesh:
     """Return the mesh with brown patches over a good third of it."""
+    while len(whole.faces) < _SPOTTED:
+        whole = finer(whole)
     span = np.maximum(whole.high - whole.low, 1e-3)
     places = (whole.vertices[whole.faces].mean(axis=1) - whole.low) / span
     x, y, z = places.T

@@ -24,7 +24,8 @@ _TELLING: tuple[tuple[str, RoomType], ...] = (
 )  # fmt: skip
 FLOOR_FACE, CEILING_FACE = 2, 3  # faces: -x, +x, -y, +y, -z, +z
 _NORMALS = np.array(
-    [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], dtype=np.float32
+    [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0, 0, 0)],
+    dtype=np.float32,
 )
 
 
@@ -33,16 +34,18 @@ class Shell(NamedTuple):
 
     low: Floats  # (3,)
     high: Floats  # (3,)
-    texels: NDArray[np.uint8]  # (all faces' texels, 3)
-    starts: NDArray[np.int32]  # (6,): of each face in texels
-    widths: NDArray[np.int32]  # (6,): texels of a face's row
+    last: NDArray[np.int32]  # (3,): highest texel along each axis
+    texels: NDArray[np.uint32]  # of all faces, packed colours
+    starts: NDArray[np.int32]  # (7,): first texel of each face, 0 for none
+    strides: NDArray[np.int32]  # (3, 7): texels that a step along an axis moves on each face
 
 
 class Exits(NamedTuple):
     """Where rays leave the bounds."""
 
-    along: Floats  # (n,), in lengths of the ray's direction
-    face: NDArray[np.int64]  # (n,); -1 = the ray misses the room
+    along: Floats  # (n,), in lengths of the ray's direction; infinite when they miss the room
+    face: NDArray[np.intp]  # (n,); -1 = none
+    texel: NDArray[np.int32]  # (n,)
 
 
 def kind(objects: Objects) -> RoomType:
@@ -72,14 +75,29 @@ def paint(room: Room, room_type: RoomType, shadows: NDArray[np.float64]) -> Shel
     low[1] = min(room.floor_y, high[1] - 0.1)
     look = walls(room_type)
     faces = [_face(face, low, high, look, shadows) for face in range(6)]
-    starts = np.cumsum([0, *(face.shape[0] * face.shape[1] for face in faces[:-1])])
+    sizes = [face.shape[0] * face.shape[1] for face in faces]
+    strides = np.zeros((3, 7), dtype=np.int32)
+    for number, face in enumerate(faces):
+        across, up = _uv(number)
+        strides[across, number], strides[up, number] = 1, face.shape[1]
     return Shell(
         low.astype(np.float32),
         high.astype(np.float32),
-        np.concatenate([face.reshape(-1, 3) for face in faces]),
-        starts.astype(np.int32),
-        np.array([face.shape[1] for face in faces], dtype=np.int32),
+        np.array([_count(high[axis] - low[axis]) - 1 for axis in range(3)], dtype=np.int32),
+        np.concatenate([_packed(face) for face in faces]),
+        np.array([*np.cumsum([0, *sizes[:-1]]), 0], dtype=np.int32),
+        strides,
     )
+
+
+def _packed(face: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    found = np.zeros((face.shape[0] * face.shape[1], 4), dtype=np.uint8)
+    found[:, :3] = face.reshape(-1, 3)
+    return found.view(np.uint32)[:, 0]
+
+
+def _count(length: float) -> int:
+    return max(1, int(np.ceil(length / TEXEL_M)))
 
 
 def _uv(face: int) -> tuple[int, int]:
@@ -93,10 +111,7 @@ def _face(
 ) -> NDArray[np.uint8]:  # fmt: skip
     """Return one face's texels, shape (rows, columns, 3)."""
     across, up = _uv(face)
-    u, v = (
-        (np.arange(max(1, int(np.ceil((high[axis] - low[axis]) / TEXEL_M)))) + 0.5) * TEXEL_M
-        for axis in (across, up)
-    )
+    u, v = ((np.arange(_count(high[axis] - low[axis])) + 0.5) * TEXEL_M for axis in (across, up))
     u, v = np.meshgrid(u, v)
     if face == FLOOR_FACE:
         bright = _floor_pattern(u, v, look.floor_pattern)
@@ -157,39 +172,49 @@ def _shaded(
     return light
 
 
-def exits(shell: Shell, origins: Floats, rays: Floats) -> Exits:
+def exits(shell: Shell, origins: Floats, ways: Floats) -> Exits:
     """Return where rays leave the room.
 
     Args:
         shell: of the room.
-        origins: shape (n, 3), or (1, 3) when shared.
-        rays: directions, shape (n, 3).
+        origins: shape (n, 3).
+        ways: directions, shape (n, 3).
     """
-    steep = np.where(np.abs(rays) < 1e-12, np.float32(1e-12), rays)
-    ahead = steep > 0
-    out = (np.where(ahead, shell.high, shell.low) - origins) / steep
-    axis = np.argmin(out, axis=1)
-    pick_one = np.arange(len(rays))
-    along = out[pick_one, axis]
-    face = 2 * axis + ahead[pick_one, axis]
-    inside = np.all((origins >= shell.low) & (origins <= shell.high))
-    if not inside:
-        enter = ((np.where(ahead, shell.low, shell.high) - origins) / steep).max(axis=1)
-        face = np.where((enter > along) | (along <= 0), -1, face)
-    return Exits(along.astype(np.float32), face)
+    starts = [np.ascontiguousarray(origins[:, axis]) for axis in range(3)]
+    steps = [np.ascontiguousarray(ways[:, axis]) for axis in range(3)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scales = [np.float32(1.0) / step for step in steps]
+        lows = [(shell.low[i] - starts[i]) * scales[i] for i in range(3)]
+        highs = [(shell.high[i] - starts[i]) * scales[i] for i in range(3)]
+    outs = [np.fmax(low, high) for low, high in zip(lows, highs, strict=True)]
+    along = np.minimum(np.minimum(outs[0], outs[1]), outs[2])
+    face = np.where(
+        along == outs[0],
+        (steps[0] > 0).astype(np.int8),
+        np.where(along == outs[1], 2 + (steps[1] > 0), 4 + (steps[2] > 0)),
+    ).astype(np.intp)
+    if not np.all((origins >= shell.low) & (origins <= shell.high)):
+        enters = [np.fmin(low, high) for low, high in zip(lows, highs, strict=True)]
+        enter = np.maximum(np.maximum(enters[0], enters[1]), enters[2])
+        face[(enter > along) | (along <= 0)] = -1
+        along[face < 0] = np.inf
+    return Exits(along, face, _texels(shell, face, starts, steps, along))
 
 
-def colours(shell: Shell, face: NDArray[np.int64], points: Floats) -> NDArray[np.uint8]:
-    """Return the paint at points of faces, shape (n, 3)."""
-    scaled = ((points - shell.low) * np.float32(1 / TEXEL_M)).astype(np.int32)
-    limit = np.ceil((shell.high - shell.low) / TEXEL_M).astype(np.int32) - 1
-    scaled = np.minimum(np.maximum(scaled, 0), np.maximum(limit, 0))
-    axes = np.array([_uv(number) for number in range(6)])
-    order = np.arange(len(face))
-    column, row = scaled[order, axes[face, 0]], scaled[order, axes[face, 1]]
-    return shell.texels[shell.starts[face] + row * shell.widths[face] + column]
+def _texels(
+    shell: Shell, face: NDArray[np.intp], starts: list[Floats], steps: list[Floats], along: Floats
+) -> NDArray[np.int32]:
+    """Return the texel in which each ray leaves, shape (n,)."""
+    found = shell.starts[face]
+    reach = np.where(face < 0, np.float32(0.0), along)
+    for axis in range(3):
+        place = (starts[axis] + steps[axis] * reach - shell.low[axis]) * np.float32(1 / TEXEL_M)
+        cell = np.clip(place.astype(np.int32), 0, shell.last[axis])
+        found += cell * shell.strides[axis][face]
+    return found
 
 
-def normals(face: NDArray[np.int64]) -> Floats:
-    """Return the inward normals of faces, shape (n, 3)."""
-    return _NORMALS[face]
+def normals(face: NDArray[np.intp]) -> Floats:
+    """Return the inward normals of faces, zero for no face; shape (n, 3)."""
+    found: Floats = _NORMALS[face]
+    return found

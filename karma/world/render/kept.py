@@ -1,0 +1,86 @@
+"""What is built for a room, and used again until something looks different."""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.world.render import shell
+from karma.world.render.drawn import Task, drawn, tasks
+from karma.world.render.layer import Layer
+from karma.world.render.mesh import Mesh
+from karma.world.render.shell import Shell
+from karma.world.state import Room, WorldState
+
+
+class Built:
+    """The triangles of the last moment of one room.
+
+    Attributes:
+        layers: what stands still, then what is in the hand, if anything is.
+        shell: the room itself.
+    """
+
+    def __init__(self, state: WorldState) -> None:
+        self._cells = np.array(list(state.room.cells.values()), dtype=float).reshape(-1, 2)
+        self._objects = state.objects
+        self._in_hand = state.in_hand
+        self._still: list[Task] = []
+        self._held: list[Task] = []
+        self._meshes: dict[str, Mesh] = {}
+        self._painted = b""
+        self.layers = [Layer((), ())]
+        self.shell = self._paint(state)
+        self._build(state)
+
+    def update(self, state: WorldState) -> None:
+        """Build anew what looks different now."""
+        if self._objects is not state.objects or self._in_hand != state.in_hand:
+            self._build(state)
+            self._objects, self._in_hand = state.objects, state.in_hand
+
+    def _build(self, state: WorldState) -> None:
+        wanted = list(tasks(state.objects, self._cells))
+        still = [task for task in wanted if task.thing.id not in state.in_hand]
+        held = [task for task in wanted if task.thing.id in state.in_hand]
+        if not _same(still, self._still):
+            kept = {task.thing.id: task for task in self._still}
+            self._meshes = {task.thing.id: self._mesh(task, kept, state) for task in still}
+            self.layers[0] = Layer([task.row_id for task in still], list(self._meshes.values()))
+            self.shell = self._paint(state)
+            self._still = still
+        if not _same(held, self._held):
+            meshes = [drawn(task, self._cells, state.room.name) for task in held]
+            self.layers[1:] = [Layer([task.row_id for task in held], meshes)] if held else []
+            self._held = held
+
+    def _mesh(self, task: Task, kept: dict[str, Task], state: WorldState) -> Mesh:
+        before = kept.get(task.thing.id)
+        if before is not None and before.same(task):
+            return self._meshes[task.thing.id]
+        return drawn(task, self._cells, state.room.name)
+
+    def _paint(self, state: WorldState) -> Shell:
+        room_type = shell.kind(state.objects)
+        shadows: NDArray[np.float64] = shell.footprints(state.objects, state.room.floor_y)
+        needs = room_type.encode() + shadows.tobytes()
+        if needs != self._painted:
+            self._painted = needs
+            return shell.paint(state.room, room_type, shadows)
+        return self.shell
+
+
+_ROOMS: WeakKeyDictionary[Room, Built] = WeakKeyDictionary()  # one for each room that lives
+
+
+def built(state: WorldState) -> Built:
+    """Return the layers and the shell of a moment."""
+    found = _ROOMS.get(state.room)
+    if found is None:
+        found = _ROOMS[state.room] = Built(state)
+    found.update(state)
+    return found
+
+
+def _same(some: list[Task], others: list[Task]) -> bool:
+    return len(some) == len(others) and all(map(Task.same, some, others))

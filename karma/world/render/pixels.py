@@ -1,0 +1,154 @@
+"""From what rays meet to colours, depths and rows of objects."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.world.objects import Objects
+from karma.world.render import shell as rooms
+from karma.world.render.layer import Layer
+from karma.world.render.mesh import GHOST, GLASS, SOLID, Floats
+from karma.world.render.rays import Rays
+from karma.world.render.shell import Shell
+
+NOTHING, WALL, CEILING, FLOOR, PIECES = -1, -2, -3, -4, -5  # rows of what is no object
+SEE_THROUGH = {GLASS: 0.35, GHOST: 0.3}  # share of the clear thing's own colour
+_PANES = 6  # clear faces that one ray passes at most
+_STEP_M = 1e-3  # beyond a clear face
+_SUNK_M = 0.004  # what lies deeper under the floor is not seen
+
+Packed = NDArray[np.uint32]  # red, green, blue, 0 in the order of bytes
+
+
+class Pixels(NamedTuple):
+    """Flat pixels, to be written to."""
+
+    colours: Packed  # (n,)
+    depth: Floats  # (n,), from the near plane; infinite where nothing is
+    rows: NDArray[np.int32]  # (n,)
+    normals: Floats | None  # (n, 3)
+
+    @property
+    def parts(self) -> NDArray[np.uint8]:
+        """The same colours as red, green, blue and 0, shape (n, 4)."""
+        return self.colours.view(np.uint8).reshape(-1, 4)
+
+
+class Scenery(NamedTuple):
+    """All that rays can meet, with a colour, a row and a normal for each triangle."""
+
+    layers: list[Layer]
+    shell: Shell
+    faces: NDArray[np.int32]  # (7,): row of each face of the room, last of none
+    colours: Packed  # (m,)
+    rows: NDArray[np.int32]  # (m,)
+    clear: NDArray[np.uint8]  # (m,)
+    normals: Floats  # (m, 3)
+    any_clear: bool
+
+
+def packed(colours: NDArray[np.uint8]) -> Packed:
+    """Return colours (n, 3) as one number each, shape (n,)."""
+    found = np.zeros((len(colours), 4), dtype=np.uint8)
+    found[:, :3] = colours
+    return found.view(np.uint32)[:, 0]
+
+
+def scenery(layers: list[Layer], shell: Shell, objects: Objects, view: Rays) -> Scenery:
+    """Return what one camera sees at one moment; the last triangle is no triangle."""
+    at = objects.rows
+    none = np.zeros((1, 3), dtype=np.float32)
+    shades = [layer.shaded(view.eye, view.forward) for layer in layers]
+    rows = [
+        np.array([at[i] if i else PIECES for i in layer.ids], np.int32)[layer.owner]
+        for layer in layers
+    ]
+    floors = objects.by_type.get("Floor", ())
+    floor = at[floors[0]] if floors else FLOOR
+    return Scenery(
+        layers,
+        shell,
+        np.array([WALL, WALL, floor, CEILING, WALL, WALL, NOTHING], dtype=np.int32),
+        packed(np.concatenate([*shades, none.astype(np.uint8)])),
+        np.concatenate([*rows, np.array([NOTHING], dtype=np.int32)]),
+        np.concatenate([*(layer.clear for layer in layers), np.array([SOLID], dtype=np.uint8)]),
+        np.concatenate([*(layer.normals for layer in layers), none]),
+        any(layer.any_clear for layer in layers),
+    )
+
+
+def look(
+    seen: Scenery, view: Rays, sky: Packed, *, normals: bool = False, panes: int = _PANES
+) -> Pixels:
+    """Return what rays see; what is clear is blended with what lies behind it.
+
+    Args:
+        seen: what there is.
+        view: the rays.
+        sky: colour of nothing, shape (1,).
+        normals: whether to find them.
+        panes: clear faces that a ray may pass.
+    """
+    along, triangle = _nearest(seen.layers, view)
+    found = _solid(seen, view, along, triangle, sky, normals)
+    if not panes or not seen.any_clear:
+        return found
+    kinds = seen.clear[triangle]
+    pixels = np.flatnonzero(kinds)
+    if len(pixels):
+        far = along[pixels] + np.float32(_STEP_M)
+        beyond = view.beyond(pixels, far)
+        behind = look(seen, beyond, sky, normals=normals, panes=panes - 1)
+        _blend(found, behind, pixels, kinds[pixels], far)
+    return found
+
+
+def _nearest(layers: list[Layer], view: Rays) -> tuple[Floats, NDArray[np.int32]]:
+    """Return how far each ray gets and the triangle it meets, counted through all layers."""
+    along, triangle = layers[0].shot(view.origins, view.ways)
+    start = len(layers[0])
+    for layer in layers[1:]:
+        pixels = layer.near(view.origins, view.ways)
+        if len(pixels):
+            near, which = layer.shot(view.origins[pixels], view.ways[pixels])
+            closer = near < along[pixels]
+            along[pixels[closer]] = near[closer]
+            triangle[pixels[closer]] = which[closer] + start
+        start += len(layer)
+    return along, triangle
+
+
+def _solid(
+    seen: Scenery, view: Rays, along: Floats, triangle: NDArray[np.int32], sky: Packed,
+    normals: bool,
+) -> Pixels:  # fmt: skip
+    """Return the pixels as if everything were solid; the room shows where nothing is met."""
+    level = view.origins[:, 1] + along * view.ways[:, 1]
+    missed = np.flatnonzero((triangle < 0) | (level < seen.shell.low[1] - _SUNK_M))
+    out = rooms.exits(seen.shell, view.origins[missed], view.ways[missed])
+    colours = seen.colours[triangle]
+    rows = seen.rows[triangle]
+    depth = along.copy()
+    colours[missed] = np.where(out.face < 0, sky, seen.shell.texels[out.texel])
+    rows[missed] = seen.faces[out.face]
+    depth[missed] = out.along
+    turned = None
+    if normals:
+        turned = seen.normals[triangle]
+        turned[np.einsum("ij,ij->i", turned, view.ways) > 0] *= -1
+        turned[missed] = rooms.normals(out.face)
+    return Pixels(colours, depth, rows, turned)
+
+
+def _blend(
+    found: Pixels, behind: Pixels, pixels: NDArray[np.intp], kinds: NDArray[np.uint8], far: Floats
+) -> None:
+    """Mix clear pixels with what is behind them; a ghost leaves depth and row to that."""
+    share = np.where(kinds == GLASS, SEE_THROUGH[GLASS], SEE_THROUGH[GHOST])[:, None]
+    found.parts[pixels] = found.parts[pixels] * share + behind.parts * (1 - share)
+    ghosts = kinds == GHOST
+    found.rows[pixels[ghosts]] = behind.rows[ghosts]
+    found.depth[pixels[ghosts]] = behind.depth[ghosts] + far[ghosts]
+    if found.normals is not None and behind.normals is not None:
+        found.normals[pixels[ghosts]] = behind.normals[ghosts]
