@@ -7,7 +7,8 @@ import pytest
 from household import find, kitchen
 
 from karma.errors import FileError
-from karma.world.recorded import CAUSES, FLAGS, EventReport, replay_events, scene_of, total_rate
+from karma.world.blame import CAUSES, FLAGS
+from karma.world.recorded import EventReport, replay_events, scene_of, total_rate
 from karma.world.sim import EmbeddedWorld
 
 
@@ -106,6 +107,12 @@ def test_misuse_in_a_recording_is_a_refusal_on_both_sides(tmp_path):
     assert replay_events(write(path, steps)).differences == ()
 
 
+def test_recording_of_several_episodes_begins_anew_at_each(tmp_path):
+    _, steps = record(tmp_path / "a.jsonl", forced("PickupObject", "Apple"))
+    report = replay_events(write(tmp_path / "b.jsonl", [*steps, *steps]))
+    assert (report.steps, report.differences) == (3, ())
+
+
 def tampered(tmp_path, change, *actions):
     path, steps = record(tmp_path / "a.jsonl", *(actions or (act("Pass"), act("Pass"))))
     change(steps)
@@ -186,7 +193,8 @@ def test_total_rate_counts_values_not_recordings(tmp_path):
     [
         ("", "empty"),
         ("[1]", "not a recorded step"),
-        ('{"action": {}, "metadata": {}}', "`agent` is missing"),
+        ('{"action": {}, "metadata": {}}', "`action`"),
+        ('{"action": {"action": "Pass"}, "metadata": {"sceneName": 3}}', "sceneName"),
         ('{"action": {"action": "Initialize"}}', "`metadata`"),
         ('{"action": {"action": "Initialize"}, "metadata"', "not JSON"),
     ],
@@ -198,10 +206,10 @@ def test_file_that_is_no_recording_is_refused_with_the_place(tmp_path, text, sai
         replay_events(path)
 
 
-def test_scene_that_does_not_import_is_told_with_the_line(tmp_path):
+def test_scene_that_does_not_import_is_told_with_the_step(tmp_path):
     path, steps = record(tmp_path / "a.jsonl")
     del steps[0]["metadata"]["objects"][0]["isCooked"]
-    with pytest.raises(FileError, match=r"line 1: .*isCooked"):
+    with pytest.raises(FileError, match=r"step 0: .*isCooked"):
         replay_events(write(path, steps))
 
 

@@ -179,7 +179,13 @@ def _free_cells(seen: Sequence[Seen], room: Box, grid_m: float) -> tuple[Cell, .
 
 
 def _solid(seen: Sequence[Seen]) -> list[Box]:
-    return [one.box for one in seen if not (one.pickupable or _spans(one))]
+    """Return the boxes that nobody walks through: furniture, and what lies on bent counters."""
+    bent = {one.object_id for one in seen if _is_bent(one)}
+    return [
+        one.box
+        for one in seen
+        if not (_spans(one) or (one.pickupable and bent.isdisjoint(one.parent_receptacles or ())))
+    ]
 
 
 def _cells_round(seen: Sequence[Seen], room: Box, start: Vec3, grid_m: float) -> tuple[Cell, ...]:
@@ -213,9 +219,12 @@ def _spans(one: Seen) -> bool:
 
     Floors, counters round a corner, and basins: their sinks and tubs stand there already.
     """
+    return _is_bent(one) or one.object_type in ("Floor", "BathtubBasin", "SinkBasin")
+
+
+def _is_bent(one: Seen) -> bool:
     x, _, z = one.box.size
-    bent = one.object_type == "CounterTop" and min(x, z) > STRAIGHT_M
-    return bent or one.object_type in ("Floor", "BathtubBasin", "SinkBasin")
+    return one.object_type == "CounterTop" and min(x, z) > STRAIGHT_M
 
 
 # ----------------------------------------------------------------- containment
