@@ -3,7 +3,9 @@
 Of the rules below the first that applies decides; the figures are in docs/alfred-replay.md.
 1. The planner names the receptacle at the object's first pickup. It is believed unless it is a
    thing with a door that the demonstrator did not open before: what was picked up was in view.
-2. The object's box overlaps that of a larger vessel (plate, mug, box ...), at its height.
+2. The object reaches, whichever way it is turned, into the box of a larger vessel (plate, mug, box
+   ...) at its height. AI2-THOR's volumes of vessels are generous: demonstrators move a cup to
+   bring the spoon that lies against it.
 3. It is the one that most of the nearest labelled positions of the room have, of those within
    `NEAR_M` across and `LEVEL_M` in height.
 4. The object rests on, or lies within, the box of a fixed receptacle; the smallest such box.
@@ -23,7 +25,7 @@ from karma.world.rules import rules
 from karma.world.scene import SceneObject
 from karma.world.types import object_types
 
-NEAR_M, LEVEL_M = 0.3, 0.08
+NEAR_M, LEVEL_M = 0.2, 0.08
 _VOTES = 5
 _BELOW_M, _ABOVE_M = 0.03, 0.12  # of a surface's height to what rests on it
 _BESIDE_M = 0.05
@@ -89,12 +91,10 @@ def _vessel(thing: SceneObject, movables: Sequence[SceneObject]) -> str | None:
     for other in movables:
         if "receptacle" not in other.capabilities or _volume(other) <= _volume(thing):
             continue
-        apart = [
-            abs(thing.center[axis] - other.center[axis]) - (thing.size[axis] + other.size[axis]) / 2
-            for axis in (0, 2)
-        ]
+        reach = max(thing.size[0], thing.size[2]) / 2  # whichever way it is turned
+        apart = [abs(thing.center[i] - other.center[i]) - other.size[i] / 2 for i in (0, 2)]
         low, high = bottom(other) - _BELOW_M, top(other) + _OVER_VESSEL_M
-        if max(apart) < 0 and low <= bottom(thing) <= high:
+        if max(apart) < reach and low <= bottom(thing) <= high:
             found.append((round(max(apart), 6), other.id))
     return min(found)[1] if found else None
 

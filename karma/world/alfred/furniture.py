@@ -278,7 +278,8 @@ def _stands_in(thing: SceneObject, place: SceneObject) -> bool:
     """Return whether a lamp, a plant and the like has its foot in a receptacle's box."""
     if "moveable" not in thing.capabilities or "receptacle" in thing.capabilities:
         return False
-    if place.type == "Floor" or "receptacle" not in place.capabilities:
+    shuts = place.type == "Floor" or place.type in rules().view.hides_when_closed
+    if shuts or "receptacle" not in place.capabilities:
         return False
     foot = (thing.center[0], bottom(thing) + _FOOT_M, thing.center[2])
     return all(

@@ -1,7 +1,7 @@
 """Whether a task of ALFRED's is done, as ALFRED's own evaluation decides it on metadata.
 
 A target names objects by any part of their id: Pen also finds Pencil, Pot also Potato, Knife also
-ButterKnife. "In" is direct: listed among the receptacle's `receptacleObjectIds`.
+ButterKnife. "In" means listed among a receptacle's `receptacleObjectIds`.
 
     pick_and_place_simple             an object in a receptacle
     pick_two_obj_and_place            two objects in one and the same receptacle
@@ -21,6 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from karma.world.alfred.ids import kind_of
 from karma.world.alfred.trial import Targets, Trial
 
 Thing = Mapping[str, Any]  # one object of the metadata
@@ -99,22 +100,24 @@ class _Case:
     lamps: Sequence[Thing]
 
 
-def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds) -> bool:
+def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds, *, exact: bool = False) -> bool:
     """Return whether the trial's task is done.
 
     Args:
         trial: names the task and its targets.
         metadata: of an event.
         deeds: of the episode so far.
+        exact: whether targets name types, as they did to the planner, not parts of ids.
     """
     targets = trial.pddl_params
+    find = _of_type if exact else _find
     case = _Case(
         metadata=metadata,
         deeds=deeds,
-        objects=_find(_wanted(targets), "pickupable", metadata),
-        receptacles=_find(targets.parent_target, "receptacle", metadata),
-        movables=_find(targets.mrecep_target, "pickupable", metadata),
-        lamps=_find(targets.toggle_target, "toggleable", metadata),
+        objects=find(_wanted(targets), "pickupable", metadata),
+        receptacles=find(targets.parent_target, "receptacle", metadata),
+        movables=find(targets.mrecep_target, "pickupable", metadata),
+        lamps=find(targets.toggle_target, "toggleable", metadata),
     )
     if targets.object_sliced and len(case.objects) < _COUNT.get(trial.task_type, 1):
         return False
@@ -128,6 +131,12 @@ def _wanted(targets: Targets) -> str:
 def _find(name: str, capability: str, metadata: Metadata) -> list[Thing]:
     """Return the objects whose id has the name in it, as ALFRED looks for them."""
     return [one for one in metadata["objects"] if name in one["objectId"] and one[capability]]
+
+
+def _of_type(name: str, capability: str, metadata: Metadata) -> list[Thing]:
+    return [
+        one for one in metadata["objects"] if kind_of(one["objectId"]) == name and one[capability]
+    ]
 
 
 def _placed(case: _Case) -> set[str]:
