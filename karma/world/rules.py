@@ -32,14 +32,19 @@ class Condition(Struct, frozen=True, forbid_unknown_fields=True):
     is_cooked: bool | UnsetType = UNSET
     temperature: Temperature | UnsetType = UNSET
 
-    def items(self) -> list[tuple[str, bool | str]]:
+    def items(self) -> tuple[tuple[str, bool | str], ...]:
         """Return the states that are given, as (field of SceneObject, value)."""
-        values = msgspec.structs.asdict(self)
-        return [(key, value) for key, value in values.items() if value is not UNSET]
+        return _given(self)
 
     def holds(self, thing: SceneObject) -> bool:
         """Return whether the object has all of them."""
         return all(getattr(thing, key) == value for key, value in self.items())
+
+
+@cache
+def _given(condition: Condition) -> tuple[tuple[str, bool | str], ...]:
+    values = msgspec.structs.asdict(condition)
+    return tuple((key, value) for key, value in values.items() if value is not UNSET)
 
 
 STATES = Condition.__struct_fields__  # what effects ask for and change
