@@ -141,8 +141,8 @@ class Guard:
             self._tick()
         self._kill()
         os.write(self.keeper, b"x")
-        code = self.player.returncode if self.player is not None else 127
-        return code if code >= 0 else 128 - code
+        code = self.player.returncode if self.player is not None else None
+        return 127 if code is None else abs(code) + 128 * (code < 0)
 
     # ------------------------------------------------------------- the player
 
@@ -169,18 +169,19 @@ class Guard:
             os.write(self.keeper, b"%d\n" % self.player.pid)
 
     def _kill(self) -> None:
-        """Kill the player and whatever it has started, and wait for its end."""
+        """Kill the player and whatever it has started; one that the kernel holds is left to it."""
         if self.player is not None:
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(self.player.pid, signal.SIGKILL)
-            self.player.wait()
+            with suppress(subprocess.TimeoutExpired):
+                self.player.wait(timeout=GRACE_S)
 
     def _lose(self, reason: str) -> None:
         if not self.lost:
             self.lost = reason
-            self._kill()
-            sys.stderr.write(f"guard: the player {reason}\n")
             self.to_client.send(farewell(reason))
+            sys.stderr.write(f"guard: the player {reason}\n")
+            self._kill()
 
     def _forward(self, number: int, _frame: object) -> None:
         if self.player is not None and self.player.returncode is None:
