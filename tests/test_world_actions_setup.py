@@ -74,7 +74,7 @@ def test_old_names_of_the_segmentation_flags_work(world):
         ({"cameraNearPlane": 30}, "cameraNearPlane"),
         ({"cameraFarPlane": -1}, "cameraNearPlane"),
         ({"agentMode": "arm"}, "agentMode arm is not part of the embedded world"),
-        ({"agentMode": "locobot"}, "agentMode locobot"),
+        ({"agentMode": "drone"}, "agentMode drone"),
         ({"agentMode": "stretch"}, "agentMode stretch"),
         ({"agentMode": "octopus"}, "unsupported agentMode octopus"),
         ({"agentCount": 2}, "agentCount 2"),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from karma.world.camera import Camera
 from karma.world.metadata import xyz
 from karma.world.state import Images, WorldState
 from karma.world.view import camera
@@ -204,7 +205,11 @@ class WorldEvent(Event):  # type: ignore[misc]
         wanted = self.images
         self.frame = self.picture.rgb if wanted.rgb else None
         self.depth_frame = self.picture.depth_m if wanted.rgb and wanted.depth else None
-        self.normals_frame = self.picture.normals_rgb if wanted.rgb and wanted.normals else None
+        self.normals_frame = None
+        if wanted.rgb and wanted.normals:
+            from karma.world.render.picture import agent_camera
+
+            self.normals_frame = self._normals(agent_camera(self.state))
         self.instance_segmentation_frame = self.semantic_segmentation_frame = None
         self.instance_masks, self.class_masks = {}, {}
         self.instance_detections2D, self.class_detections2D = None, {}
@@ -220,7 +225,8 @@ class WorldEvent(Event):  # type: ignore[misc]
         pictures = self.camera_pictures if wanted.rgb else []
         self.third_party_camera_frames = [one.rgb for one in pictures]
         self.third_party_depth_frames = [one.depth_m for one in pictures if wanted.depth]
-        self.third_party_normals_frames = [one.normals_rgb for one in pictures if wanted.normals]
+        views = self.state.cameras if wanted.rgb and wanted.normals else ()
+        self.third_party_normals_frames = [self._normals(view) for view in views]
         classes = [self._classes(one) for one in pictures if wanted.classes]
         instances = [self._instances(one) for one in pictures if wanted.instances]
         self.third_party_semantic_segmentation_frames = classes
@@ -238,6 +244,14 @@ class WorldEvent(Event):  # type: ignore[misc]
         from karma.world.render.colours import class_frame
 
         return np.asarray(class_frame(picture.rows, self.state.objects))
+
+    def _normals(self, view: Camera) -> np.ndarray:
+        """Return a camera's normals as a picture: each axis from -1..1 to 0..255."""
+        from karma.world.render.picture import render
+
+        settings = self.state.settings
+        found = render(self.state, view, settings.width, settings.height, normals=True).normals
+        return np.round((np.zeros(3) if found is None else found) * 127.5 + 127.5).astype(np.uint8)
 
     def _reader(self, frame: np.ndarray) -> Any:
         """Return an event that has read one segmentation frame."""

@@ -7,6 +7,7 @@ import msgspec
 from karma.world.state import Done, Images, Refusal, Result, WorldState, refuse
 
 _AGENT_MODES = ("default", "locobot", "bot", "drone", "arm", "stretch", "stochastic", "fpin")
+_SAME_BODY = ("default", "locobot", "bot")  # a LoCoBot does what the default agent does
 _QUALITIES = (
     "DONOTUSE", "Very Low", "Low", "Medium", "MediumCloseFitShadows", "High", "Very High",
     "Ultra", "High WebGL",
@@ -74,7 +75,7 @@ def initialize(
 def _not_this_agent(mode: str, count: int) -> Refusal | None:
     if mode not in _AGENT_MODES:
         return refuse("ArgumentException", f"unsupported agentMode {mode}")
-    if mode != "default":
+    if mode not in _SAME_BODY:
         return Refusal(f"agentMode {mode} is not part of the embedded world: use 'default'.")
     if count != 1:
         return Refusal(f"agentCount {count} is not part of the embedded world: it has one agent.")
