@@ -32,13 +32,13 @@ def poses(world, kinds=None):
 def test_thing_placed_at_a_point_stands_on_what_is_there(world):
     apple, counter = find(world, "Apple"), find(world, "CounterTop")
     event = world.step(
-        "PlaceObjectAtPoint", objectId=apple, position={"x": -0.1, "y": 0.92, "z": 1.0}
+        "PlaceObjectAtPoint", objectId=apple, position={"x": -0.3, "y": 0.92, "z": 1.35}
     )
     assert event, event.message
     placed = world.state.objects[apple]
     assert placed.parents == (counter,)
     assert bottom(placed) == pytest.approx(0.9, abs=0.03)
-    assert placed.center[::2] == pytest.approx((-0.1, 1.0))
+    assert placed.center[::2] == pytest.approx((-0.3, 1.35))
 
 
 def test_thing_placed_in_the_air_falls_unless_it_is_held_there(world):
@@ -147,7 +147,7 @@ def test_objects_without_a_pose_are_removed_and_fixed_ones_stay(world):
 def test_names_given_again_are_copied_under_new_ids_and_names(world):
     wanted = poses(world)
     apple = next(one for one in wanted if one["objectName"].startswith("Apple"))
-    for x, z in ((-0.2, 1.0), (0.9, 1.3)):
+    for x, z in ((-0.3, 1.35), (0.9, 1.0)):
         wanted.append({**apple, "position": {"x": x, "y": 0.96, "z": z}})
     assert world.step("SetObjectPoses", objectPoses=wanted)
     apples = world.last_event.objects_by_type("Apple")
