@@ -1,16 +1,36 @@
-"""`karma world`: rooms to import, list and look at."""
+"""`karma world`: rooms to import, list and look at; recorded episodes to replay in them."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
+import msgspec
 import typer
 from rich.markup import escape
+from rich.progress import track
 from rich.table import Table
 
 from karma.cli.shared import Json, clear_errors, console
+from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
-app = typer.Typer(no_args_is_help=True, help="Rooms: import, list, draw.")
+if TYPE_CHECKING:
+    from karma.world.alfred.facts import Files
+    from karma.world.alfred.replay import TrialResult
+    from karma.world.alfred.trial import Trial
+    from karma.world.recorded import EventReport
+
+T = TypeVar("T")
+_OR_NONE = 'default below $KARMA_SHARED or ../shared; "none" = without.'
+Several = Annotated[list[Path], typer.Argument(help="Files, also gzipped.")]
+Layouts = Annotated[str | None, typer.Option(help=f"ALFRED's reachable cells; {_OR_NONE}")]
+Dumps = Annotated[str | None, typer.Option(help=f"AI2-THOR 5.0.0's rooms at reset; {_OR_NONE}")]
+Fixed = Annotated[str | None, typer.Option(help=f"Fixed objects of ALFRED's rooms; {_OR_NONE}")]
+Receptacles = Annotated[str | None, typer.Option(help=f"Their receptacles; {_OR_NONE}")]
+Spots = Annotated[str | None, typer.Option(help=f"Labelled positions in them; {_OR_NONE}")]
+Only = Annotated[list[str] | None, typer.Option(help="Names to take: FloorPlan1, or a trial's id.")]
+
+app = typer.Typer(no_args_is_help=True, help="Rooms: import, list, draw; replay what was recorded.")
 
 
 @app.command("list")
@@ -50,22 +70,209 @@ def world_show(
 @app.command("import")
 @clear_errors
 def world_import(
-    dump: Annotated[Path, typer.Argument(help="AI2-THOR metadata: one JSON line a room.")],
+    files: Several,
+    alfred: Annotated[bool, typer.Option("--alfred", help="FILES are ALFRED's trials.")] = False,
     out: Annotated[Path, typer.Option(help="Folder for the scene files.")] = Path("runs/scenes"),
-    layouts: Annotated[Path | None, typer.Option(help="ALFRED's reachable cells.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="Names, e.g. FloorPlan1.")] = None,
+    layouts: Layouts = None,
+    dumps: Dumps = None,
+    fixed: Fixed = None,
+    receptacles: Receptacles = None,
+    spots: Spots = None,
+    only: Only = None,
     json: Json = None,
 ) -> None:
-    """Turn an AI2-THOR metadata dump into scene files."""
-    from karma.world.importers import import_dump
+    """Turn AI2-THOR metadata dumps, or with --alfred ALFRED's trials, into scene files.
 
-    rows = []
-    with console.status(escape(f"importing {dump} ...")) as status:
-        for scene in import_dump(dump, layouts=layouts, only=only):
-            path = out / f"{scene.name}.json"
-            write_atomic(path, to_json(scene))
-            rows.append({"scene": scene.name, "objects": len(scene.objects), "path": str(path)})
-            status.update(f"importing {scene.name} ...")
+    Cells for dumps are computed from the boxes unless --layouts is given.
+    """
+    if alfred:
+        from karma.world.alfred.facts import side_files
+
+        side = side_files(
+            layouts=layouts, dumps=dumps, fixed=fixed, receptacles=receptacles, spots=spots
+        )
+        rows = _import_trials(files, side, only, out)
+    else:
+        rows = [row for path in files for row in _import_dump(path, layouts, only, out)]
     console.print(escape(f"{len(rows)} scenes in {out}"))
     if json is not None:
         write_atomic(json, to_json(rows, indent=2))
+
+
+def _import_dump(
+    dump: Path, layouts: str | None, only: list[str] | None, out: Path
+) -> list[dict[str, Any]]:
+    from karma.world.importers import import_dump
+
+    rows = []
+    cells = None if layouts in (None, "none") else layouts
+    for scene in _shown(import_dump(dump, layouts=cells, only=only), f"importing {dump.name}"):
+        path = out / f"{scene.name}.json"
+        write_atomic(path, to_json(scene))
+        rows.append({"scene": scene.name, "objects": len(scene.objects), "path": str(path)})
+    return rows
+
+
+def _import_trials(
+    files: Sequence[Path], side: "Files", only: list[str] | None, out: Path
+) -> list[dict[str, Any]]:
+    from karma.world.alfred.facts import gather
+    from karma.world.alfred.replay import fitted
+    from karma.world.alfred.trial import read_trials
+
+    every = [trial for path in files for trial in read_trials(path)]
+    chosen = _chosen(every, only)
+    plans = {trial.scene.floor_plan for trial in chosen}
+    facts = gather((trial for trial in every if trial.scene.floor_plan in plans), side)
+    rows = []
+    for trial in _shown(chosen, "importing"):
+        scene = fitted(trial, facts[trial.scene.floor_plan])
+        path = out / f"{trial.id}.json"
+        write_atomic(path, to_json(scene))
+        rows.append(
+            {
+                "scene": scene.name,
+                "trial": trial.id,
+                "objects": len(scene.objects),
+                "cells": len(scene.reachable),
+                "path": str(path),
+            }
+        )
+    return rows
+
+
+def _chosen(trials: "Sequence[Trial]", ids: Iterable[str] | None) -> "list[Trial]":
+    """Return the trials with these ids, all without; refuses an id that none of them has."""
+    if ids is None:
+        return list(trials)
+    wanted = set(ids)
+    if missing := sorted(wanted - {trial.id for trial in trials}):
+        raise KarmaError(f"no trial {missing[0]!r} in the files given, nor {len(missing) - 1} more")
+    return [trial for trial in trials if trial.id in wanted]
+
+
+def _shown(items: Iterable[T], text: str, total: int | None = None) -> Iterable[T]:
+    """Return the items, with a bar on a terminal while they are taken."""
+    return track(
+        items, escape(text), total=total, console=console, transient=True,
+        disable=not console.is_terminal,
+    )  # fmt: skip
+
+
+def _say(line: str) -> None:
+    """Print one line as it is, however long."""
+    console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+# ----------------------------------------------------------------- replay
+
+
+@app.command("replay")
+@clear_errors
+def world_replay(
+    files: Several,
+    events: Annotated[bool, typer.Option("--events", help="FILES are recorded sessions.")] = False,
+    layouts: Layouts = None,
+    dumps: Dumps = None,
+    fixed: Fixed = None,
+    receptacles: Receptacles = None,
+    spots: Spots = None,
+    ids: Annotated[Path | None, typer.Option(help="JSON: replay these trials only.")] = None,
+    only: Only = None,
+    mutate: Annotated[
+        int | None, typer.Option(min=0, help="Seed: leave out one action of each trial.")
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="What boxes hide from view is not handled.")
+    ] = False,
+    limit: Annotated[int | None, typer.Option(min=1, help="Replay the first N only.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    json: Json = None,
+) -> None:
+    """Replay ALFRED's demonstrations, or with --events sessions of AI2-THOR, and compare.
+
+    The last line is the count: trials and how many were as recorded (with --mutate: how many of
+    the mutilated ones were caught), or recordings, compared flags, and the share that is equal.
+    """
+    from karma.world.alfred.facts import side_files
+
+    side = side_files(
+        layouts=layouts, dumps=dumps, fixed=fixed, receptacles=receptacles, spots=spots
+    )
+    if events:
+        _replay_events(files, side.layouts, json)
+        return
+    from karma.world.alfred.facts import gather
+    from karma.world.alfred.replay import replay_all
+    from karma.world.alfred.trial import read_ids, read_trials
+
+    every = [trial for path in files for trial in read_trials(path)]
+    wanted = [*(only or ()), *(read_ids(ids) if ids else ())]
+    chosen = _chosen(every, wanted if only or ids else None)[:limit]
+    plans = {trial.scene.floor_plan for trial in chosen}
+    facts = gather((trial for trial in every if trial.scene.floor_plan in plans), side)
+    results: list[TrialResult] = []
+    replays = replay_all(chosen, facts, mutate=mutate, strict=strict, workers=workers)
+    for result in _shown(replays, "replaying", len(chosen)):
+        results.append(result)
+        if result.ok == (mutate is not None):
+            _say(_told(result))
+    _summed(results, mutate, json)
+
+
+def _told(result: "TrialResult") -> str:
+    where = f"{result.id} {result.scene}"
+    if result.ok:
+        return f"{where}: not caught without action {result.deleted}"
+    at = "" if result.step is None else f" action {result.step}"
+    return f"{where}{at}: {result.reason}"
+
+
+def _summed(results: "Sequence[TrialResult]", mutate: int | None, json: Path | None) -> None:
+    """Print the counts, and write them with the results."""
+    ok = sum(result.ok for result in results)
+    handled, unseen = sum(r.handled for r in results), sum(r.unseen for r in results)
+    good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
+    if json is not None:
+        figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
+        write_atomic(json, to_json({**figures, "results": list(results)}, indent=2))
+    if mutate is None:
+        share = f" ({100 * (handled - unseen) / handled:.1f} %)" if handled else ""
+        _say(f"actions on objects {handled}, in view {handled - unseen}{share}")
+        _say(f"trials {len(results)}, ok {ok}")
+    else:
+        _say(f"trials {len(results)}, caught {len(results) - ok}")
+
+
+def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | None) -> None:
+    from karma.world.recorded import replay_events, total_rate
+
+    reports = [
+        replay_events(path, layouts=layouts) for path in _shown(files, "replaying", len(files))
+    ]
+    table = Table("recording", "steps", "compared", "equal", "%", "visible %", "changed %")
+    table.columns[0].overflow = "fold"
+    for one in reports:
+        table.add_row(
+            escape(Path(one.path).name), str(one.steps), str(one.compared),
+            str(one.equal), _percent(one.rate), _percent(one.seen.rate),
+            _percent(one.changes.rate),
+        )  # fmt: skip
+        for gap in one.differences:
+            what = f"step {gap.step} {gap.action}: {gap.object_id or 'agent'} {gap.field}"
+            said = f"{gap.ours!r}, AI2-THOR {gap.theirs!r}"
+            _say(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
+    console.print(table)
+    if json is not None:
+        write_atomic(json, to_json(_event_figures(reports), indent=2))
+    flags = sum(one.compared for one in reports)
+    _say(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
+
+
+def _event_figures(reports: "Sequence[EventReport]") -> list[dict[str, Any]]:
+    return [{"rate": one.rate, "causes": one.causes, **msgspec.to_builtins(one)} for one in reports]
+
+
+def _percent(share: float | None) -> str:
+    """Return a share in percent, rounded down, so that only all is 100."""
+    return "–" if share is None else f"{int(share * 10_000) / 100:.2f}"

@@ -72,8 +72,8 @@ def _movable(pose: ObjectPose, facts: Facts) -> SceneObject:
     if model is None:
         x, y, z = place
         made = SceneObject(
-            id=pose.id, type=kind, name=pose.id, position=place, center=(x, y + row.size_m[1] / 2, z),
-            size=row.size_m,
+            id=pose.id, type=kind, name=pose.id, position=place, size=row.size_m,
+            center=(x, y + row.size_m[1] / 2, z),
         )  # fmt: skip
         made = turned(made, turn[1], place)
     else:

@@ -5,6 +5,7 @@ the planner's coordinates, which give receptacles to a millimetre and say what l
 """
 
 import math
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +43,33 @@ class Files:
     fixed: Path | None = None
     receptacles: Path | None = None
     spots: Path | None = None
+
+
+_USUAL = {
+    "layouts": "alfred/layouts.json.gz",
+    "dumps": "thor5/scenes.jsonl.gz",
+    "fixed": "alfred/scenes_fixed.json.gz",
+    "receptacles": "alfred/receptacle_instances.json.gz",
+    "spots": "alfred/labelled_spots.json.gz",
+}
+
+
+def side_files(**given: str | None) -> Files:
+    """Return the side files to read.
+
+    Args:
+        given: path of each, by the fields of `Files`; "none" = do not read one, None = the usual
+            one below $KARMA_SHARED, or `../shared`, if it is there.
+    """
+    root = Path(os.environ.get("KARMA_SHARED", "../shared")) / "data"
+    found: dict[str, Path | None] = {}
+    for name, usual in _USUAL.items():
+        said = given.get(name)
+        if said is None:
+            found[name] = root / usual if (root / usual).is_file() else None
+        else:
+            found[name] = None if said == "none" else Path(said)
+    return Files(**found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

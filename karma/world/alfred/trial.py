@@ -333,7 +333,7 @@ def read_ids(path: str | Path) -> tuple[str, ...]:
     Raises:
         FileError: torn, or neither.
     """
-    given = _table(path, Any)  # type: ignore[arg-type]
+    given: Any = _table(path, object)
     if isinstance(given, dict):
         lists = [value for value in given.values() if isinstance(value, list)]
         given = lists[0] if len(lists) == 1 else None
