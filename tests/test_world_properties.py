@@ -17,7 +17,10 @@ from karma.world.view import sight
 
 ROOM = kitchen()
 IDS = [thing.id for thing in ROOM.objects]
-ON_OBJECTS = sorted(name for name, action in ACTIONS.items() if "objectId" in action.kinds)
+ARRANGING = {"RemoveFromScene", "DisableObject", "TeleportObject", "PlaceObjectAtPoint"}  # no hand
+ON_OBJECTS = sorted(
+    name for name, action in ACTIONS.items() if "objectId" in action.kinds and name not in ARRANGING
+)
 ALONE = [
     "MoveAhead", "MoveBack", "MoveLeft", "MoveRight", "RotateLeft", "RotateRight", "LookUp",
     "LookDown", "Crouch", "Stand", "Pass", "DropHeldObject",
