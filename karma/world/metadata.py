@@ -1,8 +1,10 @@
 """AI2-THOR 5.0.0 metadata of one object: the fields that do not depend on anything around it."""
 
+import math
 from typing import Any
 
 from karma.contracts import Vec3
+from karma.world.rules import rules
 from karma.world.scene import SceneObject
 
 _SIGNS = (1, -1)
@@ -52,9 +54,21 @@ def fields(thing: SceneObject) -> dict[str, Any]:
         "parentReceptacles": list(thing.parents) or None,
         "controlledObjects": list(thing.controls) if "toggleable" in can else None,
         "isMoving": False,
-        "axisAlignedBoundingBox": box(thing.center, thing.size),
+        "axisAlignedBoundingBox": box(*_outline(thing)),
         "objectOrientedBoundingBox": {"cornerPoints": _corners(thing)} if _loose(thing) else None,
     }
+
+
+def _outline(thing: SceneObject) -> tuple[Vec3, Vec3]:
+    """Return center and size of an object's box, with its door where that stands open."""
+    doors = rules().doors
+    if thing.openness <= 0 or thing.type not in doors.swing:
+        return thing.center, thing.size
+    (x, y, z), (wide, high, deep) = thing.center, thing.size
+    east, north = (round(part(math.radians(thing.rotation[1])), 6) for part in (math.sin, math.cos))
+    reach = thing.openness * doors.reach_share * (abs(north) * wide + abs(east) * deep)
+    center = (x + east * reach / 2, y, z + north * reach / 2)
+    return center, (wide + abs(east) * reach, high, deep + abs(north) * reach)
 
 
 def xyz(point: Vec3) -> dict[str, float]:

@@ -129,6 +129,13 @@ class Put(Struct, frozen=True, forbid_unknown_fields=True):
     open_top: tuple[str, ...]
 
 
+class Doors(Struct, frozen=True, forbid_unknown_fields=True):
+    """What an open door adds to the box that metadata gives."""
+
+    swing: tuple[str, ...]
+    reach_share: float
+
+
 class View(Struct, frozen=True, forbid_unknown_fields=True):
     """What hides what."""
 
@@ -148,6 +155,7 @@ class Rules(Struct, frozen=True, forbid_unknown_fields=True):
     liquids: Liquids
     hand: Hand
     put: Put
+    doors: Doors
     view: View
     effect: tuple[Effect, ...]
 
