@@ -44,7 +44,7 @@ class Action:
         found: dict[str, Any] = {}
         for name, value in given.items():
             if name in self.takes:
-                value = fit(self.name, name, value, self.takes[name])
+                value = fit(self.name, name, value, self.takes[name], self.kinds[name])
                 if isinstance(value, Refusal):
                     return value
                 found[name] = value

@@ -64,13 +64,22 @@ def kinds(annotation: Any) -> tuple[type, ...]:
     return tuple(dict if is_typeddict(part) else get_origin(part) or part for part in parts)
 
 
-def fit(action: str, name: str, value: Any, annotation: Any) -> Any:
+def fit(action: str, name: str, value: Any, annotation: Any, admitted: tuple[type, ...]) -> Any:
     """Return a value as a handler takes it, or a Refusal that says what is wrong with it.
 
     As in AI2-THOR's player a wrong number or text is misuse, which raises in the client, while a
     vector or list of the wrong form is a failure of the action.
+
+    Args:
+        action: its name.
+        name: of the argument.
+        value: what was said.
+        annotation: the handler's, of the argument.
+        admitted: `kinds` of the annotation.
     """
-    admitted = kinds(annotation)
+    kind = type(value)
+    if kind in admitted and (kind in (str, bool) or (kind is float and abs(value) <= _MOST)):
+        return value
     try:
         value = _plain(value)
         if name == "rotation" and dict in admitted and isinstance(value, int | float):
