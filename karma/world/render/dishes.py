@@ -39,7 +39,7 @@ def _open(f: Form, radius: float, foot: float, wall: float, depth: float) -> lis
     parts = [lathe(profile, colours, depth=depth, sides=16)]
     if f.filled:
         level = max(radius * 0.95 - wall, 0.004)
-        parts.append(drum(level, y * 0.6, y * 0.86, f.liquid, depth=depth, sides=16))
+        parts.append(drum(level, y * 0.6, y * 0.92, f.liquid, depth=depth, sides=16))
     return parts
 
 

@@ -48,27 +48,27 @@ class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 @cache
 def looks() -> Mapping[str, Look]:
-    """Return all looks by type.
+    """Return all looks by type, read once from `looks.toml`; errors as in `read_looks`."""
+    return read_looks(TABLE)
+
+
+def read_looks(path: Path) -> Mapping[str, Look]:
+    """Read a table of looks.
 
     Raises:
-        FileError: the table is damaged, or a type of types.toml is missing.
+        FileError: the table is damaged, or its types are not those of types.toml.
     """
-    found = _table().types
-    for name in object_types():
-        if name not in found:
-            raise FileError(TABLE, f"types.{name}: missing")
+    found = read_toml(path, _Table).types
+    for name in sorted(found.keys() ^ object_types().keys()):
+        fault = "not a type" if name in found else "missing"
+        raise FileError(path, f"types.{name}: {fault}")
     return MappingProxyType(found)
 
 
 @cache
 def walls(room: RoomType) -> Walls:
     """Return how rooms of a type are painted."""
-    return _table().rooms[room]
-
-
-@cache
-def _table() -> _Table:
-    return read_toml(TABLE, _Table)
+    return read_toml(TABLE, _Table).rooms[room]
 
 
 def rgb(text: str) -> Colour:

@@ -126,13 +126,14 @@ def _solid(
     """Return the pixels as if everything were solid; the room shows where nothing is met."""
     level = view.origins[:, 1] + along * view.ways[:, 1]
     missed = np.flatnonzero((triangle < 0) | (level < seen.shell.low[1] - _SUNK_M))
-    out = rooms.exits(seen.shell, view.origins[missed], view.ways[missed])
+    origins, ways, passed = view.start(missed)
+    out = rooms.exits(seen.shell, origins, ways)
     colours = seen.colours[triangle]
     rows = seen.rows[triangle]
     depth = along.copy()
     colours[missed] = np.where(out.face < 0, sky, seen.shell.texels[out.texel])
     rows[missed] = seen.faces[out.face]
-    depth[missed] = out.along
+    depth[missed] = out.along - passed
     turned = None
     if normals:
         turned = seen.normals[triangle]

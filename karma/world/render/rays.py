@@ -5,6 +5,7 @@ from math import radians, tan
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from karma.world.camera import Camera
 from karma.world.objects import heading
@@ -19,11 +20,22 @@ class Rays(NamedTuple):
     ways: Floats  # (n, 3)
     forward: Floats  # (3,)
     eye: Floats | None  # (3,), where all meet; None when they are parallel
+    passed: Floats | None = None  # (n,): how far from the near plane origins are; None = there
 
-    def beyond(self, pixels: np.ndarray, far: Floats) -> "Rays":
+    def start(self, pixels: NDArray[np.intp]) -> tuple[Floats, Floats, Floats | float]:
+        """Return for some rays their origins on the near plane, ways, and what is passed since."""
+        origins, ways = self.origins[pixels], self.ways[pixels]
+        if self.passed is None:
+            return origins, ways, 0.0
+        passed = self.passed[pixels]
+        return origins - ways * passed[:, None], ways, passed
+
+    def beyond(self, pixels: NDArray[np.intp], far: Floats) -> "Rays":
         """Return some of the rays from further along."""
         ways = self.ways[pixels]
-        return self._replace(origins=self.origins[pixels] + ways * far[:, None], ways=ways)
+        origins = self.origins[pixels] + ways * far[:, None]
+        passed = far if self.passed is None else self.passed[pixels] + far
+        return self._replace(origins=origins, ways=ways, passed=passed)
 
 
 def rays(view: Camera, width: int, height: int) -> Rays:
