@@ -138,6 +138,21 @@ def test_hand_turns_about_the_agent_s_axes(world, turn, local):
     assert tuple(hand(world)["localRotation"].values()) == pytest.approx(local, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("turn", "rotation"),
+    [
+        ({"pitch": 90}, (90, 180, 0)),
+        ({"yaw": 90}, (0, 270, 0)),
+        ({"roll": 90}, (0, 180, 270)),
+        ({"pitch": 90, "yaw": 90, "roll": 90}, (90, 0, 0)),  # as Unity writes it
+    ],
+)
+def test_hand_s_rotation_in_the_room_adds_the_agent_s_yaw(world, turn, rotation):
+    take(world, "SoapBottle", yaw=180)
+    world.step("RotateHeldObject", **turn)
+    assert tuple(hand(world)["rotation"].values()) == rotation
+
+
 def test_pitched_bottle_lies_along_the_view_and_a_second_turn_adds(world):
     bottle = take(world, "SoapBottle")
     upright = look(world, bottle)["axisAlignedBoundingBox"]["size"]

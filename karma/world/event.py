@@ -13,6 +13,7 @@ import numpy as np
 
 from karma.world.camera import Camera
 from karma.world.metadata import xyz
+from karma.world.posing import hand_rotation
 from karma.world.state import Images, WorldState
 from karma.world.view import camera
 
@@ -285,7 +286,7 @@ def _situation(state: WorldState, images: Images) -> dict[str, Any]:
         },
         "heldObjectPose": {
             "position": xyz(state.hand),
-            "rotation": dict(yaw),
+            "rotation": xyz(hand_rotation(state)) if any(state.hand_turn_deg) else dict(yaw),
             "localPosition": xyz(state.hand_m),
             "localRotation": xyz(state.hand_turn_deg),
         },

@@ -62,6 +62,12 @@ def _degrees(value: float) -> float:
     return round(value % 360, 4) % 360
 
 
+def hand_rotation(state: WorldState) -> Vec3:
+    """Return how the hand is turned in the room: by the agent's yaw, and its own turn."""
+    facing = rotation_matrix((0.0, state.pose.yaw_deg, 0.0))
+    return angles(facing @ rotation_matrix(state.hand_turn_deg))
+
+
 def posed(thing: SceneObject, position: Vec3, rotation: Vec3 | None = None) -> SceneObject:
     """Return a thing at a position, turned to a rotation; None = as it is turned."""
     rotation = thing.rotation if rotation is None else rotation
