@@ -6,6 +6,7 @@ A build here is an empty script with AI2-THOR's names round it: nothing starts i
 import fcntl
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -210,6 +211,21 @@ def test_command_starts_the_player_when_asked_to(home, tmp_path):
     assert report["ok"] is True
     assert report["start"]["objects"] == 2
     assert report["start"]["picture"] == [300, 300, 3]
+
+
+def test_command_and_start_need_no_interface_at_all(build):
+    cut_off = ["unshare", "--user", "--map-root-user", "--net"]
+    if (
+        shutil.which("unshare") is None
+        or subprocess.run([*cut_off, "true"], check=False).returncode
+    ):
+        pytest.skip("needs a network namespace of its own: unshare is not allowed here")
+    start = "from karma.cli import app; app()"
+    words = [*cut_off, sys.executable, "-c", start, "doctor", "thor", "--start"]
+    words += ["--executable", fake_player.command()]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "picture [300, 300, 3]" in " ".join(done.stdout.split())
 
 
 def test_command_tells_of_a_player_that_does_not_start(home):

@@ -46,7 +46,7 @@ def thor(
 
     if platform is not None and platform not in PLATFORMS:
         raise KarmaError(f"no platform {platform!r}; there are {', '.join(PLATFORMS)}")
-    findings = checks.examine(executable, platform, display)  # type: ignore[arg-type]
+    findings = checks.examine(executable, platform, display)
     good = checks.works(findings)
     table = Table("", "what", "found", title="AI2-THOR on this machine", title_justify="left")
     for one in findings:
