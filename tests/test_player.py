@@ -395,10 +395,17 @@ def test_client_takes_a_floor_plan_by_its_short_name(tmp_path):
             assert made.scene == "FloorPlan28_physics"
 
 
-def test_client_raises_with_our_reason_when_the_player_cannot_start(tmp_path):
-    path = command(tmp_path / "nowhere")
-    reason = pytest.raises(ValueError, match="nowhere: no such folder")
-    with at_home(tmp_path), reason, controller(path):
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ("--scenes nowhere", "nowhere: no such folder"),
+        ("--scene kitchen_1", "unknown option --scene"),
+        ("-screen-width wide", "invalid int value: 'wide'"),
+    ],
+)
+def test_client_raises_with_our_reason_when_the_player_cannot_start(tmp_path, options, reason):
+    told = pytest.raises(ValueError, match=reason)
+    with at_home(tmp_path), told, controller(f"{command()} {options}", headless=True):
         pass
 
 

@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 from karma.errors import KarmaError
 from karma.world.player.fifo import farewell
@@ -25,11 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Serve one client; 0 when it is done, 1 when something was wrong, 2 for wrong usage."""
     parent = os.getppid()  # asked early: it changes when the client dies
     logging.basicConfig(level=logging.WARNING, format="karma-player: %(levelname)s: %(message)s")
-    options = _options(sys.argv[1:] if arguments is None else arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        server_pipe, client_pipe = _pipes(os.environ)
+        server_pipe, client_pipe = _pipes(os.environ, arguments)
         with open_sink(server_pipe, parent) as sink:
-            return _talk(options, client_pipe, sink)
+            return _talk(arguments, client_pipe, sink)
     except KarmaError as error:
         log.error("%s", error)
         return 2
@@ -40,8 +40,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
 
+class _Parser(argparse.ArgumentParser):
+    """Raises what is wrong, so that the client can be told."""
+
+    def error(self, message: str) -> NoReturn:
+        raise KarmaError(f"{message}\n{self.format_usage().rstrip()}")
+
+
 def _options(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="karma-player",
         description="The embedded world behind AI2-THOR's process protocol. Unity's options are "
         "taken; all but the size are without effect.",
@@ -66,8 +73,12 @@ def _options(arguments: Sequence[str]) -> argparse.Namespace:
     return options
 
 
-def _pipes(environment: Mapping[str, str]) -> tuple[str, str]:
-    """Return the paths of the server pipe, which we write, and of the client pipe."""
+def _pipes(environment: Mapping[str, str], arguments: Sequence[str]) -> tuple[str, str]:
+    """Return the paths of the server pipe, which we write, and of the client pipe.
+
+    Raises:
+        KarmaError: no client has started this program; says what is wrong with the arguments first.
+    """
     kind = environment.get("AI2THOR_SERVER_TYPE", "FIFO")
     if kind != "FIFO":
         raise KarmaError(f"this player speaks FIFO, not {kind}\n  To fix: leave server_class out")
@@ -76,17 +87,18 @@ def _pipes(environment: Mapping[str, str]) -> tuple[str, str]:
             "AI2THOR_FIFO_CLIENT_PIPE_PATH"
         ]
     except KeyError as missing:
+        _options(arguments)
         raise KarmaError(
             f"the environment has no {missing}: AI2-THOR's Controller starts this program\n"
             "  To fix: Controller(local_executable_path=karma.world.player.command())"
         ) from None
 
 
-def _talk(options: argparse.Namespace, client_pipe: str, sink: BinaryIO) -> int:
+def _talk(arguments: Sequence[str], client_pipe: str, sink: BinaryIO) -> int:
     """Serve the client; what ends the player before its time is told to it."""
     try:
         with open_source(client_pipe) as source:
-            player = _player(options)
+            player = _player(_options(arguments))
             sink.write(player.hello())
             sink.flush()
             await_client(source, sink)

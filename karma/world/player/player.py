@@ -155,7 +155,8 @@ class Player:
             return self._send(self._refuse(name, message, code))
         except Exception:  # the fault is in the world's metadata itself
             log.exception("the answer to %r", name)
-            self._trouble, self._world = message, _nowhere(300, 300)
+            settings = self._world.state.settings
+            self._trouble, self._world = message, _nowhere(settings.width, settings.height)
             return self._send(self._refuse(name, message, code))
 
     def _send(self, event: WorldEvent) -> bytes:
