@@ -57,8 +57,8 @@ def noteworthy(action: str, object_id: str) -> bool:
 
 
 def _by_id(object_id: str, metadata: Metadata) -> Thing | None:
-    things: Sequence[Thing] = metadata["objects"]
-    return next((one for one in things if one["objectId"] == object_id), None)
+    found: list[Thing] = [one for one in metadata["objects"] if one["objectId"] == object_id]
+    return found[0] if found else None
 
 
 def _nearest_basin(faucet: str, metadata: Metadata) -> Thing | None:
