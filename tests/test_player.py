@@ -16,7 +16,7 @@ import sys
 import msgspec
 import numpy as np
 import pytest
-from fronts import at_home, controller, environment, open_fronts, write_scenes
+from fronts import at_home, choose, controller, environment, open_fronts, write_scenes
 from household import kitchen
 from hypothesis import given
 from hypothesis import strategies as st
@@ -289,7 +289,9 @@ def test_command_is_split_by_the_client_as_it_was_meant(tmp_path):
 @pytest.fixture(scope="module")
 def fronts(tmp_path_factory):
     with contextlib.ExitStack() as stack:
-        yield open_fronts(stack, tmp_path_factory.mktemp("player"))
+        found = open_fronts(stack, tmp_path_factory.mktemp("player"))
+        choose(found, "player")
+        yield found
 
 
 SCRIPT = [

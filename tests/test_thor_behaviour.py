@@ -15,7 +15,7 @@ import warnings
 
 import numpy as np
 import pytest
-from fronts import FRONTS, open_fronts
+from fronts import FRONTS, choose, open_fronts
 from household import kitchen
 from test_world_contract import AGENT_FIELDS, EVENT_FIELDS, OBJECT_FIELDS, assert_form
 
@@ -68,7 +68,7 @@ def fronts(tmp_path_factory):
 @pytest.fixture(params=FRONTS)
 def front(fronts, request):
     """A front in the handmade kitchen, at its start."""
-    one = fronts[request.param]
+    one = choose(fronts, request.param)
     one.reset()
     return one
 
