@@ -37,7 +37,7 @@ def build(trial: Trial, facts: Facts, *, widened: Mapping[str, float] | None = N
     movables = [_movable(pose, facts) for pose in poses.values()]
     parents = contained(trial, facts, fixed, movables)
     movables = [_wider(thing, widened) for thing in movables]
-    loose = [_in(thing, parents.get(thing.id)) for thing in movables]
+    loose = [_in(thing, parents) for thing in movables]
     things = _named_apart([_at_start(thing, trial) for thing in (*fixed, *loose)])
     cells = facts.cells
     box = _bounds(things, cells, floor_y)
@@ -109,8 +109,14 @@ def _minus(
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-def _in(thing: SceneObject, parent: str | None) -> SceneObject:
-    return thing if parent is None else msgspec.structs.replace(thing, parents=(parent,))
+def _in(thing: SceneObject, parents: Mapping[str, str]) -> SceneObject:
+    """Return an object in its receptacle, and where that is a vessel, in the vessel's too."""
+    chain = []
+    above = parents.get(thing.id)
+    while above is not None and above not in chain:
+        chain.append(above)
+        above = parents.get(above)
+    return msgspec.structs.replace(thing, parents=tuple(chain))
 
 
 def _wider(thing: SceneObject, widened: Mapping[str, float] | None) -> SceneObject:

@@ -63,11 +63,11 @@ def _by_id(object_id: str, metadata: Metadata) -> Thing | None:
 
 def _nearest_basin(faucet: str, metadata: Metadata) -> Thing | None:
     source = _by_id(faucet, metadata)
-    basins = [one for one in metadata["objects"] if one["objectType"] == "SinkBasin"]
+    basins: list[Thing] = [one for one in metadata["objects"] if one["objectType"] == "SinkBasin"]
     if source is None or not basins:
         return None
     here = _place(source)
-    return min(basins, key=lambda one: (math.dist(_place(one), here), one["objectId"]))
+    return min(basins, key=lambda one: (math.dist(_place(one), here), str(one["objectId"])))
 
 
 def _place(one: Thing) -> list[float]:
