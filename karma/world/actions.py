@@ -16,6 +16,7 @@ from karma.world import (
     spawning,
     stating,
     teleporting,
+    ways,
 )
 from karma.world.absent import absent, refuser
 from karma.world.arguments import fit, kinds
@@ -86,10 +87,10 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "Teleport": moving.teleport,
     "TeleportFull": moving.teleport_full,
     # asking
-    "GetReachablePositions": moving.reachable_positions,
-    "GetShortestPath": moving.shortest_path,
-    "GetShortestPathToPoint": moving.shortest_path_to_point,
-    "GetInteractablePoses": moving.interactable_poses,
+    "GetReachablePositions": ways.reachable_positions,
+    "GetShortestPath": ways.shortest_path,
+    "GetShortestPathToPoint": ways.shortest_path_to_point,
+    "GetInteractablePoses": ways.interactable_poses,
     "GetObjectInFrame": asking.object_in_frame,
     "GetCoordinateFromRaycast": asking.coordinate,
     "GetVisibleObjects": asking.visible_objects,
@@ -128,7 +129,7 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "SetObjectFilterForType": setup.set_object_filter_for_type,
     "ResetObjectFilter": setup.reset_object_filter,
     "SetRandomSeed": setup.set_random_seed,
-    "SetTemperatureDecayTime": moving.set_decay_time,
+    "SetTemperatureDecayTime": setup.set_decay_time,
     "ChangeResolution": setup.change_resolution,
     "ChangeQuality": setup.change_quality,
     "MakeAllObjectsUnbreakable": setup.make_all_unbreakable,
@@ -148,7 +149,7 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "LookDown": moving.looker(+1),
     "LookUp": moving.looker(-1),
     "RotateLook": moving.rotate_look,
-    "GetScenesInBuild": moving.scenes_in_build,
+    "GetScenesInBuild": ways.scenes_in_build,
     "SliceObject": handling.slice_object,
     "BreakObject": handling.break_object,
     "FillObjectWithLiquid": handling.fill,

@@ -1,23 +1,19 @@
-"""Actions of the agent's body: walking, turning, looking, and asking for ways and poses."""
+"""Actions of the agent's body: walking, turning, looking."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 from karma.contracts import Pose
-from karma.world import navigate, scene
 from karma.world.arguments import Place
 from karma.world.footing import BODY_M, Ground, finer, snapped
 from karma.world.objects import Objects, heading, moved, turned
-from karma.world.state import Cell, Done, Refusal, Result, WorldState, refuse
+from karma.world.state import Done, Refusal, Result, WorldState, refuse
 
 _LOOK_UP_LIMIT, _LOOK_DOWN_LIMIT = -30.0, 60.0
 _ON_GRID_M = 0.01
 _FLOOR_SLACK_M = 0.05  # a teleport may miss the floor's height by this much
 _BODY_TOP_M = 1.8
-_FINEST_M = 0.02  # of the grids that GetReachablePositions can be asked for
-_MOST_STEPS = 10_000  # of GetReachablePositions, per square metre of a step
-_ACROSS = ((0, 1), (1, 0), (0, -1), (-1, 0))  # steps right and ahead
 
 
 def with_pose(state: WorldState, pose: Pose) -> WorldState:
@@ -62,7 +58,7 @@ def mover(angle: float) -> Callable[..., Result]:
 def _step(state: WorldState, step: tuple[float, float], far: float, snap: bool) -> Result:
     room, (x, y, z) = state.room, state.pose.position_m
     on_cells = snap and not finer(state)
-    free = _on_a_cell(state) if on_cells else _between_cells(state)
+    free = _on_a_cell(state) if on_cells else between_cells(state)
     parts = max(round(far / room.grid_m * (1 if on_cells else 4)), 1)
     for part in range(1, parts + 1):
         target = (x + step[0] * far * part / parts, z + step[1] * far * part / parts)
@@ -82,7 +78,7 @@ def _on_a_cell(state: WorldState) -> Callable[[float, float], bool]:
     return lambda x, z: room.key(x, z) in room.cells
 
 
-def _between_cells(state: WorldState) -> Callable[[float, float], bool]:
+def between_cells(state: WorldState) -> Callable[[float, float], bool]:
     """Return whether one can stand at a place; an agent that cannot stand where it is may leave."""
     ground = Ground(state)
     x, _, z = state.pose.position_m
@@ -152,7 +148,7 @@ def rotate_look(
 ) -> Result:
     """Turn to a yaw and tilt to a horizon; what is left out is 0."""
     tilt = round(horizon or 0.0, 4)
-    pose = replace(state.pose, yaw_deg=_yaw(rotation or {}), horizon_deg=tilt)
+    pose = replace(state.pose, yaw_deg=yaw_of(rotation or {}), horizon_deg=tilt)
     return _beyond(tilt) or Done(with_pose(state, pose))
 
 
@@ -189,11 +185,11 @@ def teleport(
 ) -> Result:
     """Put the agent elsewhere; what is left out stays as it is."""
     here = state.pose.position_m
-    given = _given(position, x, y, z)
+    given = coordinates(position, x, y, z)
     to = (given.get("x", here[0]), given.get("y", here[1]), given.get("z", here[2]))
     pose = Pose(
         position_m=to,
-        yaw_deg=state.pose.yaw_deg if rotation is None else _yaw(rotation),
+        yaw_deg=state.pose.yaw_deg if rotation is None else yaw_of(rotation),
         horizon_deg=state.pose.horizon_deg if horizon is None else float(horizon),
         standing=state.pose.standing if standing is None else standing,
     )
@@ -208,7 +204,7 @@ def teleport(
     return Done(with_pose(state, pose))
 
 
-def _given(
+def coordinates(
     position: Place | None, x: float | None, y: float | None, z: float | None
 ) -> dict[str, float]:
     """Return the coordinates that were said, either way of saying them."""
@@ -230,7 +226,7 @@ def teleport_full(
     forceAction: bool = False,
 ) -> Result:
     """Put the agent elsewhere; everything has to be said."""
-    given = _given(position, x, y, z)
+    given = coordinates(position, x, y, z)
     if missing := [axis for axis in "xyz" if axis not in given]:
         return Refusal(
             f"action: TeleportFull is missing the following arguments: {', '.join(missing)}",
@@ -248,7 +244,8 @@ def teleport_full(
     )
 
 
-def _yaw(rotation: Place | float) -> float:
+def yaw_of(rotation: Place | float) -> float:
+    """Return the yaw of a rotation, in [0, 360)."""
     yaw = rotation.get("y", 0.0) if isinstance(rotation, dict) else rotation
     return round(yaw % 360, 4) % 360
 
@@ -283,171 +280,7 @@ def _cannot_be(state: WorldState, pose: Pose) -> Refusal | None:
     return None
 
 
-# ----------------------------------------------------------------- questions; nothing changes
-
-
-def reachable_positions(
-    state: WorldState,
-    *,
-    maxStepCount: int | None = None,
-    gridSize: float | None = None,
-    directionsRelativeAgent: bool = False,
-) -> Result:
-    """Return the places the agent can walk to, the nearest first."""
-    grid = state.settings.grid_m if gridSize is None else gridSize
-    if not _FINEST_M <= grid <= 5:
-        return refuse("ArgumentOutOfRangeException", f"gridSize must be in [{_FINEST_M}, 5]")
-    if abs(grid - state.room.grid_m) < 1e-6 and not directionsRelativeAgent:
-        start = navigate.agent_cell(state)
-        cells = [] if start is None else list(navigate.walk(state.room, start))
-        places = [state.room.cells[cell] for cell in cells]
-    else:
-        places = _walk_between(state, grid, state.pose.yaw_deg if directionsRelativeAgent else 0.0)
-    if not places:
-        return Refusal("No reachable positions", "ReachablePositionsCountZero")
-    most = _MOST_STEPS if maxStepCount is None else maxStepCount
-    if len(places) > most / grid**2:
-        return Refusal("Too many steps taken in GetReachablePositions.")
-    return Done(state, [_xyz(state, place) for place in places], 0.0)
-
-
-def _walk_between(state: WorldState, grid: float, yaw_deg: float) -> list[tuple[float, float]]:
-    """Return the places that steps of a length lead to, along and across a yaw; the start first."""
-    free = _between_cells(state)
-    x, _, z = state.pose.position_m
-    (ahead_x, ahead_z), (right_x, right_z) = heading(yaw_deg), heading(yaw_deg + 90)
-    found = {(0, 0): (x, z)}
-    queue = [(0, 0)]
-    for right, ahead in queue:
-        for across, along in _ACROSS:
-            key = (right + across, ahead + along)
-            place = (
-                round(x + (key[0] * right_x + key[1] * ahead_x) * grid, 6),
-                round(z + (key[0] * right_z + key[1] * ahead_z) * grid, 6),
-            )
-            if key not in found and free(*place):
-                found[key] = place
-                queue.append(key)
-    return list(found.values())
-
-
-def shortest_path(
-    state: WorldState,
-    *,
-    objectId: str | None = None,
-    objectType: str | None = None,
-    position: Place | None = None,
-    initialRotation: Place | None = None,
-    rotation: Place | None = None,
-    allowedError: float = 1e-4,
-) -> Result:
-    """Return the way to where the agent is nearest to an object."""
-    if objectId is None and objectType is None:
-        message = "action: GetShortestPath is missing the following arguments: objectId"
-        return Refusal(message, "MissingArguments")
-    if objectId is None:
-        objectId = next(iter(state.objects.by_type.get(str(objectType), ())), "")
-    if objectId not in state.objects:
-        what = objectId or objectType
-        return refuse("ArgumentException", f"Cannot find SimObject with id '{what}'.")
-    goal = navigate.approach(state, objectId)
-    return _way(state, position, goal, objectId)
-
-
-def shortest_path_to_point(
-    state: WorldState,
-    *,
-    x: float | None = None,
-    y: float | None = None,
-    z: float | None = None,
-    target: Place | None = None,
-    position: Place | None = None,
-    allowedError: float = 1e-4,
-) -> Result:
-    """Return the way to the cell nearest to a point."""
-    given = _given(target, x, y, z)
-    if "x" not in given or "z" not in given:
-        message = "action: GetShortestPathToPoint is missing the following arguments: target"
-        return Refusal(message, "MissingArguments")
-    goal = navigate.nearest_cell(state.room, given["x"], given["z"])
-    return _way(state, position, goal, f"({given['x']}, {given['z']})")
-
-
-def _way(state: WorldState, start: Place | None, goal: Cell | None, name: str) -> Result:
-    if start is None:
-        first = navigate.agent_cell(state)
-    else:
-        here = state.pose.position_m
-        x, z = start.get("x", here[0]), start.get("z", here[2])
-        first = navigate.nearest_cell(state.room, x, z)
-    cells = None if first is None or goal is None else navigate.path(state.room, first, goal)
-    if cells is None:
-        return Refusal(f"Path to target {name} could not be found.")
-    places = [state.room.cells[cell] for cell in navigate.corners(cells)]
-    return Done(state, {"corners": [_xyz(state, place) for place in places]}, 0.0)
-
-
-def interactable_poses(
-    state: WorldState,
-    *,
-    objectId: str,
-    positions: list[Place] | None = None,
-    rotations: list[float | Place] | None = None,
-    horizons: list[float] | None = None,
-    standings: list[bool] | None = None,
-    maxDistance: float | None = None,
-    maxPoses: int | None = None,
-) -> Result:
-    """Return poses from which an object can be interacted with, the nearest first."""
-    if objectId not in state.objects:
-        return unknown(objectId)
-    if maxPoses is not None and maxPoses < 1:
-        return refuse("ArgumentOutOfRangeException", "maxPoses must be > 0.")
-    if [] in (positions, rotations, horizons, standings):
-        return Done(state, [], 0.0)
-    choice: dict[str, Any] = {"max_m": maxDistance, "limit": maxPoses}
-    if positions is not None:
-        cells = [state.room.key(p.get("x", 0.0), p.get("z", 0.0)) for p in positions]
-        choice["cells"] = cells
-    if rotations is not None:
-        choice["yaws"] = [_yaw(rotation) for rotation in rotations]
-    if horizons is not None:
-        choice["horizons"] = horizons
-    if standings is not None:
-        choice["standings"] = standings
-    poses = navigate.interactable_poses(state, objectId, **choice)
-    return Done(state, [_pose(pose) for pose in poses], 0.0)
-
-
-def scenes_in_build(state: WorldState) -> Result:
-    """Return the names of the scenes that come with the package."""
-    return Done(state, sorted(path.stem for path in scene.SCENES.glob("*.json")), 0.0)
-
-
-def set_decay_time(state: WorldState, *, decayTime: float) -> Result:
-    """Set how long heat and cold last; 0 = until the next action."""
-    if decayTime < 0:
-        return Refusal("decayTime must not be negative")
-    return Done(replace(state, decay_s=float(decayTime)))
-
-
 def unknown(object_id: str) -> Refusal:
     """Return the refusal for an id that no object has."""
     message = f"objectId: {object_id} is not the objectId on any object in the scene!"
     return refuse("ArgumentException", message)
-
-
-def _pose(pose: Pose) -> dict[str, Any]:
-    x, y, z = pose.position_m
-    return {
-        "x": x,
-        "y": y,
-        "z": z,
-        "rotation": pose.yaw_deg,
-        "standing": pose.standing,
-        "horizon": pose.horizon_deg,
-    }
-
-
-def _xyz(state: WorldState, place: tuple[float, float]) -> dict[str, float]:
-    return {"x": place[0], "y": state.pose.position_m[1], "z": place[1]}

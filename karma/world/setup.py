@@ -101,6 +101,13 @@ def _not_this_camera(fov_deg: float, near_m: float, far_m: float) -> Refusal | N
     return None
 
 
+def set_decay_time(state: WorldState, *, decayTime: float) -> Result:
+    """Set how long heat and cold last; 0 = until the next action."""
+    if decayTime < 0:
+        return Refusal("decayTime must not be negative")
+    return Done(replace(state, decay_s=float(decayTime)))
+
+
 def change_resolution(state: WorldState, *, x: int, y: int) -> Result:
     """Set the picture's width and height, pixels."""
     if not (1 <= x <= _LONGEST_SIDE and 1 <= y <= _LONGEST_SIDE):
