@@ -51,11 +51,6 @@ class Action:
                 found[name] = value
         return found
 
-    def check(self, given: Mapping[str, Any]) -> Refusal | None:
-        """Return what is wrong with the arguments, if anything."""
-        found = self.ready(given)
-        return found if isinstance(found, Refusal) else None
-
     def _misfit(self, unknown: list[str], given: Mapping[str, Any]) -> str:
         return (
             f"action: {self.name} has invalid arguments: {', '.join(map(str, unknown))}.\n"
