@@ -196,9 +196,32 @@ def test_scene_from_dump_twice_the_same_id_is_refused():
 
 
 @pytest.mark.parametrize("name", ["FloorPlan_Train1_1", "kitchen", "FloorPlan130"])
-def test_scene_from_dump_name_without_a_room_is_refused(name):
-    with pytest.raises(FileError, match="FloorPlan number"):
-        scene_from_dump(name, room())
+def test_scene_from_dump_name_without_a_room_is_told_by_its_things(name):
+    things = room()
+    assert scene_from_dump(name, things).room == "Kitchen"
+    bath = [row for row in things if row["objectType"] == "Floor"]
+    bath.append(thor("Toilet", (1.5, 0.4, 1.5), (0.4, 0.8, 0.6)))
+    bath.append(thor("HandTowelHolder", (-1.5, 1.4, -1.5), (0.2, 0.1, 0.1)))
+    assert scene_from_dump(name, bath).room == "Bathroom"
+
+
+def test_import_dump_takes_agent_and_cells_from_an_export(tmp_path):
+    agent = {
+        "position": {"x": 0.25, "y": 0.95, "z": -0.5},
+        "rotation": {"x": 0, "y": 270.0, "z": 0},
+        "cameraHorizon": 30.0,
+    }
+    cells = [{"x": 0.25, "y": 0.95, "z": -0.5}, {"x": 0.0, "y": 0.95, "z": -0.5}]
+    row = {"scene": "hall", "objects": room(), "agent": agent, "reachable": cells}
+    path = tmp_path / "scenes.jsonl"
+    path.write_text(json.dumps(row))
+    (scene,) = import_dump(path)
+    assert scene.reachable == ((0.0, -0.5), (0.25, -0.5))
+    assert (scene.agent.position, scene.agent.yaw) == ((0.25, 0.95, -0.5), 270.0)
+    row["agent"] = {"position": "here"}
+    path.write_text(json.dumps(row))
+    with pytest.raises(FileError, match=r"scene 1: .*agent\.position"):
+        list(import_dump(path))
 
 
 def test_scene_from_dump_without_objects_or_free_cells_is_refused():

@@ -14,7 +14,7 @@ from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.files import read_bytes
 from karma.world.boxes import Box, Cell
-from karma.world.scene import Temperature
+from karma.world.scene import AgentPose, Temperature
 from karma.world.types import object_types
 
 
@@ -135,6 +135,41 @@ def named(row: Any, path: str | Path, place: str) -> tuple[str, list[Any]]:
             word = "missing" if key not in row else f"not a {kind.__name__}"
             raise FileError(path, f"{place}: `{key}` is {word}")
     return row["scene"], row["objects"]
+
+
+class _Turn(msgspec.Struct, frozen=True):
+    y: float
+
+
+class _Agent(msgspec.Struct, frozen=True, rename="camel"):
+    position: _Vector
+    rotation: _Turn
+    camera_horizon: float
+
+
+class _Stance(msgspec.Struct, frozen=True):
+    """What an export of ours tells besides the objects."""
+
+    agent: _Agent | None = None
+    reachable: tuple[_Vector, ...] = ()
+
+
+def stance(row: Any, path: str | Path, place: str) -> tuple[AgentPose | None, tuple[Cell, ...]]:
+    """Return a row's agent and the cells it can reach, where it has them.
+
+    Raises:
+        FileError: they have another form than AI2-THOR's; says where.
+    """
+    try:
+        found = msgspec.convert(row, _Stance)
+    except msgspec.ValidationError as error:
+        raise FileError(path, f"{place}: {error}") from error
+    cells = tuple(sorted((cell.x, cell.z) for cell in found.reachable))
+    if found.agent is None:
+        return None, cells
+    one = found.agent
+    pose = AgentPose(position=one.position.tuple, yaw=one.rotation.y, horizon=one.camera_horizon)
+    return pose, cells
 
 
 class _Cells(msgspec.Struct, frozen=True):

@@ -10,7 +10,7 @@ import msgspec
 from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.world.boxes import AGENT_RADIUS_M, Box, Cell, distances, free_parts, nearest_to_centre
-from karma.world.dump import Seen, named, read_layouts, rows, seen_object
+from karma.world.dump import Seen, named, read_layouts, rows, seen_object, stance
 from karma.world.scene import (
     AgentPose,
     Capability,
@@ -40,6 +40,8 @@ def import_dump(
 ) -> Iterator[Scene]:
     """Read scenes from a dump: lines or one array of {"scene": name, "objects": [...]}.
 
+    What scripts/export_thor_scenes.py writes also has `agent` and `reachable`; they are used.
+
     Args:
         path: .json or .jsonl, also gzipped; one JSON object alone is one scene.
         layouts: ALFRED's JSON of {scene: {"reachable": [[x, z], ...]}}, also gzipped; scenes
@@ -56,7 +58,10 @@ def import_dump(
         name, objects = named(row, path, place)
         if wanted is None or name in wanted:
             try:
-                yield scene_from_dump(name, objects, reachable=cells.get(name))
+                agent, known = stance(row, path, place)
+                yield scene_from_dump(
+                    name, objects, reachable=cells.get(name) or known, agent=agent
+                )
             except FileError as error:
                 raise FileError(path, f"{place}: {error.reason}") from error
             if wanted is not None:
@@ -83,7 +88,7 @@ def scene_from_dump(
         agent: its start, which is a cell of its own; the cell nearest to the middle of all when
             None.
         grid_m: distance of the cells.
-        room: what the scene is, where its name does not tell.
+        room: what the scene is; by its name when None, or by what stands in it.
 
     Raises:
         FileError: a field is missing or wrong, or the objects contradict each other; the path
@@ -104,7 +109,7 @@ def scene_from_dump(
     parents = _parents(seen)
     scene = Scene(
         name=scene_name,
-        room=room or _room_type(scene_name),
+        room=room or room_by_name(scene_name) or room_by_things(objects),
         source="AI2-THOR metadata at reset",
         floor_y=floor_y,
         grid_m=grid_m,
@@ -139,13 +144,6 @@ def room_by_things(objects: Sequence[Mapping[str, Any]]) -> RoomType:
         for room in rooms_of:
             weight[room] += 1 / len(rooms_of)
     return max(ROOMS, key=lambda room: weight[room])
-
-
-def _room_type(scene_name: str) -> RoomType:
-    room = room_by_name(scene_name)
-    if room is None:
-        raise FileError(scene_name, "scene: the name has no FloorPlan number of a single room")
-    return room
 
 
 def _floor_y(seen: Sequence[Seen]) -> float:

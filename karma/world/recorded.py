@@ -23,7 +23,7 @@ from karma.errors import FileError
 from karma.world.blame import ABSENT, KINDS, Blame, Key, Moment, Row, Values, alike, shown, values
 from karma.world.boxes import Cell
 from karma.world.dump import read_layouts, rows
-from karma.world.importers import room_by_name, room_by_things, scene_from_dump
+from karma.world.importers import scene_from_dump
 from karma.world.scene import AgentPose, Scene
 from karma.world.sim import EmbeddedWorld
 
@@ -168,7 +168,6 @@ def scene_of(action: Row, metadata: Row, *, reachable: Sequence[Cell] | None = N
         reachable=reachable,
         agent=pose,
         grid_m=float(action.get("gridSize") or _LAYOUT_M),
-        room=room_by_name(name) or room_by_things(metadata["objects"]),
     )
 
 
