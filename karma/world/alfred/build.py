@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from karma.world.alfred.contents import contained
-from karma.world.alfred.facts import Facts
+from karma.world.alfred.facts import Facts, middling
 from karma.world.alfred.furniture import furnished
 from karma.world.alfred.ids import kind_of, type_now
 from karma.world.alfred.steps import STEP_M
@@ -99,8 +99,8 @@ def _movable(pose: ObjectPose, facts: Facts) -> SceneObject:
 
 
 def _model(kind: str, facts: Facts) -> SceneObject | None:
-    here = [] if facts.dump is None else [t for t in facts.dump.objects if t.type == kind]
-    return here[0] if here else facts.models.get(kind)
+    here = () if facts.dump is None else facts.dump.objects
+    return middling(t for t in here if t.type == kind) or facts.models.get(kind)
 
 
 def _minus(

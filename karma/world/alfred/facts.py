@@ -123,10 +123,14 @@ def _models(scenes: Iterable[Scene]) -> dict[str, SceneObject]:
     for scene in scenes:
         for thing in scene.objects:
             found.setdefault(thing.type, []).append(thing)
-    return {
-        kind: sorted(things, key=lambda t: (math.prod(t.size), t.id))[len(things) // 2]
-        for kind, things in sorted(found.items())
-    }
+    models = {kind: middling(things) for kind, things in sorted(found.items())}
+    return {kind: model for kind, model in models.items() if model is not None}
+
+
+def middling(things: Iterable[SceneObject]) -> SceneObject | None:
+    """Return the object of middling volume, of two the smaller; None of none."""
+    ranked = sorted(things, key=lambda thing: (math.prod(thing.size), thing.id))
+    return ranked[(len(ranked) - 1) // 2] if ranked else None
 
 
 def _distinct(spots: Iterable[LabelledSpot]) -> tuple[LabelledSpot, ...]:
