@@ -32,7 +32,8 @@ def alone(kind, **state):
     """One object of a type on the floor in the middle of a large room."""
     size = thing(kind, (0.0, 0.0, 0.0)).size
     one = thing(kind, (0.0, size[1] / 2, 0.0), **state)
-    return moment(one, size=(8.0, 3.0, 8.0), cells=((0.0, 2.0),)), size
+    now = moment(one, size=(8.0, 3.0, 8.0), cells=((0.0, 2.0),))
+    return facing(now, 0, position=(3.5, 0.9, 3.5)), size
 
 
 def towards(target, *, yaw=200.0, pitch=25.0, far=1.0, fov=45.0):

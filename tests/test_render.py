@@ -21,6 +21,7 @@ from karma.world.importers import import_dump
 from karma.world.render.drawn import drawn, tasks
 from karma.world.render.kept import _ROOMS
 from karma.world.render.picture import (
+    AGENT,
     CEILING,
     FLOOR,
     NOTHING,
@@ -123,7 +124,7 @@ def test_thin_worktops_are_the_boxes_that_they_are(boxes, pitch, yaw):
         thing("CounterTop", (round(x, 3), round(y, 3), round(z, 3)), (w, h, d), suffix=f"|{number}")
         for number, (x, y, z, w, h, d) in enumerate(boxes)
     ]
-    state = moment(*objects, cells=((0.0, -1.5),))
+    state = facing(moment(*objects), 0, position=(0.0, 0.9, -1.2))
     camera = Camera(position_m=(0.0, 1.2, -1.2), rotation_deg=(pitch, yaw, 0.0), fov_deg=70.0)
     picture = render(state, camera, 48, 36)
     origin, rays = pixel_rays(camera, 48, 36)
@@ -259,9 +260,18 @@ def test_the_map_shows_z_upwards_and_x_to_the_right():
     assert tomato[0] == pytest.approx(49.5, abs=1.5) and tomato[1] == pytest.approx(24.5, abs=1.5)
 
 
+def test_other_cameras_see_the_agent_and_it_does_not_see_itself():
+    state = facing(moment(size=(6.0, 2.5, 6.0)), 0)
+    camera = towards((0.0, 1.0, 0.0), yaw=0.0, pitch=10.0, far=2.0)
+    picture = render(state, camera, 60, 60)
+    assert picture.rows[30, 30] == AGENT
+    assert picture.depth_m[30, 30] == pytest.approx(1.85, abs=0.1)
+    assert not (view(facing(state, 0, horizon=60)).rows == AGENT).any()
+
+
 def test_a_camera_outside_looks_through_the_near_wall():
-    state = moment(thing("Fridge", (0.0, 0.9, 0.0)))
-    outside = Camera(position_m=(0.0, 1.2, -6.0))
+    state = facing(moment(thing("Fridge", (0.0, 0.9, 0.0))), 0, position=(1.5, 0.9, 1.5))
+    outside = Camera(position_m=(0.0, 0.5, -6.0))
     picture = render(state, outside, 90, 90)
     assert picture.rows[45, 45] == 0
     assert picture.rows[0, 0] == NOTHING and picture.depth_m[0, 0] == 20.0
@@ -424,6 +434,13 @@ def test_what_is_kept_goes_with_the_room():
     assert len(_ROOMS) < before
 
 
+def test_only_so_many_rooms_are_kept():
+    states = [moment(thing("Apple", (0.0, 1.0, 1.0)), name=f"room {n}") for n in range(40)]
+    pictures = [view(facing(state, 0), 10, 10) for state in states]
+    assert 0 < len(_ROOMS) <= 16
+    assert same(view(facing(states[0], 0), 10, 10), pictures[0])
+
+
 def fingerprint():
     """A digest of some pictures of our scenes."""
     digest = hashlib.blake2b()
@@ -458,7 +475,7 @@ def test_every_pixel_of_our_scenes_is_accounted_for(name):
         picture = view(facing(state, 90 * (number % 4), 15, at), 40, 40)
         assert picture.rgb.dtype == np.uint8 and picture.rgb.shape == (40, 40, 3)
         assert picture.depth_m.dtype == np.float32 and picture.rows.dtype == np.int32
-        assert (picture.rows >= WALL - 4).all() and (picture.rows < len(state.objects)).all()
+        assert (picture.rows >= AGENT).all() and (picture.rows < len(state.objects)).all()
         assert not (picture.rows == NOTHING).any(), "inside a room one sees the room"
         assert (picture.depth_m > 0).all()
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.world.render.pixels import CEILING, FLOOR, NOTHING, PIECES, WALL, packed
+from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, WALL, packed
 from karma.world.scene import SceneObject
 
 RGB = tuple[int, int, int]
@@ -18,6 +18,7 @@ STRUCTURE: Mapping[int, str] = {
     CEILING: "Ceiling",
     FLOOR: "Floor",
     PIECES: "Pieces",
+    AGENT: "Agent",
 }
 _OFFSET = -min(STRUCTURE)
 

@@ -20,6 +20,8 @@ from karma.world.types import object_types
 
 STRAIGHT_M = 1.1  # a worktop wider than this goes round a corner
 AGENT_M = 0.2
+SLIVER_M = 0.015
+STRIP_M = 0.13  # narrower remains of a bent worktop are left out
 
 
 class Task(NamedTuple):
@@ -157,8 +159,11 @@ def _ground(
         free += [(float(x - r), float(z - r), float(x + r), float(z + r)) for x, z in cells]
     if not free:
         return ()
+    parts = _without((own.x0, own.z0, own.x1, own.z1), free)
+    if len(free) > len(holes):
+        parts = [part for part in parts if min(part[2] - part[0], part[3] - part[1]) > STRIP_M]
     found = []
-    for x0, z0, x1, z1 in _without((own.x0, own.z0, own.x1, own.z1), free):
+    for x0, z0, x1, z1 in parts:
         corners = np.array([(x0, 0.0, z0), (x1, 0.0, z1)]) - stand.foot
         a, b = corners @ stand.axes.T
         low, high = np.minimum(a, b), np.maximum(a, b)
@@ -189,7 +194,7 @@ def _without(whole: Rectangle, holes: list[Rectangle]) -> list[Rectangle]:
             found.append((float(xs[run[0]]), float(zs[start]), float(xs[run[1]]), float(zs[row])))
         for run in runs:
             open_runs.setdefault(run, row)
-    return [r for r in found if r[2] - r[0] > 1e-3 and r[3] - r[1] > 1e-3]
+    return [r for r in found if min(r[2] - r[0], r[3] - r[1]) > SLIVER_M]
 
 
 def _runs(row: np.ndarray) -> list[tuple[int, int]]:

@@ -9,6 +9,7 @@ from karma.world.render import shell
 from karma.world.render.drawn import Task, drawn, tasks
 from karma.world.render.layer import Layer
 from karma.world.render.mesh import Mesh
+from karma.world.render.pixels import PIECES
 from karma.world.render.shell import Shell
 from karma.world.state import Room, WorldState
 
@@ -46,12 +47,12 @@ class Built:
         if not _same(still, self._still):
             kept = {task.thing.id: task for task in self._still}
             self._meshes = {task.thing.id: self._mesh(task, kept, state) for task in still}
-            self.layers[0] = Layer([task.row_id for task in still], list(self._meshes.values()))
+            self.layers[0] = _layer(still, list(self._meshes.values()))
             self.shell = self._paint(state)
             self._still = still
         if not _same(held, self._held):
             meshes = [drawn(task, self._cells, state.room.name) for task in held]
-            self.layers[1:] = [Layer([task.row_id for task in held], meshes)] if held else []
+            self.layers[1:] = [_layer(held, meshes)] if held else []
             self._held = held
 
     def _mesh(self, task: Task, kept: dict[str, Task], state: WorldState) -> Mesh:
@@ -70,16 +71,24 @@ class Built:
         return self.shell
 
 
-_ROOMS: WeakKeyDictionary[Room, Built] = WeakKeyDictionary()  # one for each room that lives
+_ROOMS: WeakKeyDictionary[Room, Built] = WeakKeyDictionary()  # the longest unused first
+_AT_ONCE = 16  # rooms of which something is kept; Embree dies of some thousand scenes at once
 
 
 def built(state: WorldState) -> Built:
     """Return the layers and the shell of a moment."""
-    found = _ROOMS.get(state.room)
+    found = _ROOMS.pop(state.room, None)
     if found is None:
-        found = _ROOMS[state.room] = Built(state)
+        for room in list(_ROOMS)[: max(0, len(_ROOMS) - _AT_ONCE + 1)]:
+            del _ROOMS[room]
+        found = Built(state)
+    _ROOMS[state.room] = found
     found.update(state)
     return found
+
+
+def _layer(shown: list[Task], meshes: list[Mesh]) -> Layer:
+    return Layer([task.row_id for task in shown], meshes, stands_for=PIECES)
 
 
 def _same(some: list[Task], others: list[Task]) -> bool:

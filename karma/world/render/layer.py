@@ -17,8 +17,15 @@ AMBIENT, LAMP, FACING = 0.52, 0.36, 0.18
 class Layer:
     """A set of objects as one Embree scene, with a colour and an owner for each triangle."""
 
-    def __init__(self, ids: Sequence[str], meshes: Sequence[Mesh]) -> None:
-        """Build the scene; `meshes` belong to `ids` one by one."""
+    def __init__(self, ids: Sequence[str], meshes: Sequence[Mesh], *, stands_for: int = 0) -> None:
+        """Build the scene.
+
+        Args:
+            ids: of the objects; "" = no object.
+            meshes: one for each id.
+            stands_for: the row of what is no object.
+        """
+        self.stands_for = stands_for
         whole = joined(meshes)
         self.ids = tuple(ids)
         counts = [len(mesh.faces) for mesh in meshes]

@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 
 from karma.world.camera import Camera
 from karma.world.objects import Objects
+from karma.world.render.body import body, sees_body
 from karma.world.render.kept import built
 from karma.world.render.looks import rgb
 from karma.world.render.mesh import Colour, Floats
 from karma.world.render.pixels import (
+    AGENT,
     CEILING,
     FLOOR,
     NOTHING,
@@ -26,7 +28,17 @@ from karma.world.render.rays import rays
 from karma.world.state import WorldState
 from karma.world.view import camera as eye
 
-__all__ = ["CEILING", "FLOOR", "NOTHING", "PIECES", "WALL", "Picture", "agent_camera", "render"]
+__all__ = [
+    "AGENT",
+    "CEILING",
+    "FLOOR",
+    "NOTHING",
+    "PIECES",
+    "WALL",
+    "Picture",
+    "agent_camera",
+    "render",
+]
 
 SKY: Colour = (158.0, 190.0, 222.0)
 SKIES: dict[str, Colour] = {
@@ -46,7 +58,7 @@ class Picture(NamedTuple):
         rgb: uint8 (H, W, 3).
         depth_m: float32 (H, W), metres along the camera's forward axis, far_m where nothing is.
         rows: int32 (H, W), row of the object in `state.objects`, or one of NOTHING, WALL,
-            CEILING, FLOOR (of a scene without a Floor object) and PIECES (of what broke).
+            CEILING, FLOOR (of a scene without a Floor object), PIECES (of what broke) and AGENT.
         normals: float32 (H, W, 3), in the world's axes, towards the camera; None unless asked for.
     """
 
@@ -87,7 +99,8 @@ def render(
         raise ValueError(f"a picture of {width} x {height} pixels")
     kept = built(state)
     view = rays(camera, width, height)
-    seen = scenery(kept.layers, kept.shell, state.objects, view)
+    layers = [*kept.layers, *([body(state.pose)] if sees_body(camera, state.pose) else [])]
+    seen = scenery(layers, kept.shell, state.objects, view)
     sky = packed(np.array([_sky(camera.sky)], dtype=np.uint8))
     found = look(seen, view, sky, normals=normals)
     found.depth[:] += np.float32(camera.near_m)

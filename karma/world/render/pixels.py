@@ -12,7 +12,8 @@ from karma.world.render.mesh import GHOST, GLASS, SOLID, Floats
 from karma.world.render.rays import Rays
 from karma.world.render.shell import Shell
 
-NOTHING, WALL, CEILING, FLOOR, PIECES = -1, -2, -3, -4, -5  # rows of what is no object
+# rows of what is no object
+NOTHING, WALL, CEILING, FLOOR, PIECES, AGENT = -1, -2, -3, -4, -5, -6
 SEE_THROUGH = {GLASS: 0.35, GHOST: 0.3}  # share of the clear thing's own colour
 _PANES = 6  # clear faces that one ray passes at most
 _STEP_M = 1e-3  # beyond a clear face
@@ -61,7 +62,7 @@ def scenery(layers: list[Layer], shell: Shell, objects: Objects, view: Rays) -> 
     none = np.zeros((1, 3), dtype=np.float32)
     shades = [layer.shaded(view.eye, view.forward) for layer in layers]
     rows = [
-        np.array([at[i] if i else PIECES for i in layer.ids], np.int32)[layer.owner]
+        np.array([at[i] if i else layer.stands_for for i in layer.ids], np.int32)[layer.owner]
         for layer in layers
     ]
     floors = objects.by_type.get("Floor", ())
