@@ -1,21 +1,21 @@
 """Which receptacle each movable object lies in at the start, which ALFRED does not say.
 
 Of the rules below the first that applies decides; the figures are in docs/alfred-replay.md.
-1. The planner names the receptacle at the object's first pickup. It is believed unless it is a
-   thing with a door that the demonstrator did not open before: what was picked up was in view.
+1. The planner names the receptacle at the object's first pickup.
 2. The object reaches, whichever way it is turned, into the box of a larger vessel (plate, mug, box
    ...) at its height. AI2-THOR's volumes of vessels are generous: demonstrators move a cup to
    bring the spoon that lies against it.
 3. It is the one that most of the nearest labelled positions of the room have, of those within
    `NEAR_M` across and `LEVEL_M` in height.
 4. The object rests on, or lies within, the box of a fixed receptacle; the smallest such box.
+None of them puts what the demonstrator picked up behind a door not opened before: it was in view.
 Nothing else is assumed: the rest lies in no receptacle. What takes one thing at a time (a burner,
 a coffee machine, a hanger) is filled by rule 1 only: a wrong guess would leave no room in it.
 """
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from karma.contracts import Vec3
 from karma.world.alfred.facts import Facts
@@ -38,43 +38,39 @@ def contained(
 ) -> dict[str, str]:
     """Return the receptacle of each movable object that has one, id -> id."""
     places = {thing.id: thing for thing in furniture if "receptacle" in thing.capabilities}
+    doors = frozenset(one for one, place in places.items() if _has_door(place))
     own = {spot.thing: spot.receptacle for spot in facts.spots if spot.trial == trial.id}
-    refuted = {(one, own[one]) for one in _seen_through_doors(trial, own, places)}
+    opened = _opened_before(trial)
     spots = [spot for spot in facts.spots if spot.receptacle in places]
     found = {}
     for thing in movables:
+        shut = doors - opened[thing.id] if thing.id in opened else frozenset()
         label = own.get(thing.id)
-        if label in places and (thing.id, label) not in refuted:
+        if label in places and label not in shut:
             found[thing.id] = label
             continue
         vessel = _vessel(thing, movables) if label is None else None
         if vessel is not None:
             found[thing.id] = vessel
             continue
-        fits = {one: p for one, p in places.items() if (thing.id, one) not in refuted}
+        fits = {one: place for one, place in places.items() if one not in shut}
         guess = _voted(thing, trial.id, spots, fits) or _resting(thing.position, fits)
         if guess is not None and not _takes_one(places[guess]):
             found[thing.id] = guess
     return found
 
 
-def _seen_through_doors(
-    trial: Trial, own: Mapping[str, str], places: Mapping[str, SceneObject]
-) -> Iterator[str]:
-    """Yield what was picked up out of something shut, according to its label."""
+def _opened_before(trial: Trial) -> dict[str, frozenset[str]]:
+    """Return what had been opened when each object was first handled."""
     opened: set[str] = set()
-    taken: set[str] = set()
+    found: dict[str, frozenset[str]] = {}
     for low in trial.plan.low_actions:
         step = low.api_action
-        one = step.object_id or ""
-        if step.action == "OpenObject":
-            opened.add(one)
-        if step.action not in ("PickupObject", "SliceObject") or one in taken:
-            continue
-        taken.add(one)
-        place = places.get(own.get(one, ""))
-        if place is not None and _has_door(place) and place.id not in opened:
-            yield one
+        if step.action == "OpenObject" and step.object_id:
+            opened.add(step.object_id)
+        if step.action in ("PickupObject", "SliceObject") and step.object_id:
+            found.setdefault(step.object_id, frozenset(opened))
+    return found
 
 
 def _takes_one(place: SceneObject) -> bool:
