@@ -5,8 +5,8 @@ import math
 import pytest
 from household import find, kitchen
 
-from karma.world.footing import BODY_M
 from karma.world.sim import EmbeddedWorld
+from karma.world.state import BODY_M
 
 
 @pytest.fixture
@@ -237,3 +237,36 @@ def test_shortest_path_starts_where_it_is_told_to(world):
         world.step("GetShortestPath")
     with pytest.raises(ValueError, match="target"):
         world.step("GetShortestPathToPoint", x=1.0)
+
+
+# ----------------------------------------------------------------- what lies in the way
+
+
+def test_what_was_dropped_on_the_floor_stands_in_the_way_until_it_is_picked_up(world):
+    bread = find(world, "Bread")
+    before = world.step("GetReachablePositions").metadata["actionReturn"]
+    world.step("Teleport", position={"x": 0.0, "y": 0.9, "z": 0.0}, rotation=180)
+    world.step("PickupObject", objectId=bread, forceAction=True)
+    assert world.step("DropHeldObject")
+    event = world.step("MoveAhead")
+    assert not event
+    assert event.metadata["errorMessage"].startswith("Bread")
+    cells = world.step("GetReachablePositions").metadata["actionReturn"]
+    assert 0 < len(before) - len(cells) <= 9
+    x, z = (event.get_object(bread)["position"][axis] for axis in "xz")
+    assert all(math.hypot(x - cell["x"], z - cell["z"]) > BODY_M for cell in cells)
+    assert not world.step("Teleport", position={"x": 0.0, "y": 0.9, "z": -0.5})
+    assert world.step("PickupObject", objectId=bread, forceAction=True)
+    assert len(world.step("GetReachablePositions").metadata["actionReturn"]) == len(before)
+    assert world.step("MoveAhead")
+
+
+def test_a_way_leads_round_what_was_dropped(world):
+    bread = find(world, "Bread")
+    world.step("Teleport", position={"x": 0.0, "y": 0.9, "z": 0.0}, rotation=180)
+    goal = {"x": 0.0, "y": 0.9, "z": -1.0}
+    straight = world.step("GetShortestPathToPoint", target=goal).metadata["actionReturn"]["corners"]
+    world.step("PickupObject", objectId=bread, forceAction=True)
+    world.step("DropHeldObject")
+    around = world.step("GetShortestPathToPoint", target=goal).metadata["actionReturn"]["corners"]
+    assert len(straight) == 2 < len(around)

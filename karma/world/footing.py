@@ -5,11 +5,9 @@ from math import ceil, floor
 import numpy as np
 
 from karma.world.objects import is_inert
-from karma.world.state import WorldState
+from karma.world.state import BODY_M, SILL_M, WorldState
 
-BODY_M = 0.2  # the agent's radius
 _BODY_TOP_M = 1.8  # above the floor
-_SILL_M = 0.05  # what is lower does not stop the agent
 _ON_LINE = 0.04  # of a cell: so near to a line of cells that it counts as on it
 
 
@@ -32,6 +30,7 @@ class Ground:
 
     def __init__(self, state: WorldState) -> None:
         self._room = room = state.room
+        self._cells = state.cells
         objects, floor_y = state.objects, state.room.floor_y
         rows = [
             objects.rows[thing.id]
@@ -39,7 +38,7 @@ class Ground:
             if "pickupable" not in thing.capabilities and thing.type != "Floor"
             and not is_inert(thing)
         ]  # fmt: skip
-        high = objects.high[rows, 1] >= floor_y + _SILL_M
+        high = objects.high[rows, 1] >= floor_y + SILL_M
         low = objects.low[rows, 1] <= floor_y + _BODY_TOP_M
         self._low = objects.low[rows][high & low][:, [0, 2]]
         self._high = objects.high[rows][high & low][:, [0, 2]]
@@ -51,7 +50,7 @@ class Ground:
         It can where all cells round the place are free; beside a free cell, also where no box
         comes within its body that does not come within it on the cell already.
         """
-        cells = self._room.cells
+        cells = self._cells
         if all(key in cells for key in self._around(x, z)):
             return True
         nearest = cells.get(self._room.key(x, z))

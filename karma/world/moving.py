@@ -4,11 +4,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from karma.contracts import Pose
 from karma.world.arguments import Place
-from karma.world.footing import BODY_M, Ground, finer, snapped
+from karma.world.footing import Ground, finer, snapped
 from karma.world.objects import Objects, heading, moved, turned
-from karma.world.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.state import BODY_M, SILL_M, Done, Refusal, Result, WorldState, refuse
 
 _LOOK_UP_LIMIT, _LOOK_DOWN_LIMIT = -30.0, 60.0
 _ON_GRID_M = 0.01
@@ -68,14 +70,14 @@ def _step(state: WorldState, step: tuple[float, float], far: float, snap: bool) 
             by = f"({step[0] * far:.4f}, 0.0000, {step[1] * far:.4f})"
             return Refusal(f"{_in_the_way(state, target)} is blocking Agent 0 from moving by {by}.")
     if on_cells:
-        target = room.cells[room.key(*target)]
+        target = state.cells[room.key(*target)]
     pose = replace(state.pose, position_m=(round(target[0], 6), y, round(target[1], 6)))
     return Done(with_pose(state, pose))
 
 
 def _on_a_cell(state: WorldState) -> Callable[[float, float], bool]:
-    room = state.room
-    return lambda x, z: room.key(x, z) in room.cells
+    key, cells = state.room.key, state.cells
+    return lambda x, z: key(x, z) in cells
 
 
 def between_cells(state: WorldState) -> Callable[[float, float], bool]:
@@ -87,20 +89,18 @@ def between_cells(state: WorldState) -> Callable[[float, float], bool]:
 
 def _in_the_way(state: WorldState, place: tuple[float, float]) -> str:
     """Return the name of what blocks a place, or of the room's wall."""
-    floor = state.room.floor_y
-    best: tuple[float, str] | None = None
-    for thing in state.objects.values():
-        low, high = (thing.center[1] + sign * thing.size[1] / 2 for sign in (-1, 1))
-        if thing.type == "Floor" or thing.id in state.in_hand:
-            continue
-        if high < floor + 0.05 or low > floor + _BODY_TOP_M:
-            continue
-        gap_x = max(abs(thing.center[0] - place[0]) - thing.size[0] / 2, 0.0)
-        gap_z = max(abs(thing.center[2] - place[1]) - thing.size[2] / 2, 0.0)
-        if max(gap_x, gap_z) <= BODY_M:
-            far = abs(thing.center[0] - place[0]) + abs(thing.center[2] - place[1])
-            best = min(best or (far, thing.name), (far, thing.name))
-    return "Wall" if best is None else best[1]
+    objects, floor = state.objects, state.room.floor_y
+    gap = np.abs(objects.center[:, [0, 2]] - place) - objects.half[:, [0, 2]]
+    near = (gap.max(axis=1) <= BODY_M) & ~objects.inert
+    near &= (objects.high[:, 1] >= floor + SILL_M) & (objects.low[:, 1] <= floor + _BODY_TOP_M)
+    far = np.abs(objects.center[:, [0, 2]] - place).sum(axis=1)
+    things = list(objects.values())
+    found = [
+        (float(far[row]), things[row].name)
+        for row in np.flatnonzero(near)
+        if things[row].type != "Floor" and things[row].id not in state.in_hand
+    ]
+    return min(found, default=(0.0, "Wall"))[1]
 
 
 def turner(sign: int) -> Callable[..., Result]:
@@ -253,7 +253,7 @@ def yaw_of(rotation: Place | float) -> float:
 def _on_grid(state: WorldState, x: float, z: float) -> tuple[float, float] | None:
     """Return the point of the agent's grid that a place is on; None when it is on none."""
     fine = finer(state)
-    point = snapped(state, x, z) if fine else state.room.cells.get(state.room.key(x, z))
+    point = snapped(state, x, z) if fine else state.cells.get(state.room.key(x, z))
     if point is None or max(abs(point[0] - x), abs(point[1] - z)) > _ON_GRID_M:
         return None
     return point

@@ -1,7 +1,7 @@
 """Ways across the floor, and places to stand and look from. All orders are fixed."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from karma.contracts import Pose
 from karma.world.objects import Flags, Floats
-from karma.world.state import Cell, Room, WorldState
+from karma.world.state import Cell, WorldState
 from karma.world.view import (
     camera,
     camera_axes,
@@ -31,16 +31,16 @@ class _Looks(NamedTuple):
     angles: Sequence[tuple[float, float]]  # yaw, horizon
 
 
-def nearest_cell(room: Room, x: float, z: float) -> Cell | None:
+def nearest_cell(state: WorldState, x: float, z: float) -> Cell | None:
     """Return the cell to stand on that is nearest to a place; None when there is none."""
-    key = room.key(x, z)
-    if key in room.cells:
+    key = state.room.key(x, z)
+    if key in state.cells:
         return key
-    far = (((c[0] - x) ** 2 + (c[1] - z) ** 2, key) for key, c in room.cells.items())
+    far = (((c[0] - x) ** 2 + (c[1] - z) ** 2, key) for key, c in state.cells.items())
     return min(far, default=(0.0, None))[1]
 
 
-def walk(room: Room, start: Cell) -> dict[Cell, Cell]:
+def walk(cells: Container[Cell], start: Cell) -> dict[Cell, Cell]:
     """Return each cell that can be reached, the nearest first, with the cell before it.
 
     The start comes first and stands for itself.
@@ -51,15 +51,15 @@ def walk(room: Room, start: Cell) -> dict[Cell, Cell]:
         column, row = cell = queue.popleft()
         for across, along in _NEIGHBOURS:
             other = (column + across, row + along)
-            if other in room.cells and other not in before:
+            if other in cells and other not in before:
                 before[other] = cell
                 queue.append(other)
     return before
 
 
-def path(room: Room, start: Cell, goal: Cell) -> list[Cell] | None:
+def path(cells: Container[Cell], start: Cell, goal: Cell) -> list[Cell] | None:
     """Return a shortest way in single steps, both ends included; None when there is none."""
-    before = walk(room, start)
+    before = walk(cells, start)
     if goal not in before:
         return None
     found = [goal]
@@ -82,7 +82,7 @@ def approach(state: WorldState, object_id: str) -> Cell | None:
     start = agent_cell(state)
     if start is None:
         return None
-    cells = list(walk(state.room, start))
+    cells = list(walk(state.cells, start))
     row = state.objects.rows[object_id]
     gap = _gap(state, row, cells)
     return cells[int(np.argmin(np.round(gap, 6)))]
@@ -90,7 +90,7 @@ def approach(state: WorldState, object_id: str) -> Cell | None:
 
 def agent_cell(state: WorldState) -> Cell | None:
     """Return the cell that the agent stands on, or the nearest one."""
-    return nearest_cell(state.room, state.pose.position_m[0], state.pose.position_m[2])
+    return nearest_cell(state, state.pose.position_m[0], state.pose.position_m[2])
 
 
 def interactable_poses(
@@ -124,7 +124,7 @@ def interactable_poses(
     start = agent_cell(state)
     if objects.hidden[row] or start is None:
         return []
-    order = list(walk(state.room, start))
+    order = list(walk(state.cells, start))
     wanted = order if cells is None else [cell for cell in order if cell in set(cells)]
     reach = state.settings.visibility_m if max_m is None else max_m
     gaps = _gap(state, row, wanted)

@@ -11,11 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from karma.world.footing import BODY_M
 from karma.world.handling import target
 from karma.world.objects import Floats, heading, moved
 from karma.world.scene import SceneObject
-from karma.world.state import Done, Refusal, Result, WorldState
+from karma.world.state import BODY_M, Done, Refusal, Result, WorldState
 
 _PUSH_S = 0.02  # for which the force acts
 _BRAKE_MS2 = 2 * 0.5 * 9.81  # twice the braking by friction

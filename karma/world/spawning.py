@@ -131,7 +131,7 @@ def _spawned(state: WorldState, thing: SceneObject, draw: _Lot) -> WorldState:
 
 def _from_somewhere(state: WorldState, draw: _Lot) -> WorldState:
     """Return the state with the agent on a cell drawn by lot: the free place next to it is used."""
-    cells = list(state.room.cells.values())
+    cells = list(state.cells.values())
     if not cells:
         return state
     x, z = cells[int(draw.rng.integers(len(cells)))]

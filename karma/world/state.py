@@ -8,14 +8,19 @@ from typing import Any
 from karma.contracts import Pose, Vec3
 from karma.world.camera import Camera
 from karma.world.metadata import box
-from karma.world.objects import Objects, heading
+from karma.world.objects import Objects, bottom, heading, is_inert, top
 from karma.world.rules import rules
 from karma.world.scene import Scene, SceneObject
 from karma.world.view import Sight, camera, sight
 
 HAND_M: Vec3 = (0.0, -0.16, 0.38)  # right, up, forward from the camera
 
+BODY_M = 0.2  # the agent's radius
+SILL_M = 0.05  # what is lower does not stop the agent
+_ON_FLOOR_M = 0.15  # what begins lower stands on the floor
+
 Cell = tuple[int, int]  # column (x), row (z) on the scene's grid
+Point = tuple[float, float]  # x, z, metres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,9 +67,10 @@ class Room:
         self.bounds_center, self.bounds_size = scene.bounds_center, scene.bounds_size
         self.bounds = box(scene.bounds_center, scene.bounds_size)  # as metadata gives it
         self._origin = min(scene.reachable, default=(0.0, 0.0))
-        self.cells: dict[Cell, tuple[float, float]] = {}
+        self.cells: dict[Cell, Point] = {}
         for x, z in scene.reachable:
             self.cells.setdefault(self.key(x, z), (x, z))
+        self._home = {thing.id: thing.center for thing in scene.objects}
 
     def key(self, x: float, z: float) -> Cell:
         """Return the cell that a place belongs to, whether or not one can stand there."""
@@ -72,6 +78,18 @@ class Room:
             round((x - self._origin[0]) / self.grid_m),
             round((z - self._origin[1]) / self.grid_m),
         )
+
+    def open_cells(self, objects: Objects, in_hand: frozenset[str]) -> Mapping[Cell, Point]:
+        """Return the cells to stand on: not those beside what has come to lie on the floor."""
+        found: Mapping[Cell, Point] = self.cells
+        for thing in objects.values():
+            if self._home.get(thing.id) == thing.center or thing.id in in_hand:
+                continue
+            if is_inert(thing) or any(objects[parent].type != "Floor" for parent in thing.parents):
+                continue
+            if bottom(thing) < self.floor_y + _ON_FLOOR_M and top(thing) > self.floor_y + SILL_M:
+                found = {key: place for key, place in found.items() if not _beside(thing, place)}
+        return found
 
     def stands(self, x: float, z: float, radius_m: float = 0.2) -> bool:
         """Return whether the agent can stand within a radius: nothing rests there but on floor."""
@@ -82,6 +100,13 @@ class Room:
                 if (cell_x - x) ** 2 + (cell_z - z) ** 2 <= radius_m**2:
                     return True
         return False
+
+
+def _beside(thing: SceneObject, place: Point) -> bool:
+    """Return whether the agent's body would touch a thing."""
+    far_x = max(abs(thing.center[0] - place[0]) - thing.size[0] / 2, 0.0)
+    far_z = max(abs(thing.center[2] - place[1]) - thing.size[2] / 2, 0.0)
+    return far_x * far_x + far_z * far_z < (BODY_M - 1e-6) ** 2
 
 
 def scene_name(name: str) -> str:
@@ -118,6 +143,11 @@ class WorldState:
         if self.held is None:
             return frozenset()
         return frozenset((self.held, *self.objects.carried(self.held)))
+
+    @cached_property
+    def cells(self) -> Mapping[Cell, Point]:
+        """The cells to stand on now, with their places."""
+        return self.room.open_cells(self.objects, self.in_hand)
 
     @cached_property
     def sight(self) -> Sight:

@@ -27,7 +27,7 @@ def reachable_positions(
         return refuse("ArgumentOutOfRangeException", f"gridSize must be in [{_FINEST_M}, 5]")
     if abs(grid - state.room.grid_m) < 1e-6 and not directionsRelativeAgent:
         start = navigate.agent_cell(state)
-        cells = [] if start is None else list(navigate.walk(state.room, start))
+        cells = [] if start is None else list(navigate.walk(state.cells, start))
         places = [state.room.cells[cell] for cell in cells]
     else:
         places = _walk_between(state, grid, state.pose.yaw_deg if directionsRelativeAgent else 0.0)
@@ -97,7 +97,7 @@ def shortest_path_to_point(
     if "x" not in given or "z" not in given:
         message = "action: GetShortestPathToPoint is missing the following arguments: target"
         return Refusal(message, "MissingArguments")
-    goal = navigate.nearest_cell(state.room, given["x"], given["z"])
+    goal = navigate.nearest_cell(state, given["x"], given["z"])
     return _way(state, position, goal, f"({given['x']}, {given['z']})")
 
 
@@ -107,8 +107,8 @@ def _way(state: WorldState, start: Place | None, goal: Cell | None, name: str) -
     else:
         here = state.pose.position_m
         x, z = start.get("x", here[0]), start.get("z", here[2])
-        first = navigate.nearest_cell(state.room, x, z)
-    cells = None if first is None or goal is None else navigate.path(state.room, first, goal)
+        first = navigate.nearest_cell(state, x, z)
+    cells = None if first is None or goal is None else navigate.path(state.cells, first, goal)
     if cells is None:
         return Refusal(f"Path to target {name} could not be found.")
     places = [state.room.cells[cell] for cell in navigate.corners(cells)]
