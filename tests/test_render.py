@@ -26,6 +26,7 @@ from karma.world.render.picture import (
     FLOOR,
     NOTHING,
     PIECES,
+    STAND,
     WALL,
     Picture,
     agent_camera,
@@ -110,7 +111,7 @@ def ray_box(origin, rays, low, high):
 slabs = st.lists(
     st.tuples(
         st.floats(-1.6, 1.6), st.floats(0.2, 2.2), st.floats(0.7, 1.7),
-        st.floats(0.1, 1.0), st.floats(0.02, 0.055), st.floats(0.1, 0.6),
+        st.floats(0.1, 0.59), st.floats(0.02, 0.055), st.floats(0.1, 0.6),
     ),
     min_size=1,
     max_size=6,
@@ -381,6 +382,23 @@ def test_pieces_of_what_broke_are_seen_but_are_no_object():
     assert (picture.rows == PIECES).any() and not (picture.rows == 0).any()
 
 
+def test_what_would_hang_in_the_air_stands_on_something_that_is_no_object():
+    burners = [
+        thing("StoveBurner", (x, 0.9, z), suffix=f"|{x}{z}")
+        for x in (0.9, 1.2)
+        for z in (-0.15, 0.15)
+    ]
+    island = thing("CounterTop", (-1.2, 0.9, 0.0), (1.0, 0.04, 0.6))
+    state = facing(moment(*burners, island), 0, position=(0.0, 0.9, -1.7))
+    across = Camera(position_m=(0.0, 0.6, -1.9))
+    picture = render(state, across, 120, 120)
+    left, right = picture.rows[:, :60] == STAND, picture.rows[:, 60:] == STAND
+    assert left.any() and right.sum() > 2 * left.sum(), "legs of the island, body of the stove"
+    cupboard = thing("Cabinet", (1.05, 0.45, 0.0), (0.6, 0.8, 0.6))
+    housed = facing(moment(*burners, cupboard), 0, position=(0.0, 0.9, -1.7))
+    assert not (render(housed, across, 120, 120).rows == STAND).any()
+
+
 def test_a_room_with_all_its_lights_off_is_darker():
     bright, dark = (
         facing(
@@ -475,7 +493,7 @@ def test_every_pixel_of_our_scenes_is_accounted_for(name):
         picture = view(facing(state, 90 * (number % 4), 15, at), 40, 40)
         assert picture.rgb.dtype == np.uint8 and picture.rgb.shape == (40, 40, 3)
         assert picture.depth_m.dtype == np.float32 and picture.rows.dtype == np.int32
-        assert (picture.rows >= AGENT).all() and (picture.rows < len(state.objects)).all()
+        assert (picture.rows >= STAND).all() and (picture.rows < len(state.objects)).all()
         assert not (picture.rows == NOTHING).any(), "inside a room one sees the room"
         assert (picture.depth_m > 0).all()
 

@@ -43,4 +43,4 @@ def body(pose: Pose) -> Layer:
     sine, cosine = heading(pose.yaw_deg)
     axes = np.array([(cosine, 0, -sine), (0, 1, 0), (sine, 0, cosine)], dtype=np.float32)
     place = np.array([x, 0.0, z], dtype=np.float32)
-    return Layer(("",), [whole._replace(vertices=whole.vertices @ axes + place)], stands_for=AGENT)
+    return Layer((AGENT,), [whole._replace(vertices=whole.vertices @ axes + place)])

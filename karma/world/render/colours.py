@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, WALL, packed
+from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, STAND, WALL, packed
 from karma.world.scene import SceneObject
 
 RGB = tuple[int, int, int]
@@ -19,6 +19,7 @@ STRUCTURE: Mapping[int, str] = {
     FLOOR: "Floor",
     PIECES: "Pieces",
     AGENT: "Agent",
+    STAND: "Stand",
 }
 _OFFSET = -min(STRUCTURE)
 

@@ -12,7 +12,8 @@ from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
 from karma.world.render.frame import Floats, Frame, frame
 from karma.world.render.looks import Look, looks, pick, rgb
-from karma.world.render.mesh import Mesh
+from karma.world.render.mesh import Mesh, box, joined
+from karma.world.render.pixels import PIECES
 from karma.world.render.shapes import shape
 from karma.world.rules import rules
 from karma.world.scene import SceneObject
@@ -20,7 +21,9 @@ from karma.world.types import object_types
 
 STRAIGHT_M = 1.1  # a worktop wider than this goes round a corner
 AGENT_M = 0.2
+LEGS_M = 0.6  # shorter worktops need no legs
 SLIVER_M = 0.015
+STAND_COLOUR = (96.0, 99.0, 104.0)
 STRIP_M = 0.13  # narrower remains of a bent worktop are left out
 
 
@@ -32,9 +35,9 @@ class Task(NamedTuple):
     slide: Vec3 = (0.0, 0.0, 0.0)  # along with the drawer it lies in
 
     @property
-    def row_id(self) -> str:
-        """The object that pixels show: "" for pieces, which are no objects."""
-        return "" if is_inert(self.thing) else self.thing.id
+    def owner(self) -> str | int:
+        """What its pixels show: the object, or PIECES, which are no objects."""
+        return PIECES if is_inert(self.thing) else self.thing.id
 
     def same(self, other: "Task") -> bool:
         """Return whether two tasks give the same triangles."""
@@ -140,6 +143,86 @@ def _form(
         used_up=thing.is_used_up,
         cooked=thing.is_cooked,
         filled_parts=ground,
+    )
+
+
+# ------------------------------------------------------------------ what holds things up
+
+
+def supports(objects: Objects, floor_y: float) -> tuple[Box, ...]:
+    """Return the boxes under what would hang in the air: stoves, and worktops without cupboards.
+
+    AI2-THOR shows them too, but they are no objects and stand in no metadata.
+    """
+    fixed = [
+        Box.around(thing.center, thing.size)
+        for thing in objects.values()
+        if "pickupable" not in thing.capabilities and thing.type not in ("Floor", "StoveBurner")
+    ]
+    found = [_stove(group, floor_y) for group in _burners(objects)]
+    found = [stove for stove in found if not any(_under(stove, box) for box in fixed)]
+    for object_id in objects.by_type.get("CounterTop", ()):
+        found += _legs(
+            Box.around(objects[object_id].center, objects[object_id].size), fixed, floor_y
+        )
+    return tuple(found)
+
+
+def _burners(objects: Objects) -> list[list[Box]]:
+    """Return the burners, those near to each other together."""
+    groups: list[list[Box]] = []
+    for object_id in objects.by_type.get("StoveBurner", ()):
+        burner = Box.around(objects[object_id].center, objects[object_id].size)
+        wide = burner.grown(0.25, 0.3, 0.25)
+        near = [group for group in groups if any(wide.overlaps(other) for other in group)]
+        groups = [group for group in groups if group not in near]
+        groups.append([burner, *(other for group in near for other in group)])
+    return groups
+
+
+def _stove(burners: list[Box], floor_y: float) -> Box:
+    margin = 0.05
+    return Box(
+        min(box.x0 for box in burners) - margin, floor_y, min(box.z0 for box in burners) - margin,
+        max(box.x1 for box in burners) + margin, min(box.y0 for box in burners),
+        max(box.z1 for box in burners) + margin,
+    )  # fmt: skip
+
+
+def _under(stove: Box, other: Box) -> bool:
+    """Return whether something low takes a good part of a stove's ground."""
+    low = other.y0 < (stove.y0 + stove.y1) / 2
+    return low and _shared(stove, other) > 0.2 * (stove.x1 - stove.x0) * (stove.z1 - stove.z0)
+
+
+def _shared(one: Box, other: Box) -> float:
+    """Return the ground that two boxes share, square metres."""
+    wide = min(one.x1, other.x1) - max(one.x0, other.x0)
+    deep = min(one.z1, other.z1) - max(one.z0, other.z0)
+    return max(0.0, wide) * max(0.0, deep)
+
+
+def _legs(top: Box, fixed: list[Box], floor_y: float) -> list[Box]:
+    """Return legs at the corners of a worktop under which there is nearly nothing."""
+    width, height, depth = top.size
+    if max(width, depth) < LEGS_M or min(width, depth) > STRAIGHT_M or height > 0.2:
+        return []
+    below = [box for box in fixed if box.y1 < top.y1 - 0.01 and box.y0 < top.y0 - 0.3]
+    shared = sum(_shared(top, box) for box in below)
+    if shared > 0.15 * width * depth or top.y0 - floor_y < 0.4:
+        return []
+    side = 0.05
+    return [
+        Box(x, floor_y, z, x + side, top.y0, z + side)
+        for x in (top.x0 + 0.03, top.x1 - 0.03 - side)
+        for z in (top.z0 + 0.03, top.z1 - 0.03 - side)
+    ]
+
+
+def support(boxes: tuple[Box, ...]) -> Mesh:
+    """Return the triangles of supports."""
+    return joined(
+        box((one.x0, one.y0, one.z0), (one.x1, one.y1, one.z1), STAND_COLOUR) for one in boxes
     )
 
 

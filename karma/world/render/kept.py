@@ -5,11 +5,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.world.boxes import Box
 from karma.world.render import shell
-from karma.world.render.drawn import Task, drawn, tasks
+from karma.world.render.drawn import Task, drawn, support, supports, tasks
 from karma.world.render.layer import Layer
 from karma.world.render.mesh import Mesh
-from karma.world.render.pixels import PIECES
+from karma.world.render.pixels import STAND
 from karma.world.render.shell import Shell
 from karma.world.state import Room, WorldState
 
@@ -28,6 +29,7 @@ class Built:
         self._in_hand = state.in_hand
         self._still: list[Task] = []
         self._held: list[Task] = []
+        self._stands: tuple[Box, ...] = ()
         self._meshes: dict[str, Mesh] = {}
         self._painted = b""
         self.layers = [Layer((), ())]
@@ -44,15 +46,18 @@ class Built:
         wanted = list(tasks(state.objects, self._cells))
         still = [task for task in wanted if task.thing.id not in state.in_hand]
         held = [task for task in wanted if task.thing.id in state.in_hand]
-        if not _same(still, self._still):
+        stands = supports(state.objects, state.room.floor_y)
+        if not _same(still, self._still) or stands != self._stands:
             kept = {task.thing.id: task for task in self._still}
             self._meshes = {task.thing.id: self._mesh(task, kept, state) for task in still}
-            self.layers[0] = _layer(still, list(self._meshes.values()))
+            self.layers[0] = Layer(
+                [*(task.owner for task in still), STAND], [*self._meshes.values(), support(stands)]
+            )
             self.shell = self._paint(state)
-            self._still = still
+            self._still, self._stands = still, stands
         if not _same(held, self._held):
             meshes = [drawn(task, self._cells, state.room.name) for task in held]
-            self.layers[1:] = [_layer(held, meshes)] if held else []
+            self.layers[1:] = [Layer([task.owner for task in held], meshes)] if held else []
             self._held = held
 
     def _mesh(self, task: Task, kept: dict[str, Task], state: WorldState) -> Mesh:
@@ -85,10 +90,6 @@ def built(state: WorldState) -> Built:
     _ROOMS[state.room] = found
     found.update(state)
     return found
-
-
-def _layer(shown: list[Task], meshes: list[Mesh]) -> Layer:
-    return Layer([task.row_id for task in shown], meshes, stands_for=PIECES)
 
 
 def _same(some: list[Task], others: list[Task]) -> bool:

@@ -17,19 +17,17 @@ AMBIENT, LAMP, FACING = 0.52, 0.36, 0.18
 class Layer:
     """A set of objects as one Embree scene, with a colour and an owner for each triangle."""
 
-    def __init__(self, ids: Sequence[str], meshes: Sequence[Mesh], *, stands_for: int = 0) -> None:
+    def __init__(self, owners: Sequence[str | int], meshes: Sequence[Mesh]) -> None:
         """Build the scene.
 
         Args:
-            ids: of the objects; "" = no object.
-            meshes: one for each id.
-            stands_for: the row of what is no object.
+            owners: for each mesh the object's id, or the row of what is no object.
+            meshes: their triangles.
         """
-        self.stands_for = stands_for
         whole = joined(meshes)
-        self.ids = tuple(ids)
+        self.owners = tuple(owners)
         counts = [len(mesh.faces) for mesh in meshes]
-        self.owner = np.repeat(np.arange(len(ids), dtype=np.int32), counts)
+        self.slots = np.repeat(np.arange(len(owners), dtype=np.int32), counts)
         self.colours = np.ascontiguousarray(whole.colours, dtype=np.float32)
         self.glow, self.clear = whole.glow, whole.clear
         self.any_clear = bool(whole.clear.any())
@@ -49,7 +47,7 @@ class Layer:
             )
 
     def __len__(self) -> int:
-        return len(self.owner)
+        return len(self.slots)
 
     def shot(self, origins: Floats, ways: Floats) -> tuple[Floats, NDArray[np.int32]]:
         """Return for each ray how far it gets and which triangle it meets, -1 = none.

@@ -17,6 +17,7 @@ from karma.world.render.pixels import (
     FLOOR,
     NOTHING,
     PIECES,
+    STAND,
     WALL,
     Packed,
     Pixels,
@@ -34,6 +35,7 @@ __all__ = [
     "FLOOR",
     "NOTHING",
     "PIECES",
+    "STAND",
     "WALL",
     "Picture",
     "agent_camera",
@@ -58,7 +60,8 @@ class Picture(NamedTuple):
         rgb: uint8 (H, W, 3).
         depth_m: float32 (H, W), metres along the camera's forward axis, far_m where nothing is.
         rows: int32 (H, W), row of the object in `state.objects`, or one of NOTHING, WALL,
-            CEILING, FLOOR (of a scene without a Floor object), PIECES (of what broke) and AGENT.
+            CEILING, FLOOR (of a scene without a Floor object), PIECES (of what broke), AGENT, and
+            STAND (a stove's body, a worktop's legs).
         normals: float32 (H, W, 3), in the world's axes, towards the camera; None unless asked for.
     """
 

@@ -13,7 +13,7 @@ from karma.world.render.rays import Rays
 from karma.world.render.shell import Shell
 
 # rows of what is no object
-NOTHING, WALL, CEILING, FLOOR, PIECES, AGENT = -1, -2, -3, -4, -5, -6
+NOTHING, WALL, CEILING, FLOOR, PIECES, AGENT, STAND = -1, -2, -3, -4, -5, -6, -7
 SEE_THROUGH = {GLASS: 0.35, GHOST: 0.3}  # share of the clear thing's own colour
 _PANES = 6  # clear faces that one ray passes at most
 _STEP_M = 1e-3  # beyond a clear face
@@ -62,7 +62,9 @@ def scenery(layers: list[Layer], shell: Shell, objects: Objects, view: Rays) -> 
     none = np.zeros((1, 3), dtype=np.float32)
     shades = [layer.shaded(view.eye, view.forward) for layer in layers]
     rows = [
-        np.array([at[i] if i else layer.stands_for for i in layer.ids], np.int32)[layer.owner]
+        np.array([one if isinstance(one, int) else at[one] for one in layer.owners], np.int32)[
+            layer.slots
+        ]
         for layer in layers
     ]
     floors = objects.by_type.get("Floor", ())
