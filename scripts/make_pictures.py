@@ -120,14 +120,14 @@ def _shot(kind: str, side: int, **state: Any) -> np.ndarray:
     room = row.rooms[0] if row.rooms else "Kitchen"
     scene = Scene(
         name="sheet", room=room, source="scripts/make_pictures.py", objects=(one,),
-        agent=AgentPose(position=(3.5, 0.9, 3.5)), reachable=((0.0, 2.0),),
+        agent=AgentPose(position=(-3.5, 0.9, 3.5)), reachable=((0.0, 2.0),),
         bounds_center=(0.0, 1.5, 0.0), bounds_size=(8.0, 3.0, 8.0),
     )  # fmt: skip
-    down, turn = math.radians(28), math.radians(200)
+    down, turn = math.radians(28), math.radians(160)
     ahead = (math.sin(turn) * math.cos(down), -math.sin(down), math.cos(turn) * math.cos(down))
     far = max(math.hypot(*row.size_m) / 2, 0.03) * 3.0
     x, y, z = (a - b * far for a, b in zip(middle, ahead, strict=True))
-    camera = Camera(position_m=(x, y, z), rotation_deg=(28.0, 200.0, 0.0), fov_deg=44.0)
+    camera = Camera(position_m=(x, y, z), rotation_deg=(28.0, 160.0, 0.0), fov_deg=44.0)
     # four rays for each pixel
     fine = render(begin(scene, Settings()), camera, side * 2, side * 2).rgb.astype(np.uint16)
     return (fine.reshape(side, 2, side, 2, 3).sum(axis=(1, 3)) // 4).astype(np.uint8)

@@ -22,6 +22,7 @@ from karma.world.types import object_types
 STRAIGHT_M = 1.1  # a worktop wider than this goes round a corner
 AGENT_M = 0.2
 LEGS_M = 0.6  # shorter worktops need no legs
+WIDE_M = 1.8  # wider ones go round a corner
 SLIVER_M = 0.015
 STAND_COLOUR = (96.0, 99.0, 104.0)
 STRIP_M = 0.13  # narrower remains of a bent worktop are left out
@@ -205,7 +206,7 @@ def _shared(one: Box, other: Box) -> float:
 def _legs(top: Box, fixed: list[Box], floor_y: float) -> list[Box]:
     """Return legs at the corners of a worktop under which there is nearly nothing."""
     width, height, depth = top.size
-    if max(width, depth) < LEGS_M or min(width, depth) > STRAIGHT_M or height > 0.2:
+    if max(width, depth) < LEGS_M or min(width, depth) > WIDE_M or height > 0.2:
         return []
     below = [box for box in fixed if box.y1 < top.y1 - 0.01 and box.y0 < top.y0 - 0.3]
     shared = sum(_shared(top, box) for box in below)
@@ -250,7 +251,7 @@ def _ground(
         corners = np.array([(x0, 0.0, z0), (x1, 0.0, z1)]) - stand.foot
         a, b = corners @ stand.axes.T
         low, high = np.minimum(a, b), np.maximum(a, b)
-        found.append(tuple(round(float(v), 4) for v in (low[0], low[2], high[0], high[2])))
+        found.append(tuple(round(float(v), 4) for v in (-high[0], low[2], -low[0], high[2])))
     return tuple(found)  # type: ignore[arg-type]
 
 

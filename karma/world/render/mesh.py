@@ -1,6 +1,7 @@
 """Triangles with a colour each, and the few solids that everything is built from.
 
-All lengths in metres; x right, y up, z to the front. Faces wind so that their normals point out.
+All lengths in metres; y up, z to the front, x to the right of who looks at the front. Faces wind
+so that their normals point out, with x, y and z as the axes of a right hand.
 """
 
 import itertools
@@ -86,6 +87,12 @@ def turned(part: Mesh, degrees: float, axis: int = 1, about: Point = (0.0, 0.0, 
     return part._replace(
         vertices=np.add((part.vertices - middle) @ turn.T, middle, dtype=np.float32)
     )
+
+
+def mirrored(whole: Mesh) -> Mesh:
+    """Return the mesh with left and right exchanged, its faces still outwards."""
+    flip = np.array([-1.0, 1.0, 1.0], dtype=np.float32)
+    return whole._replace(vertices=whole.vertices * flip, faces=whole.faces[:, ::-1].copy())
 
 
 def finer(whole: Mesh) -> Mesh:

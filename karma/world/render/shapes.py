@@ -7,7 +7,7 @@ import numpy as np
 
 from karma.world.render import cases, dishes, fixtures, food, furniture, machines, things
 from karma.world.render.form import Builder, Form
-from karma.world.render.mesh import GHOST, Mesh, finer, joined, lathe, shifted
+from karma.world.render.mesh import GHOST, Mesh, finer, joined, lathe, mirrored, shifted
 
 _MODULES = (food, dishes, furniture, cases, fixtures, machines, things)
 BUILDERS = MappingProxyType(
@@ -24,7 +24,7 @@ _KEPT = 256  # shapes, some kilobytes each; shared by all worlds of a process
 
 @lru_cache(maxsize=_KEPT)
 def shape(builder: str, form: Form, temperature: str) -> Mesh:
-    """Return the triangles of an object in its own frame; never to be written to.
+    """Return the triangles of an object, x to the left of its front; never to be written to.
 
     Args:
         builder: one of `BUILDERS`.
@@ -39,7 +39,7 @@ def shape(builder: str, form: Form, temperature: str) -> Mesh:
         whole = _tinted(whole, temperature)
     if temperature == "Hot":
         whole = joined([whole, *_steam(whole)])
-    return whole
+    return mirrored(whole)  # x of the builders points the other way than Unity's
 
 
 def _stained(whole: Mesh) -> Mesh:
