@@ -158,11 +158,9 @@ def resets(room: Scene) -> Iterator[Figure]:
 def memory(room: Scene, pipe: Any) -> None:
     """Send how many MB worlds take that have walked, handled and drawn (in a process of its own).
 
-    The libraries, Embree among them, are loaded before; the first world brings caches along that
-    all share.
+    A small room has been drawn before, so that the libraries are loaded and their buffers there.
     """
-    import karma.world.render.picture  # noqa: F401
-
+    assert EmbeddedWorld("bathroom_1", **IMAGES).last_event.instance_masks
     worlds: list[EmbeddedWorld] = []
     ids = [thing.id for thing in room.objects]
     sizes = [_resident_mb()]

@@ -185,6 +185,11 @@ class Objects(Mapping[str, SceneObject]):
         ]
 
     @cached_property
+    def marks(self) -> dict[str, Any]:
+        """What others have worked out from what stands where; forgotten when that changes."""
+        return {}
+
+    @cached_property
     def vantages(self) -> dict[Any, Vantage]:
         """What view.py has found out about places to look from; goes when things near it change."""
         return {}
@@ -295,6 +300,7 @@ _DEPENDS: Mapping[str, frozenset[str]] = {
     "effects": frozenset({"parents", "inert", "state"}),
     "hidden": frozenset({"parents", "inert", "open"}),
     "blocks": frozenset({"place", "parents", "inert", "open", "held"}),
+    "marks": frozenset({"place", "parents", "inert", "held"}),
 }
 _UNSEEN: frozenset[str] = frozenset()  # what a move of something in the hand touches of these
 _PATCHED: Mapping[str, tuple[Callable[[SceneObject], Any], bool]] = {

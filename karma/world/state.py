@@ -81,6 +81,12 @@ class Room:
 
     def open_cells(self, objects: Objects, in_hand: frozenset[str]) -> Mapping[Cell, Point]:
         """Return the cells to stand on: not those beside what has come to lie on the floor."""
+        if "cells" not in objects.marks:
+            objects.marks["cells"] = self._open_cells(objects, in_hand)
+        found: Mapping[Cell, Point] = objects.marks["cells"]
+        return found
+
+    def _open_cells(self, objects: Objects, in_hand: frozenset[str]) -> Mapping[Cell, Point]:
         found: Mapping[Cell, Point] = self.cells
         for thing in objects.values():
             if self._home.get(thing.id) == thing.center or thing.id in in_hand:
