@@ -51,7 +51,9 @@ class Built:
             kept = {task.thing.id: task for task in self._still}
             self._meshes = {task.thing.id: self._mesh(task, kept, state) for task in still}
             self.layers[0] = Layer(
-                [*(task.owner for task in still), STAND], [*self._meshes.values(), support(stands)]
+                [*(task.owner for task in still), STAND],
+                [*self._meshes.values(), support(stands)],
+                self.layers[0],
             )
             self.shell = self._paint(state)
             self._still, self._stands = still, stands

@@ -17,12 +17,15 @@ AMBIENT, LAMP, FACING = 0.52, 0.36, 0.18
 class Layer:
     """A set of objects as one Embree scene, with a colour and an owner for each triangle."""
 
-    def __init__(self, owners: Sequence[str | int], meshes: Sequence[Mesh]) -> None:
+    def __init__(
+        self, owners: Sequence[str | int], meshes: Sequence[Mesh], before: "Layer | None" = None
+    ) -> None:
         """Build the scene.
 
         Args:
             owners: for each mesh the object's id, or the row of what is no object.
             meshes: their triangles.
+            before: a layer whose scene serves again if only colours have changed since.
         """
         whole = joined(meshes)
         self.owners = tuple(owners)
@@ -38,13 +41,24 @@ class Layer:
         self.centres: Floats = _shared(corners.mean(axis=1, dtype=np.float32), self.normals)
         self.low: Floats | None = whole.low if len(whole.faces) else None
         self.high: Floats | None = whole.high if len(whole.faces) else None
-        self._scene = EmbreeScene()
-        if len(whole.faces):
+        self._vertices, self._faces = whole.vertices, whole.faces
+        again = before is not None and self._fits(before)
+        self._scene: EmbreeScene = before._scene if before and again else self._built()
+
+    def _fits(self, other: "Layer") -> bool:
+        return np.array_equal(self._faces, other._faces) and np.array_equal(
+            self._vertices, other._vertices
+        )
+
+    def _built(self) -> EmbreeScene:
+        scene = EmbreeScene()
+        if len(self._faces):
             TriangleMesh(
-                self._scene,
-                np.ascontiguousarray(whole.vertices, dtype=np.float32),
-                np.ascontiguousarray(whole.faces, dtype=np.int32),
+                scene,
+                np.ascontiguousarray(self._vertices, dtype=np.float32),
+                np.ascontiguousarray(self._faces, dtype=np.int32),
             )
+        return scene
 
     def __len__(self) -> int:
         return len(self.slots)

@@ -127,16 +127,20 @@ def _solid(
     normals: bool,
 ) -> Pixels:  # fmt: skip
     """Return the pixels as if everything were solid; the room shows where nothing is met."""
-    level = view.origins[:, 1] + along * view.ways[:, 1]
+    level = view.origins[:, 1] + along * view.steps[1]
     missed = np.flatnonzero((triangle < 0) | (level < seen.shell.low[1] - _SUNK_M))
-    origins, ways, passed = view.start(missed)
-    out = rooms.exits(seen.shell, origins, ways)
+    out = rooms.exits(
+        seen.shell,
+        view.sources if view.sources.shape[1] == 1 else view.sources[:, missed],
+        view.steps[:, missed],
+    )
     colours = seen.colours[triangle]
     rows = seen.rows[triangle]
     depth = along.copy()
     colours[missed] = np.where(out.face < 0, sky, seen.shell.texels[out.texel])
     rows[missed] = seen.faces[out.face]
-    depth[missed] = out.along - passed
+    passed = view.passed if isinstance(view.passed, float) else view.passed[missed]
+    depth[missed] = out.along - np.float32(passed)
     turned = None
     if normals:
         turned = seen.normals[triangle]

@@ -12,30 +12,31 @@ from karma.world.objects import heading
 from karma.world.render.mesh import Floats
 from karma.world.view import camera_axes
 
+Pixels = NDArray[np.intp]
+
 
 class Rays(NamedTuple):
     """Where rays start and point; a ray's length along the view is 1, so distances are depths."""
 
-    origins: Floats  # (n, 3), on the near plane
+    origins: Floats  # (n, 3), on the near plane or further
     ways: Floats  # (n, 3)
+    steps: Floats  # (3, n): the ways again, each part in one piece
+    sources: Floats  # (3, 1) or (3, n): where rays come from: the eye, or the near plane
+    passed: Floats | float  # (n,): how far from there the origins are
     forward: Floats  # (3,)
     eye: Floats | None  # (3,), where all meet; None when they are parallel
-    passed: Floats | None = None  # (n,): how far from the near plane origins are; None = there
 
-    def start(self, pixels: NDArray[np.intp]) -> tuple[Floats, Floats, Floats | float]:
-        """Return for some rays their origins on the near plane, ways, and what is passed since."""
-        origins, ways = self.origins[pixels], self.ways[pixels]
-        if self.passed is None:
-            return origins, ways, 0.0
-        passed = self.passed[pixels]
-        return origins - ways * passed[:, None], ways, passed
-
-    def beyond(self, pixels: NDArray[np.intp], far: Floats) -> "Rays":
+    def beyond(self, pixels: Pixels, far: Floats) -> "Rays":
         """Return some of the rays from further along."""
         ways = self.ways[pixels]
-        origins = self.origins[pixels] + ways * far[:, None]
-        passed = far if self.passed is None else self.passed[pixels] + far
-        return self._replace(origins=origins, ways=ways, passed=passed)
+        passed = self.passed if isinstance(self.passed, float) else self.passed[pixels]
+        return self._replace(
+            origins=self.origins[pixels] + ways * far[:, None],
+            ways=ways,
+            steps=self.steps[:, pixels],
+            sources=self.sources if self.sources.shape[1] == 1 else self.sources[:, pixels],
+            passed=far + np.float32(passed) if isinstance(passed, float) else passed + far,
+        )
 
 
 def rays(view: Camera, width: int, height: int) -> Rays:
@@ -44,13 +45,15 @@ def rays(view: Camera, width: int, height: int) -> Rays:
     eye = np.array(view.position_m, dtype=np.float32)
     near = np.float32(view.near_m)
     if view.orthographic:
-        plane = _plane(width, height, view.orthographic_size_m)
+        plane, _ = _plane(width, height, view.orthographic_size_m)
         ways = np.empty_like(plane)
         ways[:] = axes[2]
         origins = eye + near * axes[2] + plane[:, :2] @ axes[:2]
-        return Rays(origins, ways, axes[2], None)
-    ways = _plane(width, height, tan(radians(view.fov_deg) / 2)) @ axes
-    return Rays(eye + ways * near, ways, axes[2], eye)
+        steps, sources = (np.ascontiguousarray(part.T) for part in (ways, origins))
+        return Rays(origins, ways, steps, sources, 0.0, axes[2], None)
+    plane, across = _plane(width, height, tan(radians(view.fov_deg) / 2))
+    ways, steps = plane @ axes, axes.T @ across
+    return Rays(eye + ways * near, ways, steps, eye[:, None], float(near), axes[2], eye)
 
 
 def _axes(view: Camera) -> Floats:
@@ -64,12 +67,14 @@ def _axes(view: Camera) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _plane(width: int, height: int, reach: float) -> Floats:
-    """Return each pixel's (right, up, 1), shape (H * W, 3); up reaches to `reach`."""
+def _plane(width: int, height: int, reach: float) -> tuple[Floats, Floats]:
+    """Return each pixel's (right, up, 1), shapes (n, 3) and (3, n); up reaches to `reach`."""
     x = ((np.arange(width) + 0.5) / width * 2 - 1) * reach * (width / height)
     y = (1 - (np.arange(height) + 0.5) / height * 2) * reach
     plane = np.empty((height, width, 3), dtype=np.float32)
     plane[..., 0], plane[..., 1], plane[..., 2] = x[None], y[:, None], 1.0
     flat = plane.reshape(-1, 3)
+    across = np.ascontiguousarray(flat.T)
     flat.setflags(write=False)
-    return flat
+    across.setflags(write=False)
+    return flat, across

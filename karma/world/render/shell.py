@@ -44,7 +44,7 @@ class Exits(NamedTuple):
     """Where rays leave the bounds."""
 
     along: Floats  # (n,), in lengths of the ray's direction; infinite when they miss the room
-    face: NDArray[np.intp]  # (n,); -1 = none
+    face: NDArray[np.int8]  # (n,); -1 = none
     texel: NDArray[np.int32]  # (n,)
 
 
@@ -172,49 +172,46 @@ def _shaded(
     return light
 
 
-def exits(shell: Shell, origins: Floats, ways: Floats) -> Exits:
+def exits(shell: Shell, sources: Floats, steps: Floats) -> Exits:
     """Return where rays leave the room.
 
     Args:
         shell: of the room.
-        origins: shape (n, 3).
-        ways: directions, shape (n, 3).
+        sources: where they come from, shape (3, n), or (3, 1) when shared.
+        steps: directions, shape (3, n).
     """
-    starts = [np.ascontiguousarray(origins[:, axis]) for axis in range(3)]
-    steps = [np.ascontiguousarray(ways[:, axis]) for axis in range(3)]
+    low, high = shell.low[:, None] - sources, shell.high[:, None] - sources
     with np.errstate(divide="ignore", invalid="ignore"):
-        scales = [np.float32(1.0) / step for step in steps]
-        lows = [(shell.low[i] - starts[i]) * scales[i] for i in range(3)]
-        highs = [(shell.high[i] - starts[i]) * scales[i] for i in range(3)]
-    outs = [np.fmax(low, high) for low, high in zip(lows, highs, strict=True)]
+        scales = np.float32(1.0) / steps
+        ends = [(low[axis] * scales[axis], high[axis] * scales[axis]) for axis in range(3)]
+    outs = [np.fmax(*pair) for pair in ends]
     along = np.minimum(np.minimum(outs[0], outs[1]), outs[2])
+    ahead = steps > 0
     face = np.where(
-        along == outs[0],
-        (steps[0] > 0).astype(np.int8),
-        np.where(along == outs[1], 2 + (steps[1] > 0), 4 + (steps[2] > 0)),
-    ).astype(np.intp)
-    if not np.all((origins >= shell.low) & (origins <= shell.high)):
-        enters = [np.fmin(low, high) for low, high in zip(lows, highs, strict=True)]
+        along == outs[0], ahead[0], np.where(along == outs[1], ahead[1] + 2, ahead[2] + 4)
+    ).astype(np.int8)
+    if not (low <= 0).all() or not (high >= 0).all():
+        enters = [np.fmin(*pair) for pair in ends]
         enter = np.maximum(np.maximum(enters[0], enters[1]), enters[2])
         face[(enter > along) | (along <= 0)] = -1
         along[face < 0] = np.inf
-    return Exits(along, face, _texels(shell, face, starts, steps, along))
+    return Exits(along, face, _texels(shell, face, -low, steps, along))
 
 
 def _texels(
-    shell: Shell, face: NDArray[np.intp], starts: list[Floats], steps: list[Floats], along: Floats
+    shell: Shell, face: NDArray[np.int8], starts: Floats, steps: Floats, along: Floats
 ) -> NDArray[np.int32]:
-    """Return the texel in which each ray leaves, shape (n,)."""
+    """Return the texel in which each ray leaves; `starts` count from the room's low corner."""
     found = shell.starts[face]
-    reach = np.where(face < 0, np.float32(0.0), along)
+    reach = np.where(face < 0, np.float32(0.0), along) * np.float32(1 / TEXEL_M)
     for axis in range(3):
-        place = (starts[axis] + steps[axis] * reach - shell.low[axis]) * np.float32(1 / TEXEL_M)
-        cell = np.clip(place.astype(np.int32), 0, shell.last[axis])
-        found += cell * shell.strides[axis][face]
+        place = starts[axis] * np.float32(1 / TEXEL_M) + steps[axis] * reach
+        cell = np.minimum(np.maximum(place, np.float32(0.0)), np.float32(shell.last[axis]))
+        found += cell.astype(np.int32) * shell.strides[axis][face]
     return found
 
 
-def normals(face: NDArray[np.intp]) -> Floats:
+def normals(face: NDArray[np.int8]) -> Floats:
     """Return the inward normals of faces, zero for no face; shape (n, 3)."""
     found: Floats = _NORMALS[face]
     return found
