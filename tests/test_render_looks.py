@@ -1,8 +1,11 @@
 """Every type has a shape, every state of it is seen, and every name has its colour."""
 
+import msgspec
 import numpy as np
 import pytest
-from household import kitchen
+from household import kitchen, thing
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from stage import close_up, facing
 
 from karma.errors import FileError
@@ -15,6 +18,7 @@ from karma.world.render.colours import (
     instance_frame,
     names,
 )
+from karma.world.render.drawn import Task, drawn
 from karma.world.render.mesh import ball, box, drum, rod, turned
 from karma.world.render.picture import agent_camera, render
 from karma.world.render.shapes import BUILDERS
@@ -192,3 +196,40 @@ def test_frames_are_painted_by_the_table():
         else:
             assert own == kind and "|" not in own
     assert len(names(state.objects)) == len(table)
+
+
+SIZES = st.tuples(*[st.sampled_from([0.0, 0.001, 0.03, 0.3, 2.5]) for _ in range(3)])
+
+
+@settings(max_examples=150)
+@given(st.sampled_from(SHAPED), SIZES, st.sets(st.sampled_from(sorted(FLAGS))), st.booleans())
+def test_any_box_in_any_state_has_a_shape_in_and_around_it(kind, size, flags, hot):
+    state = {key: value for flag in sorted(flags) for key, value in FLAGS[flag].items()}
+    one = thing(kind, (0.3, 1.0, -0.2), size, temperature="Hot" if hot else "RoomTemp", **state)
+    cells = np.array([(0.0, -1.0), (0.25, -1.0)])
+    mesh = drawn(Task(one), cells, "stage")
+    assert len(mesh.faces) and np.isfinite(mesh.vertices).all() and np.isfinite(mesh.colours).all()
+    assert mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)
+    assert mesh.colours.min() >= 0 and mesh.colours.max() <= 255
+    solid = mesh.vertices[mesh.faces[mesh.clear == 0]].reshape(-1, 3)
+    reach = 2.5 * max(*size, 0.1) + 0.3  # doors swing, flaps fold, shards fall
+    assert (np.abs(solid - np.array(one.center)) < reach).all()
+
+
+def test_turned_objects_are_drawn_turned():
+    corners = moment_of_a_knife(yaw=0.0), moment_of_a_knife(yaw=90.0)
+    spans = [
+        np.ptp(drawn(Task(one), np.zeros((0, 2)), "stage").vertices, axis=0) for one in corners
+    ]
+    assert spans[0][2] > 4 * spans[0][0] and spans[1][0] > 4 * spans[1][2]
+
+
+def moment_of_a_knife(yaw):
+    one = thing("Knife", (0.0, 1.0, 0.0), rotation=(0.0, yaw, 0.0))
+    x, y, z = (side / 2 for side in one.size)
+    signs = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
+    corners = tuple((a * x, 1.0 + v * y, b * z) for v in (-1, 1) for a, b in signs)
+    if yaw:
+        corners = tuple((c, b, -a) for a, b, c in corners)
+        one = msgspec.structs.replace(one, size=(one.size[2], one.size[1], one.size[0]))
+    return msgspec.structs.replace(one, corners=corners)
