@@ -513,3 +513,13 @@ def test_imported_scenes_can_be_drawn(shared):
             state = begin(scene, Settings())
             picture = render(state, map_camera(state), 60, 60)
             assert len(np.unique(picture.rows)) > 5, scene.name
+
+
+def test_things_that_lie_a_little_deep_are_drawn_on_the_worktop():
+    top = thing("CounterTop", (0.0, 0.9, 1.0), (1.0, 0.06, 0.6))
+    card = thing("CreditCard", (0.0, 0.912, 1.0), parents=(top.id,))
+    picture = render(
+        moment(top, card), Camera(position_m=(0.0, 1.6, 0.9), rotation_deg=(80.0, 0.0, 0.0)), 80, 80
+    )
+    assert (picture.rows == 1).sum() > 20
+    assert picture.depth_m[picture.rows == 1].min() == pytest.approx(0.66, abs=0.03)

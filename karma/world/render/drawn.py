@@ -7,10 +7,11 @@ import numpy as np
 
 from karma.contracts import Vec3
 from karma.world.boxes import Box
-from karma.world.objects import Objects, is_inert
+from karma.world.objects import Objects, bottom, is_inert
 from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
 from karma.world.render.frame import Floats, Frame, frame
+from karma.world.render.furniture import SURFACES
 from karma.world.render.looks import Look, looks, pick, rgb
 from karma.world.render.mesh import Mesh, box, joined
 from karma.world.render.pixels import PIECES
@@ -33,7 +34,7 @@ class Task(NamedTuple):
 
     thing: SceneObject
     holes: tuple[Box, ...] = ()
-    slide: Vec3 = (0.0, 0.0, 0.0)  # along with the drawer it lies in
+    shift: Vec3 = (0.0, 0.0, 0.0)  # out with its drawer, or up onto what it lies on
 
     @property
     def owner(self) -> str | int:
@@ -43,7 +44,7 @@ class Task(NamedTuple):
     def same(self, other: "Task") -> bool:
         """Return whether two tasks give the same triangles."""
         alike = self.thing is other.thing or _appearance(self.thing) == _appearance(other.thing)
-        return alike and self.holes == other.holes and self.slide == other.slide
+        return alike and self.holes == other.holes and self.shift == other.shift
 
 
 def _appearance(thing: SceneObject) -> tuple[object, ...]:
@@ -57,12 +58,34 @@ def _appearance(thing: SceneObject) -> tuple[object, ...]:
 def tasks(objects: Objects, cells: Floats) -> Iterator[Task]:
     """Yield a task for each object that shows: not the floor, not what is shut in or in pieces."""
     slides = _slides(objects, cells)
+    lifts: dict[str, float] = {}
     hidden = objects.hidden
     for row, (object_id, thing) in enumerate(objects.items()):
         unseen = hidden[row] and thing.type != "TargetCircle" and not _lies_about(objects, thing)
         if thing.type == "Floor" or unseen:
             continue
-        yield Task(thing, _holes(objects, thing), slides.get(object_id, (0.0, 0.0, 0.0)))
+        x, y, z = slides.get(object_id, (0.0, 0.0, 0.0))
+        shift = (x, y + _lift(objects, object_id, lifts), z)
+        yield Task(thing, _holes(objects, thing), shift)
+
+
+def _lift(objects: Objects, object_id: str, known: dict[str, float]) -> float:
+    """Return how far a thing must come up, with what it lies in, to lie on what is drawn."""
+    if object_id in known:
+        return known[object_id]
+    thing = objects[object_id]
+    known[object_id] = 0.0
+    if "pickupable" not in thing.capabilities or not thing.parents:
+        return 0.0
+    under = objects[thing.parents[0]]
+    surface = SURFACES.get(looks()[under.type].shape)
+    if surface is None:
+        known[object_id] = _lift(objects, under.id, known)
+    else:
+        level = bottom(under) + surface.level(under.size[1])
+        deep = round(level - bottom(thing), 4)
+        known[object_id] = deep if 0 < deep <= surface.lift_m else 0.0
+    return known[object_id]
 
 
 def _lies_about(objects: Objects, thing: SceneObject) -> bool:
@@ -115,7 +138,7 @@ def drawn(task: Task, cells: Floats, room_name: str) -> Mesh:
     ground = _ground(thing, stand, task.holes, cells)
     form = _form(thing, look, stand, ground, room_name)
     local = shape(look.shape, form, thing.temperature)
-    place = (stand.foot + task.slide).astype(np.float32)
+    place = (stand.foot + task.shift).astype(np.float32)
     return local._replace(vertices=local.vertices @ stand.axes.astype(np.float32) + place)
 
 

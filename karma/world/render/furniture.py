@@ -1,9 +1,46 @@
 """Tables, seats, beds, shelves and chests."""
 
 import itertools
+from collections.abc import Callable
+from types import MappingProxyType
+from typing import NamedTuple
 
 from karma.world.render.form import Builder, Form, Rectangle, shade
 from karma.world.render.mesh import Mesh, ball, box, drum, lathe, rod, sheet, slab, turned
+
+
+class Surface(NamedTuple):
+    """Where things rest on a piece of furniture as it is drawn."""
+
+    level: Callable[[float], float]  # above its foot, of its height
+    lift_m: float  # things that lie at most this much deeper are drawn on it
+
+
+def _chair_level(height: float) -> float:
+    return min(0.46, height * 0.52)
+
+
+def _sofa_level(height: float) -> float:
+    return min(0.42, height * 0.5)
+
+
+def _bed_level(height: float) -> float:
+    return min(0.5, height * 0.62)
+
+
+def _top(height: float) -> float:
+    return height
+
+
+SURFACES = MappingProxyType(
+    {
+        "counter": Surface(_top, 0.04),
+        "table": Surface(_top, 0.04),
+        "chest": Surface(_top, 0.04),
+        "sofa": Surface(_sofa_level, 0.2),
+        "bed": Surface(lambda height: _bed_level(height) + 0.045, 0.2),
+    }
+)
 
 
 def block(f: Form) -> list[Mesh]:
@@ -56,7 +93,7 @@ def seat(f: Form) -> list[Mesh]:
 
 def _chair(f: Form) -> list[Mesh]:
     x, y, z = f.half
-    level = min(0.46, y * 0.52)
+    level = _chair_level(y)
     leg = min(0.04, x * 0.2)
     parts = [slab(f.width, f.depth * 0.96, level - 0.05, level, f.main)]
     for a in (-1, 1):
@@ -103,7 +140,7 @@ def sofa(f: Form) -> list[Mesh]:
     x, y, z = f.half
     arm = min(0.2, f.width * 0.16)
     back = min(0.24, f.depth * 0.28)
-    level = min(0.42, y * 0.5)
+    level = _sofa_level(y)
     dark = shade(f.main, 0.85)
     parts = [
         box((-x, 0.05, -z), (x, level * 0.7, z), dark),
@@ -133,7 +170,7 @@ def sofa(f: Form) -> list[Mesh]:
 def bed(f: Form) -> list[Mesh]:
     """Return a bed, its head at the back; dirty = the blanket lies rumpled."""
     x, y, z = f.half
-    level = min(0.5, y * 0.62)
+    level = _bed_level(y)
     frame, sheets = f.second, f.third
     parts = [
         box((-x, 0.08, -z), (x, level * 0.6, z), frame),
