@@ -3,7 +3,6 @@
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from karma.world.boxes import Box
 from karma.world.render import shell
@@ -11,7 +10,6 @@ from karma.world.render.drawn import Task, drawn, support, supports, tasks
 from karma.world.render.layer import Layer
 from karma.world.render.mesh import Mesh
 from karma.world.render.pixels import STAND
-from karma.world.render.shell import Shell
 from karma.world.state import Room, WorldState
 
 
@@ -31,9 +29,7 @@ class Built:
         self._held: list[Task] = []
         self._stands: tuple[Box, ...] = ()
         self._meshes: dict[str, Mesh] = {}
-        self._painted = b""
         self.layers = [Layer((), ())]
-        self.shell = self._paint(state)
         self._build(state)
 
     def update(self, state: WorldState) -> None:
@@ -46,6 +42,7 @@ class Built:
         wanted = list(tasks(state.objects, self._cells))
         still = [task for task in wanted if task.thing.id not in state.in_hand]
         held = [task for task in wanted if task.thing.id in state.in_hand]
+        self.shell = shell.around(state.room, state.objects)
         stands = supports(state.objects, state.room.floor_y)
         if not _same(still, self._still) or stands != self._stands:
             kept = {task.thing.id: task for task in self._still}
@@ -55,7 +52,6 @@ class Built:
                 [*self._meshes.values(), support(stands)],
                 self.layers[0],
             )
-            self.shell = self._paint(state)
             self._still, self._stands = still, stands
         if not _same(held, self._held):
             meshes = [drawn(task, self._cells, state.room.name) for task in held]
@@ -67,15 +63,6 @@ class Built:
         if before is not None and before.same(task):
             return self._meshes[task.thing.id]
         return drawn(task, self._cells, state.room.name)
-
-    def _paint(self, state: WorldState) -> Shell:
-        room_type = shell.kind(state.objects)
-        shadows: NDArray[np.float64] = shell.footprints(state.objects, state.room.floor_y)
-        needs = room_type.encode() + shadows.tobytes()
-        if needs != self._painted:
-            self._painted = needs
-            return shell.paint(state.room, room_type, shadows)
-        return self.shell
 
 
 _ROOMS: WeakKeyDictionary[Room, Built] = WeakKeyDictionary()  # the longest unused first

@@ -52,23 +52,27 @@ def looks() -> Mapping[str, Look]:
     return read_looks(TABLE)
 
 
+@cache
+def _table(path: Path) -> _Table:
+    return read_toml(path, _Table)
+
+
 def read_looks(path: Path) -> Mapping[str, Look]:
     """Read a table of looks.
 
     Raises:
         FileError: the table is damaged, or its types are not those of types.toml.
     """
-    found = read_toml(path, _Table).types
+    found = _table(path).types
     for name in sorted(found.keys() ^ object_types().keys()):
         fault = "not a type" if name in found else "missing"
         raise FileError(path, f"types.{name}: {fault}")
     return MappingProxyType(found)
 
 
-@cache
 def walls(room: RoomType) -> Walls:
     """Return how rooms of a type are painted."""
-    return read_toml(TABLE, _Table).rooms[room]
+    return _table(TABLE).rooms[room]
 
 
 def rgb(text: str) -> Colour:

@@ -4,11 +4,13 @@ A ray meets the shell where it leaves the bounds, so that walls between an outsi
 room hide nothing, and a camera above looks in through the ceiling. Faces are painted once.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.contracts import Vec3
 from karma.world.objects import Objects
 from karma.world.render.looks import Walls, rgb, walls
 from karma.world.render.mesh import Floats
@@ -62,24 +64,30 @@ def footprints(objects: Objects, floor_y: float) -> NDArray[np.float64]:
     return np.concatenate([objects.low[rows][:, [0, 2]], objects.high[rows][:, [0, 2]]], axis=1)
 
 
-def paint(room: Room, room_type: RoomType, shadows: NDArray[np.float64]) -> Shell:
-    """Return the shell of a room.
+def around(room: Room, objects: Objects) -> Shell:
+    """Return the shell of a room, painted for what stands in it."""
+    shadows = footprints(objects, room.floor_y)
+    return _painted(
+        room.bounds_center, room.bounds_size, room.floor_y, kind(objects), shadows.tobytes()
+    )
 
-    Args:
-        room: with its bounds.
-        room_type: says how it is painted.
-        shadows: of `footprints`.
-    """
-    middle, size = np.array(room.bounds_center), np.array(room.bounds_size)
-    low, high = (middle - size / 2), (middle + size / 2)
-    low[1] = min(room.floor_y, high[1] - 0.1)
+
+@lru_cache(maxsize=8)  # about a megabyte each
+def _painted(
+    center: Vec3, size: Vec3, floor_y: float, room_type: RoomType, footprint: bytes
+) -> Shell:  # fmt: skip
+    shadows = np.frombuffer(footprint).reshape(-1, 4)
+    low = np.array(center) - np.array(size) / 2
+    high = low + np.array(size)
+    low[1] = min(floor_y, high[1] - 0.1)
     look = walls(room_type)
     faces = [_face(face, low, high, look, shadows) for face in range(6)]
     sizes = [face.shape[0] * face.shape[1] for face in faces]
     strides = np.zeros((3, 7), dtype=np.int32)
     for number, face in enumerate(faces):
         across, up = _uv(number)
-        strides[across, number], strides[up, number] = 1, face.shape[1]
+        if number != CEILING_FACE:  # which is one texel
+            strides[across, number], strides[up, number] = 1, face.shape[1]
     return Shell(
         low.astype(np.float32),
         high.astype(np.float32),
@@ -110,6 +118,8 @@ def _face(
     shadows: NDArray[np.float64],
 ) -> NDArray[np.uint8]:  # fmt: skip
     """Return one face's texels, shape (rows, columns, 3)."""
+    if face == CEILING_FACE:
+        return np.array([[rgb(look.ceiling)]], dtype=np.uint8)
     across, up = _uv(face)
     u, v = ((np.arange(_count(high[axis] - low[axis])) + 0.5) * TEXEL_M for axis in (across, up))
     u, v = np.meshgrid(u, v)
@@ -118,8 +128,6 @@ def _face(
         colour = np.array(rgb(look.floor)) * (
             bright * _shaded(u + low[0], v + low[2], shadows)
         )[..., None]  # fmt: skip
-    elif face == CEILING_FACE:
-        colour = np.broadcast_to(np.array(rgb(look.ceiling)), (*u.shape, 3))
     else:
         colour = _wall(u, v, look) * (0.93, 1.0, 1.0, 1.0, 0.97, 0.9)[face]
     return np.clip(np.rint(colour), 0, 255).astype(np.uint8)
