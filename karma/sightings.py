@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from karma.contracts import Event, Knowledge, Known, Observation, Pose, SeenObject, Vec3
@@ -50,10 +50,19 @@ class Sightings:
         return observation
 
     def _note(self, sight: SeenObject) -> None:
-        self.seen[sight.object_id] = sight
+        self.seen[sight.object_id] = self._without_door(sight)
         self.missed.pop(sight.object_id, None)
         if "sliced" in sight.states:
             self._inherit(sight)
+
+    def _without_door(self, sight: SeenObject) -> SeenObject:
+        """Return the sight with the box it had when closed: an open door widens AI2-THOR's box."""
+        before = self.seen.get(sight.object_id)
+        if before is None or "opened" not in sight.states:
+            return sight
+        if before.position_m != sight.position_m:
+            return sight
+        return replace(sight, box_center_m=before.box_center_m, box_size_m=before.box_size_m)
 
     def _inherit(self, sight: SeenObject) -> None:
         """Give a slice what was done to the whole."""

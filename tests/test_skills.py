@@ -205,6 +205,19 @@ def test_apple_goes_into_the_fridge_once_it_is_open(world, skills):
     succeed(skills, "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')")
 
 
+def test_an_open_door_leaves_the_box_that_the_robot_looks_for(world, skills):
+    succeed(skills, "GoToObject(robot, 'Fridge')")
+    fridge = thing(world, "Fridge")["objectId"]
+    closed = skills.seen[fridge]
+    succeed(skills, "OpenObject(robot, 'Fridge')")
+    assert thing(world, "Fridge")["axisAlignedBoundingBox"]["size"] != dict(
+        zip("xyz", closed.box_size_m, strict=True)
+    )
+    opened = skills.seen[fridge]
+    assert "opened" in opened.states
+    assert (opened.box_center_m, opened.box_size_m) == (closed.box_center_m, closed.box_size_m)
+
+
 def test_pick_up_with_a_full_hand_names_what_is_held(world, skills):
     succeed(skills, "PickupObject(robot, 'Apple')")
     before = truth(world)
