@@ -24,6 +24,7 @@ from karma.infer.constrain import ProgramAutomaton, choose_token
 from karma.infer.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.grammar import load_gbnf
 from karma.infer.llama import LlamaModel
+from karma.offline import go_offline
 
 TOKENS = 120
 NAMES = tuple(
@@ -277,4 +278,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    go_offline()
     main()

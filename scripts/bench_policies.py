@@ -10,6 +10,7 @@ from time import perf_counter
 
 from karma import registry
 from karma.memory.policies import make_policy
+from karma.offline import go_offline
 from karma.seeds import stream
 
 KINDS = 1000
@@ -65,4 +66,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    go_offline()
     main()

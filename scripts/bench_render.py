@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from karma.offline import go_offline
 from karma.world.importers import import_dump
 from karma.world.render.colours import colour_table, instance_frame
 from karma.world.render.picture import agent_camera, render
@@ -89,4 +90,5 @@ def _megabytes() -> float:
 
 
 if __name__ == "__main__":
+    go_offline()
     main()

@@ -27,6 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 from karma.files import to_json, write_atomic
+from karma.offline import go_offline
 from karma.world import scene as scenes
 from karma.world.importers import import_dump
 from karma.world.scene import Scene
@@ -283,4 +284,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    go_offline()
     main()

@@ -32,6 +32,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from karma.errors import FileError, KarmaError
 from karma.files import append_line, read_bytes, read_json, to_json, write_atomic
+from karma.offline import go_offline
 from karma.world.thor.backend import ThorWorld
 from karma.world.thor.builds import PLATFORMS
 
@@ -272,4 +273,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    go_offline()
     main()

@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from karma.contracts import Vec3
+from karma.offline import go_offline
 from karma.world.camera import Camera
 from karma.world.render.colours import class_frame, instance_frame
 from karma.world.render.picture import agent_camera, render
@@ -146,4 +147,5 @@ def _states() -> Iterator[Cell]:
 
 
 if __name__ == "__main__":
+    go_offline()
     main()

@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 
 from karma.files import to_json, write_atomic
+from karma.offline import go_offline
 from karma.world.generate import build_scene
 from karma.world.rooms import rooms
 from karma.world.scene import SCENES, check
@@ -31,4 +32,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    go_offline()
     main()

@@ -1,8 +1,12 @@
 """The `karma` command."""
 
+from typing import Annotated
+
 import typer
 
 from karma.cli import agents, doctor, models, worlds
+from karma.cli.shared import clear_errors
+from karma.offline import go_offline
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="A household agent that remembers, offline."
@@ -11,3 +15,14 @@ agents.add_to(app)
 app.add_typer(worlds.app, name="world")
 app.add_typer(models.app, name="models")
 app.add_typer(doctor.app, name="doctor")
+
+
+@app.callback()
+@clear_errors
+def karma(
+    allow_network: Annotated[
+        bool, typer.Option("--allow-network", help="Let a hosted model's host be reached.")
+    ] = False,
+) -> None:
+    """Keep every command off the network."""
+    go_offline(allow_network=allow_network)

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from karma.errors import KarmaError
+from karma.offline import settle
 
 console = Console()
 
@@ -17,12 +18,18 @@ Json = Annotated[Path | None, typer.Option("--json", help="Also write the figure
 
 
 def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn the package's errors into a message and exit code 1; anything else is a bug."""
+    """Turn the package's errors into a message and exit code 1; anything else is a bug.
+
+    A refused attempt to reach the network is such an error also where a library has swallowed it.
+    """
 
     @wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
         try:
-            command(*args, **kwargs)
+            try:
+                command(*args, **kwargs)
+            finally:
+                settle()
         except KarmaError as error:
             text = f"[red]error:[/] {escape(str(error))}"
             Console(stderr=True).print(text, highlight=False, soft_wrap=True)

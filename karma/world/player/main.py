@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 from karma.errors import KarmaError
+from karma.offline import go_offline
 from karma.world.player.fifo import farewell
 from karma.world.player.pipes import ClientGoneError, await_client, open_sink, open_source
 
@@ -24,6 +25,7 @@ log = logging.getLogger("karma-player")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve one client; 0 when it is done, 1 when something was wrong, 2 for wrong usage."""
     parent = os.getppid()  # asked early: it changes when the client dies
+    go_offline()
     logging.basicConfig(level=logging.WARNING, format="karma-player: %(levelname)s: %(message)s")
     arguments = sys.argv[1:] if arguments is None else arguments
     try:

@@ -1,0 +1,1 @@
+"""One archive that carries everything over the air gap: built, verified, installed."""

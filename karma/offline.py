@@ -1,0 +1,317 @@
+"""Nothing leaves this machine: the libraries' offline switches, and a guard over Python's sockets.
+
+`go_offline()` is the first thing every entry point calls. The guard is an audit hook, so it sees
+every connection, datagram, look-up and open port that Python code asks for, whichever library asks,
+and cannot be taken off again. Not seen: what compiled code does past Python's `socket` module, and
+other programs that are started; `scripts/airgap.sh` runs all where there is no interface.
+"""
+
+import ipaddress
+import json
+import os
+import socket
+import sys
+import sysconfig
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from karma.errors import KarmaError
+
+OFFLINE = "KARMA_OFFLINE"  # 1: this process and those it starts never get leave
+LOG = "KARMA_NETWORK_LOG"  # a file that takes one JSON line per question to the network
+
+# What makes each library keep to the disk, or keep its counts to itself. Set over what was there.
+SWITCHES = {
+    "HF_HUB_OFFLINE": "1",
+    "TRANSFORMERS_OFFLINE": "1",
+    "HF_DATASETS_OFFLINE": "1",
+    "HF_EVALUATE_OFFLINE": "1",
+    "HF_HUB_DISABLE_TELEMETRY": "1",
+    "HF_HUB_DISABLE_IMPLICIT_TOKEN": "1",
+    "DISABLE_TELEMETRY": "1",
+    "DO_NOT_TRACK": "1",
+    "ANONYMIZED_TELEMETRY": "False",
+    "SCARF_NO_ANALYTICS": "true",
+    "GRADIO_ANALYTICS_ENABLED": "False",
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "WANDB_MODE": "disabled",
+    "AWS_EC2_METADATA_DISABLED": "true",  # botocore comes with ai2thor
+}
+# What is better so, but a user may want otherwise.
+DEFAULTS = {"TOKENIZERS_PARALLELISM": "false", "MPLBACKEND": "Agg"}
+
+_KEPT = 20  # refusals; one that is tried again and again must not fill the memory
+_LOCAL_NAMES = frozenset({"localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback"})
+_LOCAL_FAMILIES = frozenset(
+    getattr(socket, name) for name in ("AF_UNIX", "AF_NETLINK", "AF_ALG") if hasattr(socket, name)
+)
+_TRANSPORTS = frozenset(
+    "requests urllib3 httpx httpx2 httpcore httpcore2 h11 h2 anyio sniffio trio aiohttp websocket "
+    "websockets truststore".split()  # noqa: SIM905
+)
+_TO_ADDRESS = {
+    "socket.connect": "a connection to",
+    "socket.sendto": "a datagram to",
+    "socket.sendmsg": "a datagram to",
+    "socket.bind": "a port open to other machines at",
+}
+_OF_NAME = {
+    "socket.getaddrinfo": "a look-up of",
+    "socket.gethostbyname": "a look-up of",
+    "socket.gethostbyaddr": "a look-up of",
+    "socket.getnameinfo": "a look-up of",
+}
+
+
+class NetworkRefused(KarmaError):
+    """Something in this process asked for the network.
+
+    Args:
+        what: what it asked for, e.g. "a look-up of 'example.com'".
+        caller: file, line and function of the first frame that is no part of a transport library.
+        through: the libraries between that frame and the socket, the caller's side first.
+        behalf: if the caller is an installed package, the frame of other code that called it.
+    """
+
+    def __init__(self, what: str, caller: str, through: tuple[str, ...], behalf: str = "") -> None:
+        way = f", through {', '.join(through)}" if through else ""
+        for_whom = f"\n  On behalf of: {behalf}" if behalf else ""
+        super().__init__(
+            f"the network is off limits: {what} was refused\n  Asked for by: {caller}{way}"
+            f"{for_whom}\n  To fix: take that call out; only a hosted model may be reached, by "
+            "`karma --allow-network ...`"
+        )
+        self.what, self.caller, self.through, self.behalf = what, caller, through, behalf
+
+
+@dataclass(slots=True)
+class _Guard:
+    """What the hook goes by; one per process, since a hook is for good."""
+
+    hooked: bool = False
+    leave: bool = False
+    hosts: set[str] = field(default_factory=set)  # declared by the hosted adapter
+    addresses: set[str] = field(default_factory=set)  # that those names turned out to have
+    refused: list[NetworkRefused] = field(default_factory=list)
+    log: str = ""
+
+
+_guard = _Guard()
+
+
+def go_offline(*, allow_network: bool = False) -> None:
+    """Set the libraries' switches and arm the guard; may be called again, in any thread.
+
+    Args:
+        allow_network: give `allow_host` leave, for the hosted adapter.
+
+    Raises:
+        KarmaError: leave is asked for where $KARMA_OFFLINE forbids it.
+    """
+    if allow_network and os.environ.get(OFFLINE) == "1":
+        raise KarmaError(f"{OFFLINE}=1 forbids --allow-network\n  To fix: unset {OFFLINE}")
+    os.environ.update(SWITCHES)
+    for name, value in DEFAULTS.items():
+        os.environ.setdefault(name, value)
+    if not allow_network:
+        os.environ[OFFLINE] = "1"
+    _guard.leave = allow_network
+    _guard.hosts.clear()
+    _guard.addresses.clear()
+    _guard.refused.clear()
+    _guard.log = os.environ.get(LOG, "")
+    if allow_network and socket.getaddrinfo is not _remembering:
+        socket.getaddrinfo = _remembering
+    if not _guard.hooked:
+        _guard.hooked = True
+        sys.addaudithook(_hook)
+
+
+def is_armed() -> bool:
+    """Return whether this process has the guard."""
+    return _guard.hooked
+
+
+def network_allowed() -> bool:
+    """Return whether this process was started with --allow-network."""
+    return _guard.leave
+
+
+def allow_host(host: str) -> None:
+    """Let connections to one host pass; the hosted adapter calls this, nothing else may.
+
+    Args:
+        host: name or address, without scheme and port; this machine needs no leave.
+
+    Raises:
+        KarmaError: this process was not started with --allow-network.
+    """
+    if _is_local(host):
+        return
+    if not _guard.leave:
+        raise KarmaError(
+            f"the hosted model at {host!r} is on another machine, and this run is offline\n"
+            "  To fix: `karma --allow-network ...`, or replay a cassette"
+        )
+    _guard.hosts.add(host.lower())
+
+
+def settle() -> None:
+    """Raise the first refusal since the start, also where somebody has swallowed it.
+
+    Raises:
+        NetworkRefused: something asked for the network.
+    """
+    if _guard.refused:
+        raise _guard.refused[0]
+
+
+def forget() -> tuple[NetworkRefused, ...]:
+    """Return the refusals since the start and begin anew; for tests that provoke them."""
+    found = tuple(_guard.refused)
+    _guard.refused.clear()
+    return found
+
+
+# ----------------------------------------------------------------- the hook
+
+
+def _hook(event: str, arguments: tuple[Any, ...]) -> None:
+    if not event.startswith("socket."):
+        return
+    if event in _OF_NAME:
+        host = _text(arguments[0][0] if isinstance(arguments[0], tuple) else arguments[0])
+        wanted, allowed = repr(host), _may_ask(host)
+    elif event in _TO_ADDRESS and arguments[1] is not None:  # None: sendmsg where it is connected
+        wanted, allowed = repr(arguments[1]), _may_reach(event, arguments[0], arguments[1])
+    else:
+        return
+    if allowed and not _guard.log:
+        return
+    error = _refusal(f"{ {**_OF_NAME, **_TO_ADDRESS}[event] } {wanted}")
+    if _guard.log:
+        _note(event, wanted, allowed, error)
+    if not allowed:
+        if len(_guard.refused) < _KEPT:
+            _guard.refused.append(error)
+        raise error
+
+
+def _text(host: Any) -> str:
+    return host.decode(errors="replace") if isinstance(host, bytes) else str(host or "")
+
+
+def _may_ask(host: str) -> bool:
+    """Return whether a name may be looked up; none and "any address" ask nobody."""
+    return host in ("", "0.0.0.0", "::") or _is_local(host) or _declared(host)
+
+
+def _may_reach(event: str, one: Any, address: Any) -> bool:
+    if getattr(one, "family", None) in _LOCAL_FAMILIES:
+        return True
+    if not isinstance(address, tuple) or not address:
+        return False
+    if event == "socket.bind" and address[1] == 0:  # any free port: for asking which are free
+        return True
+    host = _text(address[0])
+    return _is_local(host) or (event != "socket.bind" and _declared(host))
+
+
+def _declared(host: str) -> bool:
+    return _guard.leave and (host.lower() in _guard.hosts or host in _guard.addresses)
+
+
+def _is_local(host: str) -> bool:
+    name = host.lower().rstrip(".").strip("[]")
+    if name in _LOCAL_NAMES:
+        return True
+    try:
+        address = ipaddress.ip_address(name.split("%")[0])
+    except ValueError:
+        return False
+    mapped = getattr(address, "ipv4_mapped", None)
+    return (mapped or address).is_loopback
+
+
+_getaddrinfo = socket.getaddrinfo
+
+
+def _remembering(host: Any, *arguments: Any, **options: Any) -> Any:
+    """Look up as `socket.getaddrinfo` does; a declared name's addresses may then be reached."""
+    found = _getaddrinfo(host, *arguments, **options)
+    if _text(host).lower() in _guard.hosts:
+        _guard.addresses.update(str(row[4][0]) for row in found)
+    return found
+
+
+# ----------------------------------------------------------------- who asked
+
+
+def _refusal(what: str) -> NetworkRefused:
+    """Return the error for what the running thread asks; looks past the transport libraries."""
+    frames = list(_frames(sys._getframe(2)))
+    through = [name for _, kind, name in frames if kind == "transport"]
+    said = [one for one in frames if one[1] in ("package", "own")]
+    if not said:  # a library's own thread: what the main thread does tells more than nothing
+        main = sys._current_frames().get(_main_thread())
+        said = [one for one in _frames(main) if one[1] in ("package", "own")]
+    caller, kind, _ = said[0] if said else ("unknown code", "own", "")
+    behalf = next((place for place, kind, _ in said if kind == "own"), "")
+    first = frames.index(said[0]) if said and said[0] in frames else len(frames)
+    through = [name for _, kind, name in frames[:first] if kind == "transport"]
+    if not through:
+        through = [name for _, kind, name in frames[:first] if kind == "stdlib"][-1:]
+    names = tuple(dict.fromkeys(reversed(through)))
+    return NetworkRefused(what, caller, names, behalf if kind == "package" else "")
+
+
+def _main_thread() -> int:
+    import threading
+
+    return threading.main_thread().ident or 0
+
+
+def _frames(frame: FrameType | None) -> Iterator[tuple[str, str, str]]:
+    """Yield (place, kind of code, library) from the socket outwards."""
+    while frame is not None:
+        name = frame.f_code.co_filename
+        if name != __file__ and not name.startswith("<frozen"):
+            kind, library = _kind(name, str(frame.f_globals.get("__name__", "")))
+            yield f"{name}:{frame.f_lineno} in {frame.f_code.co_name}", kind, library
+        frame = frame.f_back
+
+
+_STDLIB = str(Path(sysconfig.get_path("stdlib")).resolve())
+
+
+def _kind(name: str, module: str) -> tuple[str, str]:
+    """Return what kind of code a file is: "own", "package", "transport" or "stdlib"."""
+    library = module.partition(".")[0]
+    parts = Path(name).parts
+    if "site-packages" in parts or "dist-packages" in parts:
+        if library == "karma":
+            return "own", library
+        return ("transport" if library in _TRANSPORTS else "package"), library
+    if name.startswith(_STDLIB) or os.path.realpath(name).startswith(_STDLIB):
+        return "stdlib", module
+    return "own", library
+
+
+def _note(event: str, wanted: str, allowed: bool, error: NetworkRefused) -> None:
+    """Append one line to the log; one write, so that processes do not mix theirs."""
+    line = {
+        "allowed": allowed,
+        "asked": wanted,
+        "caller": error.caller,
+        "event": event,
+        "process": os.getpid(),
+        "through": error.through,
+    }
+    handle = os.open(_guard.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    try:
+        os.write(handle, json.dumps(line).encode() + b"\n")
+    finally:
+        os.close(handle)

@@ -1,0 +1,298 @@
+"""The guard: whoever asks for the network is refused and named, in each way there is to ask.
+
+Covered: Python's own calls, requests, urllib3, httpx, asyncio; what swallows the refusal; loopback
+and Unix sockets; leave for declared hosts; the log; the header of a run. Not covered: compiled code
+that goes past Python's socket module, which `scripts/airgap.sh` is for.
+"""
+
+import asyncio
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from karma import offline
+from karma.errors import KarmaError
+from karma.offline import NetworkRefused
+
+ROOT = Path(__file__).parents[1]
+ELSEWHERE = ("192.0.2.1", 80)  # a block that documentation has to itself
+
+ASKING = {
+    "connect": "socket.socket().connect(('192.0.2.1', 80))",
+    "connect_ex": "socket.socket().connect_ex(('192.0.2.1', 80))",
+    "connect6": "socket.socket(socket.AF_INET6).connect(('2001:db8::1', 80))",
+    "create_connection": "socket.create_connection(('example.org', 80))",
+    "sendto": "socket.socket(type=socket.SOCK_DGRAM).sendto(b'x', ('192.0.2.1', 53))",
+    "sendmsg": "socket.socket(type=socket.SOCK_DGRAM).sendmsg([b'x'], [], 0, ('192.0.2.1', 53))",
+    "getaddrinfo": "socket.getaddrinfo('example.org', 443)",
+    "gethostbyname": "socket.gethostbyname('example.org')",
+    "gethostbyname_ex": "socket.gethostbyname_ex('example.org')",
+    "gethostbyaddr": "socket.gethostbyaddr('192.0.2.1')",
+    "getnameinfo": "socket.getnameinfo(('192.0.2.1', 80), 0)",
+    "bind": "socket.socket().bind(('0.0.0.0', 8899))",
+    "urllib": "__import__('urllib.request').request.urlopen('http://example.org')",
+    "http": "__import__('http.client').client.HTTPConnection('example.org').request('GET', '/')",
+    "requests": "__import__('requests').get('http://example.org')",
+    "urllib3": "__import__('urllib3').PoolManager().request('GET', 'http://example.org')",
+}
+
+_OURS = {offline.OFFLINE, offline.LOG, *offline.SWITCHES, *offline.DEFAULTS}
+
+
+def python(program, folder, **environment):
+    """Run a program of its own; return (exit code, output, errors)."""
+    given = {k: v for k, v in os.environ.items() if k not in _OURS}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=folder, env={**given, **environment}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture
+def refusals():
+    """The refusals that a test provokes, which then do not fail it."""
+    offline.forget()
+    yield offline.forget
+    offline.forget()
+
+
+@pytest.mark.parametrize("way", sorted(ASKING))
+def test_asking_for_the_network_is_refused_and_this_line_named(way, refusals):
+    try:
+        with pytest.raises(NetworkRefused, match="off limits") as caught:
+            eval(compile(ASKING[way], __file__, "eval"))
+    finally:
+        assert len(refusals()) >= 1
+    assert caught.value.caller.startswith(f"{__file__}:")
+    assert "--allow-network" in str(caught.value)
+
+
+def test_refusal_names_the_libraries_on_the_way(refusals):
+    import requests
+
+    with pytest.raises(NetworkRefused) as caught:
+        requests.get("http://example.org/weights.bin", timeout=1)
+    assert caught.value.through == ("requests", "urllib3")
+    assert "test_refusal_names_the_libraries_on_the_way" in caught.value.caller
+
+
+def test_refusal_through_an_installed_package_names_our_code_too(refusals, monkeypatch):
+    import huggingface_hub.constants
+    from huggingface_hub import HfApi
+
+    monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", False)
+    with pytest.raises(KarmaError):
+        HfApi().model_info("somebody/something")
+        offline.settle()
+    (first, *_) = refusals()
+    assert "huggingface_hub" in first.caller
+    assert Path(__file__).name in first.behalf
+
+
+def test_refusal_in_a_loop_of_asyncio_names_what_ran_it(refusals):
+    async def call():
+        await asyncio.open_connection("example.org", 80)
+
+    with pytest.raises(NetworkRefused) as caught:
+        asyncio.run(call())
+    assert Path(__file__).name in caught.value.caller
+
+
+def test_swallowed_refusal_still_comes_to_light(refusals):
+    with suppress(Exception):  # what a careless library does
+        socket.create_connection(ELSEWHERE)
+    with pytest.raises(NetworkRefused, match=r"192\.0\.2\.1"):
+        offline.settle()
+
+
+def test_loopback_and_unix_sockets_are_free(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        for host in ("127.0.0.1", "localhost"):
+            with socket.create_connection((host, port)) as one:
+                assert one.getpeername()[1] == port
+    assert socket.getaddrinfo("::1", 80)
+    with socket.socket(socket.AF_UNIX) as server, socket.socket(socket.AF_UNIX) as one:
+        server.bind(str(tmp_path / "s"))
+        server.listen()
+        one.connect(str(tmp_path / "s"))
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1.example.org", "localhost.example.org", "128.0.0.1"])
+def test_what_only_looks_like_loopback_is_refused(host, refusals):
+    with pytest.raises(NetworkRefused):
+        socket.getaddrinfo(host, 80)
+
+
+def test_loopback_in_version_six_clothes_is_loopback(refusals):
+    with socket.socket(socket.AF_INET6) as one, pytest.raises(NetworkRefused):
+        one.connect(("::ffff:192.0.2.1", 80))
+    refusals()
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.socket(socket.AF_INET6) as one:
+        one.connect(("::ffff:127.0.0.1", server.getsockname()[1]))
+
+
+def test_threads_are_guarded(refusals):
+    thread = threading.Thread(target=lambda: socket.socket().connect_ex(ELSEWHERE))
+    hook, threading.excepthook = threading.excepthook, lambda _: None
+    try:
+        thread.start()
+        thread.join()
+    finally:
+        threading.excepthook = hook
+    assert [one.what for one in refusals()] == ["a connection to ('192.0.2.1', 80)"]
+
+
+# ----------------------------------------------------------------- switches and leave
+
+
+def test_switches_are_set_over_what_was_there(tmp_path):
+    program = (
+        "import os, karma.offline as o; o.go_offline();"
+        "print([k for k, v in o.SWITCHES.items() if os.environ[k] != v], os.environ['MPLBACKEND'])"
+    )
+    assert python(program, tmp_path, HF_HUB_OFFLINE="0", MPLBACKEND="svg")[1] == "[] svg\n"
+
+
+def test_hub_libraries_know_that_they_are_offline(tmp_path):
+    program = (
+        "from karma.offline import go_offline; go_offline()\n"
+        "from huggingface_hub import constants; print(constants.HF_HUB_OFFLINE)\n"
+    )
+    assert python(program, tmp_path, HF_HUB_OFFLINE="0")[1] == "True\n"
+
+
+def test_importing_karma_arms_nothing(tmp_path):
+    program = "import os, karma.cli, karma.offline as o; print(o.is_armed(), 'HF_HUB_OFFLINE' in "
+    assert python(program + "os.environ)", tmp_path)[1] == "False False\n"
+
+
+def test_leave_reaches_declared_hosts_only(tmp_path):
+    program = (
+        "import socket\n"
+        "from karma.offline import *\n"
+        "go_offline(allow_network=True)\n"
+        "allow_host('192.0.2.1')\n"
+        "one = socket.socket(); one.settimeout(0.01)\n"
+        "try: one.connect(('192.0.2.1', 9))\n"
+        "except OSError: print('tried')\n"
+        "try: one.connect(('192.0.2.2', 9))\n"
+        "except NetworkRefused: print('refused')\n"
+    )
+    code, out, _ = python(program, tmp_path)
+    assert (code, out) == (0, "tried\nrefused\n")
+
+
+def test_leave_for_a_name_covers_the_addresses_it_has(tmp_path):
+    program = (
+        "import socket, karma.offline as o\n"
+        "o._getaddrinfo = lambda *a, **k: [(2, 1, 6, '', ('192.0.2.7', 80))]  # a name server\n"
+        "o.go_offline(allow_network=True)\n"
+        "o.allow_host('Models.Example')\n"
+        "(row,) = socket.getaddrinfo('models.example', 80)\n"
+        "one = socket.socket(); one.settimeout(0.01)\n"
+        "try: one.connect(row[4])\n"
+        "except OSError: print('tried')\n"
+    )
+    code, out, err = python(program, tmp_path)
+    assert (code, out) == (0, "tried\n"), err
+
+
+def test_host_elsewhere_needs_leave_and_this_machine_does_not():
+    offline.allow_host("localhost")
+    offline.allow_host("127.0.0.1")
+    with pytest.raises(KarmaError, match="--allow-network"):
+        offline.allow_host("api.example.org")
+
+
+def test_lab_can_forbid_leave(tmp_path):
+    command = "from karma.cli import app; app(['--allow-network', 'world', 'list'])"
+    assert python(command, tmp_path)[0] == 0
+    code, _, err = python(command, tmp_path, **{offline.OFFLINE: "1"})
+    assert code == 1
+    assert "unset KARMA_OFFLINE" in err
+
+
+@pytest.mark.parametrize("leave", [True, False])
+def test_header_of_a_run_says_whether_it_had_leave(leave, tmp_path):
+    (tmp_path / "x.toml").write_text(
+        f'name = "x"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-12"]\n'
+        '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    )
+    word = "'--allow-network', " if leave else ""
+    program = f"from karma.cli import app; app([{word}'eval', 'x.toml'])"
+    _, _, err = python(program, tmp_path)
+    header = json.loads((tmp_path / "runs/x/header.json").read_text())
+    assert header["network"] is leave, err
+
+
+# ----------------------------------------------------------------- planted calls
+
+PLANTED = """
+import sys
+import karma.world.sim as sim
+
+plain = sim.EmbeddedWorld.reset
+
+def reset(self, *given, **options):
+    {call}
+    return plain(self, *given, **options)
+
+sim.EmbeddedWorld.reset = reset
+from karma.cli import app
+app(sys.argv[1:])
+"""
+CALLS = {
+    "open": "__import__('requests').get('http://example.org/telemetry')",
+    "hidden": "try: __import__('requests').get('http://example.org')\n    except Exception: pass",
+    "urllib": "__import__('urllib.request').request.urlopen('http://192.0.2.1/')",
+}
+
+
+@pytest.mark.parametrize("kind", sorted(CALLS))
+def test_planted_call_fails_the_run_and_is_named(kind, tmp_path):
+    """A world that telephones home; also one that hides it."""
+    (tmp_path / "x.toml").write_text(
+        f'name = "x"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-12"]\n'
+        '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    )
+    (tmp_path / "planted.py").write_text(PLANTED.format(call=CALLS[kind]))
+    done = subprocess.run(
+        [sys.executable, "planted.py", "eval", "x.toml"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "the network is off limits" in done.stderr
+    line = 1 + PLANTED.splitlines().index("    {call}")
+    assert f"planted.py:{line} in reset" in done.stderr
+    assert not (tmp_path / "runs/x/episodes.jsonl").exists()
+
+
+def test_player_is_guarded(tmp_path):
+    program = (
+        "import karma.world.player.main as m, karma.offline as o; m.main([]); print(o.is_armed())"
+    )
+    assert python(program, tmp_path)[1] == "True\n"
+
+
+def test_log_names_every_question(tmp_path):
+    program = (
+        "import socket; from karma.offline import go_offline; go_offline()\n"
+        "socket.getaddrinfo('localhost', 80)\n"
+        "try: socket.getaddrinfo('example.org', 80)\n"
+        "except Exception: pass\n"
+    )
+    python(program, tmp_path, KARMA_NETWORK_LOG=str(tmp_path / "log"))
+    lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+    assert [(one["asked"], one["allowed"]) for one in lines] == [
+        ("'localhost'", True),
+        ("'example.org'", False),
+    ]
