@@ -121,7 +121,9 @@ def test_models_verify_of_a_wrong_file_names_it_with_the_command(tmp_path, monke
     (tmp_path / "manifest.toml").write_text(
         '[[models]]\nname = "nano"\nrole = "planner"\nformat = "gguf"\nlicence = "x"\n'
         'source = "x"\nrestore = "git restore models"\nprompt_profile = "compact"\n'
-        'context_length = 64\nfiles = [{ path = "n.gguf", bytes = 3, sha256 = "00" }]\n'
+        'context_length = 64\nfiles = [{ path = "n.gguf", bytes = 3, sha256 = "'
+        + "0" * 64
+        + '" }]\n'
     )
     (tmp_path / "n.gguf").write_bytes(b"abc")
     monkeypatch.setenv("KARMA_MODELS", str(tmp_path))

@@ -2,21 +2,27 @@
 
 import hashlib
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.infer import embed
 from karma.infer.manifest import (
+    Role,
+    check,
     check_file,
     file_paths,
     find_model,
     manifest_path,
     read_manifest,
+    read_shipped,
+    resolve_folder,
     resolve_planner,
     verify,
 )
 
+SAFE = (".gguf", ".safetensors", ".json", ".txt", ".model")
 DATA = b"weights"
 SHA = hashlib.sha256(DATA).hexdigest()
 ENTRY = f"""
@@ -30,6 +36,18 @@ restore = "git restore models/nano"
 prompt_profile = "compact"
 context_length = 2048
 files = [{{ path = "nano/nano.gguf", bytes = 7, sha256 = "{SHA}" }}]
+"""
+FOLDER = f"""
+[[models]]
+name = "folder"
+role = "text-embedder"
+format = "safetensors"
+licence = "MIT"
+source = "somewhere"
+files = [
+  {{ path = "f/1_Pooling/config.json", sha256 = "{SHA}" }},
+  {{ path = "f/model.safetensors", bytes = 7, sha256 = "{SHA}" }},
+]
 """
 
 
@@ -53,13 +71,78 @@ def test_project_s_manifest_is_sound_and_its_minilm_is_the_one_the_code_loads():
 
 
 def test_project_s_shipped_files_are_what_the_manifest_says():
-    for entry in read_manifest().models:
+    for name in ("minilm", "karma-nano"):
+        entry = find_model(name)
         assert verify(entry) == file_paths(entry)
+
+
+def test_project_s_manifest_has_every_role_and_says_where_a_model_comes_from():
+    models = read_shipped().models
+    assert {entry.role for entry in models} == set(get_args(Role)), "a role nobody fills"
+    for entry in models:
+        assert entry.licence
+        assert entry.memory_mb
+        assert entry.package or entry.revision or "scripts/" in entry.source
+        assert all(file.path.endswith(SAFE) for file in entry.files)
+
+
+def test_project_s_manifest_holds_no_hash_twice_where_files_differ():
+    seen = {}
+    for entry in read_shipped().models:
+        for file in entry.files:
+            if file.sha256 and file.bytes is not None:
+                assert seen.setdefault(file.sha256, file.bytes) == file.bytes
 
 
 def test_right_file_is_verified(manifest):
     entry = find_model("nano", manifest)
     assert verify(entry, manifest) == (manifest.parent / "nano/nano.gguf",)
+
+
+def test_absent_wrong_open_and_right_files_are_told_apart(manifest):
+    entry = find_model("nano", manifest)
+    assert check(entry, manifest).state == "ok"
+    manifest.write_text(ENTRY.replace(f', sha256 = "{SHA}"', ""))
+    unknown = find_model("nano", manifest)
+    found = check(unknown, manifest)
+    assert found.state == "open"
+    assert "hash not known: nano/nano.gguf; fill with `karma models add" in found.detail
+    with pytest.raises(ModelError, match="not known, so it is not opened"):
+        verify(unknown, manifest)
+    with pytest.raises(ModelError, match="not known, so it is not opened"):
+        resolve_planner("nano", manifest)
+    (manifest.parent / "nano/nano.gguf").write_bytes(b"other")
+    assert check(entry, manifest).state == "wrong"
+    (manifest.parent / "nano/nano.gguf").unlink()
+    assert check(entry, manifest).state == check(unknown, manifest).state == "absent"
+    with pytest.raises(ModelError, match="karma models add PATH --name nano"):
+        verify(unknown, manifest)
+
+
+@pytest.mark.parametrize("text", ["org/model", "sentence-transformers/all-MiniLM-L6-v2", "nope"])
+def test_name_of_a_hub_is_an_error_that_names_it_and_the_command(manifest, text):
+    for resolve in (resolve_planner, resolve_folder):
+        with pytest.raises(UnknownNameError) as caught:
+            resolve(text, path=manifest)
+        for part in (text, "Nothing is ever fetched", "karma models add PATH"):
+            assert part in str(caught.value)
+
+
+def test_folder_is_a_verified_name_or_a_path(manifest):
+    manifest.write_text(FOLDER)
+    (manifest.parent / "f/1_Pooling").mkdir(parents=True)
+    for file in ("f/model.safetensors", "f/1_Pooling/config.json"):
+        (manifest.parent / file).write_bytes(DATA)
+    found = resolve_folder("folder", "text-embedder", path=manifest)
+    assert (found.name, found.path) == ("folder", manifest.parent / "f")
+    assert resolve_folder(str(manifest.parent / "f"), path=manifest).path == found.path
+    with pytest.raises(ModelError, match="not for role detector but for 'text-embedder'"):
+        resolve_folder("folder", "detector", path=manifest)
+    with pytest.raises(ModelError, match="no such folder"):
+        resolve_folder(manifest.parent / "g", path=manifest)
+    (manifest.parent / "f/1_Pooling/config.json").write_bytes(b"Weights")
+    with pytest.raises(ModelError, match=r"1_Pooling/config\.json: its SHA-256"):
+        resolve_folder("folder", path=manifest)
 
 
 @pytest.mark.parametrize(
@@ -85,10 +168,12 @@ def test_missing_package_is_named_with_the_command_that_installs_it(manifest):
 
 
 @pytest.mark.parametrize(("old", "new", "reason"), [
-    ("licence", "license", "license"), ("bytes = 7, ", "", "bytes"),
+    ("licence", "license", "license"),
     ('"planner"', '"poet"', "poet"), ("name =", "# name =", "name"),
     ("prompt_profile", "# prompt_profile", "prompt_profile"), ("[{", "[[{", ""),
     ("source", "extra = 1\nsource", "extra"), ("bytes = 7", 'bytes = "7"', "bytes"),
+    (SHA[:9], "ABC", "sha256"), ("nano/nano", "../nano", "'..'"),
+    ("nano/nano", "/nano", "absolute"), ('name = "nano"', 'name = "a/b"', "a/b"),
 ])  # fmt: skip
 def test_manifest_that_does_not_fit_is_refused_by_name(manifest, old, new, reason):
     manifest.write_text(ENTRY.replace(old, new, 1))

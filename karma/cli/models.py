@@ -1,36 +1,190 @@
-"""`karma models`: what the manifest lists, and whether the files are right."""
+"""`karma models`: what the manifest lists, whether the files are right, and bringing in others."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.markup import escape
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 from rich.table import Table
 
 from karma.cli.shared import Json, clear_errors, console
+from karma.errors import ModelError
 from karma.files import to_json, write_atomic
 
-app = typer.Typer(no_args_is_help=True, help="Models of models/manifest.toml.")
+if TYPE_CHECKING:
+    from karma.infer.manifest import ModelEntry
+
+app = typer.Typer(no_args_is_help=True, help="Models: list, look at, verify, bring in, take out.")
+
+_OPEN = "hash not known: fill with karma models add PATH"
+_MARKS = {
+    "ok": "[green]✓[/]", "absent": "[dim]–[/]", "open": "[yellow]?[/]", "wrong": "[red]✗[/]"
+}  # fmt: skip
+_ROLES = "planner, vlm, text-embedder, image-embedder or detector."
+Names = Annotated[list[str] | None, typer.Argument(help="Names; default all that are here.")]
 
 
 @app.command("list")
 @clear_errors
 def models_list(json: Json = None) -> None:
-    """List the models of the manifest."""
-    from karma.infer.manifest import read_manifest
+    """List all models: those that ship, those that may be brought, those that were added."""
+    from karma.infer.manifest import is_present, read_local, read_manifest
 
-    table = Table("model", "role", "format", "MB", "licence")
+    added = {entry.name for entry in read_local().models}
     entries = read_manifest().models
+    table = Table("model", "role", "format", "MB", "memory MB", "licence", "here")
     for entry in entries:
-        size = sum(file.bytes for file in entry.files) / 1e6
-        table.add_row(entry.name, entry.role, entry.format, f"{size:.1f}", entry.licence)
+        here = "added" if entry.name in added else "yes" if is_present(entry) else "not present"
+        table.add_row(
+            escape(entry.name), entry.role, entry.format, _megabytes(entry),
+            _or_dash(entry.memory_mb), escape(entry.licence), here,
+        )  # fmt: skip
     console.print(table)
+    open_ones = [entry.name for entry in entries if _unknown(entry)]
+    if open_ones:
+        console.print(escape(f"{', '.join(open_ones)}: {_OPEN}"), soft_wrap=True)
     if json is not None:
         write_atomic(json, to_json(entries, indent=2))
 
 
+@app.command("show")
+@clear_errors
+def models_show(
+    name: Annotated[str, typer.Argument(help="A model's name.")], json: Json = None
+) -> None:
+    """Show one model: what the manifest says of it, and where its files are."""
+    from karma.infer.manifest import file_paths, find_model, is_present
+
+    entry = find_model(name)
+    said = {
+        "role": entry.role, "format": entry.format, "licence": entry.licence,
+        "source": entry.source, "revision": entry.revision, "prompt profile": entry.prompt_profile,
+        "chat template": "yes" if entry.chat else None, "context": entry.context_length,
+        "memory, MB": entry.memory_mb, "package": entry.package, "here": is_present(entry),
+        "to bring it": entry.fix,
+    }  # fmt: skip
+    for key, value in said.items():
+        _say(f"{key:>14}  {_or_dash(value)}")
+    for file, place in zip(entry.files, file_paths(entry), strict=True):
+        _say(f"{place}\n  {_or_dash(file.bytes)} bytes, SHA-256 {file.sha256 or _OPEN}")
+    if json is not None:
+        write_atomic(json, to_json(entry, indent=2))
+
+
 @app.command("verify")
 @clear_errors
-def models_verify() -> None:
-    """Check size and SHA-256 of every model's files."""
-    from karma.infer.manifest import read_manifest, verify
+def models_verify(names: Names = None, json: Json = None) -> None:
+    """Check size and SHA-256 of files; exit code 1 if one is wrong, or a named one not here."""
+    from karma.infer.manifest import check, find_model, read_manifest
 
-    for entry in read_manifest().models:
-        verify(entry)
-        console.print(f"[green]✓[/] {entry.name}: {len(entry.files)} files as they must be")
+    entries = [find_model(name) for name in names] if names else read_manifest().models
+    found = []
+    for entry in entries:
+        with console.status(escape(f"hashing {entry.name} ...")):
+            found.append(check(entry))
+        one = found[-1]
+        detail = "not present" if one.state == "absent" and not names else one.detail
+        mark = _MARKS[one.state]
+        console.print(f"{mark} {escape(one.name)}: {escape(detail)}", soft_wrap=True)
+    if json is not None:
+        write_atomic(json, to_json(found, indent=2))
+    bad = [one for one in found if one.state == "wrong" or (names and one.state != "ok")]
+    if bad:
+        raise ModelError(
+            f"wrong, missing or of unknown hash: {', '.join(one.name for one in bad)}\n"
+            "  To fix: see above; `karma models show NAME` tells what each file must be"
+        )
+
+
+@app.command("add")
+@clear_errors
+def models_add(
+    path: Annotated[Path, typer.Argument(help="A .gguf file, or a folder with safetensors.")],
+    name: Annotated[
+        str | None, typer.Option(help="Default: the manifest's, or the file's.")
+    ] = None,
+    role: Annotated[str | None, typer.Option(help=_ROLES)] = None,
+    licence: Annotated[str | None, typer.Option(help="SPDX name.")] = None,
+    source: Annotated[str | None, typer.Option(help="Where it came from.")] = None,
+    revision: Annotated[str | None, typer.Option(help="Of the source.")] = None,
+    profile: Annotated[str | None, typer.Option(help='Planners: "full" or "compact".')] = None,
+    context: Annotated[int | None, typer.Option(min=32, help="Tokens to open with.")] = None,
+    chat: Annotated[
+        bool | None, typer.Option("--chat/--no-chat", help="Through its chat template.")
+    ] = None,
+    in_place: Annotated[bool, typer.Option("--in-place", help="Do not copy the files.")] = False,
+) -> None:
+    """Take files in: hash them, compare with the manifest, look at their headers, list them.
+
+    Files of a model of the manifest are recognised, and refused by name if they are not what it
+    says; anything else becomes a model of its own. Nothing is ever fetched.
+    """
+    from karma.infer.local_models import Wishes, add_model
+
+    wishes = Wishes(
+        name=name, role=_role(role), licence=licence, source=source, revision=revision,
+        prompt_profile=profile, context_length=context, chat=chat, in_place=in_place,
+    )  # fmt: skip
+    with _progress() as bar:
+        task = bar.add_task("hashing", total=None)
+
+        def told(part: str, done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total, description=escape(part))
+
+        added = add_model(path, wishes, progress=told)
+    entry = added.entry
+    why = "as the manifest wants it" if added.known else "a model of your own"
+    _say(f"added {entry.name} ({entry.role}, {_megabytes(entry)} MB), {why}")
+    if added.left_out:
+        _say(f"left out: {', '.join(added.left_out[:6])}")
+    _say(f"`karma models verify {entry.name}` checks it at any time")
+
+
+@app.command("remove")
+@clear_errors
+def models_remove(name: Annotated[str, typer.Argument(help="A model that was added.")]) -> None:
+    """Take back an `add`: the entry, and the copies it made; files added in place stay."""
+    from karma.infer.local_models import remove_model
+
+    entry = remove_model(name)
+    stays = Path(entry.files[0].path).is_absolute()
+    _say(f"removed {name}" + (f"; its files stay in {Path(entry.files[0].path).parent}" * stays))
+
+
+def _role(text: str | None) -> Any:
+    from typing import get_args
+
+    from karma.errors import UnknownNameError
+    from karma.infer.manifest import Role
+
+    if text is not None and text not in get_args(Role):
+        raise UnknownNameError(f"no role {text!r}; there are {', '.join(get_args(Role))}")
+    return text
+
+
+def _progress() -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn())
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def _unknown(entry: "ModelEntry") -> bool:
+    return any(file.sha256 is None for file in entry.files)
+
+
+def _megabytes(entry: "ModelEntry") -> str:
+    """Return the size of what is known, with a sign where a file's size is not."""
+    known = [file.bytes for file in entry.files if file.bytes is not None]
+    more = "+" if len(known) < len(entry.files) else ""
+    return f"{sum(known) / 1e6:.1f}{more}" if known else "–"
+
+
+def _or_dash(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "–" if value is None else str(value)
+
+
+def _say(line: str) -> None:
+    """Print one line as it is, however long."""
+    console.print(line, markup=False, highlight=False, soft_wrap=True)
