@@ -141,15 +141,16 @@ class SkillCall:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completion:
-    """A model's answer and what it cost."""
+    """A model's answer and what it cost; None where a hosted model does not tell."""
 
     text: str
     finish: Literal["stop", "length"]
-    prompt_tokens: int
-    reused_tokens: int  # of the prompt, taken from kept KV state
-    completion_tokens: int
-    first_token_s: float
+    prompt_tokens: int | None
+    reused_tokens: int | None  # of the prompt, taken from kept KV state
+    completion_tokens: int | None
+    first_token_s: float | None
     total_s: float
+    cost: float | None = None  # in the currency of the user's price table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

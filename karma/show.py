@@ -10,6 +10,7 @@ from rich.text import Text
 
 from karma.bench.records import EpisodeRecord, Summary, by_task
 from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
+from karma.infer.hosted_cost import Ledger, Spent
 from karma.planner import grounded
 
 
@@ -54,9 +55,11 @@ class InstructionView:
         table = Table.grid(padding=(0, 1))
         said = plan.completion
         note = (
-            f"{said.completion_tokens} tokens in {said.total_s:.2f} s, "
-            f"{said.reused_tokens} of {said.prompt_tokens} prompt tokens kept"
+            f"{count(said.completion_tokens)} tokens in {said.total_s:.2f} s, "
+            f"{count(said.reused_tokens)} of {count(said.prompt_tokens)} prompt tokens kept"
         )
+        if said.cost is not None:
+            note += f", cost {said.cost:.6f}"
         table.add_row("", Text(f"program ({note})", style="dim"))
         if plan.error:
             table.add_row("[red]✗[/]", Text(plan.error, style="red"))
@@ -105,6 +108,28 @@ def number(value: float | None, digits: int = 2) -> str:
     ('–', '0.50')
     """
     return "–" if value is None else f"{value:.{digits}f}"
+
+
+def count(value: int | None) -> str:
+    """Return a count, or the sign for what was not measured.
+
+    >>> count(None), count(3)
+    ('–', '3')
+    """
+    return "–" if value is None else str(value)
+
+
+def spent_text(spent: Sequence[Spent]) -> str:
+    """Return what hosted models cost, a line per role and model."""
+    ledger = Ledger()
+    for one in spent:
+        ledger.enter(one)
+    return "\n".join(
+        f"{one.role} {one.model}: {one.requests} requests ({one.failures} failed), "
+        f"{count(one.prompt_tokens)} + {count(one.completion_tokens)} tokens, "
+        f"cost {number(one.cost, 6)}, {one.seconds:.2f} s"
+        for one in ledger.take()
+    )
 
 
 def summary_table(lines: Sequence[Summary], title: str) -> Table:

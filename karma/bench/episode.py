@@ -1,6 +1,7 @@
 """One task, one method, one world -> one record."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from karma.bench.records import Answer, Call, EpisodeRecord, SubTaskRecord
@@ -8,11 +9,21 @@ from karma.bench.tasks import required_types
 from karma.contracts import MemoryUnit, Method, Outcome, Plan, SkillResult, SubTask, Task, World
 from karma.errors import KarmaError
 from karma.goals import GoalTracker, WatchedWorld
+from karma.infer.cassette import CassetteError
+from karma.infer.hosted_cost import Ledger
 from karma.prompt import base_type
 
 
 def run_episode(
-    method: Method, world: World, task: Task, *, row: str, seed: int, folder: Path
+    method: Method,
+    world: World,
+    task: Task,
+    *,
+    row: str,
+    seed: int,
+    folder: Path,
+    ledger: Ledger | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> EpisodeRecord:
     """Run a task to its end; an error ends it early and is recorded.
 
@@ -23,7 +34,13 @@ def run_episode(
         row: name of the table's row.
         seed: of the episode.
         folder: takes what the method leaves behind.
+        ledger: what hosted models cost.
+        clock: seconds; a cassette's in a run that can be replayed.
+
+    Raises:
+        CassetteError: a replay left its recording, or the recording cannot be written.
     """
+    ledger = ledger or Ledger()
     tracker = GoalTracker()
     done: list[SubTaskRecord] = []
     error = ""
@@ -33,7 +50,9 @@ def run_episode(
         method.begin(watched, task.scene, seed=seed, folder=folder)
         tracker.start(world.last_event)
         for subtask in task.subtasks:
-            done.append(_run_subtask(method, watched, tracker, subtask))
+            done.append(_run_subtask(method, watched, tracker, subtask, ledger=ledger, clock=clock))
+    except CassetteError:
+        raise
     except KarmaError as failure:
         error = f"{type(failure).__name__}: {failure}"
     return EpisodeRecord(
@@ -45,17 +64,24 @@ def run_episode(
         notes=task.notes,
         subtasks=tuple(done),
         error=error,
+        hosted=ledger.take(),
     )
 
 
 def _run_subtask(
-    method: Method, world: World, tracker: GoalTracker, subtask: SubTask
+    method: Method,
+    world: World,
+    tracker: GoalTracker,
+    subtask: SubTask,
+    *,
+    ledger: Ledger,
+    clock: Callable[[], float],
 ) -> SubTaskRecord:
     tracker.begin_subtask()
     plans: list[Plan] = []
     results: list[SkillResult] = []
     outcome: Outcome | None = None
-    begun = time.perf_counter()
+    begun = clock()
     for moment in method.do(subtask):
         if isinstance(moment, Plan):
             plans.append(moment)
@@ -63,7 +89,7 @@ def _run_subtask(
             results.append(moment)
         else:
             outcome = moment
-    seconds = time.perf_counter() - begun
+    seconds = clock() - begun
     if outcome is None:
         raise KarmaError(f"{method.name} ended an instruction without an outcome")
     wanted = required_types(subtask)
@@ -78,6 +104,7 @@ def _run_subtask(
         queries=len(wanted),
         hits=sum(_resident(name, outcome.resident) for name in wanted),
         seconds=seconds,
+        hosted=ledger.take(),
     )
 
 
@@ -96,4 +123,5 @@ def _answer(plan: Plan) -> Answer:
         completion_tokens=said.completion_tokens,
         first_token_s=said.first_token_s,
         total_s=said.total_s,
+        cost=said.cost,
     )

@@ -14,15 +14,19 @@ from karma.bench.authors import load_authors_tasks, resolve
 from karma.bench.episode import run_episode
 from karma.bench.records import EpisodeRecord, read_records, write_record
 from karma.bench.tasks import load_tasks
-from karma.contracts import Task
+from karma.contracts import LanguageModel, Task
 from karma.errors import FileError
 from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
+from karma.infer.cassette import Cassette
+from karma.infer.hosted_session import Endpoint, Hosted, Session
 from karma.infer.manifest import resolve_planner
 from karma.methods.kit import Kit
 from karma.offline import network_allowed, settle
 from karma.planner import Decoding, Planner
 from karma.world.importers import import_dump
 from karma.world.scene import Scene
+
+OPENAI = "openai"  # the name of the hosted implementation in every role
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -36,7 +40,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Which models fill the roles."""
 
-    planner: str = "karma-nano"  # a name of models/manifest.toml, or the path of a GGUF
+    planner: str = "karma-nano"  # a name of models/manifest.toml, a GGUF's path, or "openai"
     profile: str = ""  # "compact" or "full"; "" = what the manifest says
     chat: bool = False  # through the GGUF's own chat template
     embedder: str = "minilm"
@@ -46,6 +50,13 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     constrained: bool = True
     temperature: float = 0.0
     threads: int = 1
+    hosted: Hosted = Hosted()  # where the roles are that have "openai"
+
+    def __post_init__(self) -> None:
+        """Refuse a hosted role without a place, and a place without its role."""
+        for role in ("planner", "vision", "embedder"):
+            if (getattr(self, role) == OPENAI) != (getattr(self.hosted, role) is not None):
+                raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
 
 
 class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -81,20 +92,36 @@ class Run:
         path: the TOML file; paths in it are relative to the working directory.
         folder: takes records, header, maps and imported scenes.
         fresh: throw away what an earlier run left there.
+        cassette: records hosted models or stands for them, and is the run's clock.
+        base_url: of all hosted models, in place of the experiment's.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
     """
 
-    def __init__(self, path: Path, folder: Path, *, fresh: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        folder: Path,
+        *,
+        fresh: bool = False,
+        cassette: Cassette | None = None,
+        base_url: str = "",
+    ) -> None:
         self.path, self.folder = path, folder
         self.experiment = read_toml(path, Experiment)
+        self._session = Session(cassette)
+        self._models = self.experiment.models
+        if base_url:
+            self._models = msgspec.structs.replace(
+                self._models, hosted=self._models.hosted.at(base_url)
+            )
         names = [row.name for row in self.experiment.rows]
         if twice := [name for name in names if names.count(name) > 1]:
             raise FileError(path, f"rows: the name {twice[0]!r} stands twice")
         self.records_path = folder / "episodes.jsonl"
         self.tasks = self._load_tasks()
-        self._planner_file = resolve_planner(self.experiment.models.planner)
+        self._planner = planner_identity(self.experiment.models)
         if fresh:
             self.records_path.unlink(missing_ok=True)
             (folder / "header.json").unlink(missing_ok=True)
@@ -126,8 +153,16 @@ class Run:
             for row in self.experiment.rows
         }
         for row, task, seed in todo:
+            self._session.cassette.begin(f"{row.name}/{task.id}/{seed}")
             record = run_episode(
-                methods[row.name], world, task, row=row.name, seed=seed, folder=self.folder
+                methods[row.name],
+                world,
+                task,
+                row=row.name,
+                seed=seed,
+                folder=self.folder,
+                ledger=self._session.ledger,
+                clock=self._session.cassette.clock,
             )
             settle()
             write_record(self.records_path, record)
@@ -137,8 +172,12 @@ class Run:
     # ------------------------------------------------------------- parts
 
     def _kit(self) -> Kit:
-        wanted = self.experiment.models
-        return make_kit(wanted, maps=self.folder / "maps", seed=self.experiment.seeds[0])
+        return make_kit(
+            self._models,
+            maps=self.folder / "maps",
+            seed=self.experiment.seeds[0],
+            session=self._session,
+        )
 
     def _load_tasks(self) -> tuple[Task, ...]:
         wanted = self.experiment
@@ -174,7 +213,7 @@ class Run:
             version=__version__,
             experiment=_sha(read_bytes(self.path)),
             tasks=_sha(to_json(self.tasks)),
-            planner=self._planner_file.sha256 or str(self._planner_file.path),
+            planner=self._planner,
             network=network_allowed(),
         )
         path = self.folder / "header.json"
@@ -194,15 +233,55 @@ def beside(path: str) -> Path:
     return Path(shared) / inside if shared and inside != path else Path(path)
 
 
-def make_kit(models: Models, *, maps: Path | None, seed: int, learn: bool = False) -> Kit:
+def planner_identity(models: Models) -> str:
+    """Return what tells one planner from another: its hash, its path, or its name at its host."""
+    endpoint = models.hosted.planner
+    if endpoint is not None:
+        return f"{models.planner}: {endpoint.model}"
+    file = resolve_planner(models.planner)
+    return file.sha256 or str(file.path)
+
+
+def make_kit(
+    models: Models,
+    *,
+    maps: Path | None,
+    seed: int,
+    learn: bool = False,
+    session: Session | None = None,
+) -> Kit:
     """Load the models of a run, each once.
 
     Raises:
-        ModelError: a model is missing, damaged or of the wrong kind.
+        ModelError: a model is missing, damaged or of the wrong kind, or a hosted one out of reach.
         UnknownNameError: a role has no such implementation.
     """
+    session = session or Session()
+    model, profile = _language_model(models, session)
+    decoding = Decoding(constrained=models.constrained, temperature=models.temperature, seed=seed)
+    embedder = _filled("embedders", models.embedder, models.hosted.embedder, session)
+    return Kit(
+        planner=Planner(model, profile, decoding),
+        recall=registry.load("recalls", models.recall)(embedder, text=models.recall_text),
+        vision=_filled("vision_models", models.vision, models.hosted.vision, session),
+        maps=maps,
+        learn=learn,
+    )
+
+
+def _filled(role: str, name: str, endpoint: Endpoint | None, session: Session) -> Any:
+    """Return a role's implementation; one that is hosted is told where."""
+    made = registry.load(role, name)
+    return made() if endpoint is None else made(endpoint, session=session)
+
+
+def _language_model(models: Models, session: Session) -> tuple[LanguageModel, str]:
+    """Return the planner's model and its prompt profile."""
+    if models.hosted.planner is not None:
+        model = _filled("language_models", models.planner, models.hosted.planner, session)
+        return model, models.profile or "full"
     file = resolve_planner(models.planner)
-    model = registry.load("language_models", "llama")(
+    local = registry.load("language_models", "llama")(
         file.path,
         n_ctx=file.context_length or 4096,
         n_threads=models.threads,
@@ -210,15 +289,7 @@ def make_kit(models: Models, *, maps: Path | None, seed: int, learn: bool = Fals
         sha256=file.sha256,
         chat=models.chat,
     )
-    decoding = Decoding(constrained=models.constrained, temperature=models.temperature, seed=seed)
-    embedder = registry.load("embedders", models.embedder)()
-    return Kit(
-        planner=Planner(model, models.profile or file.prompt_profile, decoding),
-        recall=registry.load("recalls", models.recall)(embedder, text=models.recall_text),
-        vision=registry.load("vision_models", models.vision)(),
-        maps=maps,
-        learn=learn,
-    )
+    return local, models.profile or file.prompt_profile
 
 
 def _sha(data: bytes) -> str:

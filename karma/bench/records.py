@@ -7,6 +7,7 @@ from pathlib import Path
 from karma.contracts import SkillResult
 from karma.errors import FileError
 from karma.files import append_line, decode_json, to_json, write_atomic
+from karma.infer.hosted_cost import Spent, total
 
 KINDS = ("simple", "composite", "complex")
 
@@ -40,11 +41,12 @@ class Answer:
     program: str
     error: str
     finish: str
-    prompt_tokens: int
-    reused_tokens: int
-    completion_tokens: int
-    first_token_s: float
+    prompt_tokens: int | None
+    reused_tokens: int | None
+    completion_tokens: int | None
+    first_token_s: float | None
     total_s: float
+    cost: float | None = None  # of a hosted model, in the currency of the price table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +63,7 @@ class SubTaskRecord:
     queries: int  # things that can be carried which the goals mention
     hits: int  # of those, in short-term memory when the instruction came
     seconds: float
+    hosted: tuple[Spent, ...] = ()  # what hosted models of all roles cost; () without any
 
     @property
     def success(self) -> bool:
@@ -80,12 +83,17 @@ class EpisodeRecord:
     notes: tuple[str, ...]  # what the task's loader could not resolve
     subtasks: tuple[SubTaskRecord, ...]
     error: str = ""  # why it ended early; errors stay in the denominator
+    hosted: tuple[Spent, ...] = ()  # by the instruction that the error ended, see `SubTaskRecord`
 
     @property
     def success(self) -> bool:
         """Whether every sub-task succeeded (KARMA §4.2); a task without goals cannot."""
         asked = any(sub.goals for sub in self.subtasks)
         return asked and not self.error and all(sub.success for sub in self.subtasks)
+
+    def spent(self) -> tuple[Spent, ...]:
+        """Return what hosted models cost in it, also where it ended early."""
+        return (*(one for sub in self.subtasks for one in sub.hosted), *self.hosted)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,6 +110,9 @@ class Summary:
     planner_calls: float | None
     seconds: float | None
     memory_hit_rate: float | None  # cold start included
+    hosted_requests: int = 0  # to hosted models, all roles
+    hosted_tokens: float | None = None  # both ways, per episode
+    cost: float | None = None  # per episode, in the currency of the price tables
 
 
 def summarise(records: Sequence[EpisodeRecord]) -> tuple[Summary, ...]:
@@ -122,6 +133,9 @@ def _summary(row: str, kind: str, records: Sequence[EpisodeRecord]) -> Summary:
     number = len(records)
     successes = sum(record.success for record in records)
     asked = any(sub.answers for sub in parts)
+    spent = [one for record in records for one in record.spent()]
+    tokens = total(n for one in spent for n in (one.prompt_tokens, one.completion_tokens))
+    cost = total(one.cost for one in spent)
     return Summary(
         row=row,
         kind=kind,
@@ -133,6 +147,9 @@ def _summary(row: str, kind: str, records: Sequence[EpisodeRecord]) -> Summary:
         planner_calls=_ratio(sum(len(sub.answers) for sub in parts), number) if asked else None,
         seconds=_ratio(sum(sub.seconds for sub in parts), number),
         memory_hit_rate=_ratio(sum(sub.hits for sub in parts), queries) if asked else None,
+        hosted_requests=sum(one.requests for one in spent),
+        hosted_tokens=None if tokens is None else _ratio(tokens, number),
+        cost=None if cost is None else _ratio(cost, number),
     )
 
 

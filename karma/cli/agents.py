@@ -1,7 +1,7 @@
 """`karma run` and `karma eval`: an agent at work, and experiments."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.live import Live
@@ -10,7 +10,20 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from karma import show
 from karma.cli.shared import Json, clear_errors, console
+from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
+
+if TYPE_CHECKING:
+    from karma.infer.cassette import Cassette
+    from karma.infer.hosted_session import Hosted
+
+CassetteFolder = Annotated[
+    Path | None, typer.Option("--cassette", help="Folder that hosted models are recorded in.")
+]
+CassetteMode = Annotated[
+    str, typer.Option(help='"record", "replay" (asks nobody) or "off"; default: replay a cassette.')
+]
+BaseUrl = Annotated[str, typer.Option(help="Of hosted models, e.g. http://127.0.0.1:8000/v1.")]
 
 
 def add_to(app: typer.Typer) -> None:
@@ -32,6 +45,11 @@ def run_command(
     recall: Annotated[str, typer.Option(help='"cosine" is the paper\'s.')] = "stateful",
     recall_k: Annotated[int, typer.Option("--k", help="Units in the prompt.")] = 3,
     maps: Annotated[Path, typer.Option(help="Folder of long-term memories.")] = Path("runs/maps"),
+    base_url: BaseUrl = "",
+    model: Annotated[str, typer.Option(help="A hosted planner's, with --planner openai.")] = "",
+    api: Annotated[str, typer.Option(help='"chat" or "completions" of it.')] = "chat",
+    cassette: CassetteFolder = None,
+    cassette_mode: CassetteMode = "",
     seed: int = 0,
     json: Json = None,
 ) -> None:
@@ -41,14 +59,19 @@ def run_command(
     from karma.bench.experiment import Models, make_kit
     from karma.bench.records import Call
     from karma.contracts import Outcome, SkillResult, SubTask
+    from karma.infer.hosted_session import Session
     from karma.methods.karma import KarmaMethod
 
+    hosted = _hosted(planner, base_url, model, api)
     with console.status("loading models ..."):
+        session = Session(_cassette(cassette, cassette_mode))
+        session.cassette.begin("run")
         kit = make_kit(
-            Models(planner=planner, profile=profile, chat=chat, recall=recall),
+            Models(planner=planner, profile=profile, chat=chat, recall=recall, hosted=hosted),
             maps=maps,
             seed=seed,
             learn=True,
+            session=session,
         )
         options = {
             "long_term": long_term,
@@ -84,8 +107,12 @@ def run_command(
             console.print()
         lines.append({"instruction": text, "calls": [Call.of(call) for call in calls]})
     console.print(show.memory_table(method.short_term.units(), "short-term memory now"))
+    spent = session.ledger.take()
+    if spent:
+        console.print(escape(show.spent_text(spent)))
     if json is not None:
-        write_atomic(json, to_json({"finished": finished, "instructions": lines}, indent=2))
+        figures = {"finished": finished, "hosted": spent, "instructions": lines}
+        write_atomic(json, to_json(figures, indent=2))
     if not finished:
         raise typer.Exit(2)
 
@@ -96,6 +123,9 @@ def eval_command(
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/NAME.")] = None,
     fresh: Annotated[bool, typer.Option(help="Start over instead of going on.")] = False,
     tasks: Annotated[bool, typer.Option(help="Also print a line per task.")] = False,
+    cassette: CassetteFolder = None,
+    cassette_mode: CassetteMode = "",
+    base_url: BaseUrl = "",
     json: Json = None,
 ) -> None:
     """Run an experiment; what is done already is not done again."""
@@ -103,7 +133,13 @@ def eval_command(
     from karma.bench.records import summarise
 
     with console.status(escape(f"reading {file} ...")):
-        run = Run(file, out or Path("runs") / file.stem, fresh=fresh)
+        run = Run(
+            file,
+            out or Path("runs") / file.stem,
+            fresh=fresh,
+            cassette=_cassette(cassette, cassette_mode),
+            base_url=base_url,
+        )
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -121,7 +157,33 @@ def eval_command(
         console.print(show.task_table(run.records))
     lines = summarise(run.records)
     console.print(show.summary_table(lines, run.experiment.name))
+    spent = [one for record in run.records for one in record.spent()]
+    if spent:
+        console.print(escape(show.spent_text(spent)))
     console.print(escape(f"records: {run.records_path}"))
     write_atomic(run.folder / "results.json", to_json(lines, indent=2))
     if json is not None:
         write_atomic(json, to_json(lines, indent=2))
+
+
+def _hosted(planner: str, base_url: str, model: str, api: str) -> "Hosted":
+    """Return where the planner is, if it is a hosted one."""
+    from karma.bench.experiment import OPENAI
+    from karma.infer.hosted_session import Hosted
+
+    if planner != OPENAI and not (base_url or model):
+        return Hosted()
+    if planner != OPENAI or not (base_url and model):
+        raise KarmaError(f"--planner {OPENAI}, --base-url and --model go together")
+    return Hosted.of_planner(base_url, model, api)
+
+
+def _cassette(folder: Path | None, mode: str) -> "Cassette":
+    """Return the cassette that a command asks for; a folder alone is replayed."""
+    from karma.infer.cassette import MODES, Cassette
+
+    wanted = mode or ("replay" if folder is not None else "off")
+    for known in MODES:
+        if known == wanted:
+            return Cassette(folder, known)
+    raise KarmaError(f"no cassette mode {mode!r}; there are {', '.join(MODES)}")

@@ -1,0 +1,82 @@
+"""What to say when a replay asks for something that was never recorded."""
+
+import json
+from collections.abc import Mapping, Sequence
+from difflib import SequenceMatcher, unified_diff
+from typing import Any
+
+MAX_LINES = 40
+MAX_WIDTH = 160
+_COMPARED = 200  # candidates that are compared line by line
+
+
+def describe_miss(
+    wanted: Mapping[str, Any],
+    recorded: Sequence[tuple[str, Mapping[str, Any]]],
+    *,
+    scope: str,
+    key: str,
+) -> str:
+    """Return a message with the nearest recorded request and the difference.
+
+    Args:
+        wanted: the request in canonical form.
+        recorded: (episode, request) of what is there, in the order of recording.
+        scope: the episode that asks.
+        key: SHA-256 of the request.
+    """
+    asked = f"request {key[:12]} of episode {scope!r} was not recorded"
+    if not recorded:
+        return f"{asked}: the cassette holds no exchange"
+    lines = readable(wanted)
+    where, nearest = _nearest(lines, recorded)
+    found = readable(nearest)
+    if found == lines:
+        return f"{asked}: the same was asked in episode {where!r} only"
+    names = (f"recorded in {where!r}", "asked now")
+    diff = [_short(line) for line in unified_diff(found, lines, *names, lineterm="", n=1)]
+    if len(diff) > MAX_LINES:
+        diff = [*diff[:MAX_LINES], f"... and {len(diff) - MAX_LINES} lines more"]
+    return "\n    ".join([f"{asked}; the nearest differs:", *diff])
+
+
+def readable(request: Mapping[str, Any]) -> list[str]:
+    """Return a request as lines: JSON, but a text of several lines is a line each.
+
+    >>> readable({"model": "m", "prompt": "a" + chr(10) + "b"})
+    ['model: "m"', 'prompt: |a', 'prompt: |b']
+    """
+    return list(_lines("", request))
+
+
+def _lines(path: str, value: Any) -> list[str]:
+    if isinstance(value, Mapping):
+        return [ln for k in sorted(value) for ln in _lines(f"{path}.{k}" if path else k, value[k])]
+    if isinstance(value, list | tuple) and any(isinstance(v, Mapping) for v in value):
+        return [line for n, item in enumerate(value) for line in _lines(f"{path}[{n}]", item)]
+    if isinstance(value, str) and "\n" in value:
+        return [f"{path}: |{part}" for part in value.removesuffix("\n").split("\n")]
+    return [f"{path}: {json.dumps(value, ensure_ascii=False)}"]
+
+
+def _nearest(
+    lines: Sequence[str], recorded: Sequence[tuple[str, Mapping[str, Any]]]
+) -> tuple[str, Mapping[str, Any]]:
+    """Return the most similar; of equally similar ones the first."""
+    mine = set(lines)
+
+    def rough(number: int) -> tuple[int, int]:
+        return -len(mine & set(readable(recorded[number][1]))), number
+
+    best = sorted(range(len(recorded)), key=rough)[:_COMPARED]
+    matcher = SequenceMatcher(autojunk=False)
+    matcher.set_seq2(list(lines))
+    scores = []
+    for number in best:
+        matcher.set_seq1(readable(recorded[number][1]))
+        scores.append((-matcher.ratio(), number))
+    return recorded[min(scores)[1]]
+
+
+def _short(line: str) -> str:
+    return line if len(line) <= MAX_WIDTH else f"{line[: MAX_WIDTH - 3]}..."
