@@ -48,10 +48,9 @@ _LOCAL_NAMES = frozenset({"localhost", "localhost.localdomain", "ip6-localhost",
 _LOCAL_FAMILIES = frozenset(
     getattr(socket, name) for name in ("AF_UNIX", "AF_NETLINK", "AF_ALG") if hasattr(socket, name)
 )
-_TRANSPORTS = frozenset(
-    "requests urllib3 httpx httpx2 httpcore httpcore2 h11 h2 anyio sniffio trio aiohttp websocket "
-    "websockets truststore".split()  # noqa: SIM905
-)
+_CLIENTS = ("requests", "urllib3", "httpx", "httpx2", "aiohttp", "websocket", "websockets")
+_PARTS = ("httpcore", "httpcore2", "h11", "h2", "anyio", "sniffio", "trio", "truststore")
+_TRANSPORTS = frozenset((*_CLIENTS, *_PARTS))
 _TO_ADDRESS = {
     "socket.connect": "a connection to",
     "socket.sendto": "a datagram to",

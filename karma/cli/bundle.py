@@ -1,0 +1,100 @@
+"""`karma bundle`: everything in one archive, over the air gap and installed there."""
+
+from pathlib import Path
+from time import monotonic
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from karma.cli.shared import Json, clear_errors, console
+from karma.files import to_json, write_atomic
+
+app = typer.Typer(no_args_is_help=True, help="One archive for a machine without a network.")
+
+File = Annotated[Path, typer.Argument(help="The bundle.")]
+Sha256 = Annotated[str, typer.Option(help="Of the bundle, as `build` said; refused otherwise.")]
+
+
+def _say(text: str) -> None:
+    console.print(escape(text), highlight=False, soft_wrap=True)
+
+
+@app.command("build")
+@clear_errors
+def bundle_build(
+    out: Annotated[Path, typer.Option(help="The archive to write, e.g. karma.tar.")],
+    models: Annotated[
+        list[str] | None, typer.Option(help="A model's name; default all that are here.")
+    ] = None,
+    scenes: Annotated[
+        list[Path] | None, typer.Option(help="Scene files or folders, beside our own.")
+    ] = None,
+    wheels: Annotated[
+        Path | None, typer.Option(help="Folder of wheels; default in ~/.cache/karma.")
+    ] = None,
+    download: Annotated[
+        bool, typer.Option("--download", help="Fetch the wheels that are missing, by pip.")
+    ] = False,
+    thor: Annotated[Path | None, typer.Option(help="Folder of an AI2-THOR build.")] = None,
+    lock: Annotated[Path | None, typer.Option(help="Other pins than requirements.lock.")] = None,
+    json: Json = None,
+) -> None:
+    """Write a bundle: wheels, models, scenes, licences, a bill of materials."""
+    from karma.bundle.build import PROJECT, Wishes, build
+    from karma.bundle.wheels import cache_folder
+
+    begin = monotonic()
+    wishes = Wishes(
+        wheels=wheels or cache_folder() / "bundle-wheels",
+        download=download,
+        models=tuple(models or ()),
+        scenes=tuple(scenes or ()),
+        thor=thor,
+        lock=lock or PROJECT / "requirements.lock",
+    )
+    with console.status("building the bundle ..."):
+        built = build(out, wishes, say=_say)
+    names = escape(", ".join(built.models) or "none")
+    console.print(
+        f"[green]✓[/] {escape(str(built.path))}: {built.bytes / 1e6:.1f} MB, "
+        f"{built.members} files, {built.wheels} wheels, models {names}; "
+        f"{monotonic() - begin:.0f} s",
+        soft_wrap=True,
+    )
+    console.print(f"SHA-256 {built.sha256}", soft_wrap=True)
+    console.print("bring it by another way than the bundle, and give it as --sha256 over there")
+    if json is not None:
+        write_atomic(json, to_json(built, indent=2))
+
+
+@app.command("verify")
+@clear_errors
+def bundle_verify(file: File, sha256: Sha256 = "") -> None:
+    """Check every byte without unpacking; the first wrong member is named."""
+    from karma.bundle.verify import verify
+
+    with console.status("verifying ..."):
+        contents = verify(file, sha256=sha256, say=_say)
+    console.print(
+        f"[green]✓[/] all {len(contents.members)} members are right: karma {contents.karma}, "
+        f"Python {contents.python}, {contents.platform}, models {', '.join(contents.models)}",
+        soft_wrap=True,
+    )
+
+
+@app.command("install")
+@clear_errors
+def bundle_install(
+    file: File,
+    into: Annotated[Path, typer.Option(help="A new or empty folder, or to go on in.")],
+    sha256: Sha256 = "",
+    smoke: Annotated[bool, typer.Option(help="Try it out afterwards.")] = True,
+) -> None:
+    """Verify and install, with no network; run again, it goes on where it was stopped."""
+    from karma.bundle.install import install
+
+    begin = monotonic()
+    with console.status("installing ..."):
+        install(file, into, sha256=sha256, smoke=smoke, say=_say)
+    console.print(f"[green]✓[/] installed in {monotonic() - begin:.0f} s")
