@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 Vec3 = tuple[float, float, float]
 Frame = NDArray[np.uint8]  # (H, W, 3) RGB
 Vectors = NDArray[np.float32]  # (n, d), rows of length 1
+Region = tuple[float, float, float, float]  # left, top, right, bottom; pixels of a frame
 
 State = Literal[
     "heated", "cooked", "sliced", "cleaned", "dirty", "filled",
@@ -47,6 +48,17 @@ class SeenObject:
     pickupable: bool
     parent_ids: tuple[str, ...] = ()
     states: tuple[str, ...] = ()  # words of `State`, sorted; () when nothing was read
+    region: Region | None = None  # where its box is in the frame it was seen in
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detection:
+    """One thing that a detector found in a picture."""
+
+    label: str  # one of the words that were asked for
+    score: float  # in [0, 1]
+    box_px: Region
+    mask: NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)  # (H, W)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,6 +163,8 @@ class Completion:
     first_token_s: float | None
     total_s: float
     cost: float | None = None  # in the currency of the user's price table
+    threads: int | None = None  # that computed it; None where it is not ours to know
+    batch: int | None = None  # tokens per call of the prompt, likewise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -308,6 +322,28 @@ class Embedder(Protocol):
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
+
+
+class ImageEmbedder(Protocol):
+    """Text and pictures to unit vectors of one space."""
+
+    name: str
+    dimension: int
+
+    def embed(self, texts: Sequence[str]) -> Vectors:
+        """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
+
+    def embed_images(self, frames: Sequence[Frame]) -> Vectors:
+        """Return one row of length 1 per picture, shape (n, dimension); n may be 0."""
+
+
+class Detector(Protocol):
+    """Finds things in a picture by their names: the eyes of a robot without a simulator."""
+
+    name: str
+
+    def detect(self, image: Frame, words: Sequence[str]) -> Sequence[Detection]:
+        """Return what was found, the best score first; labels are of the words."""
 
 
 class Recall(Protocol):

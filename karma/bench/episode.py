@@ -123,5 +123,7 @@ def _answer(plan: Plan) -> Answer:
         completion_tokens=said.completion_tokens,
         first_token_s=said.first_token_s,
         total_s=said.total_s,
+        threads=said.threads,
+        batch=said.batch,
         cost=said.cost,
     )

@@ -43,7 +43,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     planner: str = "karma-nano"  # a name of models/manifest.toml, a GGUF's path, or "openai"
     profile: str = ""  # "compact" or "full"; "" = what the manifest says
     chat: bool = False  # through the GGUF's own chat template
-    embedder: str = "minilm"
+    embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
     recall: str = "cosine"
     recall_text: str = "sentence"  # how a unit is put in words for recall
     vision: str = "metadata"
@@ -270,9 +270,15 @@ def make_kit(
 
 
 def _filled(role: str, name: str, endpoint: Endpoint | None, session: Session) -> Any:
-    """Return a role's implementation; one that is hosted is told where."""
-    made = registry.load(role, name)
-    return made() if endpoint is None else made(endpoint, session=session)
+    """Return a role's implementation: "minilm", or with its model, "sentence:bge-small-en".
+
+    One that is hosted is told where.
+    """
+    kind, _, model = name.partition(":")
+    made = registry.load(role, kind)
+    if endpoint is not None:
+        return made(endpoint, session=session)
+    return made(model) if model else made()
 
 
 def _language_model(models: Models, session: Session) -> tuple[LanguageModel, str]:
@@ -287,7 +293,7 @@ def _language_model(models: Models, session: Session) -> tuple[LanguageModel, st
         n_threads=models.threads,
         name=file.name,
         sha256=file.sha256,
-        chat=models.chat,
+        chat=models.chat or file.chat,
     )
     return local, models.profile or file.prompt_profile
 

@@ -47,6 +47,8 @@ class Answer:
     first_token_s: float | None
     total_s: float
     cost: float | None = None  # of a hosted model, in the currency of the price table
+    threads: int | None = None  # that computed it; None for a hosted model
+    batch: int | None = None  # tokens per call of the prompt, likewise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

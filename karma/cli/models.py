@@ -28,17 +28,20 @@ Names = Annotated[list[str] | None, typer.Argument(help="Names; default all that
 @app.command("list")
 @clear_errors
 def models_list(json: Json = None) -> None:
-    """List all models: those that ship, those that may be brought, those that were added."""
+    """List all models: those that ship, that may be brought (here: –), that were added.
+
+    Sizes and memory in MB; "+" where a file's size is not known.
+    """
     from karma.infer.manifest import is_present, read_local, read_manifest
 
     added = {entry.name for entry in read_local().models}
     entries = read_manifest().models
-    table = Table("model", "role", "format", "MB", "memory MB", "licence", "here")
+    table = Table("model", "role", "MB", "memory", "licence", "here", box=None, pad_edge=False)
     for entry in entries:
-        here = "added" if entry.name in added else "yes" if is_present(entry) else "not present"
+        here = "added" if entry.name in added else "yes" if is_present(entry) else "–"
         table.add_row(
-            escape(entry.name), entry.role, entry.format, _megabytes(entry),
-            _or_dash(entry.memory_mb), escape(entry.licence), here,
+            escape(entry.name), entry.role, _megabytes(entry), _or_dash(entry.memory_mb),
+            escape(entry.licence), here,
         )  # fmt: skip
     console.print(table)
     open_ones = [entry.name for entry in entries if _unknown(entry)]

@@ -27,8 +27,12 @@ class Weights:
     """What the headers of a folder's safetensors say."""
 
     files: tuple[Path, ...]
-    parameters: int
-    dtypes: Mapping[str, int] = field(default_factory=dict)  # parameters by type
+    sizes: Mapping[str, int] = field(repr=False)  # parameters by the name of their tensor
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers there are."""
+        return sum(self.sizes.values())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +56,7 @@ def check_folder(
 
     Args:
         folder: holds config.json and model.safetensors, or shards with their index.
-        families: `model_type` -> the architectures that will do, as config.json names them.
+        families: `model_type` -> architectures that will do, as config.json has it; () = any.
         needs: groups of files; of every group at least one must be there.
         fix: what the message tells to do about a missing file.
 
@@ -69,7 +73,7 @@ def check_folder(
             f"{folder / 'config.json'}: model_type is {model_type!r}, this adapter opens {wanted}"
         )
     named = config.get("architectures") or ()
-    if named and not set(named) & set(families[model_type]):
+    if named and families[model_type] and not set(named) & set(families[model_type]):
         wanted = ", ".join(sorted(families[model_type]))
         raise ModelError(
             f"{folder / 'config.json'}: architecture {', '.join(map(str, named))}, "
@@ -110,18 +114,17 @@ def check_weights(folder: Path, *, fix: str) -> Weights:
         ModelError: there are none (pickles are refused by name), one is missing or damaged.
     """
     files = _weight_files(folder, fix)
-    dtypes: dict[str, int] = {}
+    sizes: dict[str, int] = {}
     for file in files:
-        for kind, count in check_safetensors(file).items():
-            dtypes[kind] = dtypes.get(kind, 0) + count
-    return Weights(files=files, parameters=sum(dtypes.values()), dtypes=dtypes)
+        sizes.update(check_safetensors(file))
+    return Weights(files=files, sizes=sizes)
 
 
 def check_safetensors(path: Path) -> Mapping[str, int]:
     """Read the header of one safetensors file and check that every tensor lies inside it.
 
     Returns:
-        How many parameters it has of each type, e.g. {"F32": 1024}.
+        How many parameters each tensor has, by its name.
 
     Raises:
         ModelError: not a safetensors file, cut off, or with sizes that make no sense.
@@ -133,7 +136,7 @@ def check_safetensors(path: Path) -> Mapping[str, int]:
             if not 2 <= length <= min(_MOST_HEADER, size - 8):
                 raise ValueError(f"a header of {length} bytes in a file of {size}")
             header = json.loads(file.read(length))
-        return _counts(header, size - 8 - length)
+        return _sizes(header, size - 8 - length)
     except OSError as error:
         raise ModelError(f"{path}: {error.strerror or error}") from error
     except (ValueError, KeyError, TypeError, struct.error, RecursionError) as error:
@@ -141,7 +144,7 @@ def check_safetensors(path: Path) -> Mapping[str, int]:
         raise ModelError(f"{path}: {reason}") from error
 
 
-def _counts(header: Any, room: int) -> Mapping[str, int]:
+def _sizes(header: Any, room: int) -> Mapping[str, int]:
     found: dict[str, int] = {}
     for name, tensor in header.items():
         if name == "__metadata__":
@@ -155,7 +158,7 @@ def _counts(header: Any, room: int) -> Mapping[str, int]:
             raise ValueError(f"tensor {name!r} has {end - begin} bytes for shape {shape}")
         if end > room:
             raise ValueError(f"tensor {name!r} ends at byte {end} of {room} (cut off?)")
-        found[kind] = found.get(kind, 0) + prod(shape)
+        found[str(name)] = prod(shape)
     if not found:
         raise ValueError("no tensors")
     return found

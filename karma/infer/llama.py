@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
@@ -31,10 +31,12 @@ from karma.infer.constrain import (
 )
 from karma.infer.gguf_check import check_gguf
 from karma.infer.manifest import check_file
+from karma.infer.memory_check import check_memory, gguf_parts_mb
 from karma.seeds import stream
 
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
 _PIECE_BYTES = 256
+_N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,8 @@ class LlamaModel:
             `stable` is the system message, `changing` the user's.
 
     Raises:
-        ModelError: missing, of another hash, damaged, or without the template that `chat` needs.
+        ModelError: missing, of another hash, damaged, too big for the memory that is free, or
+            without the template that `chat` needs.
     """
 
     def __init__(
@@ -87,13 +90,15 @@ class LlamaModel:
                 f"{path}: no such file\n  Expected SHA-256: {expected}\n  To fix: {fix}"
             )
         metadata = check_gguf(path)
-        if sha256 is None:
-            _try_in_own_process(path)
         trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
         self.name = name or path.stem
         self.n_ctx = min(n_ctx, trained)
-        threads = n_threads or min(2, os.cpu_count() or 1)
-        self._llama = _open(path, self.n_ctx, threads, kv)
+        self.n_threads = n_threads or min(2, os.cpu_count() or 1)
+        self.n_batch = min(_N_BATCH, self.n_ctx)
+        _check_room(path, metadata, self.n_ctx, self.n_batch)
+        if sha256 is None:
+            _try_in_own_process(path)
+        self._llama = _open(path, self.n_ctx, self.n_threads, self.n_batch, kv)
         self._table = _token_table(self._llama)
         self._template: Any = _template(self._llama, path) if chat else None
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
@@ -140,6 +145,8 @@ class LlamaModel:
             completion_tokens=found.tokens,
             first_token_s=found.first_token_s,
             total_s=time.perf_counter() - begun,
+            threads=self.n_threads,
+            batch=self.n_batch,
         )
 
     def logits(self) -> Logits:
@@ -273,7 +280,15 @@ def _try_in_own_process(path: Path) -> None:
         raise ModelError(f"{path}: llama.cpp cannot run it (code {code}): {said[-1]}")
 
 
-def _open(path: Path, n_ctx: int, threads: int, kv: str) -> Any:
+def _check_room(path: Path, metadata: Mapping[str, Any], n_ctx: int, n_batch: int) -> None:
+    """Refuse a file that would not fit into memory, before llama.cpp sees it."""
+    needed = gguf_parts_mb(path, metadata, context=n_ctx, batch=n_batch)
+    parts = f"{path.stat().st_size / 1e6:.0f} MB of file, and a context of {n_ctx} tokens"
+    fix = "take a smaller model (`karma models list`) or a shorter context"
+    check_memory(str(path), needed, parts=parts, fix=fix)
+
+
+def _open(path: Path, n_ctx: int, threads: int, n_batch: int, kv: str) -> Any:
     """Load the file, turning llama.cpp's failures into one that names it."""
     import llama_cpp
 
@@ -284,6 +299,7 @@ def _open(path: Path, n_ctx: int, threads: int, kv: str) -> Any:
             n_ctx=n_ctx,
             n_threads=threads,
             n_threads_batch=threads,
+            n_batch=n_batch,
             n_gpu_layers=0,
             type_k=kind,
             type_v=kind,
