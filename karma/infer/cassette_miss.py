@@ -7,7 +7,8 @@ from typing import Any
 
 MAX_LINES = 40
 MAX_WIDTH = 160
-_COMPARED = 200  # candidates that are compared line by line
+_COMPARED = 50  # candidates that are compared letter by letter
+_LONGEST = 2000  # letters of each that are compared
 
 
 def describe_miss(
@@ -62,20 +63,20 @@ def _lines(path: str, value: Any) -> list[str]:
 def _nearest(
     lines: Sequence[str], recorded: Sequence[tuple[str, Mapping[str, Any]]]
 ) -> tuple[str, Mapping[str, Any]]:
-    """Return the most similar; of equally similar ones the first."""
+    """Return the one with most lines in common, then with the likest other lines, then the first."""
     mine = set(lines)
+    others = [readable(request) for _, request in recorded]
+    common = [len(mine & set(other)) for other in others]
+    most = max(common)
+    alike = [number for number, shared in enumerate(common) if shared == most][:_COMPARED]
 
-    def rough(number: int) -> tuple[int, int]:
-        return -len(mine & set(readable(recorded[number][1]))), number
+    def unlikeness(number: int) -> float:
+        theirs = set(others[number])
+        left = "\n".join(line for line in lines if line not in theirs)
+        right = "\n".join(line for line in others[number] if line not in mine)
+        return -SequenceMatcher(None, left[:_LONGEST], right[:_LONGEST], autojunk=False).ratio()
 
-    best = sorted(range(len(recorded)), key=rough)[:_COMPARED]
-    matcher = SequenceMatcher(autojunk=False)
-    matcher.set_seq2(list(lines))
-    scores = []
-    for number in best:
-        matcher.set_seq1(readable(recorded[number][1]))
-        scores.append((-matcher.ratio(), number))
-    return recorded[min(scores)[1]]
+    return recorded[min(alike, key=lambda number: (unlikeness(number), number))]
 
 
 def _short(line: str) -> str:

@@ -4,17 +4,13 @@ A hosted model takes no grammar: an answer is sampled, then parsed as any other,
 with it stands in the next prompt (`karma.planner`). `karma.infer.hosted_session` holds the line.
 """
 
-import base64
-import hashlib
-import struct
-import zlib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 
-from karma.contracts import Completion, Frame, ProgramSpec, Prompt, Vectors
+from karma.contracts import Completion, ProgramSpec, Prompt, Vectors
 from karma.errors import ModelError
 from karma.infer.cassette import Exchange
 from karma.infer.hosted_cost import cost_of, usage_of
@@ -58,14 +54,14 @@ class HostedLanguageModel:
         Raises:
             ModelError: the endpoint failed, or its answer has another form.
         """
-        stable, changing = _clean(prompt.stable), _clean(prompt.changing)
+        stable, changing = sendable(prompt.stable), sendable(prompt.changing)
         if self._endpoint.api == "chat":
             path = "/chat/completions"
             messages = [{"role": "system", "content": stable}] if stable else []
             said: dict[str, Any] = {"messages": [*messages, _user(changing)]}
         else:
             path, said = "/completions", {"prompt": stable + changing}
-        options = _options(self._endpoint, max_tokens, temperature, seed)
+        options = options_of(self._endpoint, max_tokens, temperature, seed)
         exchange = self._session.ask("planner", self._endpoint, path, {**said, **options})
         return _completion(exchange, self._endpoint)
 
@@ -106,7 +102,7 @@ class HostedEmbedder:
         return np.stack([self._row(text) for text in texts])
 
     def _ask(self, text: str) -> Vectors:
-        body = {"input": _clean(text), "model": self._endpoint.model, "encoding_format": "float"}
+        body = {"input": sendable(text), "model": self._endpoint.model, "encoding_format": "float"}
         body |= self._endpoint.extra
         for field in self._endpoint.omit:
             body.pop(field, None)
@@ -135,7 +131,7 @@ class HostedEmbedder:
 # ----------------------------------------------------------------- what is sent
 
 
-def _clean(text: str) -> str:
+def sendable(text: str) -> str:
     """Return text that can be sent: no half characters."""
     return text.encode("utf-8", "replace").decode()
 
@@ -144,7 +140,9 @@ def _user(content: Any) -> dict[str, Any]:
     return {"role": "user", "content": content}
 
 
-def _options(endpoint: Endpoint, max_tokens: int, temperature: float, seed: int) -> dict[str, Any]:
+def options_of(
+    endpoint: Endpoint, max_tokens: int, temperature: float, seed: int
+) -> dict[str, Any]:
     """Return the fields of a request beside its text, as the endpoint wants them."""
     fields = {
         "model": endpoint.model,
@@ -153,33 +151,6 @@ def _options(endpoint: Endpoint, max_tokens: int, temperature: float, seed: int)
         "seed": seed,
     }
     return {k: v for k, v in (fields | endpoint.extra).items() if k not in endpoint.omit}
-
-
-def picture_url(image: Frame) -> str:
-    """Return a picture as a data URI (PNG).
-
-    Args:
-        image: shape (H, W, 3), RGB.
-    """
-    height, width, _ = image.shape
-    rows = np.ascontiguousarray(image, np.uint8).reshape(height, width * 3)
-    lines = np.concatenate([np.zeros((height, 1), np.uint8), rows], axis=1)  # 0: no filter
-
-    def chunk(name: bytes, data: bytes) -> bytes:
-        check = zlib.crc32(name + data)
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", check)
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    parts = ((b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes())), (b"IEND", b""))
-    data = b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*part) for part in parts)
-    return f"data:image/png;base64,{base64.b64encode(data).decode()}"
-
-
-def picture_name(image: Frame) -> str:
-    """Return what stands for a picture in a cassette: size and SHA-256 of its pixels."""
-    height, width, _ = image.shape
-    pixels = np.ascontiguousarray(image, np.uint8).tobytes()
-    return f"picture {width}x{height} {hashlib.sha256(pixels).hexdigest()}"
 
 
 # ----------------------------------------------------------------- what comes back

@@ -5,7 +5,9 @@ that comes back before anybody sees it. Not covered: what the host does with wha
 """
 
 import ipaddress
+import logging
 import os
+import re
 from collections.abc import Mapping
 from typing import Any, Literal, Self
 from urllib.parse import urlsplit
@@ -19,10 +21,47 @@ from karma.offline import allow_host
 
 HIDDEN = "[key]"  # what stands where a key was
 SHORTEST_KEY = 8  # characters; anything shorter would be found in innocent text
+_KEY = re.compile(r"[!-~]+")
 _NOTHING = Usage(prompt_tokens=0, completion_tokens=0)
-_NO_KEY = "none"  # servers on this machine mostly want none
 _LONGEST_MESSAGE = 500
 _OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
+
+
+class Key:
+    """A key that shows itself to nobody who prints it, not even as a local variable.
+
+    Args:
+        text: the key; "" for none, as servers on this machine mostly want.
+    """
+
+    __slots__ = ("_text",)
+
+    def __init__(self, text: str = "") -> None:
+        self._text = text
+
+    def __bool__(self) -> bool:
+        return bool(self._text)
+
+    def __repr__(self) -> str:
+        return f"Key({HIDDEN!r})" if self._text else "Key()"
+
+    def for_header(self) -> str:
+        """Return the key itself."""
+        return self._text or "none"
+
+    def out_of(self, value: Any) -> Any:
+        """Return a JSON value without the key, wherever in it that stood."""
+        if not self._text:
+            return value
+        match value:
+            case str():
+                return value.replace(self._text, HIDDEN)
+            case dict():
+                return {self.out_of(name): self.out_of(one) for name, one in value.items()}
+            case list() | tuple():
+                return [self.out_of(one) for one in value]
+            case _:
+                return value
 
 
 class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -143,7 +182,7 @@ class Session:
         if self.cassette.mode == "replay":
             return
         allow_host(endpoint.host)
-        if _key(endpoint) == _NO_KEY and not is_loopback(endpoint.host):
+        if not _key(endpoint) and not is_loopback(endpoint.host):
             raise ModelError(
                 f"{endpoint.model} at {endpoint.host}: there is no key in ${endpoint.key_variable}"
                 f"\n  To fix: export {endpoint.key_variable}=..., or replay a cassette"
@@ -174,9 +213,9 @@ class Session:
             ModelError: the endpoint failed or refused; never holds the key.
             CassetteError: see `Cassette.exchange`.
         """
-        key = _key(endpoint) if self.cassette.mode != "replay" else _NO_KEY
+        key = Key() if self.cassette.mode == "replay" else _key(endpoint)
         exchange = self.cassette.exchange(
-            scrubbed({"path": path, **(body if named is None else named)}, key),
+            key.out_of({"path": path, **(body if named is None else named)}),
             lambda: self._send(endpoint, key, path, body),
             url=endpoint.base_url,
             shared=shared,
@@ -200,12 +239,14 @@ class Session:
             seconds=exchange.seconds,
         )
 
-    def _send(self, endpoint: Endpoint, key: str, path: str, body: Mapping[str, Any]) -> Reply:
+    def _send(self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any]) -> Reply:
         openai = _openai()
         try:
             answer = self._client(endpoint, key).post(path, cast_to=object, body=dict(body))
         except openai.APIStatusError as error:
-            return _failed(f"HTTP {error.status_code}: {error.message}", key)
+            fix = f"\n  To fix: see what ${endpoint.key_variable} holds"
+            reason = f"HTTP {error.status_code}: {error.message}"
+            return _failed(f"{reason}{fix if error.status_code in (401, 403) else ''}", key)
         except openai.APIConnectionError as error:  # timeouts too
             reason = f"{error.message} {error.__cause__ or ''}".strip()
             return _failed(f"{reason}\n  To fix: see that a server answers there", key)
@@ -214,16 +255,17 @@ class Session:
         if not isinstance(answer, dict):
             return _failed("the answer is no JSON object; is base_url right, up to /v1?", key)
         kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
-        return Reply(answer=scrubbed(kept, key))
+        return Reply(answer=key.out_of(kept))
 
-    def _client(self, endpoint: Endpoint, key: str) -> Any:
-        """Return the client of an endpoint: no proxy, no redirection, no header from outside."""
-        name = (endpoint.base_url, key, endpoint.timeout_s, endpoint.retries)
+    def _client(self, endpoint: Endpoint, key: Key) -> Any:
+        """Return the client of an endpoint: no proxy, no redirection, no name of a customer."""
+        name = (endpoint.base_url, endpoint.key_variable, endpoint.timeout_s, endpoint.retries)
         if name not in self._clients:
             openai = _openai()
+            logging.getLogger("httpcore2").setLevel(logging.INFO)  # below, it shows headers
             client = openai.OpenAI(
                 base_url=endpoint.base_url,
-                api_key=key,
+                api_key=key.for_header(),
                 timeout=endpoint.timeout_s,
                 max_retries=endpoint.retries,
                 http_client=openai.DefaultHttpxClient(trust_env=False, follow_redirects=False),
@@ -233,41 +275,25 @@ class Session:
         return self._clients[name]
 
 
-def scrubbed(value: Any, key: str) -> Any:
-    """Return a JSON value without the key, wherever in it that stood."""
-    if key == _NO_KEY:
-        return value
-    match value:
-        case str():
-            return value.replace(key, HIDDEN)
-        case dict():
-            return {scrubbed(k, key): scrubbed(v, key) for k, v in value.items()}
-        case list() | tuple():
-            return [scrubbed(item, key) for item in value]
-        case _:
-            return value
-
-
-def _failed(reason: str, key: str) -> Reply:
-    text: str = scrubbed(reason, key)
+def _failed(reason: str, key: Key) -> Reply:
+    text: str = key.out_of(reason)
     return Reply(failure=text if len(text) <= _LONGEST_MESSAGE else f"{text[:_LONGEST_MESSAGE]}...")
 
 
-def _key(endpoint: Endpoint) -> str:
+def _key(endpoint: Endpoint) -> Key:
     """Return the key of an endpoint.
 
     Raises:
         ModelError: what the variable holds is too short to be one.
     """
-    key = os.environ.get(endpoint.key_variable, "").strip()
-    if not key:
-        return _NO_KEY
-    if len(key) < SHORTEST_KEY:
+    text = os.environ.get(endpoint.key_variable, "").strip()
+    if text and (len(text) < SHORTEST_KEY or not _KEY.fullmatch(text)):
         raise ModelError(
-            f"${endpoint.key_variable} holds fewer than {SHORTEST_KEY} characters, which is no key"
-            f"\n  To fix: unset {endpoint.key_variable}, or name another variable as key_variable"
+            f"what ${endpoint.key_variable} holds is no key: {SHORTEST_KEY} or more letters, digits"
+            " and signs, without spaces\n"
+            f"  To fix: unset {endpoint.key_variable}, or name another variable as key_variable"
         )
-    return key
+    return Key(text)
 
 
 def _openai() -> Any:

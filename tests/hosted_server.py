@@ -1,0 +1,137 @@
+"""Servers on this machine that speak OpenAI's wire format: llama.cpp's own, and a naughty one.
+
+llama-cpp-python's server runs the nano planner three times over: as it is ("nano"), with a chat
+template that adds nothing ("nano-chat"), and as a text embedder by the mean over tokens
+("nano-rows"); and once without that pooling ("nano-tokens").
+"""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import gguf
+from gguf.scripts.gguf_new_metadata import MetadataDetails, copy_with_new_metadata
+
+NANO = Path(__file__).parents[1] / "models" / "nano" / "planner.gguf"
+PLAIN = "{% for m in messages %}{{ m.content }}{% endfor %}"
+_STARTS_S = 60
+
+
+def with_metadata(source, path, **fields):
+    """Copy a GGUF with more metadata."""
+    reader = gguf.GGUFReader(source)
+    writer = gguf.GGUFWriter(path, "llama")
+    new = {
+        name.replace("__", "."): MetadataDetails(
+            gguf.GGUFValueType.STRING if isinstance(value, str) else gguf.GGUFValueType.UINT32,
+            value,
+        )
+        for name, value in fields.items()
+    }
+    copy_with_new_metadata(reader, writer, new, [])
+    return path
+
+
+def free_port():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@contextmanager
+def llama_server(folder, *, key):
+    """Run llama-cpp-python's server with the nano planner; yields its base URL."""
+    template = with_metadata(NANO, folder / "chat.gguf", tokenizer__chat_template=PLAIN)
+    rows = with_metadata(NANO, folder / "rows.gguf", llama__pooling_type=1)
+    common = {"n_ctx": 2048, "n_threads": 1, "n_threads_batch": 1, "verbose": False}
+    models = [
+        {"model": str(NANO), "model_alias": "nano", **common},
+        {"model": str(template), "model_alias": "nano-chat", **common},
+        {"model": str(rows), "model_alias": "nano-rows", "embedding": True, **common},
+        {"model": str(NANO), "model_alias": "nano-tokens", "embedding": True, **common},
+    ]
+    port = free_port()
+    settings = {"host": "127.0.0.1", "port": port, "api_key": key, "models": models}
+    config = folder / "server.json"
+    config.write_text(json.dumps(settings))
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("OPENAI_")}
+    with (folder / "server.log").open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "llama_cpp.server", "--config_file", str(config)],
+            stdout=log, stderr=log, env=environment,
+        )  # fmt: skip
+        try:
+            _wait(process, port, folder / "server.log")
+            yield f"http://127.0.0.1:{port}/v1"
+        finally:
+            process.terminate()
+            process.wait(timeout=20)
+
+
+def _wait(process, port, log):
+    until = time.monotonic() + _STARTS_S
+    while time.monotonic() < until and process.poll() is None:
+        try:
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/v1/models", timeout=5).close()
+        except urllib.error.HTTPError:
+            return  # it answers, and wants the key
+        except OSError:
+            time.sleep(0.05)
+        else:
+            return
+    raise RuntimeError(f"llama_cpp.server does not answer:\n{log.read_text(errors='replace')}")
+
+
+@contextmanager
+def wire_server(answer):
+    """Serve `answer(path, body, headers) -> (status, headers, bytes)`; yields (URL, requests)."""
+    seen = []
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_POST(self):
+            body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+            given = {name.lower(): value for name, value in self.headers.items()}
+            seen.append((self.path, body, given))
+            status, headers, data = answer(self.path, body, given)
+            if status is None:  # hang up
+                self.close_connection = True
+                return
+            self.send_response(status)
+            for name, value in {"Content-Type": "application/json", **headers}.items():
+                self.send_header(name, value)
+            self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+
+        def log_message(self, *arguments):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/v1", seen
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def chat(text, **more):
+    """The bytes of a chat answer."""
+    choice = {
+        "index": 0,
+        "finish_reason": "stop",
+        "message": {"role": "assistant", "content": text},
+    }
+    answer = {"id": "x-1", "created": 1, "model": "wire-1", "choices": [choice], **more}
+    return 200, {}, json.dumps(answer).encode()

@@ -1,0 +1,628 @@
+"""Hosted models: against llama-cpp-python's own server with the nano planner, and a naughty one.
+
+Covered: planner and embedder, the bill, keys on every path, what comes back wrong, who may be
+reached, and whole runs that are recorded, then replayed with the server stopped.
+"""
+
+import http.client
+import json
+import logging
+import os
+import re
+import shutil
+import traceback
+import urllib.parse
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hosted_server import chat, free_port, llama_server, wire_server
+from typer.testing import CliRunner
+
+from karma import registry
+from karma.bench.experiment import Models, Run
+from karma.bench.records import read_records
+from karma.cli import app
+from karma.contracts import ProgramSpec, Prompt
+from karma.errors import FileError, KarmaError, ModelError
+from karma.files import to_json
+from karma.infer.cassette import Cassette
+from karma.infer.hosted import HostedEmbedder, HostedLanguageModel
+from karma.infer.hosted_session import Endpoint, Hosted, Key, Session
+from karma.infer.manifest import find_model, verify
+from karma.program import SKILLS, parse_program
+
+ROOT = Path(__file__).parents[1]
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+DEMO = ROOT / "eval" / "hosted_demo.toml"
+KEY = "sk-planted-4f1c9be2d7"
+PROMPT = Prompt(
+    stable="#areas\nnode_1 CounterTop Fridge\nnode_2 DiningTable\n",
+    changing="#task put the apple in the fridge\n#memory\nApple @CounterTop *\n#program\n",
+)
+PRICES = {"input": 2.0, "output": 8.0}
+
+
+@pytest.fixture(autouse=True)
+def planted_key(monkeypatch):
+    """The key is in the environment; no other setting of the client is."""
+    for name in list(os.environ):
+        if name.startswith("OPENAI_"):
+            monkeypatch.delenv(name)
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+
+
+def need_nano():
+    try:
+        verify(find_model("karma-nano"))
+    except KarmaError as error:
+        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """The base URL of llama-cpp-python's server; it wants the key."""
+    need_nano()
+    with llama_server(tmp_path_factory.mktemp("server"), key=KEY) as url:
+        yield url
+
+
+def endpoint(url, model="nano-chat", **more):
+    return msgspec.convert({"base_url": url, "model": model, "retries": 0, **more}, Endpoint)
+
+
+def files_below(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+# ----------------------------------------------------------------- the roles, on the real server
+
+
+@pytest.mark.model
+def test_chat_and_completions_give_the_nano_planner_s_program(server):
+    found = [
+        HostedLanguageModel(endpoint(server, model, api=api)).complete(PROMPT, max_tokens=200)
+        for model, api in (("nano", "completions"), ("nano-chat", "chat"))
+    ]
+    assert found[0].text == found[1].text
+    assert parse_program(found[0].text)
+    for one in found:
+        assert one.finish == "stop"
+        assert min(one.prompt_tokens, one.completion_tokens) > 9
+        assert (one.reused_tokens, one.first_token_s, one.cost) == (None, None, None)
+        assert one.total_s > 0
+
+
+@pytest.mark.model
+def test_answer_cut_at_max_tokens_says_so_and_spec_changes_nothing(server):
+    model = HostedLanguageModel(endpoint(server))
+    spec = ProgramSpec(skills=SKILLS[:1], objects=("Mug",))
+    whole, bound = model.complete(PROMPT), model.complete(PROMPT, spec=spec)
+    cut = model.complete(PROMPT, max_tokens=5)
+    assert bound.text == whole.text
+    assert (cut.finish, cut.completion_tokens) == ("length", 5)
+    assert whole.text.startswith(cut.text)
+
+
+@pytest.mark.model
+def test_seed_and_temperature_reach_the_server(server):
+    model = HostedLanguageModel(endpoint(server))
+
+    def texts():
+        return [model.complete(PROMPT, temperature=2.0, seed=s, max_tokens=60).text for s in (1, 2)]
+
+    first = texts()
+    assert texts() == first
+    assert first[0] != first[1]
+
+
+@pytest.mark.model
+def test_embedder_gives_unit_rows_and_asks_once_for_each_text(server):
+    session = Session()
+    embedder = HostedEmbedder(endpoint(server, "nano-rows"), session=session)
+    texts = ["an apple", "a clean plate", "an apple"]
+    rows = embedder.embed(texts)
+    assert rows.shape == (3, embedder.dimension) == (3, 192)
+    assert rows.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1.0, atol=1e-6)
+    assert np.array_equal(rows[0], rows[2])
+    assert not np.array_equal(rows[0], rows[1])
+    assert embedder.embed([]).shape == (0, 192)
+    (spent,) = session.ledger.take()
+    assert (spent.role, spent.requests, spent.completion_tokens) == ("embedder", 2, 0)
+
+
+@pytest.mark.model
+def test_embeddings_served_without_pooling_are_refused_by_what_they_are(server):
+    with pytest.raises(ModelError, match=r"a row per token: .* without pooling \(shape \(\d+, 192"):
+        HostedEmbedder(endpoint(server, "nano-tokens")).embed(["an apple in the fridge"])
+
+
+@pytest.mark.model
+def test_prompt_longer_than_the_context_is_the_server_s_message(server):
+    long = Prompt(stable="word " * 3000, changing="x")
+    with pytest.raises(ModelError, match=r"nano-chat at 127\.0\.0\.1: HTTP 400: .*context length"):
+        HostedLanguageModel(endpoint(server)).complete(long)
+
+
+@pytest.mark.model
+def test_wrong_key_is_refused_by_the_server_without_being_shown(server, monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-another-1234567")
+    said = answer_or_story(HostedLanguageModel(endpoint(server)))
+    assert "HTTP 401" in said
+    assert "To fix: see what $OPENAI_API_KEY holds" in said
+    assert "sk-another-1" not in said
+
+
+def test_registered_hosted_models_are_these():
+    loaded = {
+        role: registry.load(role, "openai").__name__ for role in ("language_models", "embedders")
+    }
+    assert loaded == {
+        "language_models": "HostedLanguageModel",
+        "embedders": "HostedEmbedder",
+    }
+
+
+# ----------------------------------------------------------------- the wire
+
+
+def test_request_says_what_the_endpoint_wants_and_nothing_it_refuses():
+    with wire_server(lambda *_: chat("x")) as (url, seen):
+        place = endpoint(
+            url, "m", tokens_field="max_completion_tokens", omit=["temperature", "seed"],
+            extra={"reasoning_effort": "low"},
+        )  # fmt: skip
+        HostedLanguageModel(place).complete(PROMPT, max_tokens=7, temperature=0.5, seed=3)
+    ((path, body, headers),) = seen
+    assert path == "/v1/chat/completions"
+    assert body == {
+        "model": "m", "max_completion_tokens": 7, "reasoning_effort": "low",
+        "messages": [
+            {"role": "system", "content": PROMPT.stable},
+            {"role": "user", "content": PROMPT.changing},
+        ],
+    }  # fmt: skip
+    assert headers["authorization"] == f"Bearer {KEY}"
+
+
+def test_half_characters_are_sent_as_question_marks():
+    with wire_server(lambda *_: chat("x")) as (url, seen):
+        HostedLanguageModel(endpoint(url)).complete(Prompt(stable="", changing="caf\udce9"))
+    assert seen[0][1]["messages"] == [{"role": "user", "content": "caf?"}]
+
+
+def test_environment_adds_no_organisation_and_no_proxy(monkeypatch):
+    monkeypatch.setenv("OPENAI_ORG_ID", "org-1")
+    monkeypatch.setenv("OPENAI_PROJECT_ID", "project-1")
+    monkeypatch.setenv("HTTP_PROXY", f"http://127.0.0.1:{free_port()}")
+    with wire_server(lambda *_: chat("x")) as (url, seen):
+        HostedLanguageModel(endpoint(url)).complete(PROMPT)
+    assert not any("openai-" in name.lower() for name in seen[0][2])
+
+
+def test_refusal_and_missing_text_are_answers_that_hold_no_program():
+    messages = iter([{"content": None, "refusal": "I must not."}, {"content": None}])
+
+    def answer(*_):
+        choice = {"message": next(messages), "finish_reason": "content_filter"}
+        return 200, {}, json.dumps({"choices": [choice]}).encode()
+
+    with wire_server(answer) as (url, _):
+        model = HostedLanguageModel(endpoint(url))
+        first, second = model.complete(PROMPT), model.complete(PROMPT)
+    assert (first.text, second.text) == ("I must not.", "")
+    assert (first.finish, first.prompt_tokens, first.completion_tokens) == ("stop", None, None)
+
+
+@pytest.mark.parametrize(
+    ("data", "named"),
+    [
+        (b"{}", "no choice with a text"),
+        (b'{"choices": []}', "no choice with a text"),
+        (b'{"choices": [{"message": "x"}]}', "no choice with a text"),
+        (b'{"choices": [{"message": {"content": ["x"]}}]}', "a list where a text should be"),
+        (b"[1]", "no JSON object"),
+        (b'{"choices": ', "Expecting value|JSON"),
+        (b"", "JSON"),
+    ],
+)
+def test_odd_answer_is_a_model_error_naming_model_and_host(data, named):
+    with wire_server(lambda *_: (200, {}, data)) as (url, _):
+        model = HostedLanguageModel(endpoint(url, "gpt-x"))
+        with pytest.raises(ModelError, match=named) as caught:
+            model.complete(PROMPT)
+    assert str(caught.value).startswith("gpt-x at 127.0.0.1: ")
+
+
+@pytest.mark.parametrize(
+    ("row", "named"),
+    [("x", "no row"), ([], "length 0"), ([0.0, 0.0], "length 0"), ([1.0, 1e999], "length inf")],
+)
+def test_odd_row_is_a_model_error(row, named):
+    data = json.dumps({"data": [{"embedding": row}]}).encode()
+    with wire_server(lambda *_: (200, {}, data)) as (url, _):
+        embedder = HostedEmbedder(endpoint(url))
+        with pytest.raises(ModelError, match=named):
+            embedder.embed(["x"])
+
+
+def test_rows_of_two_sizes_are_refused():
+    rows = iter([[1.0, 0.0], [1.0]])
+    reply = lambda *_: (200, {}, json.dumps({"data": [{"embedding": next(rows)}]}).encode())  # noqa: E731
+    with wire_server(reply) as (url, _):
+        embedder = HostedEmbedder(endpoint(url))
+        embedder.embed(["one"])
+        with pytest.raises(ModelError, match="a row of 1 after rows of 2"):
+            embedder.embed(["two"])
+
+
+def test_server_that_is_not_there_is_named_with_a_fix():
+    with pytest.raises(ModelError, match=r"127\.0\.0\.1: Connection error.*\n  To fix: see that a"):
+        HostedLanguageModel(endpoint(f"http://127.0.0.1:{free_port()}/v1")).complete(PROMPT)
+
+
+def test_refused_request_is_tried_again_as_often_as_told():
+    replies = iter([(503, {"retry-after-ms": "1"}, b"{}"), chat("well")])
+    with wire_server(lambda *_: next(replies)) as (url, seen):
+        found = HostedLanguageModel(endpoint(url, retries=1)).complete(PROMPT)
+    assert (found.text, len(seen)) == ("well", 2)
+
+
+def test_redirection_to_another_host_is_not_followed():
+    to = {"Location": "http://192.0.2.1/v1/chat/completions"}
+    with wire_server(lambda *_: (307, to, b"")) as (url, seen):
+        model = HostedLanguageModel(endpoint(url))
+        with pytest.raises(ModelError, match="HTTP 307"):
+            model.complete(PROMPT)
+    assert len(seen) == 1
+
+
+# ----------------------------------------------------------------- the bill
+
+
+def test_bill_counts_tokens_and_money_by_the_price_table():
+    usage = {
+        "prompt_tokens": 1000, "completion_tokens": 50,
+        "prompt_tokens_details": {"cached_tokens": 600},
+    }  # fmt: skip
+    session = Session()
+    with wire_server(lambda *_: chat("x", usage=usage)) as (url, _):
+        plain = endpoint(url, prices=PRICES)
+        cached = endpoint(url, prices={**PRICES, "cached_input": 0.5})
+        said = [HostedLanguageModel(e, session=session).complete(PROMPT) for e in (plain, cached)]
+    assert [one.cost for one in said] == pytest.approx([0.0024, 0.0015])
+    assert [one.reused_tokens for one in said] == [600, 600]
+    (spent,) = session.ledger.take()
+    assert (spent.model, spent.requests, spent.failures) == ("wire-1", 2, 0)
+    assert (spent.prompt_tokens, spent.completion_tokens) == (2000, 100)
+    assert spent.cost == pytest.approx(0.0039)
+    assert spent.seconds == pytest.approx(sum(one.total_s for one in said))
+    assert session.ledger.take() == ()
+
+
+def test_bill_without_prices_or_counts_is_unknown_not_nothing():
+    session = Session()
+    with wire_server(lambda *_: chat("x")) as (url, _):
+        HostedLanguageModel(endpoint(url, prices=PRICES), session=session).complete(PROMPT)
+    (spent,) = session.ledger.take()
+    assert (spent.prompt_tokens, spent.completion_tokens, spent.cost) == (None, None, None)
+
+
+def test_failed_request_is_counted_and_costs_no_tokens():
+    session = Session()
+    with wire_server(lambda *_: (400, {}, b"{}")) as (url, _):
+        model = HostedLanguageModel(endpoint(url, "m", prices=PRICES), session=session)
+        with pytest.raises(ModelError):
+            model.complete(PROMPT)
+    (spent,) = session.ledger.take()
+    assert (spent.model, spent.requests, spent.failures, spent.cost) == ("m", 1, 1, 0.0)
+
+
+# ----------------------------------------------------------------- keys
+
+
+def whole_story(error):
+    """All that a traceback with local variables and all causes would show."""
+    story = traceback.TracebackException.from_exception(error, capture_locals=True)
+    return "".join(story.format()) + repr(error) + repr(error.args)
+
+
+def answer_or_story(model):
+    try:
+        return repr(model.complete(PROMPT))
+    except ModelError as error:
+        return whole_story(error)
+
+
+def echo(status, data):
+    """A server that says the key back, in its body and in a header."""
+    return lambda path, body, headers: (
+        status,
+        {"X-Echo": headers["authorization"]},
+        data.replace(b"KEY", headers["authorization"].removeprefix("Bearer ").encode()),
+    )
+
+
+LEAKS = {
+    "in the text": (200, chat("your key is KEY")[2]),
+    "as a name": (200, chat("x", KEY={"KEY": ["KEY"]})[2]),
+    "unauthorized": (401, b'{"error": {"message": "Incorrect API key provided: KEY."}}'),
+    "bad request": (400, b'{"error": "KEY"}'),
+    "server error as text": (500, b"<html>KEY</html>"),
+    "not JSON": (200, b'{"KEY": '),
+    "no object": (200, b'["KEY"]'),
+    "another form": (200, b'{"choices": [{"message": {"content": ["KEY"]}}]}'),
+    "elsewhere": (302, b"KEY"),
+    "hanging up": (None, b""),
+}
+
+
+@pytest.mark.parametrize("how", LEAKS)
+def test_key_said_back_reaches_no_answer_error_cassette_or_log(how, tmp_path, caplog, capfd):
+    caplog.set_level(logging.DEBUG)
+    session = Session(Cassette(tmp_path, "record"))
+    with wire_server(echo(*LEAKS[how])) as (url, seen):
+        shown = answer_or_story(HostedLanguageModel(endpoint(url), session=session))
+    assert seen[0][2]["authorization"] == f"Bearer {KEY}"
+    kept = (tmp_path / "exchanges.jsonl").read_text()
+    assert kept.count("\n") == 1
+    logged = "\n".join([caplog.text, *(repr(record.__dict__) for record in caplog.records)])
+    out, err = capfd.readouterr()
+    for text in (shown, kept, logged, out, err, repr(session.ledger.take())):
+        assert KEY not in text
+    if how == "in the text":
+        assert "your key is [key]" in shown
+        assert "your key is [key]" in kept
+
+
+def test_key_in_the_prompt_itself_is_not_kept(tmp_path):
+    with wire_server(lambda *_: chat("x")) as (url, _):
+        session = Session(Cassette(tmp_path, "record"))
+        model = HostedLanguageModel(endpoint(url), session=session)
+        model.complete(Prompt(stable="", changing=f"use {KEY}"))
+    kept = (tmp_path / "exchanges.jsonl").read_text()
+    assert KEY not in kept
+    assert "use [key]" in kept
+
+
+def test_key_shows_itself_to_nobody():
+    key = Key(KEY)
+    assert KEY not in f"{key!r} {key} {[key]} {{'k': {key!r}}}"
+    assert key.out_of({KEY: [KEY, {"a": (1, f"x{KEY}")}]}) == {
+        "[key]": ["[key]", {"a": [1, "x[key]"]}]
+    }
+    assert Key().out_of("none") == "none"
+
+
+@pytest.mark.parametrize("value", ["short", "with space 123", "line\nbreak-123", "schlüssel-123"])
+def test_what_is_no_key_is_refused_without_being_shown(value, monkeypatch):
+    monkeypatch.setenv("MY_KEY", value)
+    with pytest.raises(ModelError, match=r"what \$MY_KEY holds is no key") as caught:
+        HostedLanguageModel(endpoint("http://127.0.0.1:9/v1", key_variable="MY_KEY"))
+    assert value not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"base_url": f"http://me:{KEY}@127.0.0.1/v1"}, "keys belong into the environment"),
+        ({"base_url": f"http://127.0.0.1/v1?key={KEY}"}, "keys belong into the environment"),
+        ({"base_url": "127.0.0.1:8000"}, "is no http"),
+        ({"model": ""}, "model is empty"),
+        ({"timeout_s": 0}, "timeout_s"),
+        ({"extra": {"messages": []}}, "extra: 'messages' is set by karma"),
+        ({"api_key": KEY}, "unknown field `api_key`"),
+    ],
+)
+def test_endpoint_that_could_not_work_or_holds_a_key_is_refused(change, named):
+    given = {"base_url": "http://127.0.0.1/v1", "model": "m", **change}
+    with pytest.raises(msgspec.ValidationError, match=named) as caught:
+        msgspec.convert(given, Endpoint)
+    assert KEY not in str(caught.value)
+
+
+# ----------------------------------------------------------------- who may be reached
+
+
+REMOTE = "https://models.example.com/v1"
+
+
+def test_remote_host_needs_leave_unless_it_is_replayed(tmp_path):
+    with pytest.raises(KarmaError, match=r"'models\.example\.com' is on another machine"):
+        HostedLanguageModel(endpoint(REMOTE))
+    with wire_server(lambda *_: chat("x")) as (url, _):
+        place = endpoint(url)
+        HostedLanguageModel(place, session=Session(Cassette(tmp_path, "record"))).complete(PROMPT)
+    replayed = HostedLanguageModel(place.at(REMOTE), session=Session(Cassette(tmp_path, "replay")))
+    assert replayed.complete(PROMPT).text == "x"
+
+
+def test_remote_host_without_a_key_is_refused_before_anything_is_asked(monkeypatch):
+    monkeypatch.delenv("KARMA_OFFLINE", raising=False)
+    monkeypatch.setattr("karma.infer.hosted_session.allow_host", lambda host: None)
+    monkeypatch.delenv("OPENAI_API_KEY")
+    with pytest.raises(ModelError, match=r"no key in \$OPENAI_API_KEY\n  To fix: export OPENAI"):
+        HostedLanguageModel(endpoint(REMOTE))
+
+
+def test_replay_needs_no_key(tmp_path, monkeypatch):
+    with wire_server(lambda *_: chat("x")) as (url, _):
+        place = endpoint(url)
+        HostedLanguageModel(place, session=Session(Cassette(tmp_path, "record"))).complete(PROMPT)
+    monkeypatch.setenv("OPENAI_API_KEY", "no key")
+    replayed = HostedLanguageModel(place, session=Session(Cassette(tmp_path, "replay")))
+    assert replayed.complete(PROMPT).text == "x"
+
+
+# ----------------------------------------------------------------- whole runs
+
+
+def karma(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    assert KEY not in result.output
+    return result.output
+
+
+@pytest.fixture
+def experiment(tmp_path, server):
+    """A function that writes a small hosted experiment and returns its path."""
+
+    def write(*, only=("simple-12", "simple-04"), role="", url=server):
+        path = tmp_path / "x.toml"
+        path.write_text(
+            f'name = "x"\ntasks = "{TASKS}"\nonly = {list(only)}\n[[rows]]\nname = "hosted"\n'
+            "options = { attempts = 1 }\n"
+            '[models]\nplanner = "openai"\nprofile = "compact"\n' + (role or "")
+            + f'[models.hosted.planner]\nbase_url = "{url}"\nmodel = "nano-chat"\n'
+            "prices = { input = 2.0, output = 8.0 }\n"
+        )  # fmt: skip
+        return path
+
+    return write
+
+
+@pytest.mark.model
+def test_recorded_run_replays_the_same_bytes_with_the_server_stopped(tmp_path, monkeypatch):
+    """Must show 5, with the experiment that the documents name."""
+    need_nano()
+    monkeypatch.chdir(ROOT)
+    (tmp_path / "server").mkdir()
+    recorded, replayed, cassette = (tmp_path / name for name in ("recorded", "replayed", "tape"))
+    with llama_server(tmp_path / "server", key=KEY) as url:
+        demo = tmp_path / "hosted_demo.toml"
+        demo.write_text(DEMO.read_text().replace('model = "karma-nano"', 'model = "nano"'))
+        karma("eval", demo, "--out", recorded, "--cassette", cassette,
+              "--cassette-mode", "record", "--base-url", url)  # fmt: skip
+    place = urllib.parse.urlsplit(url)
+    with pytest.raises(OSError, match="refused"):
+        http.client.HTTPConnection(place.hostname, place.port, timeout=5).connect()
+    monkeypatch.delenv("OPENAI_API_KEY")
+    before = files_below(cassette)
+    said = karma("eval", demo, "--out", replayed, "--cassette", cassette)
+    assert "planner nano: " in said
+    assert "cost –" in said
+    assert files_below(recorded) == files_below(replayed)
+    assert files_below(cassette) == before
+    records = read_records(replayed / "episodes.jsonl")
+    assert len(records) == 3
+    assert all(record.error == "" for record in records)
+    assert all(part.answers and part.seconds > 0 for r in records for part in r.subtasks)
+    assert not any(KEY.encode() in data for data in files_below(tmp_path / "recorded").values())
+    assert KEY.encode() not in before[Path("exchanges.jsonl")]
+
+
+@pytest.mark.model
+def test_recording_that_was_killed_goes_on_and_replays_from_the_start(experiment, tmp_path):
+    role = 'embedder = "openai"\n'
+    path = experiment(role=role)
+    server = re.search(r'base_url = "(.*)"', path.read_text())[1]
+    path.write_text(
+        path.read_text() + f'[models.hosted.embedder]\nbase_url = "{server}"\nmodel = "nano-rows"\n'
+    )
+    folder, tape = tmp_path / "run", tmp_path / "tape"
+    run = Run(path, folder, cassette=Cassette(tape, "record"))
+    next(run.episodes())
+    first = (folder / "episodes.jsonl").read_bytes()
+    whole = (tape / "exchanges.jsonl").read_bytes()
+    (folder / "episodes.jsonl").write_bytes(first)
+    (tape / "exchanges.jsonl").write_bytes(  # the second episode was begun, its first line is torn
+        whole + b'{"scope":"hosted/simple-12/0","type":"Begin"}\n{"count":0,"key":"d9c2'
+    )
+    resumed = Run(path, folder, cassette=Cassette(tape, "record"))
+    assert len(list(resumed.episodes())) == 1
+    replayed = Run(path, tmp_path / "again", cassette=Cassette(tape, "replay"))
+    list(replayed.episodes())
+    assert files_below(tmp_path / "again") == files_below(folder)
+    spent = [one for record in replayed.records for one in record.spent()]
+    assert {one.role for one in spent} == {"planner", "embedder"}
+    planner = [one for one in spent if one.role == "planner"]
+    assert sum(one.cost for one in planner) > 0
+
+
+@pytest.mark.model
+def test_replay_of_another_experiment_ends_the_run_and_shows_the_difference(experiment, tmp_path):
+    tape = tmp_path / "tape"
+    list(Run(experiment(), tmp_path / "run", cassette=Cassette(tape, "record")).episodes())
+    other = tmp_path / "tasks.jsonl"
+    other.write_text(TASKS.read_text().replace("fridge", "freezer"))
+    path = experiment()
+    path.write_text(path.read_text().replace(str(TASKS), str(other)))
+    said = karma("eval", path, "--out", tmp_path / "other", "--cassette", tape, code=1)
+    assert "the nearest differs:" in said
+    assert "freezer" in said
+    assert not (tmp_path / "other" / "episodes.jsonl").exists()
+
+
+@pytest.mark.model
+def test_failing_server_is_recorded_as_the_episode_s_error_and_replayed(experiment, tmp_path):
+    tape = tmp_path / "tape"
+    shutil.rmtree(tape, ignore_errors=True)
+    with wire_server(echo(*LEAKS["unauthorized"])) as (url, _):
+        run = Run(experiment(only=["simple-12"], url=url), tmp_path / "run",
+                  cassette=Cassette(tape, "record"))  # fmt: skip
+        (record,) = run.episodes()
+    assert "HTTP 401" in record.error
+    assert KEY not in to_json(record).decode()
+    assert [one.failures for one in record.hosted] == [1]
+    replayed = Run(experiment(only=["simple-12"], url=url), tmp_path / "again",
+                   cassette=Cassette(tape, "replay"))  # fmt: skip
+    assert list(replayed.episodes()) == [record]
+
+
+@pytest.mark.model
+def test_run_command_takes_a_hosted_planner_and_prints_its_bill(server, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shared = ("run", "Open the fridge.", "--planner", "openai", "--model", "nano-chat",
+              "--profile", "compact", "--cassette", "tape")  # fmt: skip
+    recorded = karma(*shared, "--base-url", server, "--cassette-mode", "record",
+                     "--maps", "maps-1", "--json", "1.json")  # fmt: skip
+    assert re.search(r"planner nano-chat: \d+ requests \(0 failed\), \d+ \+ \d+ tokens", recorded)
+    karma(*shared, "--base-url", "http://127.0.0.1:9/v1", "--maps", "maps-2", "--json", "2.json")
+    assert Path("1.json").read_bytes() == Path("2.json").read_bytes()
+    assert json.loads(Path("1.json").read_text())["hosted"][0]["requests"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--planner", "openai"), "--planner openai, --base-url and --model go together"),
+        (("--model", "x"), "go together"),
+        (("--planner", "openai", "--base-url", "x", "--model", "y"), "is no http"),
+        (
+            ("--planner", "openai", "--base-url", REMOTE, "--model", "y"),
+            "--allow-network",
+        ),
+        (("--cassette-mode", "play"), "no cassette mode 'play'; there are record, replay, off"),
+        (("--cassette-mode", "record"), "add --cassette DIR"),
+        (("--cassette", "none"), "there is no such cassette"),
+    ],
+)
+def test_run_command_refuses_half_of_a_hosted_model(options, named, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert named in karma("run", "Open the fridge.", *options, code=1)
+
+
+def test_eval_refuses_a_role_without_a_place_and_a_place_without_a_role(tmp_path):
+    path = tmp_path / "x.toml"
+    start = f'name = "x"\ntasks = "{TASKS}"\n[[rows]]\nname = "x"\n'
+    for models in (
+        '[models]\nplanner = "openai"\n',
+        '[models.hosted.embedder]\nbase_url = "http://127.0.0.1/v1"\nmodel = "m"\n',
+    ):
+        path.write_text(start + models)
+        with pytest.raises(FileError, match=r"\[models\.hosted\.\w+\] go together"):
+            Run(path, tmp_path / "run")
+    path.write_text(start)
+    with pytest.raises(KarmaError, match="no role has a hosted model"):
+        Run(path, tmp_path / "run", base_url="http://127.0.0.1/v1")
+
+
+def test_hosted_models_can_be_moved_but_not_to_where_none_is():
+    here = Hosted(planner=endpoint("http://127.0.0.1:1/v1"))
+    models = Models(planner="openai", hosted=here.at("http://127.0.0.1:2/v1"))
+    assert models.hosted.planner.base_url == "http://127.0.0.1:2/v1"
+    with pytest.raises(KarmaError, match="is no http"):
+        here.at("elsewhere")
