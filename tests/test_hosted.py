@@ -543,6 +543,17 @@ def test_recording_that_was_killed_goes_on_and_replays_from_the_start(experiment
 
 
 @pytest.mark.model
+def test_run_with_local_models_replays_the_same_bytes_too(experiment, tmp_path):
+    path = experiment(only=["simple-12"])
+    path.write_text(path.read_text().partition("[models]")[0])
+    names = ("record", "replay")
+    for mode in names:
+        run = Run(path, tmp_path / mode, cassette=Cassette(tmp_path / "tape", mode))
+        assert all(part.answers for record in run.episodes() for part in record.subtasks)
+    assert files_below(tmp_path / "record") == files_below(tmp_path / "replay")
+
+
+@pytest.mark.model
 def test_replay_of_another_experiment_ends_the_run_and_shows_the_difference(experiment, tmp_path):
     tape = tmp_path / "tape"
     list(Run(experiment(), tmp_path / "run", cassette=Cassette(tape, "record")).episodes())

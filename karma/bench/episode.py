@@ -1,7 +1,5 @@
 """One task, one method, one world -> one record."""
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 from karma.bench.records import Answer, Call, EpisodeRecord, SubTaskRecord
@@ -9,7 +7,7 @@ from karma.bench.tasks import required_types
 from karma.contracts import MemoryUnit, Method, Outcome, Plan, SkillResult, SubTask, Task, World
 from karma.errors import KarmaError
 from karma.goals import GoalTracker, WatchedWorld
-from karma.infer.cassette import CassetteError
+from karma.infer.cassette import Cassette, CassetteError
 from karma.infer.hosted_cost import Ledger
 from karma.prompt import base_type
 
@@ -23,7 +21,7 @@ def run_episode(
     seed: int,
     folder: Path,
     ledger: Ledger | None = None,
-    clock: Callable[[], float] = time.perf_counter,
+    cassette: Cassette | None = None,
 ) -> EpisodeRecord:
     """Run a task to its end; an error ends it early and is recorded.
 
@@ -35,12 +33,13 @@ def run_episode(
         seed: of the episode.
         folder: takes what the method leaves behind.
         ledger: what hosted models cost.
-        clock: seconds; a cassette's in a run that can be replayed.
+        cassette: keeps what is measured in a run that can be replayed.
 
     Raises:
         CassetteError: a replay left its recording, or the recording cannot be written.
     """
-    ledger = ledger or Ledger()
+    ledger, cassette = ledger or Ledger(), cassette or Cassette()
+    cassette.begin(f"{row}/{task.id}/{seed}")
     tracker = GoalTracker()
     done: list[SubTaskRecord] = []
     error = ""
@@ -50,7 +49,9 @@ def run_episode(
         method.begin(watched, task.scene, seed=seed, folder=folder)
         tracker.start(world.last_event)
         for subtask in task.subtasks:
-            done.append(_run_subtask(method, watched, tracker, subtask, ledger=ledger, clock=clock))
+            done.append(
+                _run_subtask(method, watched, tracker, subtask, ledger=ledger, cassette=cassette)
+            )
     except CassetteError:
         raise
     except KarmaError as failure:
@@ -75,13 +76,13 @@ def _run_subtask(
     subtask: SubTask,
     *,
     ledger: Ledger,
-    clock: Callable[[], float],
+    cassette: Cassette,
 ) -> SubTaskRecord:
     tracker.begin_subtask()
     plans: list[Plan] = []
     results: list[SkillResult] = []
     outcome: Outcome | None = None
-    begun = clock()
+    begun = cassette.clock()
     for moment in method.do(subtask):
         if isinstance(moment, Plan):
             plans.append(moment)
@@ -89,7 +90,7 @@ def _run_subtask(
             results.append(moment)
         else:
             outcome = moment
-    seconds = clock() - begun
+    seconds = cassette.clock() - begun
     if outcome is None:
         raise KarmaError(f"{method.name} ended an instruction without an outcome")
     wanted = required_types(subtask)
@@ -98,7 +99,7 @@ def _run_subtask(
         goals=tuple(str(goal) for goal in subtask.goals),
         unmet=tuple(str(goal) for goal in tracker.unmet(subtask.goals, world.last_event)),
         finished=outcome.finished,
-        answers=tuple(_answer(plan) for plan in plans),
+        answers=tuple(_answer(plan, cassette) for plan in plans),
         calls=tuple(Call.of(result) for result in results),
         recalled=tuple(unit.object_id for unit in plans[0].recalled) if plans else (),
         queries=len(wanted),
@@ -112,8 +113,9 @@ def _resident(name: str, units: tuple[MemoryUnit, ...]) -> bool:
     return any(base_type(unit.object_type) == base_type(name) for unit in units)
 
 
-def _answer(plan: Plan) -> Answer:
+def _answer(plan: Plan, cassette: Cassette) -> Answer:
     said = plan.completion
+    first = said.first_token_s
     return Answer(
         program=said.text,
         error=plan.error,
@@ -121,8 +123,8 @@ def _answer(plan: Plan) -> Answer:
         prompt_tokens=said.prompt_tokens,
         reused_tokens=said.reused_tokens,
         completion_tokens=said.completion_tokens,
-        first_token_s=said.first_token_s,
-        total_s=said.total_s,
+        first_token_s=None if first is None else cassette.measured(first),
+        total_s=cassette.measured(said.total_s),
         threads=said.threads,
         batch=said.batch,
         cost=said.cost,

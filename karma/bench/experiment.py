@@ -153,7 +153,6 @@ class Run:
             for row in self.experiment.rows
         }
         for row, task, seed in todo:
-            self._session.cassette.begin(f"{row.name}/{task.id}/{seed}")
             record = run_episode(
                 methods[row.name],
                 world,
@@ -162,7 +161,7 @@ class Run:
                 seed=seed,
                 folder=self.folder,
                 ledger=self._session.ledger,
-                clock=self._session.cassette.clock,
+                cassette=self._session.cassette,
             )
             settle()
             write_record(self.records_path, record)

@@ -5,8 +5,8 @@ its request and by its place: the n-th time that this was asked in this episode.
 is repeated on purpose (sampling) gets its own answers back in order, and a recording that was
 killed goes on with the next episode. A line is on the disk before its answer is used.
 
-The cassette is also the clock of a recorded run: what was measured is kept, and replayed as
-measured. Keys never get here: `karma.infer.hosted_session` takes them out first.
+The cassette also keeps the times of a recorded run, local models' too, and replays them as they
+were measured. Keys never get here: `karma.infer.hosted_session` takes them out first.
 """
 
 import hashlib
@@ -65,7 +65,7 @@ class Begin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Tick(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
-    """One look at the clock: seconds since the episode began."""
+    """One time that was measured."""
 
     scope: str
     count: int
@@ -108,7 +108,7 @@ class Cassette:
         self._shared: dict[str, Exchange] = {}
         self._ticks: dict[tuple[str, int], float] = {}
         self._asked: Counter[str] = Counter()
-        self._scope, self._looks, self._start = "", 0, time.perf_counter()
+        self._scope, self._measured, self._start = "", 0, time.perf_counter()
         if mode != "off":
             self._read()
 
@@ -123,27 +123,30 @@ class Cassette:
         Raises:
             CassetteError: the file cannot be written.
         """
-        self._scope, self._looks, self._start = scope, 0, time.perf_counter()
+        self._scope, self._measured, self._start = scope, 0, time.perf_counter()
         self._asked.clear()
         if self.mode == "record":
             self._write(Begin(scope=scope))
 
     def clock(self) -> float:
-        """Return seconds: measured, or in a replay as they were measured then.
+        """Return the seconds since the episode began; errors as in `measured`."""
+        return self.measured(time.perf_counter() - self._start)
+
+    def measured(self, seconds: float) -> float:
+        """Return a time that was measured, or in a replay what was measured in its place then.
 
         Raises:
-            CassetteError: a replay looks at the clock more often than the recording did.
+            CassetteError: a replay measures more often than the recording did.
         """
         if self.mode == "off":
-            return time.perf_counter()
-        place = (self._scope, self._looks)
-        self._looks += 1
+            return seconds
+        place = (self._scope, self._measured)
+        self._measured += 1
         if self.mode == "record":
-            seconds = time.perf_counter() - self._start
             self._write(Tick(scope=place[0], count=place[1], seconds=seconds))
         elif place not in self._ticks:
-            reason = f"episode {self._scope!r} went another way than its recording: the clock has"
-            raise CassetteError(self.path, f"{reason} no look {place[1] + 1}", fix=self._again())
+            reason = f"episode {self._scope!r} went another way than its recording: there is"
+            raise CassetteError(self.path, f"{reason} no time {place[1] + 1}", fix=self._again())
         return self._ticks[place]
 
     def exchange(
@@ -205,12 +208,9 @@ class Cassette:
             case Tick():
                 self._ticks[line.scope, line.count] = line.seconds
             case Begin():
-                mine = [place for place in self._scoped if place[0] == line.scope]
-                looks = [place for place in self._ticks if place[0] == line.scope]
-                for place in mine:
-                    del self._scoped[place]
-                for look in looks:
-                    del self._ticks[look]
+                scope = line.scope
+                self._scoped = {k: v for k, v in self._scoped.items() if k[0] != scope}
+                self._ticks = {k: v for k, v in self._ticks.items() if k[0] != scope}
 
     def _read(self) -> None:
         if not self.path.exists():
