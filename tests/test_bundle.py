@@ -45,13 +45,13 @@ def sha(data):
     return hashlib.sha256(data).hexdigest()
 
 
-def wheel_bytes(name="small", version="1.0", needs=(), extra=()):
-    """A wheel of one module, with a licence."""
+def wheel_bytes(name="small", version="1.0", *, needs=(), extra=(), module=True):
+    """A wheel of one module or none, with a licence."""
     info = f"{name}-{version}.dist-info"
     lines = ["Metadata-Version: 2.4", f"Name: {name}", f"Version: {version}"]
     lines += ["License-Expression: MIT", *(f"Requires-Dist: {need}" for need in needs)]
     files = {
-        f"{name}.py": f"WORD = {name!r}\n",
+        **({f"{name}.py": f"WORD = {name!r}\n"} if module else {}),
         **dict(extra),
         f"{info}/METADATA": "\n".join(lines) + "\n\n",
         f"{info}/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",

@@ -12,12 +12,15 @@ import hashlib
 import os
 import platform
 import shutil
+import signal
 import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -25,6 +28,7 @@ from karma.bundle.contents import CHUNK, BundleError, Contents, Member, places
 from karma.bundle.verify import Say, parts, verify
 
 SPARE_BYTES = 64 << 20
+PATIENCE_S = 3.0
 
 
 def install(
@@ -48,15 +52,16 @@ def install(
     into = Path(os.path.abspath(into))  # noqa: PTH100  (links are kept as they are)
     try:
         into.mkdir(parents=True, exist_ok=True)
-        with _alone(into):
+        with _alone(into) as lock:
+            steps = _Steps(into=into, lock=lock, say=say)
             _claim(into, contents)
             _check_room(into, contents)
             with bundle.open("rb") as file:
                 _unpack(file, contents, into, say)
-            _make_venv(contents, into, say)
+            _make_venv(contents, steps)
             _write(into / "karma", _launcher(contents), executable=True)
             try:
-                _try_out(contents, into, smoke, say)
+                _try_out(contents, steps, smoke)
             except BundleError:
                 (into / "karma").unlink()
                 raise
@@ -85,16 +90,36 @@ def _check_here(contents: Contents) -> None:
 
 
 @contextmanager
-def _alone(into: Path) -> Iterator[None]:
-    """Keep a second installation out; the kernel lets go when this process dies."""
+def _alone(into: Path) -> Iterator[int]:
+    """Keep a second installation out; the kernel lets go when this process and its steps are dead.
+
+    Yields the lock's descriptor, which the steps inherit: what a killed installation has started
+    may live a moment longer.
+    """
     import fcntl
 
     with (into / ".karma-lock").open("wb") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise BundleError(f"{into}: another installation is at work there") from None
-        yield
+        until = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                if time.monotonic() > until:
+                    raise BundleError(f"{into}: another installation is at work there") from None
+                time.sleep(0.05)
+            else:
+                break
+        yield lock.fileno()
+
+
+def _die_together() -> Callable[[], None] | None:
+    """Return what makes a child die with this process, where the system can do that."""
+    if not sys.platform.startswith("linux"):
+        return None
+    import ctypes
+
+    prctl = ctypes.CDLL(None).prctl
+    return lambda: prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
 def _claim(into: Path, contents: Contents) -> None:
@@ -162,8 +187,55 @@ def _is_right(path: Path, member: Member) -> bool:
         return False
 
 
-def _make_venv(contents: Contents, into: Path, say: Say) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Steps:
+    """Runs the programs that an installation consists of."""
+
+    into: Path
+    lock: int
+    say: Say
+
+    def run(self, command: Sequence[str], *, count: bool = False) -> None:
+        """Run one; its output goes to the log, with `count` pip's packages are counted aloud."""
+        environment = {
+            key: value
+            for key, value in os.environ.items()
+            if not key.startswith(("PIP_", "KARMA_")) and key not in ("PYTHONPATH", "PYTHONHOME")
+        }
+        environment |= {"PIP_CONFIG_FILE": os.devnull, "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+        path = self.into / ".karma-install.log"
+        last: list[str] = []
+        with (
+            path.open("a", encoding="utf-8") as log,
+            tempfile.TemporaryDirectory() as folder,
+            subprocess.Popen(
+                command,
+                cwd=folder,
+                env=environment,
+                pass_fds=(self.lock,),
+                preexec_fn=_die_together(),  # noqa: PLW1509  (this process has one thread)
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                errors="replace",
+            ) as child,
+        ):
+            for number, line in enumerate(child.stdout or ()):
+                log.write(line)
+                last = [*last[-11:], line]
+                if count and (number % 20 == 19 or line.startswith("Installing ")):
+                    self.say(f"  {' '.join(line.split())[:70]}")
+        if child.returncode != 0:
+            raise BundleError(
+                f"`{' '.join(map(str, command[:3]))} ...` failed (exit code {child.returncode}):\n"
+                f"{''.join(last)}  All of it: {path}"
+            )
+
+
+def _make_venv(contents: Contents, steps: _Steps) -> None:
     """Make the virtual environment from the wheels alone; a half-made one is made again."""
+    into, say = steps.into, steps.say
     venv = into / "venv"
     stamp = venv / ".karma-complete"
     if stamp.exists() and stamp.read_text().strip() == contents.digest:
@@ -175,52 +247,13 @@ def _make_venv(contents: Contents, into: Path, say: Say) -> None:
     pip = next((one for one in wheels if one.name.startswith("pip-")), None)
     say(f"making a virtual environment with {len(wheels)} packages; this takes a while")
     base = getattr(sys, "_base_executable", sys.executable)
-    _run([base, "-m", "venv", *(["--without-pip"] if pip else []), str(venv)], into)
+    steps.run([base, "-m", "venv", *(["--without-pip"] if pip else []), str(venv)])
     python = str(venv / "bin" / "python")
     program = [python, str(pip / "pip")] if pip else [python, "-m", "pip"]
     options = ("--no-index", "--no-deps", "--no-cache-dir", "--no-input", "--progress-bar", "off")
-    _run([*program, "install", *options, *map(str, wheels)], into, say=say)
-    _run([*program, "check"], into)
+    steps.run([*program, "install", *options, *map(str, wheels)], count=True)
+    steps.run([*program, "check"])
     _write(stamp, contents.digest.encode() + b"\n")
-
-
-def _run(command: Sequence[str], into: Path, *, say: Say | None = None) -> None:
-    """Run a step; its output goes to install.log, pip's packages are counted to `say`."""
-    environment = {
-        key: value
-        for key, value in os.environ.items()
-        if not key.startswith(("PIP_", "KARMA_")) and key not in ("PYTHONPATH", "PYTHONHOME")
-    }
-    environment |= {"PIP_CONFIG_FILE": os.devnull, "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
-    last: list[str] = []
-    count = 0
-    with (
-        (into / ".karma-install.log").open("a", encoding="utf-8") as log,
-        tempfile.TemporaryDirectory() as folder,
-        subprocess.Popen(
-            command,
-            cwd=folder,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-        ) as child,
-    ):
-        for line in child.stdout or ():
-            log.write(line)
-            last = [*last[-11:], line]
-            count += line.startswith("Processing ")
-            if say and line.startswith("Processing ") and count % 20 == 0:
-                say(f"  {count} packages looked at")
-            if say and line.startswith("Installing "):
-                say("  installing them")
-    if child.returncode != 0:
-        raise BundleError(
-            f"`{' '.join(map(str, command[:3]))} ...` failed (exit code {child.returncode}):\n"
-            f"{''.join(last)}  All of it: {into / '.karma-install.log'}"
-        )
 
 
 def _launcher(contents: Contents) -> bytes:
@@ -233,18 +266,18 @@ def _launcher(contents: Contents) -> bytes:
     return "\n".join([*script, f'{run} "$@"', ""]).encode()
 
 
-def _try_out(contents: Contents, into: Path, smoke: bool, say: Say) -> None:
+def _try_out(contents: Contents, steps: _Steps, smoke: bool) -> None:
     """Let the new installation check its models and, if it has our planner, do something."""
-    karma = str(into / "karma")
+    karma, say = str(steps.into / "karma"), steps.say
     if contents.models:
         say(f"karma models verify {' '.join(contents.models)}")
-        _run([karma, "models", "verify", *contents.models], into)
+        steps.run([karma, "models", "verify", *contents.models])
     if smoke and "karma-nano" in contents.models:
         say('karma run "Open the fridge."')
-        _run([karma, "run", "Open the fridge."], into)
+        steps.run([karma, "run", "Open the fridge."])
     elif smoke:
         say("karma world list")
-        _run([karma, "world", "list"], into)
+        steps.run([karma, "world", "list"])
 
 
 def _write(path: Path, data: bytes, *, executable: bool = False) -> None:
