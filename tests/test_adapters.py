@@ -280,6 +280,31 @@ def test_too_little_memory_is_told_before_anything_is_loaded(
     assert "karma models list" in str(caught.value)
 
 
+@pytest.mark.parametrize(("kind", "file", "key"), [
+    ("clip", "config.json", "text_config"), ("siglip", "config.json", "text_config"),
+    ("dino", "config.json", "max_text_len"), ("dino", "config.json", "backbone_config"),
+    ("sam", "config.json", "vision_config"), ("dino", "preprocessor_config.json", "size"),
+    ("clip", "preprocessor_config.json", "image_processor_type"),
+])  # fmt: skip
+@pytest.mark.parametrize("value", ["many", [1], -3])
+def test_nonsense_in_a_configuration_is_a_model_error(kind, file, key, value, copies, folders):
+    path = copies[kind] / file
+    path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
+    with pytest.raises(ModelError, match=r"config\.json|not a .* that opens"):
+        opened(kind, copies[kind], folders)
+
+
+@pytest.mark.parametrize("kind", ["clip", "dino"])
+@pytest.mark.parametrize("text", ["", "{", "[]", '"x"', "\x00", "{}"])
+def test_torn_file_of_a_folder_is_a_model_error_that_names_it(kind, text, copies, folders):
+    for file in ("config.json", "preprocessor_config.json", "tokenizer.json"):
+        before = (copies[kind] / file).read_text()
+        (copies[kind] / file).write_text(text)
+        with pytest.raises(ModelError, match=file.replace(".", r"\.")):
+            opened(kind, copies[kind], folders)
+        (copies[kind] / file).write_text(before)
+
+
 def test_modules_json_cannot_have_other_code_imported(copies):
     path = copies["sentence"] / "modules.json"
     modules = json.loads(path.read_text())

@@ -16,7 +16,7 @@ import numpy as np
 
 from karma.contracts import Frame, Vectors
 from karma.errors import ModelError
-from karma.infer.folder_check import CheckedFolder, check_folder
+from karma.infer.folder_check import CheckedFolder, check_folder, whole_number
 from karma.infer.manifest import resolve_folder
 from karma.infer.torch_load import (
     load_image_processor,
@@ -120,9 +120,10 @@ class _Words:
     """Text to token ids, as the family's own processor does it."""
 
     def __init__(self, folder: CheckedFolder) -> None:
-        text = folder.config.get("text_config") or {}
         default = 77 if folder.model_type == "clip" else 64
-        self._length = int(text.get("max_position_embeddings") or default)
+        key = ("text_config", "max_position_embeddings")
+        where = folder.path / "config.json"
+        self._length = whole_number(where, folder.config, *key, default=default)
         self._tokenizer = load_tokenizer(folder)
         self._tokenizer.no_padding()
         self._tokenizer.enable_truncation(self._length)

@@ -107,6 +107,24 @@ def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
     return found
 
 
+def whole_number(path: Path, config: Mapping[str, Any], *keys: str, default: int) -> int:
+    """Return the positive number at `keys`, one inside the other; `default` where it is not said.
+
+    Raises:
+        ModelError: something else stands there; names `path`, the file.
+    """
+    found: Any = config
+    for key in keys:
+        if not isinstance(found, dict):
+            break
+        found = found.get(key)
+        if found is None:
+            return default
+    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
+        raise ModelError(f"{path}: {'.'.join(keys)} is {found!r}, not a positive number")
+    return found
+
+
 def check_weights(folder: Path, *, fix: str) -> Weights:
     """Check the safetensors of a folder: model.safetensors, or all shards its index names.
 

@@ -5,16 +5,17 @@ from contextlib import contextmanager
 from typing import Any
 
 from karma.errors import ModelError
-from karma.infer.folder_check import CheckedFolder
+from karma.infer.folder_check import CheckedFolder, read_config
 from karma.infer.memory_check import check_memory, weights_mb
 
 
-def check_room(folder: CheckedFolder, *, bytes_each: int = 4) -> None:
+def check_room(folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0) -> None:
     """Refuse a model that would not fit into memory, before its weights are read.
 
     Args:
         folder: the model.
         bytes_each: of a parameter once loaded; 4 is float32.
+        work_mb: what it needs to compute, where that is much.
 
     Raises:
         ModelError: it would not fit.
@@ -22,23 +23,24 @@ def check_room(folder: CheckedFolder, *, bytes_each: int = 4) -> None:
     count = folder.weights.parameters
     parts = f"{count / 1e6:.1f} million parameters of {bytes_each} bytes, and room to compute"
     check_memory(
-        str(folder.path), weights_mb(count, bytes_each=bytes_each), parts=parts,
+        str(folder.path), weights_mb(count, bytes_each=bytes_each) + work_mb, parts=parts,
         fix="take a smaller model (`karma models list`)",
     )  # fmt: skip
 
 
-def load_weights(kind: str, folder: CheckedFolder) -> Any:
+def load_weights(kind: str, folder: CheckedFolder, *, work_mb: float = 0) -> Any:
     """Open a model in float32 on the CPU, ready to be asked.
 
     Args:
         kind: its class in transformers, e.g. "CLIPModel".
         folder: checked before, see `check_folder`.
+        work_mb: see `check_room`.
 
     Raises:
         ModelError: too little memory, or weights that are not this architecture's: transformers
             itself would fill what is missing with random numbers and say so in a warning only.
     """
-    check_room(folder)
+    check_room(folder, work_mb=work_mb)
     import torch
     import transformers
 
@@ -48,7 +50,7 @@ def load_weights(kind: str, folder: CheckedFolder) -> Any:
                 folder.path, local_files_only=True, use_safetensors=True, dtype=torch.float32,
                 trust_remote_code=False, output_loading_info=True,
             )  # fmt: skip
-        except (OSError, ValueError, RuntimeError, KeyError, TypeError) as error:
+        except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
             reason = str(error).strip().splitlines() or [type(error).__name__]
             raise ModelError(f"{folder.path}: not a {kind} that opens: {reason[0]}") from error
     missing = sorted(map(str, told["missing_keys"]))
@@ -68,13 +70,17 @@ def load_image_processor(folder: CheckedFolder) -> Any:
     """
     from transformers import AutoImageProcessor
 
+    where = folder.path / "preprocessor_config.json"
+    said = read_config(where, fix="bring the model's whole folder")
+    kinds = [said.get(key) for key in ("image_processor_type", "feature_extractor_type")]
+    if not any(isinstance(kind, str) for kind in kinds):  # else sizes would be guessed
+        raise ModelError(f"{where}: cannot be used: no image_processor_type")
     with quiet():
         try:
             return AutoImageProcessor.from_pretrained(
                 folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
             )
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            where = folder.path / "preprocessor_config.json"
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
             raise ModelError(f"{where}: cannot be used: {error}") from error
 
 
