@@ -112,3 +112,22 @@ def test_oracle_opens_no_socket(monkeypatch, tmp_path):
     )
     assert record.success
     assert opened == []
+
+
+@pytest.mark.model
+def test_traced_run_connects_to_no_other_machine(cut_off, tmp_path):
+    """Every socket call of a small run, as the kernel saw it; compiled code included."""
+    if shutil.which("strace") is None:
+        pytest.skip("needs strace")
+    path = experiment(tmp_path, "karma-nano", '[[rows]]\nname = "KARMA"\n')
+    done = subprocess.run(
+        [*CUT_OFF, "strace", "-f", "-qq", "-e", "trace=network", "-o", str(tmp_path / "trace"),
+         sys.executable, *karma("eval", path)],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if "PTRACE" in done.stderr or "ptrace" in done.stderr:
+        pytest.skip(f"tracing is not permitted here: {done.stderr.splitlines()[0]}")
+    assert done.returncode == 0, done.stderr
+    calls = (tmp_path / "trace").read_text().splitlines()
+    reached = [line for line in calls if "sin_addr" in line or "sin6_addr" in line]
+    assert [line for line in reached if '"127.' not in line and '"::1"' not in line] == []

@@ -177,14 +177,13 @@ def test_importing_karma_arms_nothing(tmp_path):
 
 def test_leave_reaches_declared_hosts_only(tmp_path):
     program = (
-        "import socket\n"
+        "import socket, sys\n"
         "from karma.offline import *\n"
         "go_offline(allow_network=True)\n"
         "allow_host('192.0.2.1')\n"
-        "one = socket.socket(); one.settimeout(0.01)\n"
-        "try: one.connect(('192.0.2.1', 9))\n"
-        "except OSError: print('tried')\n"
-        "try: one.connect(('192.0.2.2', 9))\n"
+        "one = socket.socket()\n"  # the question alone: no test really calls
+        "sys.audit('socket.connect', one, ('192.0.2.1', 9)); print('tried')\n"
+        "try: sys.audit('socket.connect', one, ('192.0.2.2', 9))\n"
         "except NetworkRefused: print('refused')\n"
     )
     code, out, _ = python(program, tmp_path)
@@ -193,14 +192,12 @@ def test_leave_reaches_declared_hosts_only(tmp_path):
 
 def test_leave_for_a_name_covers_the_addresses_it_has(tmp_path):
     program = (
-        "import socket, karma.offline as o\n"
+        "import socket, sys, karma.offline as o\n"
         "o._getaddrinfo = lambda *a, **k: [(2, 1, 6, '', ('192.0.2.7', 80))]  # a name server\n"
         "o.go_offline(allow_network=True)\n"
         "o.allow_host('Models.Example')\n"
         "(row,) = socket.getaddrinfo('models.example', 80)\n"
-        "one = socket.socket(); one.settimeout(0.01)\n"
-        "try: one.connect(row[4])\n"
-        "except OSError: print('tried')\n"
+        "sys.audit('socket.connect', socket.socket(), row[4]); print('tried')\n"
     )
     code, out, err = python(program, tmp_path)
     assert (code, out) == (0, "tried\n"), err

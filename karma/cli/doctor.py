@@ -1,6 +1,7 @@
 """`karma doctor`: what a backend needs, what is missing, and the command that mends it."""
 
 import time
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -11,14 +12,54 @@ from karma.cli.shared import Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
-app = typer.Typer(no_args_is_help=True, help="What is missing here, and what mends it.")
+app = typer.Typer(help="What is missing here, and what mends it.")
 
 MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]problem[/]"}
 
 
-@app.callback()
-def doctor() -> None:
-    """Look at what a backend needs."""
+@app.callback(invoke_without_command=True)
+@clear_errors
+def doctor(
+    context: typer.Context,
+    offline: Annotated[
+        bool, typer.Option("--offline", help="What a run without a network needs.")
+    ] = False,
+    json: Json = None,
+) -> None:
+    """Look at what a backend needs, or with --offline at what a run without a network needs."""
+    if context.invoked_subcommand is not None:
+        return
+    if not offline:
+        console.print(context.get_help())
+        raise typer.Exit(2)
+    _offline(json)
+
+
+@app.command("offline")
+@clear_errors
+def offline_command(json: Json = None) -> None:
+    """List every condition of a run without a network; exit code 1 if one does not hold."""
+    _offline(json)
+
+
+def _offline(json: Path | None) -> None:
+    from karma.bundle import conditions
+
+    with console.status("looking; models are hashed ..."):
+        findings = conditions.examine()
+    good = conditions.holds(findings)
+    table = Table("", "what", "found", title="a run without a network", title_justify="left")
+    for one in findings:
+        table.add_row(MARKS[one.status], escape(one.name), escape(one.found))
+    console.print(table)
+    for one in findings:
+        if one.fix and one.status != "ok":
+            console.print(f"{MARKS[one.status]} {escape(f'{one.name}: {one.fix}')}", soft_wrap=True)
+    console.print("[green]ready to run offline[/]" if good else "[red]something is missing[/]")
+    if json is not None:
+        write_atomic(json, to_json({"ok": good, "findings": findings}, indent=2))
+    if not good:
+        raise typer.Exit(1)
 
 
 @app.command("thor")

@@ -1,0 +1,52 @@
+#!/usr/bin/env bash
+# Shows that nothing leaves: a run, or all tests, where there is no interface and with every socket
+# call traced. Exit code 1 if anything asked for another machine.
+#
+#   scripts/airgap.sh             the demo's job (karma eval eval/demo.toml)
+#   scripts/airgap.sh tests       the whole test suite, some minutes
+#   scripts/airgap.sh COMMAND...  any command
+#
+# Without `unshare` (or the leave to use it) the command runs with the interfaces that are there, and
+# without `strace` the trace is the guard's log; it says which.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+export OMP_NUM_THREADS=1 KARMA_NETWORK_LOG=$folder/log
+case "${1:-demo}" in
+    demo) command=(.venv/bin/karma eval eval/demo.toml --fresh --out "$folder/run") ;;
+    tests) command=(.venv/bin/python -m pytest -q -n "${WORKERS:-2}") ;;
+    *) command=("$@") ;;
+esac
+
+say() { printf 'airgap: %s\n' "$*"; }
+
+apart=()
+if unshare -rn true 2>/dev/null; then
+    apart=(unshare -rn)
+    say "no interface (unshare -rn)"
+else
+    say "unshare is not permitted here: the interfaces stay"
+fi
+
+say "1. ${command[*]}"
+"${apart[@]}" "${command[@]}"
+
+calls=connect,sendto,sendmsg,sendmmsg
+if strace -o "$folder/try" true 2>/dev/null; then
+    say "2. the same once more, traced (strace -f -e trace=$calls)"
+    "${apart[@]}" strace -f -qq -e "trace=$calls" -e signal=none -o "$folder/trace" "${command[@]}" \
+        >"$folder/out" || { tail -n 20 "$folder/out"; exit 1; }
+    grep -E 'AF_INET|sin_addr|sin6_addr' "$folder/trace" >"$folder/asked" || true
+    grep -vE 'inet_addr\("127\.|inet_pton\(AF_INET6, "(::1|::ffff:127\.)' "$folder/asked" \
+        >"$folder/foreign" || true
+    say "$(wc -l <"$folder/trace") calls, $(wc -l <"$folder/asked") to addresses," \
+        "$(wc -l <"$folder/foreign") of them off this machine"
+else
+    say "2. no strace here: the guard's log of run 1 instead"
+    grep '"allowed": false' "$folder/log" >"$folder/foreign" 2>/dev/null || : >"$folder/foreign"
+    say "$(cat "$folder/log" 2>/dev/null | wc -l) questions," \
+        "$(wc -l <"$folder/foreign") of them refused"
+fi
+[ ! -s "$folder/foreign" ] || { head -n 20 "$folder/foreign"; exit 1; }
+say "nothing asked for another machine"

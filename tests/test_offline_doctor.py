@@ -1,0 +1,72 @@
+"""`karma doctor --offline`: each condition with its fix, and an exit code that can be relied on."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from karma import offline
+from karma.bundle.conditions import examine, holds
+from karma.cli import app
+
+SET = {**offline.SWITCHES, **offline.DEFAULTS, offline.OFFLINE: "1"}
+
+
+def found(environment, name):
+    (one,) = [one for one in examine(environment) if one.name == name]
+    return one
+
+
+@pytest.mark.parametrize("name", [*offline.SWITCHES, offline.OFFLINE])
+def test_switch_that_is_not_set_is_a_problem_with_its_fix(name):
+    without = {key: value for key, value in SET.items() if key != name}
+    one = found(without, name)
+    assert (one.status, one.found) == ("problem", "not set")
+    assert f"export {name}=" in one.fix
+
+
+def test_switch_that_says_otherwise_is_a_problem():
+    assert found({**SET, "HF_HUB_OFFLINE": "0"}, "HF_HUB_OFFLINE").status == "problem"
+    assert found({**SET, "MPLBACKEND": "svg"}, "MPLBACKEND").status == "ok"
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [
+        ("proxy", "HTTPS_PROXY", "http://proxy.example:3128"),
+        ("keys of services", "OPENAI_API_KEY", "secret"),
+        ("KARMA_SHARED", "KARMA_SHARED", "/nowhere/at/all"),
+    ],
+)
+def test_what_is_better_not_there_is_noted_and_never_quoted(name, key, value):
+    one = found({**SET, key: value}, name)
+    assert one.status == "note"
+    assert one.fix
+    assert "secret" not in one.found + one.fix
+
+
+def test_missing_model_is_a_problem(tmp_path, monkeypatch):
+    (tmp_path / "manifest.toml").write_text("models = []\n")
+    monkeypatch.setenv("KARMA_MODELS", str(tmp_path))
+    assert not holds(examine(SET))
+    assert found(SET, "models").status == "problem"
+
+
+@pytest.mark.model
+def test_command_lists_all_and_writes_figures(tmp_path):
+    for words in (["doctor", "--offline"], ["doctor", "offline"]):
+        done = CliRunner().invoke(app, [*words, "--json", str(tmp_path / "x.json")])
+        assert done.exit_code == 0, done.stdout
+        said = json.loads((tmp_path / "x.json").read_text())
+        assert said["ok"] is True
+        assert {"guard", "packages", "model karma-nano"} <= {
+            one["name"] for one in said["findings"]
+        }
+
+
+def test_command_with_a_spoilt_model_exits_with_one(tmp_path, monkeypatch):
+    (tmp_path / "manifest.toml").write_text("models = []\n")
+    monkeypatch.setenv("KARMA_MODELS", str(tmp_path))
+    done = CliRunner().invoke(app, ["doctor", "--offline"])
+    assert done.exit_code == 1
+    assert "something is missing" in done.stdout
