@@ -10,7 +10,10 @@ import shutil
 import numpy as np
 import pytest
 import tiny_models
+from tiny import export_tiny
 
+from karma.bench.experiment import Models, make_kit
+from karma.contracts import MemoryUnit
 from karma.errors import ModelError, UnknownNameError
 from karma.infer import memory_check
 from karma.infer.clip import ClipEmbedder, unit_vectors
@@ -133,6 +136,22 @@ def test_unit_vector_is_the_mean_of_text_and_picture_at_length_one(models):
 def test_sentence_embedder_agrees_with_the_batched_reference(models):
     expected = models["sentence"]._model.encode(TEXTS, batch_size=8, normalize_embeddings=True)
     assert np.abs(models["sentence"].embed(TEXTS) - expected).max() < 1e-5
+
+
+@pytest.mark.parametrize("kind", ["sentence", "clip"])
+def test_experiment_recalls_by_the_model_it_names(kind, folders, tmp_path):
+    planner = export_tiny(tmp_path / "tiny.gguf")
+    chosen = Models(planner=str(planner), embedder=f"{kind}:{folders[kind]}")
+    kit = make_kit(chosen, maps=None, seed=0)
+    units = [
+        MemoryUnit(object_id=name, object_type=name, position_m=(0, 0, 0))
+        for name in ("Mug", "Apple", "Sofa")
+    ]
+    found = kit.recall.recall("bring me the apple", units, 2)
+    assert len(found) == 2
+    assert found[0].similarity >= found[1].similarity
+    with pytest.raises(UnknownNameError, match="org/model"):
+        make_kit(Models(planner=str(planner), embedder=f"{kind}:org/model"), maps=None, seed=0)
 
 
 # ------------------------------------------------------------------------------ detection

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from karma.errors import ModelError
-from karma.infer.embed import FILES, MiniLm
+from karma.infer.embed import FILES, MiniLm, SentenceEmbedder
+from karma.infer.manifest import file_paths, find_model
 
 TEXTS = ["apple", "red fruit", "a sofa in the living room", "", "apple", "ünïcödé 苹果", "x " * 600]
 
@@ -48,6 +49,12 @@ def test_embed_is_semantic(minilm):
     assert apple @ fruit > apple @ sofa
 
 
+def test_any_folder_of_sentence_transformers_gives_what_minilm_gives(minilm):
+    folder = file_paths(find_model("minilm"))[0].parent
+    for model in ("minilm", folder):
+        assert np.array_equal(SentenceEmbedder(model).embed(TEXTS[:4]), minilm.embed(TEXTS[:4]))
+
+
 def test_embed_leaves_torch_s_threads_alone(minilm):
     import torch
 
@@ -69,6 +76,7 @@ def test_missing_or_changed_weights_are_refused_before_loading(tmp_path, content
 def test_importing_loads_nothing_heavy():
     program = (
         "import sys, karma.infer.embed, karma.infer.llama, karma.infer.gguf_export\n"
+        "import karma.infer.clip, karma.infer.detect, karma.infer.local_models\n"
         "heavy = {'torch', 'transformers', 'llama_cpp', 'sentence_transformers', 'gguf'}\n"
         "sys.exit(' '.join(heavy & set(sys.modules)) or 0)\n"
     )

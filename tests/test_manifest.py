@@ -9,6 +9,8 @@ import pytest
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.infer import embed
 from karma.infer.manifest import (
+    ModelEntry,
+    ModelFile,
     Role,
     check,
     check_file,
@@ -92,6 +94,14 @@ def test_project_s_manifest_holds_no_hash_twice_where_files_differ():
         for file in entry.files:
             if file.sha256 and file.bytes is not None:
                 assert seen.setdefault(file.sha256, file.bytes) == file.bytes
+
+
+def test_every_key_and_role_of_the_manifest_is_in_its_page():
+    page = (Path(__file__).parents[1] / "docs/models.md").read_text()
+    for key in (*ModelEntry.__struct_fields__, *ModelFile.__struct_fields__, *get_args(Role)):
+        assert f"`{key}`" in page, key
+    for entry in read_shipped().models:
+        assert f"`{entry.name}`" in page, entry.name
 
 
 def test_right_file_is_verified(manifest):
