@@ -71,6 +71,34 @@ def test_number_or_text_of_the_wrong_kind_is_misuse(world, action, arguments, wa
         world.step(action, **arguments)
 
 
+def _nested(depth):
+    return [_nested(depth - 1)] if depth else []
+
+
+@pytest.mark.parametrize(
+    ("junk", "said"),
+    [
+        (_nested(900), "lists more than 8 deep"),
+        (10**5000, "a number of too many digits"),
+        ("half a \ud83d", "half a .ud83d"),
+        ({"\ud83d": 1}, "ud83d"),
+        ({"x": {1, 2}}, "set"),
+    ],
+)
+@pytest.mark.parametrize("action", ["PickupObject", "GetInteractablePoses"])
+def test_what_no_message_can_hold_is_misuse(world, action, junk, said):
+    before = world.state
+    with pytest.raises(ValueError, match=f"objectId .==.*{said}"):
+        world.step(action, objectId=junk)
+    assert world.last_event.metadata["errorCode"] == "InvalidArgument"
+    assert world.state is before
+
+
+def test_step_without_an_action_is_misuse(world):
+    with pytest.raises(ValueError, match="Invalid action: None"):
+        world.step({"objectId": IDS[0]})
+
+
 @pytest.mark.parametrize(
     ("action", "arguments"),
     [

@@ -55,7 +55,7 @@ class ObjectStates(TypedDict, total=False):
 
 
 class _Odd(Exception):
-    """A value that AI2-THOR's message format has no number for."""
+    """A value that AI2-THOR's message format has no place for; says which."""
 
 
 def kinds(annotation: Any) -> tuple[type, ...]:
@@ -78,7 +78,7 @@ def fit(action: str, name: str, value: Any, annotation: Any, admitted: tuple[typ
         admitted: `kinds` of the annotation.
     """
     kind = type(value)
-    if kind in admitted and (kind in (str, bool) or (kind is float and abs(value) <= _MOST)):
+    if kind in admitted and _is_usual(value):
         return value
     try:
         value = _plain(value)
@@ -89,38 +89,59 @@ def fit(action: str, name: str, value: Any, annotation: Any, admitted: tuple[typ
         if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= _MOST_WHOLE:
             value = float(value)
         return msgspec.convert(value, annotation)
-    except _Odd:
-        return _misfit(action, name, value, admitted)
+    except _Odd as odd:
+        return _misfit(action, name, str(odd), admitted)
     except msgspec.ValidationError as error:
         if all(kind in _SCALARS for kind in admitted):
-            return _misfit(action, name, value, admitted)
+            return _misfit(action, name, ascii(value)[:200], admitted)
         text = f"JsonSerializationException: Error converting the argument {name} of {action}"
         return Refusal(f"{text}: {error}", "UnhandledException")
 
 
-def _misfit(action: str, name: str, value: Any, admitted: tuple[type, ...]) -> Refusal:
+def _misfit(action: str, name: str, said: str, admitted: tuple[type, ...]) -> Refusal:
     wanted = " or ".join(kind.__name__ for kind in admitted if kind is not NoneType)
-    text = f"action: {action} has an invalid argument: {name} (=={repr(value)[:200]})."
+    text = f"action: {action} has an invalid argument: {name} (=={said})."
     return Refusal(f"{text} Cannot convert to: {wanted}", "InvalidArgument")
+
+
+def _is_usual(value: Any) -> bool:
+    """Return whether a value is plain at first sight; False says nothing."""
+    kind = type(value)
+    return (
+        kind is bool
+        or (kind is float and abs(value) <= _MOST)
+        or (kind is str and bool(value.isascii()))
+    )
 
 
 def _plain(value: Any, depth: int = 0) -> Any:
     """Return the value in JSON's types; numpy's are welcome, as in the client.
 
     Raises:
-        _Odd: not a number, infinite, too large for AI2-THOR, too deep, or no JSON at all.
+        _Odd: not a number, infinite, too large for AI2-THOR, too deep, half a character, or no
+            JSON at all.
     """
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
-    if isinstance(value, str | bool | NoneType):
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, bool | NoneType):
         return value
     if isinstance(value, int | float):
         if not -_MOST <= value <= _MOST or math.isnan(value):
-            raise _Odd
+            raise _Odd(value if isinstance(value, float) else "a number of too many digits")
         return value
     if depth < _DEEPEST:
         if isinstance(value, Mapping):
-            return {str(key): _plain(inner, depth + 1) for key, inner in value.items()}
+            return {_text(str(key)): _plain(inner, depth + 1) for key, inner in value.items()}
         if isinstance(value, list | tuple):
             return [_plain(inner, depth + 1) for inner in value]
-    raise _Odd
+        raise _Odd(type(value).__name__)
+    raise _Odd(f"lists more than {_DEEPEST} deep")
+
+
+def _text(value: str) -> str:
+    """Return a text that can be written as UTF-8."""
+    if any("\ud800" <= letter <= "\udfff" for letter in value):
+        raise _Odd(ascii(value)[:200])
+    return str(value)

@@ -127,7 +127,7 @@ class EmbeddedWorld:
         """
         if not isinstance(action, str):
             arguments = {**action, **arguments}
-            action = str(arguments.pop("action"))
+            action = str(arguments.pop("action", None))
         loud = bool(arguments.pop("raise_for_failure", False))
         event = _act(self.last_event, action, arguments)
         self._event = event
