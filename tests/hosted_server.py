@@ -92,7 +92,7 @@ def _wait(process, port, log):
 
 
 @contextmanager
-def wire_server(answer):
+def wire_server(answer, host="127.0.0.1"):
     """Serve `answer(path, body, headers) -> (status, headers, bytes)`; yields (URL, requests)."""
     seen = []
 
@@ -117,10 +117,10 @@ def wire_server(answer):
         def log_message(self, *arguments):
             pass
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server = ThreadingHTTPServer((host, 0), Handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
-        yield f"http://127.0.0.1:{server.server_port}/v1", seen
+        yield f"http://{host}:{server.server_port}/v1", seen
     finally:
         server.shutdown()
         server.server_close()

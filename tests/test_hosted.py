@@ -10,6 +10,8 @@ import logging
 import os
 import re
 import shutil
+import subprocess
+import sys
 import traceback
 import urllib.parse
 from pathlib import Path
@@ -439,6 +441,52 @@ def test_remote_host_needs_leave_unless_it_is_replayed(tmp_path):
     assert replayed.complete(PROMPT).text == "x"
 
 
+NAMESPACE = ["unshare", "--user", "--map-root-user", "--net", "sh", "-c"]
+WITH_ADDRESS = 'ip link set lo up && ip addr add 10.11.12.13/32 dev lo && exec "$@"'
+# Serves at an address that is not loopback, and runs `karma` without leave and with it.
+VISIT = """
+import subprocess, sys
+from hosted_server import chat, wire_server
+program = "Explore(robot, 'Bed')"
+usage = {"prompt_tokens": 9, "completion_tokens": 3}
+karma = [sys.executable, "-c", "from karma.cli import app; app()"]
+with wire_server(lambda *_: chat(program, usage=usage), host="10.11.12.13") as (url, seen):
+    for leave in ([], ["--allow-network"]):
+        out = "with" if leave else "without"
+        command = [*karma, *leave, "eval", "x.toml", "--base-url", url, "--out", out]
+        done = subprocess.run(command, capture_output=True, text=True)
+        print(out, done.returncode, len(seen) > 0, done.stdout[-1500:], done.stderr[-1500:])
+"""
+
+
+def test_other_machine_is_reached_with_leave_only_and_the_header_says_so(tmp_path):
+    if shutil.which("unshare") is None or shutil.which("ip") is None:
+        pytest.skip("needs unshare and ip")
+    trial = subprocess.run(
+        [*NAMESPACE, WITH_ADDRESS, "sh", "true"], capture_output=True, check=False
+    )
+    if trial.returncode != 0:
+        pytest.skip(f"namespaces are not permitted here: {trial.stderr.decode().strip()}")
+    (tmp_path / "x.toml").write_text(
+        f'name = "x"\ntasks = "{TASKS}"\nonly = ["simple-12"]\n[[rows]]\nname = "x"\n'
+        '[models]\nplanner = "openai"\n[models.hosted.planner]\n'
+        'base_url = "http://127.0.0.1:9/v1"\nmodel = "m"\n'
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "KARMA_OFFLINE"}
+    environment["PYTHONPATH"] = str(Path(__file__).parent)
+    done = subprocess.run(
+        [*NAMESPACE, WITH_ADDRESS, "sh", sys.executable, "-c", VISIT],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    without, _, leave = done.stdout.partition("\nwith 0 True ")
+    assert without.startswith("without 1 False ")
+    assert "is on another machine" in without
+    assert "karma --allow-network" in without
+    assert "planner wire-1: " in leave
+    assert json.loads((tmp_path / "with" / "header.json").read_text())["network"] is True
+    assert not (tmp_path / "without" / "episodes.jsonl").exists()
+
+
 def test_remote_host_without_a_key_is_refused_before_anything_is_asked(monkeypatch):
     monkeypatch.delenv("KARMA_OFFLINE", raising=False)
     monkeypatch.setattr("karma.infer.hosted_session.allow_host", lambda host: None)
@@ -637,3 +685,9 @@ def test_hosted_models_can_be_moved_but_not_to_where_none_is():
     assert models.hosted.planner.base_url == "http://127.0.0.1:2/v1"
     with pytest.raises(KarmaError, match="is no http"):
         here.at("elsewhere")
+
+
+def test_documents_name_every_field_of_an_endpoint():
+    text = (ROOT / "docs" / "hosted.md").read_text()
+    fields = [field.name for field in msgspec.structs.fields(Endpoint)]
+    assert [name for name in fields if not re.search(rf"(`|^){name}(`| = )", text, re.M)] == []

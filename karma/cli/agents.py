@@ -109,7 +109,7 @@ def run_command(
     console.print(show.memory_table(method.short_term.units(), "short-term memory now"))
     spent = session.ledger.take()
     if spent:
-        console.print(escape(show.spent_text(spent)))
+        console.print(escape(show.spent_text(spent)), soft_wrap=True)
     if json is not None:
         figures = {"finished": finished, "hosted": spent, "instructions": lines}
         write_atomic(json, to_json(figures, indent=2))
@@ -159,7 +159,7 @@ def eval_command(
     console.print(show.summary_table(lines, run.experiment.name))
     spent = [one for record in run.records for one in record.spent()]
     if spent:
-        console.print(escape(show.spent_text(spent)))
+        console.print(escape(show.spent_text(spent)), soft_wrap=True)
     console.print(escape(f"records: {run.records_path}"))
     write_atomic(run.folder / "results.json", to_json(lines, indent=2))
     if json is not None:
