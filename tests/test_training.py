@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from karma.bench.tasks import load_tasks
 from karma.contracts import Area
 from karma.errors import FileError
 from karma.files import to_json
@@ -121,7 +122,7 @@ def test_drawn_prompts_are_those_of_the_compact_profile(rooms):
 
 
 def test_draw_gives_every_kind_of_request(rooms):
-    kinds = Counter(example.kind for _, example in examples(rooms, 700))
+    kinds = Counter(example.kind for _, example in examples(rooms, 1500))
     assert set(KINDS) <= set(kinds)
 
 
@@ -294,6 +295,25 @@ def test_draw_pack_of_a_name_is_one_scene_and_always_the_same(tiny):
     assert pack != train.draw_pack(recipe, data, "train", "3", "0")
     assert len({example.stable for example in pack}) == 1
     assert len(pack) == recipe.examples
+
+
+def test_no_drawn_sentence_is_one_of_the_tests(tiny):
+    train, recipe, data, _, _ = tiny
+    said = [
+        train.plain(train._task(e))
+        for n in range(30)
+        for e in train.draw_pack(recipe, data, str(n))
+    ]
+    forbidden = frozenset(Counter(said))
+    closed = replace(data, forbidden=forbidden)
+    packs = [train.draw_pack(recipe, closed, str(n)) for n in range(30)]
+    assert not forbidden & {train.plain(train._task(e)) for pack in packs for e in pack}
+
+
+def test_phrase_book_holds_no_sentence_of_the_test_tasks():
+    asked = {sub.instruction for task in load_tasks(TASKS) for sub in task.subtasks}
+    words = {" ".join(text.lower().split()).rstrip(".!?") for text in asked}
+    assert not words & {text for texts in BOOK.templates.values() for text in texts}
 
 
 def test_interrupted_training_ends_in_the_same_weights(tiny, tmp_path):

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import blake2b
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -68,10 +69,25 @@ class Book:
 def our_book() -> Book:
     """Return the phrases that ship with the project."""
     raw = read_toml(HERE / "phrases.toml", dict[str, Any])
-    templates = {kind: tuple(texts) for kind, texts in raw.items() if isinstance(texts, list)}
+    templates = {
+        kind: tuple(dict.fromkeys(one for text in texts for one in expand(text)))
+        for kind, texts in raw.items()
+        if isinstance(texts, list)
+    }
     return Book(
         templates=templates, adjectives=raw["adjectives"], just=raw["just"], around=raw["around"]
     )
+
+
+def expand(text: str) -> Iterator[str]:
+    """Yield every text that a template with alternatives stands for.
+
+    >>> list(expand("(open|shut) {s}"))
+    ['open {s}', 'shut {s}']
+    """
+    parts = [part.split("|") for part in re.split(r"[()]", text)]
+    for choice in product(*parts):
+        yield " ".join("".join(choice).split())
 
 
 def with_alfred(book: Book, path: Path) -> Book:

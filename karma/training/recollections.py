@@ -1,6 +1,6 @@
 """What an agent may remember: rooms to be in, and short-term memories drawn for them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -41,6 +41,16 @@ class Room:
 def pick(rng: Rng, items: Sequence[T]) -> T:
     """Draw one item; `rng.choice` would copy the sequence into an array each time."""
     return items[int(rng.integers(len(items)))]
+
+
+def weighted(rng: Rng, odds: Mapping[str, float]) -> str:
+    """Draw a key by its weight."""
+    roll = rng.random() * sum(odds.values())
+    for name, weight in odds.items():
+        roll -= weight
+        if roll < 0:
+            return name
+    return list(odds)[-1]
 
 
 def draw_units(rng: Rng, room: Room) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:

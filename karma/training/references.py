@@ -1,12 +1,32 @@
-"""Words for things: a remembered unit by its name, its kind, its states, its place, or "it"."""
+"""Words for things: a remembered unit by name, kind, states, place, what was done to it, or "it".
 
-from collections.abc import Sequence
+Words are put together from a noun and qualifiers, and kept only if they mean the unit: of the units
+that fit them, the one handled last, or else the one seen last.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from karma.contracts import MemoryUnit
 from karma.prompt import Facts, base_type
 from karma.training.phrases import Book, lexicon
-from karma.training.recollections import Rng, Room, pick, place_type
+from karma.training.recollections import Rng, Room, pick, place_type, weighted
+
+Fits = Callable[[MemoryUnit], bool]
+ANYTHING = ("thing", "one", "item", "object")
+WEIGHTS = {"name": 0.42, "kind": 0.30, "anything": 0.14, "pronoun": 0.14}
+VAGUE = {"name": 0.0, "kind": 0.55, "anything": 0.25, "pronoun": 0.20}
+NAMED = {"name": 0.85, "kind": 0.0, "anything": 0.0, "pronoun": 0.15}
+DONE_FORMS = (
+    "you just {d}", "you {d}", "that you {d}", "that you just {d}", "which you {d}",
+    "you {d} earlier", "you {d} before", "you have {d}", "that you {d} a moment ago",
+)  # fmt: skip
+PLACE_FORMS = (
+    "in the {w}", "on the {w}", "from the {w}", "that is in the {w}", "that is on the {w}",
+    "you put in the {w}", "you put on the {w}", "you left on the {w}", "that you left in the {w}",
+    "you just put on the {w}", "inside the {w}", "lying on the {w}", "which is on the {w}",
+)  # fmt: skip
+CARGO_FORMS = ("with the {c}", "with the {c} in it", "that holds the {c}", "containing the {c}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,6 +39,10 @@ class Situation:
     book: Book
     excluded: frozenset[tuple[str, str]]
     mapped: bool  # long-term memory is there
+    strict: bool = False  # words must fit one handled unit only
+    vague: float = (
+        0.0  # chance that a remembered thing is not called by its name; < 0: named or "it"
+    )
 
     @property
     def units(self) -> Sequence[MemoryUnit]:
@@ -37,117 +61,152 @@ class Ref:
     plain: bool = True  # the bare name alone means this object
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Said:
+    """Words before and after a noun, and which units they admit."""
+
+    before: str = ""
+    after: str = ""
+    fits: Fits = lambda unit: True
+
+
 def refer(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref | None:
     """Draw words that mean this unit and no other; None after a few tries."""
-    name = scene.names[unit.object_id]
-    entry = lexicon()[base_type(unit.object_type)]
-    for _ in range(4):
-        roll = rng.random()
-        bare = pick(rng, entry.names)
-        if roll < 0.55:
-            said = _adjective(rng, scene, unit, 0.3)
-            words, meant = f"{said[0]} {bare}".strip(), _meant(scene, unit, said[1], exact=True)
-            text = with_article(rng, words)
-        elif roll < 0.80 and entry.kinds:
-            kind = pick(rng, entry.kinds)
-            said = _adjective(rng, scene, unit, 0.6)
-            meant = _meant(scene, unit, said[1], kind=kind)
-            text = f"the {said[0]} {kind}".replace("  ", " ")
-        elif roll < 0.88:
-            text, meant = pick(rng, ("it", "it", "that", "this")), _last_handled(scene)
-        elif roll < 0.94:
-            text, meant = _just(rng, scene, unit)
+    bare = pick(rng, lexicon()[base_type(unit.object_type)].names)
+    weights = NAMED if scene.vague < 0 else VAGUE if rng.random() < scene.vague else WEIGHTS
+    for _ in range(5):
+        form = weighted(rng, weights)
+        if form == "pronoun":
+            text, meant = _pronoun(rng, scene)
         else:
-            text, meant = _placed_words(rng, scene, unit)
-        if "sliced" in unit.states and rng.random() < 0.3:
+            text, meant = _described(rng, scene, unit, form, bare)
+        if meant is None or meant.object_id != unit.object_id:
+            continue
+        if "sliced" in unit.states and rng.random() < 0.35:
             text = f"{pick(rng, ('a slice of', 'a piece of', 'some of', 'one slice of'))} {text}"
-        if meant is not None and meant.object_id == unit.object_id:
-            plain = _meant(scene, unit, "", exact=True) is unit
-            return Ref(name=name, object_type=unit.object_type, words=text, bare=bare, plain=plain)
+        plain = meaning(scene, _named(bare)) is unit
+        name = scene.names[unit.object_id]
+        return Ref(name=name, object_type=unit.object_type, words=text, bare=bare, plain=plain)
     return None
 
 
-def _adjective(rng: Rng, scene: Situation, unit: MemoryUnit, chance: float) -> tuple[str, str]:
-    """Return (word, state) for one of the unit's states, or two empty strings."""
-    states = [s for s in unit.states if scene.book.adjectives.get(s.replace(" ", "_"))]
-    if not states or rng.random() > chance:
-        return "", ""
-    state = pick(rng, states)
-    return pick(rng, scene.book.adjectives[state.replace(" ", "_")]), state
+def meaning(scene: Situation, *tests: Fits) -> MemoryUnit | None:
+    """Return the unit that fits: the one handled last, else the one seen last.
 
-
-def _meant(
-    scene: Situation, unit: MemoryUnit, state: str, *, exact: bool = False, kind: str = ""
-) -> MemoryUnit | None:
-    """Return which unit such words mean: the last handled one that fits, else the last one."""
-
-    def fits(other: MemoryUnit) -> bool:
-        base = base_type(other.object_type)
-        named = base == base_type(unit.object_type) if exact else kind in lexicon()[base].kinds
-        return named and (not state or state in other.states)
-
-    fitting = [other for other in scene.units if fits(other)]
-    handled = [other for other in fitting if other.handled]
+    In a strict scene None unless exactly one handled unit fits.
+    """
+    fitting = [unit for unit in scene.units if all(test(unit) for test in tests)]
+    handled = [unit for unit in fitting if unit.handled]
+    if scene.strict and len(handled) != 1:
+        return None
     chosen = handled or fitting
     return chosen[-1] if chosen else None
 
 
-def _last_handled(scene: Situation) -> MemoryUnit | None:
-    return next((unit for unit in reversed(scene.units) if unit.handled), None)
+def _pronoun(rng: Rng, scene: Situation) -> tuple[str, MemoryUnit | None]:
+    last = next((unit for unit in reversed(scene.units) if unit.handled), None)
+    return pick(rng, ("it", "it", "it", "that", "this", "that one", "this thing")), last
 
 
-def _just(rng: Rng, scene: Situation, unit: MemoryUnit) -> tuple[str, MemoryUnit | None]:
-    """Return words such as `the thing you just washed`, and the unit they mean."""
-    options = [s for s in unit.states if s in scene.book.just]
-    state = pick(rng, (*options, "moved"))
-    noun = pick(rng, ("thing", "one", "item", "object"))
-    words = f"the {noun} {pick(rng, scene.book.just[state])}"
-    if state == "moved":
-        return words, _last_handled(scene)
-    fitting = [u for u in scene.units if state in u.states]
-    handled = [u for u in fitting if u.handled]
-    return words, (handled or fitting)[-1]
+def _named(word: str) -> Fits:
+    return lambda unit: word in lexicon()[base_type(unit.object_type)].names
 
 
-def _placed_words(rng: Rng, scene: Situation, unit: MemoryUnit) -> tuple[str, MemoryUnit | None]:
-    """Return words that name a unit by where it is or by what is in it, and what they mean."""
-    cargo = [other for other in scene.units if other.place_id == unit.object_id]
-    if cargo:
-        inside = pick(rng, lexicon()[base_type(cargo[-1].object_type)].names)
-        noun = pick(rng, (*lexicon()[base_type(unit.object_type)].names, "container", "dish"))
-        return f"the {noun} with the {inside}", unit
-    if unit.place_id is None or unit.place_id == "hand":
+def _of_kind(word: str) -> Fits:
+    def fits(unit: MemoryUnit) -> bool:
+        entry = lexicon()[base_type(unit.object_type)]
+        return word in entry.names or word in entry.kinds
+
+    return fits
+
+
+def _described(
+    rng: Rng, scene: Situation, unit: MemoryUnit, form: str, bare: str
+) -> tuple[str, MemoryUnit | None]:
+    """Return a noun with qualifiers, and what it means."""
+    entry = lexicon()[base_type(unit.object_type)]
+    if form == "kind" and not entry.kinds:
         return "", None
+    noun = {"name": bare, "anything": pick(rng, ANYTHING)}.get(form) or pick(rng, entry.kinds)
+    tests: list[Fits] = []
+    if form != "anything":
+        tests = [_named(bare) if form == "name" else _of_kind(noun)]
+    chance = {"name": 0.35, "kind": 0.6, "anything": 1.0}[form]
+    before, after = "", ""
+    if rng.random() < chance:
+        said = _qualifier(rng, scene, unit)
+        if said is None:
+            return "", None
+        before, after = said.before, said.after
+        tests.append(said.fits)
+    text = " ".join(f"{before} {noun} {after}".split())
+    if form == "anything" and after and rng.random() < 0.3:
+        text = f"what {after.removeprefix('that ').removeprefix('which ')}"
+        bad = not after.startswith(("you ", "that you ", "that is ", "which is ", "which you "))
+        return ("", None) if bad else (text, meaning(scene, *tests))
+    if form == "name" and not after:
+        article = pick(rng, ("the", "the", "that", "my")) if scene.strict else ""
+        return with_article(rng, text, article), meaning(scene, *tests)
+    return f"{pick(rng, ('the', 'the', 'the', 'that', 'my'))} {text}", meaning(scene, *tests)
+
+
+def _qualifier(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    """Draw what is said of a unit besides a noun: a state, what was done, its place, its cargo."""
+    options = [_state_said, _done_said, _place_said, _cargo_said]
+    for which in rng.permutation(len(options)):
+        if (said := options[int(which)](rng, scene, unit)) is not None:
+            return said
+    return None
+
+
+def _state_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    words = scene.book.adjectives
+    states = [state for state in unit.states if words.get(state.replace(" ", "_"))]
+    if not states:
+        return None
+    state = pick(rng, states)
+    word = pick(rng, words[state.replace(" ", "_")])
+    if rng.random() < 0.2:
+        return _Said(after=f"that is {word}", fits=lambda other: state in other.states)
+    return _Said(before=word, fits=lambda other: state in other.states)
+
+
+def _done_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    if not unit.handled:
+        return None
+    states = [state for state in unit.states if scene.book.just.get(state)]
+    if not states or (not scene.strict and rng.random() < 0.25):
+        last = next(other for other in reversed(scene.units) if other.handled)
+        text = pick(rng, DONE_FORMS).format(d=pick(rng, scene.book.just["moved"]))
+        return _Said(after=text, fits=lambda other: other is last)
+    state = pick(rng, states)
+    text = pick(rng, DONE_FORMS).format(d=pick(rng, scene.book.just[state]))
+    return _Said(after=text, fits=lambda other: state in other.states and other.handled)
+
+
+def _place_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    if unit.place_id is None or unit.place_id == "hand":
+        return None
     place = place_type(scene.units, unit.place_id)
     if base_type(place) not in lexicon():
-        return "", None
-    there = [u for u in scene.units if u.place_id and place_type(scene.units, u.place_id) == place]
-    handled = [other for other in there if other.handled] or there
-    entry = lexicon()[base_type(unit.object_type)]
-    noun = pick(rng, ("thing", "object", "item", *entry.names, *entry.kinds))
-    if noun in (*entry.names, *entry.kinds):
-        fitting = [
-            u
-            for u in there
-            if noun in lexicon()[base_type(u.object_type)].names
-            or noun in lexicon()[base_type(u.object_type)].kinds
-        ]
-        handled = [other for other in fitting if other.handled] or fitting
-    where = pick(rng, lexicon()[base_type(place)].names)
-    words = pick(
-        rng,
-        (
-            "the {n} in the {w}",
-            "the {n} on the {w}",
-            "the {n} from the {w}",
-            "what you put in the {w}",
-            "what is on the {w}",
-            "what you left on the {w}",
-        ),
-    )
-    if "{n}" not in words:
-        handled = [other for other in there if other.handled] or there
-    return words.format(n=noun, w=where), handled[-1]
+        return None
+    text = pick(rng, PLACE_FORMS).format(w=pick(rng, lexicon()[base_type(place)].names))
+
+    def fits(other: MemoryUnit) -> bool:
+        there = other.place_id is not None and place_type(scene.units, other.place_id) == place
+        return there and (other.handled or not scene.strict)
+
+    return _Said(after=text, fits=fits)
+
+
+def _cargo_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    cargo = [other for other in scene.units if other.place_id == unit.object_id]
+    if not cargo:
+        return None
+    entry = lexicon()[base_type(cargo[-1].object_type)]
+    inside = pick(rng, entry.names)
+    text = pick(rng, CARGO_FORMS).format(c=inside)
+    return _Said(after=text, fits=lambda other: other is unit)
 
 
 def with_article(rng: Rng, words: str, article: str = "") -> str:

@@ -136,6 +136,7 @@ def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
     return tuple(
         name
         for name in sorted(_movable_types() - remembered)
+        if not scene.strict or name in scene.room.movables
         if capability in object_types()[name].capabilities
     )
 
@@ -147,12 +148,17 @@ def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
         return refer(rng, scene, known[int(rng.integers(len(known)))])
     remembered = {base_type(unit.object_type) for unit in scene.units}
     remembered.add(base_type(scene.facts.held_type or ""))
-    pool = scene.room.movables if rng.random() < 0.85 else tuple(sorted(_movable_types()))
+    here = scene.strict or rng.random() < 0.85
+    pool = scene.room.movables if here else tuple(sorted(_movable_types()))
     away = [k for k in pool if k in lexicon() and k not in remembered and _suits(kind, k)]
     if not away:
         return None
     name = pick(rng, away)
-    if rng.random() < 0.06 and (guess := _vague_unknown(rng, name, scene)) is not None:
+    if (
+        not scene.strict
+        and rng.random() < 0.06
+        and (guess := _vague_unknown(rng, name, scene)) is not None
+    ):
         return guess
     word = pick(rng, lexicon()[name].names)
     return Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
@@ -209,7 +215,7 @@ def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Re
     place from the thing never learns to read it.
     """
     info = object_types()[x.object_type]
-    anything = rng.random() < 0.5
+    anything = rng.random() < 0.5 and not scene.strict
     fits = [
         name
         for name, kind in object_types().items()
@@ -249,7 +255,33 @@ def _pick_landmark(rng: Rng, scene: Situation, allowed: tuple[str, ...]) -> Ref 
     if not words:
         return None
     word = pick(rng, words)
-    return Ref(name=kind, object_type=kind, words=with_article(rng, word, "the"), bare=word)
+    text = with_article(rng, word, "the")
+    if rng.random() < 0.15:
+        text = _decorated(rng, kind, word)
+    return Ref(name=kind, object_type=kind, words=text, bare=word)
+
+
+LOOKS = (
+    "white", "black", "brown", "wooden", "big", "small", "left", "right", "other", "nearest",
+    "metal", "old", "empty", "tall", "grey", "round",
+)  # fmt: skip
+WHERE = (
+    "over there", "in the corner", "by the wall", "by the window", "next to the door", "there",
+    "in this room", "on the left", "on the right", "behind you", "in the middle", "near the wall",
+)  # fmt: skip
+SWITCHED = (
+    "that you switched off", "you turned on", "that is on", "you used", "you switched on before",
+    "that you turned off", "you just used", "that is off", "from before",
+)  # fmt: skip
+
+
+def _decorated(rng: Rng, kind: str, word: str) -> str:
+    """Say more of a fixed thing than its name, none of which matters."""
+    if "toggleable" in object_types()[kind].capabilities and rng.random() < 0.5:
+        return f"{pick(rng, ('the', 'that'))} {word} {pick(rng, SWITCHED)}"
+    if rng.random() < 0.5:
+        return f"{pick(rng, ('the', 'that', 'one of the'))} {pick(rng, LOOKS)} {word}"
+    return f"the {word} {pick(rng, WHERE)}"
 
 
 def _goal(predicate: str, *arguments: str) -> Goal:

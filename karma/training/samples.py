@@ -11,8 +11,10 @@ from itertools import pairwise
 import numpy as np
 
 from karma.contracts import MemoryUnit, SkillCall
-from karma.prompt import Facts, compact
+from karma.prompt import Facts, base_type, compact
 from karma.teacher import Thing, View, solve
+from karma.training.alfred import Sentence, program_of
+from karma.training.histories import draw_history
 from karma.training.phrases import Book
 from karma.training.recollections import Rng, Room, draw_units, pick, place_type
 from karma.training.references import Situation
@@ -24,6 +26,11 @@ ERRORS = (
     "PickupObject(robot, 'Mug'): the hand holds Fork; put it down first",
     "Explore(robot, 'Mug'): could not find Mug; searched 12 places",
 )  # fmt: skip
+LIVED = 0.65  # share of memories that a few requests have left behind
+VAGUE = 0.3  # share of draws in which a remembered thing is mostly not called by its name
+TWO = 0.07  # share of sentences with two requests
+TYPOS = 0.04  # share of sentences with a letter wrong
+LONGEST = 30  # lines of a program
 KINDS = {
     "place": 26, "trash": 5, "clean": 9, "clean_place": 4, "heat": 4, "cook": 4, "heat_place": 3,
     "cook_place": 3, "cool": 3, "cool_place": 3, "slice": 8, "slice_place": 4, "toast": 1.5,
@@ -60,32 +67,107 @@ def draw(
         excluded: (object type, receptacle type) pairs that must not be asked for.
     """
     while True:
-        units, held = draw_units(rng, room)
-        if held is not None and rng.random() < 0.15:
-            units = ()  # without short-term memory the robot still feels what it holds
-        facts = Facts(
-            instruction="",
-            areas=room.areas if mapped else (),
-            units=units,
-            held_id=held.object_id if held else None,
-            held_type=held.object_type if held else None,
-        )
-        names = {object_id: name for name, object_id in compact(facts).names.items()}
-        scene = Situation(
-            room=room, facts=facts, names=names, book=book, excluded=excluded, mapped=mapped
-        )
+        facts, held = _draw_facts(rng, room, mapped=mapped)
+        scene = _situation(rng, room, facts, book, excluded, mapped=mapped)
         ask = _draw_ask(rng, scene)
         if ask is None:
             continue
         calls = solve(ask.goals, _view(scene, held))
-        if not calls or len(calls) > 30:
+        if not calls or len(calls) > LONGEST:
             continue
-        facts = replace(facts, instruction=ask.text, error=_draw_error(rng, calls))
-        prompt = compact(facts).prompt
-        program = "".join(f"{call}\n" for call in calls)
-        return Example(
-            kind=ask.kind, stable=prompt.stable, changing=prompt.changing, program=program
-        )
+        text = _misspelt(rng, ask.text) if rng.random() < TYPOS else ask.text
+        facts = replace(facts, instruction=text, error=_draw_error(rng, calls))
+        return _example(ask.kind, facts, calls)
+
+
+def draw_alfred(
+    rng: Rng, room: Room, sentences: Sequence[Sentence], *, mapped: bool
+) -> Example | None:
+    """Draw one example with a sentence of ALFRED's annotators, None where the room has no place.
+
+    Without long-term memory the prompt mostly holds the sentence alone.
+    """
+    sentence = pick(rng, sentences)
+    wanted = sentence.facts
+    if mapped and wanted.place not in room.landmarks:
+        return None
+    facts, held = _draw_facts(rng, room, mapped=mapped)
+    if not mapped and rng.random() < 0.8:
+        facts, held = replace(facts, units=(), held_id=None, held_type=None), None
+    book, none = Book(templates={}, adjectives={}, just={}, around={}), frozenset[tuple[str, str]]()
+    scene = _situation(rng, room, facts, book, none, mapped=mapped)
+    known = {base_type(unit.object_type) for unit in facts.units}
+    if known & {wanted.thing, wanted.movable} and (wanted.task == "two" or wanted.sliced):
+        return None
+    calls = program_of(sentence, _view(scene, held))
+    if not calls or len(calls) > LONGEST:
+        return None
+    text = _misspelt(rng, sentence.text) if rng.random() < TYPOS else sentence.text
+    return _example("alfred", replace(facts, instruction=text), calls)
+
+
+def _example(kind: str, facts: Facts, calls: Sequence[SkillCall]) -> Example:
+    prompt = compact(facts).prompt
+    program = "".join(f"{call}\n" for call in calls)
+    return Example(kind=kind, stable=prompt.stable, changing=prompt.changing, program=program)
+
+
+def _draw_facts(rng: Rng, room: Room, *, mapped: bool) -> tuple[Facts, MemoryUnit | None]:
+    units, held = draw_history(rng, room) if rng.random() < LIVED else draw_units(rng, room)
+    if rng.random() < 0.15:
+        units = units[-3:]  # a recall of few
+    if held is not None and (rng.random() < 0.15 or held not in units):
+        units = ()  # without short-term memory the robot still feels what it holds
+    facts = Facts(
+        instruction="",
+        areas=room.areas if mapped else (),
+        units=units,
+        held_id=held.object_id if held else None,
+        held_type=held.object_type if held else None,
+    )
+    return facts, held
+
+
+def _situation(
+    rng: Rng,
+    room: Room,
+    facts: Facts,
+    book: Book,
+    excluded: frozenset[tuple[str, str]],
+    *,
+    mapped: bool,
+) -> Situation:
+    names = {object_id: name for name, object_id in compact(facts).names.items()}
+    vague = 1.0 if rng.random() < VAGUE else 0.0
+    return Situation(
+        room=room,
+        facts=facts,
+        names=names,
+        book=book,
+        excluded=excluded,
+        mapped=mapped,
+        vague=vague,
+    )
+
+
+def _misspelt(rng: Rng, text: str) -> str:
+    """Drop, double or swap one letter of a longer word."""
+    words = text.split(" ")
+    long = [number for number, word in enumerate(words) if len(word) > 4]
+    if not long:
+        return text
+    at = pick(rng, long)
+    word = words[at]
+    place = int(rng.integers(1, len(word) - 1))
+    words[at] = pick(
+        rng,
+        (
+            word[:place] + word[place + 1 :],
+            word[:place] + word[place] + word[place:],
+            word[:place] + word[place + 1] + word[place] + word[place + 2 :],
+        ),
+    )
+    return " ".join(words)
 
 
 def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
@@ -120,28 +202,29 @@ def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
 
 def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
     """Draw one request, or two in one sentence."""
-    first = one_ask(rng, scene, _pick_kind(rng))
+    first = one_ask(rng, scene, pick_kind(rng))
     if first is None:
         return None
-    if rng.random() > 0.06:
-        return replace(first, text=_wrapped(rng, scene.book, first.text))
-    second = one_ask(rng, scene, _pick_kind(rng))
+    if rng.random() > TWO:
+        return replace(first, text=wrapped(rng, scene.book, first.text))
+    second = one_ask(rng, scene, pick_kind(rng))
     if second is None or {g.arguments for g in first.goals} & {g.arguments for g in second.goals}:
         return first
     joint = pick(rng, (" and ", ", then ", " and then ", ", and "))
     return Ask(kind="two", text=first.text + joint + second.text, goals=first.goals + second.goals)
 
 
-def _wrapped(rng: Rng, book: Book, text: str) -> str:
+def wrapped(rng: Rng, book: Book, text: str) -> str:
     """Add words that mean nothing, before or after."""
-    if rng.random() < 0.15:
+    if rng.random() < 0.2:
         text = f"{pick(rng, book.around['before'])} {text}"
-    if rng.random() < 0.10:
+    if rng.random() < 0.15:
         text = f"{text} {pick(rng, book.around['after'])}".replace(" ,", ",")
     return text
 
 
-def _pick_kind(rng: Rng) -> str:
+def pick_kind(rng: Rng) -> str:
+    """Draw a kind of request by its weight."""
     weights = np.array(list(KINDS.values()))
     return tuple(KINDS)[int(np.searchsorted(np.cumsum(weights), rng.random() * weights.sum()))]
 

@@ -19,18 +19,24 @@ from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.infer.gguf_export import new_tokenizer
 from karma.program import SKILLS
+from karma.prompt import landmark_types
 from karma.seeds import stream
+from karma.training.alfred import Sentence
 from karma.training.phrases import Book
 from karma.training.recollections import Room
-from karma.training.samples import Example, draw
+from karma.training.samples import Example, draw, draw_alfred
+from karma.world.types import object_types
 
 END = "<|end|>"
 PAD = "<|pad|>"
+TYPES = tuple(sorted(object_types()))
+EVEN = 512  # targets per step come in multiples of it in bfloat16
 WHOLE = (
     *(f"{skill.name}(robot, '" for skill in SKILLS),
-    "', '", "', ['", "'])\n", "')\n", " @",
+    "', '", "', ['", "'])\n", "')\n", " @", " *\n",
     "#areas\n", "#memory\n", "#held ", "#task ", "#program\n", "#error ",
-    *(f"node_{number}" for number in range(1, 33)),
+    *(f"node_{number}" for number in range(1, 33)), *(f"_{number}" for number in range(2, 10)),
+    *TYPES, *(f" {name}" for name in sorted(landmark_types())),
 )  # pieces of the notation that are one token each, so names stand alone  # fmt: skip
 _PIECES = re.compile("|".join(re.escape(text) for text in sorted(WHOLE, key=len, reverse=True)))
 
@@ -40,20 +46,22 @@ class Recipe:
     """All that decides the weights, besides the data."""
 
     seed: int = 0
-    vocabulary: int = 2048
-    hidden: int = 192
-    layers: int = 4
-    heads: int = 6
-    feed_forward: int = 512
+    vocabulary: int = 4096
+    hidden: int = 320
+    layers: int = 6
+    heads: int = 5
+    feed_forward: int = 896
     context: int = 2048
-    packs: int = 8  # per step
-    examples: int = 3  # per pack
+    packs: int = 16  # per step
+    examples: int = 4  # per pack
     steps: int = 8000
     warmup: int = 200
-    decay: float = 0.25  # share of the steps in which the learning rate falls to zero
-    learning_rate: float = 2e-3
+    decay: float = 0.3  # share of the steps in which the learning rate falls to zero
+    learning_rate: float = 1.5e-3
     weight_decay: float = 0.05
-    mapped: float = 0.82  # share of packs with long-term memory
+    mapped: float = 0.6  # share of packs with long-term memory
+    alfred: tuple[float, float] = (0.6, 0.12)  # share of ALFRED's sentences without and with it
+    half: bool = False  # matrices in bfloat16, where the processor has instructions for it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +71,8 @@ class Data:
     rooms: Sequence[Room]
     book: Book
     excluded: frozenset[tuple[str, str]]
+    alfred: Sequence[Sentence] = ()
+    forbidden: frozenset[str] = frozenset()  # sentences of the tests, see `plain`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,10 +90,29 @@ def draw_pack(recipe: Recipe, data: Data, *name: str) -> list[Example]:
     rng = stream(recipe.seed, "planner", *name)
     room = data.rooms[int(rng.integers(len(data.rooms)))]
     mapped = bool(rng.random() < recipe.mapped)
-    return [
-        draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
-        for _ in range(recipe.examples)
-    ]
+    found: list[Example] = []
+    while len(found) < recipe.examples:
+        example: Example | None = None
+        if data.alfred and rng.random() < recipe.alfred[mapped]:
+            example = draw_alfred(rng, room, data.alfred, mapped=mapped)
+        else:
+            example = draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
+        if example is not None and plain(_task(example)) not in data.forbidden:
+            found.append(example)
+    return found
+
+
+def _task(example: Example) -> str:
+    return example.changing.partition("\n")[0].removeprefix("#task ")
+
+
+def plain(sentence: str) -> str:
+    """Return a sentence as the leak test compares it: lower case, words only.
+
+    >>> plain("Please, wash an apple.")
+    'please wash an apple'
+    """
+    return " ".join(re.findall(r"[a-z0-9]+", sentence.lower()))
 
 
 def corpus(recipe: Recipe, data: Data, packs: int) -> Iterator[str]:
@@ -216,20 +245,87 @@ def _row(pack: Sequence[Example], tokenizer: Any) -> tuple[list[int], ...]:
     return ids, places, group, target
 
 
-def forward(model: Any, batch: dict[str, Any]) -> tuple[Any, Any]:
-    """Return logits at the places that count, shape (n, vocabulary), and their targets (n,)."""
+def forward(model: Any, batch: dict[str, Any], *, half: bool = False) -> tuple[Any, Any]:
+    """Return logits at the places that count, shape (n, vocabulary), and their targets (n,).
+
+    Args:
+        model: a `LlamaForCausalLM` with tied embeddings; its own forward is not used, as this one
+            computes the same in fewer passes over memory.
+        batch: of `collate`.
+        half: matrices in bfloat16; weights stay float32.
+    """
     import torch
 
-    mask = torch.zeros(batch["mask"].shape, dtype=torch.float32, device=batch["mask"].device)
-    mask.masked_fill_(~batch["mask"], -1e9)
-    hidden = model.model(
-        input_ids=batch["tokens"],
-        attention_mask=mask,
-        position_ids=batch["positions"],
-        use_cache=False,
-    ).last_hidden_state
-    counts = batch["targets"] != -100
-    return model.lm_head(hidden[counts]), batch["targets"][counts]
+    kind = torch.bfloat16 if half else torch.float32
+    config, core = model.config, model.model
+    table = core.embed_tokens.weight.to(kind)
+    flow = torch.nn.functional.embedding(batch["tokens"], table)
+    turns = _turns(batch["positions"], config, kind)
+    hidden = torch.zeros(batch["mask"].shape, dtype=kind, device=flow.device)
+    hidden.masked_fill_(~batch["mask"], -1e9)
+    for layer in core.layers:
+        flow = flow + _attention(layer, flow, turns, hidden, config)
+        flow = flow + _feed_forward(layer, flow, config)
+    targets = batch["targets"].flatten()
+    counts = torch.nonzero(targets != -100).flatten()
+    wanted = targets[counts]
+    if half:  # few shapes: every new one costs oneDNN a kernel, and memory for it
+        more = -len(counts) % EVEN
+        counts = torch.cat([counts, counts[:1].expand(more)])
+        wanted = torch.nn.functional.pad(wanted, (0, more), value=-100)
+    last = _norm(flow.flatten(0, 1)[counts], core.norm, config)
+    return (last @ table.T).float(), wanted
+
+
+def _norm(flow: Any, norm: Any, config: Any) -> Any:
+    import torch
+
+    weight = norm.weight.to(flow.dtype)
+    return torch.nn.functional.rms_norm(flow, weight.shape, weight, config.rms_norm_eps)
+
+
+def _turns(positions: Any, config: Any, kind: Any) -> tuple[Any, Any]:
+    """Return cosines and sines of the rotary embedding, each (b, 1, t, head)."""
+    import torch
+
+    size = config.hidden_size // config.num_attention_heads
+    steps = torch.arange(0, size, 2, device=positions.device, dtype=torch.float32) / size
+    base = config.rope_parameters["rope_theta"]
+    angles = positions[:, None, :, None].float() * (1.0 / base**steps)
+    angles = torch.cat([angles, angles], dim=-1)
+    return angles.cos().to(kind), angles.sin().to(kind)
+
+
+def _attention(layer: Any, flow: Any, turns: tuple[Any, Any], hidden: Any, config: Any) -> Any:
+    import torch
+
+    part, heads = layer.self_attn, config.num_attention_heads
+    weight = torch.cat([part.q_proj.weight, part.k_proj.weight, part.v_proj.weight])
+    rows = _norm(flow, layer.input_layernorm, config) @ weight.to(flow.dtype).T
+    b, t, _ = rows.shape
+    query, key, value = rows.view(b, t, 3, heads, -1).permute(2, 0, 3, 1, 4)
+    query = _turned(query, turns) * query.shape[-1] ** -0.5
+    near = query @ _turned(key, turns).transpose(-1, -2)  # torch's own kernel is slower backwards
+    found = torch.softmax(near + hidden, dim=-1) @ value
+    found = found.transpose(1, 2).reshape(b, t, -1)
+    return found @ part.o_proj.weight.to(flow.dtype).T
+
+
+def _turned(rows: Any, turns: tuple[Any, Any]) -> Any:
+    import torch
+
+    first, second = rows.chunk(2, dim=-1)
+    return rows * turns[0] + torch.cat([-second, first], dim=-1) * turns[1]
+
+
+def _feed_forward(layer: Any, flow: Any, config: Any) -> Any:
+    import torch
+
+    part = layer.mlp
+    rows = _norm(flow, layer.post_attention_layernorm, config)
+    weight = torch.cat([part.gate_proj.weight, part.up_proj.weight]).to(flow.dtype)
+    gate, up = (rows @ weight.T).chunk(2, dim=-1)
+    return (torch.nn.functional.silu(gate) * up) @ part.down_proj.weight.to(flow.dtype).T
 
 
 def exact_share(
@@ -260,7 +356,7 @@ def train(
     folder: Path,
     *,
     device: str = "cpu",
-    every: int = 100,
+    every: int = 200,
     share: tuple[int, int] = (0, 1),
     embeddings: NDArray[np.float32] | None = None,
 ) -> Iterator[Progress]:
@@ -296,7 +392,7 @@ def train(
         names = [(str(step), str(number)) for number in range(rank, recipe.packs, number_of)]
         batch = collate([draw_pack(recipe, data, "train", *name) for name in names], tokenizer)
         seen += int((batch["tokens"] != 1).sum())
-        losses.append(_step(model, optimizer, _to(batch, device), number_of))
+        losses.append(_step(model, optimizer, _to(batch, device), number_of, half=recipe.half))
         step += 1
         if rank == 0 and (step % every == 0 or step == recipe.steps):
             exact = exact_share(model, tokenizer, held_out, device)
@@ -305,10 +401,12 @@ def train(
             losses = []
 
 
-def _step(model: Any, optimizer: Any, batch: dict[str, Any], number_of: int) -> float:
+def _step(
+    model: Any, optimizer: Any, batch: dict[str, Any], number_of: int, *, half: bool
+) -> float:
     import torch
 
-    logits, targets = forward(model, batch)
+    logits, targets = forward(model, batch, half=half)
     loss = torch.nn.functional.cross_entropy(logits, targets)
     optimizer.zero_grad()
     loss.backward()  # type: ignore[no-untyped-call]
