@@ -5,6 +5,7 @@ they should not open before a weight is loaded.
 """
 
 import json
+import pickle
 import shutil
 
 import numpy as np
@@ -322,6 +323,36 @@ def test_torn_file_of_a_folder_is_a_model_error_that_names_it(kind, text, copies
         with pytest.raises(ModelError, match=file.replace(".", r"\.")):
             opened(kind, copies[kind], folders)
         (copies[kind] / file).write_text(before)
+
+
+@pytest.mark.parametrize("kind", SAVE)
+def test_code_beside_a_model_is_never_run(kind, copies, folders, tmp_path):
+    """Neither remote code that a configuration asks for, nor a pickle beside the safetensors."""
+    trap, folder = tmp_path / "sprung", copies[kind]
+    (folder / "evil.py").write_text(f"open({str(trap)!r}, 'w')\nclass Evil: pass\n")
+    asked = {f"Auto{what}": "evil.Evil" for what in ("Config", "Model", "ImageProcessor")}
+    for file in ("config.json", "preprocessor_config.json", "tokenizer_config.json"):
+        if (folder / file).exists():
+            said = json.loads((folder / file).read_text())
+            (folder / file).write_text(json.dumps({**said, "auto_map": asked}))
+    (folder / "pytorch_model.bin").write_bytes(pickle.dumps(_Trap(trap)))
+    try:
+        opened(kind, folder, folders)
+    except ModelError as error:
+        assert str(folder) in str(error)
+    assert not trap.exists()
+    pickle.loads((folder / "pytorch_model.bin").read_bytes())
+    assert trap.exists()  # it would have gone off
+
+
+class _Trap:
+    """A pickle that makes a file when it is loaded."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def __reduce__(self):
+        return open, (str(self._path), "w")
 
 
 def test_modules_json_cannot_have_other_code_imported(copies):

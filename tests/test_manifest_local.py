@@ -222,6 +222,27 @@ def test_damaged_files_are_refused_and_leave_nothing(manifest, gguf, clip, tmp_p
     assert list((manifest.parent / "weights").iterdir()) == []
 
 
+def test_parts_of_a_gguf_are_told_to_be_joined(manifest, gguf, tmp_path):
+    import gguf as format
+
+    part = tmp_path / "m-00001-of-00002.gguf"
+    writer = format.GGUFWriter(part, "llama")
+    for key in ("context_length", "embedding_length", "block_count", "attention.head_count"):
+        writer.add_uint32(f"llama.{key}", 4)
+    writer.add_uint16("split.count", 2)
+    writer.add_tensor("token_embd.weight", np.zeros((4, 4), np.float32))
+    writer.write_header_to_file()
+    writer.write_kv_data_to_file()
+    writer.write_tensors_to_file()
+    writer.close()
+    shutil.copy(gguf, tmp_path / "m-00002-of-00002.gguf")
+    for path in (part, tmp_path):
+        with pytest.raises(ModelError, match="llama-gguf-split --merge"):
+            add_model(path, manifest=manifest)
+    with pytest.raises(ModelError, match="one part of 2"):
+        LlamaModel(part)
+
+
 def test_names_do_not_collide_and_do_not_leave_the_folder(manifest, gguf):
     add_model(gguf, manifest=manifest)
     with pytest.raises(ModelError, match="was added before"):

@@ -30,15 +30,23 @@ def check_gguf(path: Path) -> Mapping[str, Any]:
         Its metadata: numbers and strings by key; arrays as their length.
 
     Raises:
-        ModelError: it is not a GGUF, is cut off, or has sizes that make no sense.
+        ModelError: it is not a GGUF, is cut off, has sizes that make no sense, or is one part of
+            several: llama.cpp would open the others too, and nobody would have looked at them.
     """
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
-            return _Reader(data).read()
+            metadata = _Reader(data).read()
     except (_TornError, struct.error, UnicodeDecodeError) as error:
         raise ModelError(f"{path}: damaged or not a GGUF model: {error}") from error
     except (OSError, ValueError) as error:  # ValueError: an empty file cannot be mapped
         raise ModelError(f"{path}: cannot be read: {error}") from error
+    parts = metadata.get("split.count", 0)
+    if isinstance(parts, int) and parts > 1:
+        raise ModelError(
+            f"{path}: one part of {parts}, and all parts must be one file\n"
+            "  To fix: llama-gguf-split --merge FIRST_PART WHOLE.gguf"
+        )
+    return metadata
 
 
 class _Reader:

@@ -161,7 +161,11 @@ def _files_of(root: Path) -> tuple[dict[str, Path], tuple[str, ...]]:
         pickled = [p for p in every if p.suffix in PICKLES]
         raise ModelError(_refusal(pickled[0]) if pickled else f"{root}: no .safetensors, no .gguf")
     if len({Path(part).suffix for part in weights}) > 1 or _many_gguf(weights):
-        raise ModelError(f"{root}: {', '.join(weights[:3])}: more than one model; add each file")
+        raise ModelError(
+            f"{root}: more than one model or part: {', '.join(weights[:3])}\n"
+            "  To fix: add each .gguf by itself; parts of one are joined first: "
+            "llama-gguf-split --merge FIRST_PART WHOLE.gguf"
+        )
     return taken, tuple(p.relative_to(root).as_posix() for p in every if p.suffix not in _TAKEN)
 
 
