@@ -84,6 +84,7 @@ def _nested(depth):
         ({"\ud83d": 1}, "ud83d"),
         ({"x": {1, 2}}, "set"),
     ],
+    ids=["deep", "long", "half", "half key", "set"],
 )
 @pytest.mark.parametrize("action", ["PickupObject", "GetInteractablePoses"])
 def test_what_no_message_can_hold_is_misuse(world, action, junk, said):
