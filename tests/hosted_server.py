@@ -5,9 +5,11 @@ template that adds nothing ("nano-chat"), and as a text embedder by the mean ove
 ("nano-rows"); and once without that pooling ("nano-tokens").
 """
 
+import fcntl
 import json
 import os
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -19,11 +21,14 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import gguf
+import pytest
 from gguf.scripts.gguf_new_metadata import MetadataDetails, copy_with_new_metadata
 
 NANO = Path(__file__).parents[1] / "models" / "nano" / "planner.gguf"
 PLAIN = "{% for m in messages %}{{ m.content }}{% endfor %}"
 _STARTS_S = 60
+_SIOCSIFFLAGS = 0x8914
+_UP_AND_RUNNING = 0x1 | 0x40
 
 
 def with_metadata(source, path, **fields):
@@ -39,6 +44,30 @@ def with_metadata(source, path, **fields):
     }
     copy_with_new_metadata(reader, writer, new, [])
     return path
+
+
+def need_loopback():
+    """Skip without loopback; in a namespace of our own (`unshare -rn`) it is switched on first."""
+    if _loopback_works():
+        return
+    if Path("/proc/self/uid_map").read_text().split() == ["0", "0", "4294967295"]:
+        pytest.skip("needs the loopback interface, and it is down")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        try:
+            fcntl.ioctl(one, _SIOCSIFFLAGS, struct.pack("16sH22x", b"lo", _UP_AND_RUNNING))
+        except OSError as error:
+            pytest.skip(f"needs the loopback interface, and it cannot be switched on: {error}")
+
+
+def _loopback_works():
+    with socket.socket() as server, socket.socket() as client:
+        try:
+            server.bind(("127.0.0.1", 0))
+            server.listen()
+            client.connect(server.getsockname())
+        except OSError:
+            return False
+        return True
 
 
 def free_port():
@@ -59,6 +88,7 @@ def llama_server(folder, *, key):
         {"model": str(rows), "model_alias": "nano-rows", "embedding": True, **common},
         {"model": str(NANO), "model_alias": "nano-tokens", "embedding": True, **common},
     ]
+    need_loopback()
     port = free_port()
     settings = {"host": "127.0.0.1", "port": port, "api_key": key, "models": models}
     config = folder / "server.json"
@@ -94,6 +124,7 @@ def _wait(process, port, log):
 @contextmanager
 def wire_server(answer, host="127.0.0.1"):
     """Serve `answer(path, body, headers) -> (status, headers, bytes)`; yields (URL, requests)."""
+    need_loopback()
     seen = []
 
     class Handler(BaseHTTPRequestHandler):

@@ -19,7 +19,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from hosted_server import chat, free_port, llama_server, wire_server
+from hosted_server import chat, free_port, llama_server, need_loopback, wire_server
 from typer.testing import CliRunner
 
 from karma import registry
@@ -261,6 +261,7 @@ def test_rows_of_two_sizes_are_refused():
 
 
 def test_server_that_is_not_there_is_named_with_a_fix():
+    need_loopback()
     with pytest.raises(ModelError, match=r"127\.0\.0\.1: Connection error.*\n  To fix: see that a"):
         HostedLanguageModel(endpoint(f"http://127.0.0.1:{free_port()}/v1")).complete(PROMPT)
 

@@ -139,7 +139,7 @@ def test_lock_takes_torch_first_and_in_any_build():
 def test_lock_covers_every_dependency_within_its_range():
     extras = PROJECT["optional-dependencies"]
     pins = locked()
-    for text in [*PROJECT["dependencies"], *extras["thor"], *extras["dev"]]:
+    for text in [*PROJECT["dependencies"], *extras["thor"], *extras["hosted"], *extras["dev"]]:
         wanted = Requirement(text)
         pin = pins.get(canonicalize_name(wanted.name))
         assert pin is not None, f"{wanted.name} is not in requirements.lock"

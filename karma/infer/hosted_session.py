@@ -262,13 +262,18 @@ class Session:
         name = (endpoint.base_url, endpoint.key_variable, endpoint.timeout_s, endpoint.retries)
         if name not in self._clients:
             openai = _openai()
+            plain = urlsplit(endpoint.base_url).scheme == "http"  # needs no certificates read
             logging.getLogger("httpcore2").setLevel(logging.INFO)  # below, it shows headers
             client = openai.OpenAI(
                 base_url=endpoint.base_url,
                 api_key=key.for_header(),
                 timeout=endpoint.timeout_s,
                 max_retries=endpoint.retries,
-                http_client=openai.DefaultHttpxClient(trust_env=False, follow_redirects=False),
+                http_client=openai.DefaultHttpxClient(
+                    trust_env=False,
+                    follow_redirects=False,
+                    verify=not plain,
+                ),
             )
             client.organization = client.project = None  # it takes them from the environment
             self._clients[name] = client
