@@ -10,13 +10,18 @@ Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from karma.contracts import SkillCall
+from karma.contracts import Area, SkillCall
 from karma.world.types import ObjectType, object_types
 
 SURFACES = (
     "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
     "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Toilet", "Bathtub",
 )  # where to put something down, the best first  # fmt: skip
+LIKELY = (
+    "CounterTop", "DiningTable", "Desk", "CoffeeTable", "Dresser", "SideTable", "TVStand", "Bed",
+    "Sofa", "ArmChair", "Shelf", "Fridge", "Sink", "Cabinet", "Drawer", "Bathtub", "Toilet",
+    "GarbageCan", "Microwave",
+)  # where things are found, the likeliest first  # fmt: skip
 _PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}
 _NEEDS = {
     "OpenObject": ("openable", "cannot be opened"),
@@ -38,23 +43,30 @@ def mend(
     known: Collection[str],
     shut: Collection[str] = (),
     held: str | None = None,
+    areas: Sequence[Area] = (),
 ) -> tuple[SkillCall, ...]:
-    """Return the program with searches added and the held thing named.
+    """Return the program with searches added, the held thing named and the hand freed.
 
-    * Before the first use of a thing whose place is not known, `Explore` it.
+    * Before the first use of a thing whose place is not known, `Explore` it, the likeliest area
+      first.
     * Instead of going to a thing that memory has in a closed container, `Explore` it: that opens.
+    * What is in the hand already is neither gone to nor picked up again.
     * What is put down before anything was picked up is what was in the hand.
-    * Before something else is picked up, what is in the hand goes to a known surface.
+    * Before something else is picked up, or the held thing is broken, what is in the hand goes to a
+      known surface.
 
     Args:
         calls: the program, with the prompt's short names.
         known: names and types whose place the agent knows.
         shut: names of things that memory has in something closed.
         held: the short name of what is in the hand.
+        areas: long-term memory, for the order of searches.
     """
     found, mended, hand = set(known), list[SkillCall](), held
     for call in calls:
         name = call.objects[-1]
+        if hand == name and call.skill in ("GoToObject", "Explore", "PickupObject"):
+            continue
         if call.skill == "PutObject":
             if len(call.objects) == 2 and hand is not None and hand == held:
                 call = replace(call, objects=(hand, name))
@@ -63,23 +75,42 @@ def mend(
         elif call.skill == "PickupObject":
             mended += _put_down(hand, name, found)
             hand = name
+        elif call.skill == "BreakObject" and hand == name:
+            mended += _put_down(hand, "", found)
+            hand = None
         if call.skill == "GoToObject" and name in shut:
             call = replace(call, skill="Explore")
         elif call.skill != "Explore" and not _placed(name, found, held):
-            mended.append(SkillCall(skill="Explore", objects=(name,)))
+            where = likely_areas(_base(name), areas)
+            mended.append(SkillCall(skill="Explore", objects=(name,), positions=where))
         found.add(name)
         mended.append(call)
     return tuple(mended)
 
 
+def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
+    """Return the area node to search first: the first with the likeliest place for a type."""
+    kind = object_types().get(object_type)
+    fits = kind.goes_in if kind is not None else None
+    for place in LIKELY:
+        if fits is None or place not in fits:
+            continue
+        for area in areas:
+            if place in area.contains:
+                return (area.name,)
+    return ()
+
+
 def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
-    """Return the lines that free the hand for another thing."""
+    """Return the lines that free the hand for another thing, on a known surface if there is one."""
     kind = object_types().get(_base(hand or ""))
     if hand is None or kind is None or hand == name:
         return []
-    for surface in SURFACES:
-        if surface in known and _fits(kind, object_types()[surface]):
-            return [SkillCall(skill="PutObject", objects=(hand, surface))]
+    fitting = [name for name in SURFACES if _fits(kind, object_types()[name])]
+    there = [name for name in fitting if name in known]
+    for surface in (there or fitting)[:1]:
+        search = [] if there else [SkillCall(skill="Explore", objects=(surface,))]
+        return [*search, SkillCall(skill="PutObject", objects=(hand, surface))]
     return []
 
 

@@ -93,7 +93,8 @@ def _inspected(facts: Facts, answer: Plan) -> Plan:
     name_of = {object_id: name for name, object_id in answer.names.items()}
     shut = {name_of[u.object_id] for u in facts.units if _is_shut(u.place_id)}
     seen = {kind for area in facts.areas for kind in area.contains}
-    calls = mend(answer.calls, known=seen | set(answer.names), shut=shut, held=held)
+    known = seen | set(answer.names)
+    calls = mend(answer.calls, known=known, shut=shut, held=held, areas=facts.areas)
     return replace(answer, calls=calls, error=objection(calls, held=held))
 
 

@@ -138,6 +138,10 @@ class Sightings:
         focus = self.in_view.get(self.focus.get(name, ""))
         if focus and not focus.pickupable:
             return known(focus, "seen")
+        last = self.focus.get(name, "")  # of several the one in use, wherever it is by now
+        if last in self.handled and last in self.seen and last not in self.missed:
+            if held or last != self.held_id:
+                return known(self.seen[last], "seen")
         found = knowledge.where(name)
         if found and self._credible(found) and (held or found.object_id != self.held_id):
             sight = self.seen.get(found.object_id)

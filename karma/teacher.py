@@ -9,15 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from karma.contracts import Area, Goal, SkillCall
-from karma.inspector import SURFACES
+from karma.inspector import SURFACES, likely_areas
 from karma.prompt import base_type
 from karma.world.types import object_types
 
-LIKELY = (
-    "CounterTop", "DiningTable", "Desk", "CoffeeTable", "Dresser", "SideTable", "TVStand", "Bed",
-    "Sofa", "ArmChair", "Shelf", "Fridge", "Sink", "Cabinet", "Drawer", "Bathtub", "Toilet",
-    "GarbageCan", "Microwave",
-)  # where things are found, the likeliest first  # fmt: skip
 CLOSED = ("Fridge", "Microwave", "Cabinet", "Drawer", "Safe", "LaundryHamper")
 KNIVES = ("Knife", "ButterKnife")
 CLEAN = ("clean", "cleaned", "washed")
@@ -102,22 +97,12 @@ class _Draft:
             self.say("OpenObject", place[0])
             return place[0]
         if not self.knows(thing):
-            self.say("Explore", thing.name, positions=self.likely_areas(thing.object_type))
+            self.say(
+                "Explore", thing.name, positions=likely_areas(thing.object_type, self.view.areas)
+            )
             self.found.add(thing.name)
         self.say("GoToObject", thing.name)
         return None
-
-    def likely_areas(self, object_type: str) -> tuple[str, ...]:
-        """Return the area node to search first: the first with the likeliest place for it."""
-        kind = object_types().get(object_type)
-        fits = kind.goes_in if kind is not None else None
-        for place in LIKELY:
-            if fits is None or place not in fits:
-                continue
-            for area in self.view.areas:
-                if place in area.contains:
-                    return (area.name,)
-        return ()
 
     def take(self, thing: Thing) -> None:
         """Have a thing in the hand."""

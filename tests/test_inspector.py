@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from karma.contracts import Area
 from karma.inspector import mend, objection
 from karma.program import SKILLS, parse_program
 from karma.seeds import stream
@@ -44,6 +45,35 @@ def test_full_hand_is_freed_on_a_known_surface():
     mended = mend(program, known={"Mug", "DiningTable"}, held="Knife")
     assert lines(mended)[0] == "PutObject(robot, 'Knife', 'DiningTable')"
     assert objection(mended, held="Knife") == ""
+
+
+def test_search_begins_in_the_area_with_the_likeliest_place():
+    areas = [
+        Area(name="node_1", position_m=(0, 0, 0), contains=("Toilet",)),
+        Area(name="node_2", position_m=(1, 0, 0), contains=("CounterTop",)),
+    ]
+    program = parse_program("PickupObject(robot, 'Mug')")
+    assert lines(mend(program, known=(), areas=areas))[0] == "Explore(robot, 'Mug', ['node_2'])"
+
+
+def test_thing_in_the_hand_is_not_picked_up_again():
+    program = parse_program(
+        "GoToObject(robot, 'Mug')\nPickupObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'Sink')"
+    )
+    mended = mend(program, known={"Mug", "Sink"}, held="Mug")
+    assert lines(mended) == ["PutObject(robot, 'Mug', 'Sink')"]
+
+
+def test_thing_in_the_hand_is_put_down_before_it_is_broken():
+    mended = mend(parse_program("BreakObject(robot, 'Vase')"), known={"Vase", "Desk"}, held="Vase")
+    assert lines(mended) == ["PutObject(robot, 'Vase', 'Desk')", "BreakObject(robot, 'Vase')"]
+
+
+def test_hand_is_freed_on_a_surface_to_be_found_where_none_is_known():
+    mended = mend(parse_program("PickupObject(robot, 'Mug')"), known={"Mug"}, held="Knife")
+    assert lines(mended)[:2] == [
+        "Explore(robot, 'CounterTop')", "PutObject(robot, 'Knife', 'CounterTop')",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""ALFRED's goal sentences as requests: the teacher's program; five facts read off any program.
+"""ALFRED's goal sentences as requests: the plain program; five facts read off any program.
 
 The five facts of a trial are its task type, object, movable receptacle, receptacle or lamp, and
 whether the object is sliced (`task_type` and `pddl_params` of its record). A sentence is an example
@@ -15,7 +15,8 @@ import msgspec
 
 from karma.contracts import Goal, SkillCall
 from karma.errors import FileError
-from karma.teacher import Thing, View, solve
+from karma.teacher import View
+from karma.training.programs import plain_program
 
 LAMPS = ("DeskLamp", "FloorLamp")
 KNIVES = ("Knife", "ButterKnife")
@@ -101,15 +102,12 @@ def goals_of(facts: Facts, thing: str, text: str) -> tuple[Goal, ...]:
 
 
 def program_of(sentence: Sentence, view: View) -> tuple[SkillCall, ...]:
-    """Return the teacher's program; for two things the second follows the first."""
+    """Return the plain program; for two things the second follows the first."""
     facts = sentence.facts
-    calls = solve(goals_of(facts, facts.thing, sentence.text.lower()), view)
+    calls = plain_program(goals_of(facts, facts.thing, sentence.text.lower()), view)
     if facts.task != "two":
         return calls
-    known = Thing(name=facts.thing, object_type=facts.thing) if facts.sliced else None
-    later = View(things=(known,) if known else (), areas=view.areas)
-    again = solve((_goal("ON", facts.thing, facts.place),), later)
-    return (*calls, *again)
+    return (*calls, *plain_program((_goal("ON", facts.thing, facts.place),), view))
 
 
 def _goal(predicate: str, *arguments: str) -> Goal:

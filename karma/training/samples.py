@@ -1,4 +1,4 @@
-"""Training examples: a room, a memory and a request, drawn from one seed -> the teacher's program.
+"""Training examples: a room, a memory and a request, drawn from one seed -> a plain program.
 
 No simulator runs here: what is drawn is what an agent would know (area nodes, recalled units, what
 is in its hand), rendered by the same `karma.prompt` that plans with it.
@@ -12,10 +12,11 @@ import numpy as np
 
 from karma.contracts import MemoryUnit, SkillCall
 from karma.prompt import Facts, base_type, compact
-from karma.teacher import Thing, View, solve
+from karma.teacher import Thing, View
 from karma.training.alfred import Sentence, program_of
 from karma.training.histories import draw_history
 from karma.training.phrases import Book
+from karma.training.programs import plain_program
 from karma.training.recollections import Rng, Room, draw_units, pick, place_type
 from karma.training.references import Situation
 from karma.training.requests import Ask, one_ask
@@ -72,7 +73,7 @@ def draw(
         ask = _draw_ask(rng, scene)
         if ask is None:
             continue
-        calls = solve(ask.goals, _view(scene, held))
+        calls = plain_program(ask.goals, _view(scene, held))
         if not calls or len(calls) > LONGEST:
             continue
         text = _misspelt(rng, ask.text) if rng.random() < TYPOS else ask.text
