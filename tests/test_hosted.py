@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 import traceback
 import urllib.parse
 from pathlib import Path
@@ -271,6 +272,21 @@ def test_refused_request_is_tried_again_as_often_as_told():
     with wire_server(lambda *_: next(replies)) as (url, seen):
         found = HostedLanguageModel(endpoint(url, retries=1)).complete(PROMPT)
     assert (found.text, len(seen)) == ("well", 2)
+
+
+def test_server_that_says_nothing_is_given_up_after_the_timeout():
+    over = threading.Event()
+    with wire_server(lambda *_: over.wait(60) and chat("late")) as (url, _):
+        model = HostedLanguageModel(endpoint(url, timeout_s=0.2))
+        with pytest.raises(ModelError, match="timed out"):
+            model.complete(PROMPT)
+        over.set()
+
+
+def test_missing_package_is_named_with_the_command_that_brings_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "openai", None)
+    with pytest.raises(ModelError, match=r"To fix: pip install 'karma-offline\[hosted\]'"):
+        HostedLanguageModel(endpoint("http://127.0.0.1:9/v1"))
 
 
 def test_redirection_to_another_host_is_not_followed():
