@@ -429,6 +429,7 @@ def test_what_is_no_key_is_refused_without_being_shown(value, monkeypatch):
         ({"base_url": f"http://me:{KEY}@127.0.0.1/v1"}, "keys belong into the environment"),
         ({"base_url": f"http://127.0.0.1/v1?key={KEY}"}, "keys belong into the environment"),
         ({"base_url": "127.0.0.1:8000"}, "is no http"),
+        ({"base_url": f"{KEY}@127.0.0.1:8000"}, "is no http"),
         ({"model": ""}, "model is empty"),
         ({"timeout_s": 0}, "timeout_s"),
         ({"extra": {"messages": []}}, "extra: 'messages' is set by karma"),

@@ -82,7 +82,7 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         """Refuse what could not work, or would put a key where it does not belong."""
         parts = urlsplit(self.base_url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ValueError(f"base_url {self.base_url!r} is no http(s) address")
+            raise ValueError("base_url is no http(s) address such as http://127.0.0.1:8000/v1")
         if parts.username or parts.password or parts.query or parts.fragment:
             raise ValueError("base_url holds more than a place: keys belong into the environment")
         if not self.model:
@@ -217,7 +217,7 @@ class Session:
         exchange = self.cassette.exchange(
             key.out_of({"path": path, **(body if named is None else named)}),
             lambda: self._send(endpoint, key, path, body),
-            url=endpoint.base_url,
+            url=key.out_of(endpoint.base_url),
             shared=shared,
         )
         self._enter(role, endpoint, exchange)
