@@ -180,6 +180,17 @@ def test_file_that_is_not_the_manifest_s_is_refused_by_name_before_it_is_parsed(
     assert everything(manifest.parent) == before
 
 
+def test_wrong_file_of_a_telling_name_is_refused_and_not_made_a_model_of_its_own(
+    manifest, gguf, tmp_path
+):
+    shutil.copy(gguf, tmp_path / "ours.gguf")
+    with pytest.raises(ModelError, match=r"ours\.gguf: not the file of model 'ours'") as caught:
+        add_model(tmp_path / "ours.gguf", manifest=manifest)
+    assert "as another model with --name" in str(caught.value)
+    added = add_model(tmp_path / "ours.gguf", Wishes(name="mine"), manifest=manifest)
+    assert (added.entry.name, added.known) == ("mine", False)
+
+
 def test_model_that_lacks_a_file_of_the_manifest_is_refused_by_that_name(manifest, clip, tmp_path):
     known(manifest, clip)
     shutil.copytree(clip, tmp_path / "part")

@@ -193,7 +193,7 @@ def _matching(
 ) -> ModelEntry | None:
     """Return the manifest's model of that name, or without one the only one whose files fit.
 
-    Without a name, the files of weights must bear the names and sizes of the manifest's.
+    Without a name, the files of weights must bear the manifest's names, see `_fits`.
     """
     if name is not None:
         return next((entry for entry in models if entry.name == name), None)
@@ -202,12 +202,19 @@ def _matching(
 
 
 def _fits(entry: ModelEntry, found: Mapping[str, Path]) -> bool:
-    wanted = {part: file for part, file in _parts(entry).items() if file.bytes is not None}
+    """Say whether the files of weights bear an entry's names.
+
+    Names that any model has ("model.safetensors") must come with the size too. Any other is taken
+    for what it says, so that a wrong file of that name is refused and not made a model of its own.
+    """
     heavy = {
-        part: file for part, file in wanted.items() if part.endswith((".safetensors", ".gguf"))
+        part: file
+        for part, file in _parts(entry).items()
+        if part.endswith((".safetensors", ".gguf"))
     }
     return bool(heavy) and all(
-        part in found and found[part].stat().st_size == file.bytes for part, file in heavy.items()
+        part in found and (not part.startswith("model") or found[part].stat().st_size == file.bytes)
+        for part, file in heavy.items()
     )
 
 
