@@ -95,6 +95,18 @@ def test_trial_pose_without_an_id_gets_it_by_the_rule(tmp_path):
     ]  # fmt: skip
 
 
+def test_trial_pose_without_an_id_gets_the_one_that_actions_use(tmp_path):
+    """A place rounded to 4 decimals, which lies on a half of a hundredth, tells one id of two."""
+    said = "Apple|+01.40|+00.82|-00.50"
+    told = json.loads(json.dumps(ours.trial()).replace(APPLE, said))
+    position = told["scene"]["object_poses"][0]["position"]
+    position["y"] = 0.8149
+    record = ours.read(tmp_path, told)
+    assert record.scene.object_poses[0].id == said
+    position["y"] = 0.80
+    assert ours.read(tmp_path, told).scene.object_poses[0].id == "Apple|+01.40|+00.80|-00.50"
+
+
 # ----------------------------------------------------------------- reading
 
 
