@@ -227,8 +227,9 @@ def test_damaged_files_are_refused_and_leave_nothing(manifest, gguf, clip, tmp_p
     shutil.copytree(clip, tmp_path / "cut")
     (tmp_path / "cut/model.safetensors").write_bytes(b"x" * 100)
     for path in ("cut.gguf", "cut"):
-        with pytest.raises(ModelError, match="damaged"):
+        with pytest.raises(ModelError, match="damaged") as caught:
             add_model(tmp_path / path, manifest=manifest)
+        assert str(caught.value).startswith(str(tmp_path / path))
     assert everything(manifest.parent) == before
     assert list((manifest.parent / "weights").iterdir()) == []
 

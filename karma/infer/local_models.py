@@ -103,8 +103,8 @@ def add_model(
     found, left_out = _files_of(root)
     shipped = _matching(read_shipped(manifest).models, wishes.name, found)
     name = _free_name(shipped, wishes, root, manifest)
-    steps = _Steps(found, progress)
     place = root if root.is_dir() else root.parent
+    steps = _Steps(found, place, progress)
     if wishes.in_place or place == (local_path(manifest).parent / "weights" / name).resolve():
         hashes = {part: steps.hashed(part) for part in found}
         entry = _entry(name, shipped, wishes, place, hashes, prefix=place)
@@ -246,8 +246,8 @@ def _free_name(
 class _Steps:
     """Reads the files, once each, and tells how far it is."""
 
-    def __init__(self, found: Mapping[str, Path], progress: Progress | None) -> None:
-        self.found = found
+    def __init__(self, found: Mapping[str, Path], place: Path, progress: Progress | None) -> None:
+        self.found, self.place = found, place
         self._progress = progress
         self._total = sum(path.stat().st_size for path in found.values())
         self._done = 0
@@ -296,7 +296,10 @@ def _copied(
         _check_space(temporary, steps.found.values())
         hashes = {part: steps.hashed(part, copy=temporary / part) for part in steps.found}
         prefix = Path("weights") / name
-        entry = _entry(name, shipped, wishes, temporary, hashes, prefix=prefix)
+        try:
+            entry = _entry(name, shipped, wishes, temporary, hashes, prefix=prefix)
+        except ModelError as error:  # about the copy; the user knows the file that was given
+            raise ModelError(str(error).replace(str(temporary), str(steps.place))) from error
         temporary.chmod(0o755)
         temporary.rename(final)
         try:
