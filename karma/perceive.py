@@ -72,6 +72,17 @@ def states_of(thing: _Object) -> tuple[str, ...]:
     return tuple(sorted(words))
 
 
+def shown_states(thing: _Object) -> tuple[str, ...]:
+    """Return the words that a picture of an object can tell, sorted; ("none",) for none.
+
+    Those of `states_of`, and "cleaned" for what can be dirty and is not.
+    """
+    words = set(states_of(thing))
+    if thing["dirtyable"] and not thing["isDirty"]:
+        words.add("cleaned")
+    return tuple(sorted(words or {"none"}))
+
+
 def washed(event: Event) -> frozenset[str]:
     """Return the ids that lie under a running tap after a successful ToggleObjectOn.
 

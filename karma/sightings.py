@@ -17,6 +17,7 @@ class Sightings:
     """The running log: only what was in view or in the agent's own hands."""
 
     seen: dict[str, SeenObject] = field(default_factory=dict)  # the latest sight of each id
+    views: dict[str, Event] = field(default_factory=dict)  # of the latest sight in a picture
     seen_from: dict[str, Pose] = field(default_factory=dict)  # where it was within reach
     handled: list[str] = field(default_factory=list)  # in the order of use, with repeats
     effects: dict[str, list[str]] = field(default_factory=dict)  # what no metadata flag tells
@@ -47,6 +48,7 @@ class Sightings:
                 self._note(sight_of(thing))
         for sight in (*observation.seen, *filter(None, [observation.held])):
             self._note(sight)
+            self.views[sight.object_id] = event
         return observation
 
     def _note(self, sight: SeenObject) -> None:
@@ -139,9 +141,9 @@ class Sightings:
         if focus and not focus.pickupable:
             return known(focus, "seen")
         last = self.focus.get(name, "")  # of several the one in use, wherever it is by now
-        if last in self.handled and last in self.seen and last not in self.missed:
-            if held or last != self.held_id:
-                return known(self.seen[last], "seen")
+        there = last in self.handled and last in self.seen and last not in self.missed
+        if there and (held or last != self.held_id):
+            return known(self.seen[last], "seen")
         found = knowledge.where(name)
         if found and self._credible(found) and (held or found.object_id != self.held_id):
             sight = self.seen.get(found.object_id)

@@ -10,7 +10,7 @@ import math
 from contextlib import suppress
 from typing import Literal
 
-from karma.contracts import Knowledge, Known, SeenObject, SkillCall, SkillResult, World
+from karma.contracts import Event, Knowledge, Known, SeenObject, SkillCall, SkillResult, World
 from karma.program import SKILLS
 from karma.reach import PARTS, Limits, Reach, RefusedError
 from karma.search import look_around, search
@@ -47,6 +47,11 @@ class Skills:
     def seen(self) -> dict[str, SeenObject]:
         """The latest sight of everything that was in view at a look or an interaction."""
         return self._reach.log.seen
+
+    @property
+    def views(self) -> dict[str, Event]:
+        """The event in whose picture each id was last in view or in the hand."""
+        return self._reach.log.views
 
     @property
     def handled(self) -> list[str]:

@@ -74,6 +74,7 @@ class KarmaMethod:
         self._maps, self._learn = maps, learn
         self._map_path: Path | None = None
         self._world: World | None = None
+        self._folder: Path | None = None
 
     @classmethod
     def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
@@ -95,7 +96,7 @@ class KarmaMethod:
 
     def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
         """Start an episode: short-term memory empty, long-term memory loaded or explored."""
-        self._world = world
+        self._world, self._folder = world, folder
         self.short_term.clear()
         self.graph = None
         if self.settings.long_term:
@@ -167,7 +168,11 @@ class KarmaMethod:
         for object_id in turn.gone():
             self.short_term.forget(object_id)
         units = fresh_units(
-            turn.skills, self._vision, subtask.instruction, witnesses=self.settings.witnesses
+            turn.skills,
+            self._vision,
+            subtask.instruction,
+            witnesses=self.settings.witnesses,
+            folder=self._folder,
         )
         if self.settings.short_term:
             for unit in _with_history(units, known, turn.skills.cut):

@@ -1,14 +1,21 @@
 """From what the skills saw and did to units of short-term memory."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
 from karma.contracts import MemoryUnit, VisionModel
+from karma.methods.pictures import look_at
 from karma.perceive import to_unit
 from karma.skills import Skills
 
 
 def fresh_units(
-    skills: Skills, vision: VisionModel, instruction: str, *, witnesses: int
+    skills: Skills,
+    vision: VisionModel,
+    instruction: str,
+    *,
+    witnesses: int,
+    folder: Path | None = None,
 ) -> list[MemoryUnit]:
     """Return the units of an instruction: things seen first, then things handled, in order of use.
 
@@ -20,6 +27,7 @@ def fresh_units(
         vision: reads states of the things of interest.
         instruction: what was asked for.
         witnesses: how many things that were only seen to keep, the last seen ones.
+        folder: the run folder, which takes the pictures that were looked at.
     """
     handled = _handled(skills)
     others = [
@@ -30,13 +38,13 @@ def fresh_units(
     ]
     kept = others[len(others) - witnesses :] if witnesses else []
     sights = [*((sight, False) for sight in kept), *((skills.seen[i], True) for i in handled)]
-    states = vision.read_states(None, instruction, [sight for sight, _ in sights])
+    looked = look_at(vision, instruction, [sight for sight, _ in sights], skills.views, folder)
     return [
         to_unit(
             sight,
-            (*skills.effects.get(sight.object_id, ()), *states.get(sight.object_id, ())),
+            (*skills.effects.get(sight.object_id, ()), *looked.states.get(sight.object_id, ())),
             handled=was_handled,
-            image=None,
+            image=looked.images.get(sight.object_id),
         )
         for sight, was_handled in sights
     ]

@@ -1,0 +1,82 @@
+"""`karma vlm eval`: any vision model held against the world's truth."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from karma.cli.shared import Json, clear_errors, console
+from karma.files import to_json, write_atomic
+
+app = typer.Typer(no_args_is_help=True, help="Models that read states out of pictures.")
+
+
+@app.callback()
+def _group() -> None:
+    """Models that read states out of pictures."""
+
+
+@app.command("eval")
+@clear_errors
+def eval_command(
+    model: Annotated[
+        str, typer.Option(help="Name in the manifest, or a folder.")
+    ] = "karma-nano-vlm",
+    frames: Annotated[int, typer.Option(min=1, help="Frames to ask about.")] = 320,
+    rooms: Annotated[
+        list[str] | None,
+        typer.Option(help='Scenes or scene files, or "fresh"; all that ship and fresh ones.'),
+    ] = None,
+    seed: int = 0,
+    json: Json = None,
+    html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
+) -> None:
+    """Score a vision model on frames of rooms that its training never saw."""
+    from rich.progress import track
+
+    from karma.infer.transformers_vision import TransformersVision
+    from karma.vision_training.page import page
+    from karma.vision_training.score import Clock, examine, held_out_rooms, score
+
+    with console.status(escape(f"loading {model} ...")):
+        vision = TransformersVision(model)
+        places = held_out_rooms(rooms or (), seed)
+    clock = Clock()
+    asked = []
+    answers = examine(vision, places, frames=frames, seed=seed, clock=clock)
+    for one in track(answers, description="asking ...", console=console, transient=True):
+        asked.append(one)
+    found = score(asked, model=vision.name, seed=seed, clock=clock)
+    _show(found)
+    if json is not None:
+        write_atomic(json, to_json(found, indent=2))
+    if html is not None:
+        write_atomic(html, page(found, asked).encode())
+        console.print(escape(f"page: {html}"))
+
+
+def _show(found: Any) -> None:
+    table = Table(title=escape(f"{found.model}: {found.frames} frames, {found.objects} questions"))
+    table.add_column("state")
+    for name in ("true of", "precision", "recall", "F1"):
+        table.add_column(name, justify="right")
+    for word, line in found.words.items():
+        figures = (_figure(value) for value in (line.precision, line.recall, line.f1))
+        table.add_row(word, str(line.support), *figures)
+    console.print(table)
+    console.print(
+        f"macro-F1 {_figure(found.macro_f1)} · accuracy {_figure(found.accuracy)} · "
+        f"of objects filling 2 % of the frame {_figure(found.large.value)} ({found.large.of}) · "
+        f"no usable answer {found.unanswered}"
+    )
+    console.print(f"ms per frame {_ms(found.ms_per_frame)}, per object {_ms(found.ms_per_object)}")
+
+
+def _figure(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def _ms(value: float | None) -> str:
+    return "–" if value is None else f"{value:.0f}"

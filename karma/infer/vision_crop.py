@@ -1,0 +1,26 @@
+"""A square cut out of a frame around an object of interest."""
+
+import numpy as np
+
+from karma.contracts import Frame, Region
+
+LEAST_PX = 32.0  # smaller things are shown with more around them
+
+
+def cut(frame: Frame, region: Region, margin: float) -> Frame:
+    """Return a square around a region, black where the frame ends, shape (s, s, 3).
+
+    Args:
+        frame: uint8 (H, W, 3).
+        region: left, top, right, bottom; pixels.
+        margin: the square's side over the region's longer side.
+    """
+    left, top, right, bottom = region
+    side = max(1, round(max(right - left, bottom - top, LEAST_PX / margin) * margin))
+    x, y = round((left + right - side) / 2), round((top + bottom - side) / 2)
+    height, width = frame.shape[:2]
+    found = np.zeros((side, side, 3), dtype=np.uint8)
+    x0, y0, x1, y1 = max(x, 0), max(y, 0), min(x + side, width), min(y + side, height)
+    if x0 < x1 and y0 < y1:
+        found[y0 - y : y1 - y, x0 - x : x1 - x] = frame[y0:y1, x0:x1]
+    return found

@@ -1,0 +1,127 @@
+"""What a vision model is asked and how its answer is read (KARMA §3.4, Fig. 10, appendix F)."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from karma.contracts import SeenObject, State
+from karma.errors import KarmaError
+
+STATES: tuple[str, ...] = get_args(State)
+Profile = Literal["full", "compact"]
+ROLE = (
+    "As an image analysis expert, your task is to infer the state of objects in the image "
+    "through step-by-step reasoning."
+)
+_CUT = ("Sliced", "Cracked")
+_LINE = re.compile(r"^[\s>*-]*(?P<name>[^:]{1,60}?)[\s*]*:[\s*]*(?P<words>[^:]*?)[\s*.]*$")
+
+
+class AnswerError(KarmaError):
+    """A vision model's answer says nothing that can be used; the message says where and why."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """What an answer says."""
+
+    states: Mapping[str, tuple[str, ...]]  # object id -> words, sorted; () for "none"
+    unread: tuple[str, ...]  # ids of objects of interest that it says nothing usable about
+    faults: tuple[str, ...]  # lines that could not be used, and why
+
+
+def plain_type(kind: str) -> str:
+    """Return a type's name without what tells its state.
+
+    >>> plain_type("AppleSliced"), plain_type("EggCracked"), plain_type("Mug")
+    ('Apple', 'Egg', 'Mug')
+    """
+    for ending in _CUT:
+        kind = kind.removesuffix(ending)
+    return kind
+
+
+def names_of(objects: Sequence[SeenObject]) -> dict[str, str]:
+    """Return id -> the name to ask by; several of a type are numbered from left to right."""
+    groups: dict[str, list[SeenObject]] = {}
+    for one in objects:
+        groups.setdefault(plain_type(one.object_type), []).append(one)
+    found = {}
+    for name, group in groups.items():
+        group.sort(key=lambda one: (one.region[0] if one.region else 0.0, one.object_id))
+        for number, one in enumerate(group, start=1):
+            found[one.object_id] = name if len(group) == 1 else f"{name} {number}"
+    return found
+
+
+def question(
+    profile: Profile, instruction: str, objects: Sequence[SeenObject], *, boxes: bool = False
+) -> tuple[str, str]:
+    """Return the system's and the user's text; the picture goes before the user's.
+
+    Args:
+        profile: "full" is the paper's four steps; "compact" only names the object, for models
+            trained on nothing else.
+        instruction: the task.
+        objects: of interest.
+        boxes: say where each object is, in pixels.
+    """
+    names = names_of(objects)
+    if profile == "compact":
+        return "", ", ".join(names[one.object_id] for one in objects)
+    listed = ", ".join(_listed(names[one.object_id], one, boxes) for one in objects)
+    return ROLE, (
+        "1. Provide a detailed description of this image.\n"
+        f'2. From the given task "{instruction}", extract the relevant content from the first '
+        f"step's image description that pertains to the mentioned objects: {listed}.\n"
+        "3. Based on the object descriptions extracted in the second step, match each object to "
+        f"one of the following states: {', '.join(STATES)}. If several hold, name all of them, "
+        "separated by commas.\n"
+        "4. Summarize the results from step three in the following format, one object per line, "
+        "nothing after it:\nobject: state"
+    )
+
+
+def _listed(name: str, one: SeenObject, boxes: bool) -> str:
+    if not boxes or one.region is None:
+        return name
+    left, top, right, bottom = (round(edge) for edge in one.region)
+    return f"{name} (at x {left}-{right}, y {top}-{bottom})"
+
+
+def read_answer(text: str, objects: Sequence[SeenObject]) -> Reading:
+    r"""Read `object: state` lines strictly; other lines are the reasoning that was asked for.
+
+    A line counts when its name is that of an object of interest and all its words are states. The
+    last line about an object holds, for it belongs to the summary. Nothing is guessed.
+
+    >>> mug = SeenObject(object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0),
+    ...     box_center_m=(0, 0, 0), box_size_m=(1, 1, 1), pickupable=True)
+    >>> read_answer("I see a mug.\nMug: filled, dirty", [mug]).states
+    {'Mug|1': ('dirty', 'filled')}
+    """
+    by_name = {name.lower(): object_id for object_id, name in names_of(objects).items()}
+    states: dict[str, tuple[str, ...]] = {}
+    faults = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        found = _LINE.match(line)
+        object_id = by_name.get(_squeezed(found["name"])) if found else None
+        if found is None or object_id is None:
+            continue
+        given = [_squeezed(word) for word in found["words"].split(",")]
+        wrong = [word for word in given if word not in STATES]
+        if wrong:
+            faults.append(f"line {number}: {wrong[0]!r} is not a state: {line.strip()[:80]}")
+            states.pop(object_id, None)
+        elif "none" in given and len(given) > 1:
+            faults.append(f"line {number}: none and something: {line.strip()[:80]}")
+            states.pop(object_id, None)
+        else:
+            states[object_id] = tuple(sorted({word for word in given if word != "none"}))
+    unread = tuple(one.object_id for one in objects if one.object_id not in states)
+    return Reading(states=states, unread=unread, faults=tuple(faults))
+
+
+def _squeezed(text: str) -> str:
+    return " ".join(text.replace("*", " ").split()).lower()
