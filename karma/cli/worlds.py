@@ -147,7 +147,11 @@ def _chosen(trials: "Sequence[Trial]", ids: Iterable[str] | None) -> "list[Trial
         return list(trials)
     wanted = set(ids)
     if missing := sorted(wanted - {trial.id for trial in trials}):
-        raise KarmaError(f"no trial {missing[0]!r} in the files given, nor {len(missing) - 1} more")
+        more = f", nor {len(missing) - 1} more" * (len(missing) > 1)
+        raise KarmaError(
+            f"no trial {missing[0]!r} in the files given{more}\n"
+            f"  To fix: leave --only or --ids out, or take e.g. {trials[0].id}"
+        )
     return [trial for trial in trials if trial.id in wanted]
 
 

@@ -46,7 +46,8 @@ def draw_top_down(scene: Scene, path: str | Path) -> None:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, format="png", bbox_inches="tight", metadata={"Software": None})
     except OSError as error:
-        raise FileError(path, f"cannot write: {error.strerror or error}") from error
+        reason = f"cannot write: {error.strerror or error}"
+        raise FileError(path, reason, fix="choose another file with --out") from error
 
 
 class _Labels:

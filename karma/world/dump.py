@@ -17,6 +17,12 @@ from karma.world.boxes import Box, Cell
 from karma.world.scene import AgentPose, Temperature
 from karma.world.types import object_types
 
+_COPY = "copy the file again"
+EXPORT = (
+    "scripts/export_thor_scenes.py writes such files; ALFRED's trials: --alfred when importing, "
+    "no --events when replaying"
+)
+
 
 class _Vector(msgspec.Struct, frozen=True):
     x: float
@@ -92,20 +98,24 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
 
 
 def _text(path: Path) -> bytes:
-    data = read_bytes(path)
+    data = read_bytes(path, fix=f"ls {path.parent}")
     if data[:2] != b"\x1f\x8b" and path.suffix != ".gz":
         return data
     try:
         return gzip.decompress(data)
     except (OSError, EOFError, zlib.error) as error:
-        raise FileError(path, f"torn gzip: {error}", fix="copy the file again") from error
+        raise FileError(path, f"torn gzip: {error}", fix=_COPY) from error
 
 
 def rows(path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield (where, JSON value): one per line, or one per element of a lone array."""
+    """Yield (where, JSON value): one per line, or one per element of a lone array.
+
+    Raises:
+        FileError: unreadable, torn, not JSON, or nothing in it.
+    """
     data = _text(path)
-    if not data.strip():
-        raise FileError(path, "line 1: the file is empty")
+    if data.strip() in (b"", b"[]"):
+        raise FileError(path, "line 1: the file is empty", fix=_COPY)
     try:
         whole = json.loads(data)
     except (ValueError, RecursionError):
@@ -123,17 +133,18 @@ def _json(data: bytes, path: Path, place: str) -> Any:
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise FileError(path, f"{place}: not JSON: {error}") from error
+        raise FileError(path, f"{place}: not JSON: {error}", fix=_COPY) from error
 
 
 def named(row: Any, path: str | Path, place: str) -> tuple[str, list[Any]]:
     """Return a row's scene name and objects, or raise FileError with the place and the key."""
     if not isinstance(row, dict):
-        raise FileError(path, f"{place}: expected an object with `scene` and `objects`")
+        reason = f"{place}: expected an object with `scene` and `objects`"
+        raise FileError(path, reason, fix=EXPORT)
     for key, kind in (("scene", str), ("objects", list)):
         if not isinstance(row.get(key), kind):
             word = "missing" if key not in row else f"not a {kind.__name__}"
-            raise FileError(path, f"{place}: `{key}` is {word}")
+            raise FileError(path, f"{place}: `{key}` is {word}", fix=EXPORT)
     return row["scene"], row["objects"]
 
 
@@ -163,7 +174,7 @@ def stance(row: Any, path: str | Path, place: str) -> tuple[AgentPose | None, tu
     try:
         found = msgspec.convert(row, _Stance)
     except msgspec.ValidationError as error:
-        raise FileError(path, f"{place}: {error}") from error
+        raise FileError(path, f"{place}: {error}", fix=EXPORT) from error
     cells = tuple(sorted((cell.x, cell.z) for cell in found.reachable))
     if found.agent is None:
         return None, cells
@@ -186,7 +197,7 @@ def read_layouts(path: str | Path) -> dict[str, tuple[Cell, ...]]:
     try:
         table = msgspec.json.decode(data, type=dict[str, _Cells])
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise FileError(path, str(error)) from error
+        raise FileError(path, str(error), fix="--layouts none goes without") from error
     return {name: row.reachable for name, row in table.items()}
 
 
@@ -200,7 +211,7 @@ def seen_object(scene_name: str, index: int, row: Mapping[str, Any]) -> Seen:
     try:
         one = msgspec.convert(row, Seen)
     except msgspec.ValidationError as error:
-        raise FileError(scene_name, f"object {label!r}: {error}") from error
+        raise FileError(scene_name, f"object {label!r}: {error}", fix=EXPORT) from error
     if one.object_type not in object_types():
         reason = f"object {label!r}: unknown objectType {one.object_type!r}"
         raise FileError(scene_name, reason)

@@ -54,8 +54,10 @@ def import_dump(
     """
     cells = read_layouts(layouts) if layouts is not None else {}
     wanted = None if only is None else set(only)
+    there: list[str] = []
     for place, row in rows(Path(path)):
         name, objects = named(row, path, place)
+        there.append(name)
         if wanted is None or name in wanted:
             try:
                 agent, known = stance(row, path, place)
@@ -63,11 +65,12 @@ def import_dump(
                     name, objects, reachable=cells.get(name) or known, agent=agent
                 )
             except FileError as error:
-                raise FileError(path, f"{place}: {error.reason}") from error
+                raise FileError(path, f"{place}: {error.reason}", fix=error.fix) from error
             if wanted is not None:
                 wanted.discard(name)
     if wanted:
-        raise FileError(path, f"no scene named {sorted(wanted)[0]!r}")
+        reason = f"no scene named {sorted(wanted)[0]!r} among {len(there)}, such as {there[0]}"
+        raise FileError(path, reason, fix="leave --only out, or give it other names")
 
 
 def scene_from_dump(

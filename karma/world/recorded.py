@@ -22,7 +22,7 @@ import msgspec
 from karma.errors import FileError
 from karma.world.blame import ABSENT, KINDS, Blame, Key, Moment, Row, Values, alike, shown, values
 from karma.world.boxes import Cell
-from karma.world.dump import read_layouts, rows
+from karma.world.dump import EXPORT, read_layouts, rows
 from karma.world.importers import scene_from_dump
 from karma.world.scene import AgentPose, Scene
 from karma.world.sim import EmbeddedWorld
@@ -139,7 +139,8 @@ def read_events(path: str | Path) -> list[tuple[Row, Row]]:
         try:
             msgspec.convert(row, _Step)
         except msgspec.ValidationError as error:
-            raise FileError(path, f"{place}: not a recorded step: {error}") from error
+            reason = f"{place}: not a recorded step: {error}"
+            raise FileError(path, reason, fix=EXPORT) from error
         steps.append((row["action"], row["metadata"]))
     return steps
 
@@ -216,7 +217,7 @@ def _begun(
     try:
         return EmbeddedWorld(scene_of(action, theirs, reachable=known), **settings)
     except FileError as error:
-        raise FileError(place, error.reason) from error
+        raise FileError(place, error.reason, fix=error.fix) from error
 
 
 # ----------------------------------------------------------------- comparing

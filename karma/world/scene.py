@@ -4,6 +4,7 @@ A scene file is one JSON object of `Scene`; the running world keeps the same rec
 them (they are frozen), so a snapshot of the world is a scene again.
 """
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -88,13 +89,12 @@ def find(name: str | Path) -> Path:
     Raises:
         FileError: there is no such scene.
     """
-    path = Path(name)
-    if path.suffix == ".json" and path.exists():
-        return path
-    ours = SCENES / f"{name}.json"
-    if ours.exists():
-        return ours
-    raise FileError(ours, f"no scene named {name!r}", fix="karma world list")
+    for path in (Path(name), SCENES / f"{name}.json"):
+        with suppress(OSError, ValueError):  # too long for a path, or no path at all
+            if path.suffix == ".json" and path.exists():
+                return path
+    reason = f"no scene named {str(name)!r}, and no file *.json of a scene"
+    raise FileError(name, reason, fix="karma world list")
 
 
 def load(name: str | Path) -> Scene:

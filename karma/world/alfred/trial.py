@@ -33,6 +33,7 @@ _FARTHEST_M = 1000.0
 _ROUNDED_M = 0.0052  # half a hundredth, which ids round away, and a little
 _LOCATION = re.compile(r"loc\|(-?\d+)\|(-?\d+)\|([0-3])\|(-?\d+)")
 _COPY = "copy the file again"
+_FORM = "this takes ALFRED's files; recordings of AI2-THOR: karma world replay --events"
 
 
 class Xyz(msgspec.Struct, frozen=True):
@@ -257,7 +258,7 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
         )
         wrong = _wrong(trial)
         if wrong is not None:
-            raise FileError(path, f"{place}: {wrong}")
+            raise FileError(path, f"{place}: {wrong}", fix=_FORM)
         yield trial
 
 
@@ -301,8 +302,8 @@ def _off(pose: ObjectPose, named: str) -> float:
     return max(abs(a - b) for a, b in zip(pose.position.tuple, place, strict=True))
 
 
-def _help(error: Exception) -> str | None:
-    return None if isinstance(error, msgspec.ValidationError) else _COPY
+def _help(error: Exception) -> str:
+    return _FORM if isinstance(error, msgspec.ValidationError) else _COPY
 
 
 def _wrong(trial: Trial) -> str | None:
@@ -371,7 +372,8 @@ def read_ids(path: str | Path) -> tuple[str, ...]:
         lists = [value for value in given.values() if isinstance(value, list)]
         given = lists[0] if len(lists) == 1 else None
     if not isinstance(given, list) or not all(isinstance(one, str) for one in given):
-        raise FileError(path, "expected a list of trial ids, or an object with one such list")
+        reason = "expected a list of trial ids, or an object with one such list"
+        raise FileError(path, reason, fix="write one, or name trials with --only")
     return tuple(given)
 
 
@@ -383,7 +385,7 @@ def _table(path: str | Path, kind: type[T]) -> T:
 
 
 def _text(path: str | Path) -> bytes:
-    data = read_bytes(path)
+    data = read_bytes(path, fix=f"ls {Path(path).parent}")
     if data[:2] != b"\x1f\x8b" and Path(path).suffix != ".gz":
         return data
     try:
