@@ -119,6 +119,10 @@ def test_loopback_and_unix_sockets_are_free(tmp_path):
         for host in ("127.0.0.1", "localhost"):
             with socket.create_connection((host, port)) as one:
                 assert one.getpeername()[1] == port
+        for host in ("", "0.0.0.0"):  # "any address" is this machine's own, for who connects
+            with socket.socket() as one:
+                one.connect((host, port))
+                assert one.getpeername() == ("127.0.0.1", port)
     assert socket.getaddrinfo("::1", 80)
     with socket.socket(socket.AF_UNIX) as server, socket.socket(socket.AF_UNIX) as one:
         server.bind(str(tmp_path / "s"))
