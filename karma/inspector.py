@@ -42,6 +42,7 @@ def mend(
     *,
     known: Collection[str],
     shut: Collection[str] = (),
+    cut: Collection[str] = (),
     held: str | None = None,
     areas: Sequence[Area] = (),
 ) -> tuple[SkillCall, ...]:
@@ -50,6 +51,7 @@ def mend(
     * Before the first use of a thing whose place is not known, `Explore` it, the likeliest area
       first.
     * Instead of going to a thing that memory has in a closed container, `Explore` it: that opens.
+    * What memory has as cut is not cut again, and no knife is fetched for it.
     * What is in the hand already is neither gone to nor picked up again.
     * What is put down before anything was picked up is what was in the hand.
     * Before something else is picked up, or the held thing is broken, what is in the hand goes to a
@@ -59,11 +61,12 @@ def mend(
         calls: the program, with the prompt's short names.
         known: names and types whose place the agent knows.
         shut: names of things that memory has in something closed.
+        cut: names of things that memory has as sliced.
         held: the short name of what is in the hand.
         areas: long-term memory, for the order of searches.
     """
     found, mended, hand = set(known), list[SkillCall](), held
-    for call in calls:
+    for call in _without_cuts(calls, cut):
         name = call.objects[-1]
         if hand == name and call.skill in ("GoToObject", "Explore", "PickupObject"):
             continue
@@ -86,6 +89,25 @@ def mend(
         found.add(name)
         mended.append(call)
     return tuple(mended)
+
+
+def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[SkillCall]:
+    """Return a program without the lines that would slice what is sliced."""
+    again = {c.objects[0] for c in calls if c.skill == "SliceObject" and c.objects[0] in cut}
+    if not again:
+        return calls
+    kept = [c for c in calls if not (c.skill == "SliceObject" and c.objects[0] in again)]
+    if len(kept) == len(calls) or any(c.skill == "SliceObject" for c in kept):
+        return kept
+    put = {c.objects[0] for c in kept if c.skill == "PutObject"}
+    idle = {name for name in ("Knife", "ButterKnife") if name not in put}
+    return [
+        c
+        for c in kept
+        if not (
+            c.skill in ("Explore", "GoToObject", "PickupObject") and _base(c.objects[0]) in idle
+        )
+    ]
 
 
 def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:

@@ -7,8 +7,15 @@ from karma.contracts import LanguageModel, Plan, ProgramSpec, SkillCall
 from karma.errors import ProgramError
 from karma.inspector import mend, objection
 from karma.program import SKILLS, parse_program
-from karma.prompt import Facts, render, type_of
+from karma.prompt import Facts, landmark_types, render, type_of
 from karma.world.types import object_types
+
+OVERLOOKED = frozenset(
+    (
+        "LightSwitch", "Toaster", "Faucet", "ShowerHead", "Blinds", "ToiletPaperHanger",
+        "HandTowelHolder", "TowelHolder", "CoffeeMachine",
+    )
+)  # fixed things so small that a map may lack them  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,8 +100,9 @@ def _inspected(facts: Facts, answer: Plan) -> Plan:
     name_of = {object_id: name for name, object_id in answer.names.items()}
     shut = {name_of[u.object_id] for u in facts.units if _is_shut(u.place_id)}
     seen = {kind for area in facts.areas for kind in area.contains}
+    cut = {name_of[u.object_id] for u in facts.units if "sliced" in u.states}
     known = seen | set(answer.names)
-    calls = mend(answer.calls, known=known, shut=shut, held=held, areas=facts.areas)
+    calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=facts.areas)
     return replace(answer, calls=calls, error=objection(calls, held=held))
 
 
@@ -104,9 +112,15 @@ def _is_shut(place_id: str | None) -> bool:
 
 
 def program_spec(facts: Facts, names: Mapping[str, str]) -> ProgramSpec:
-    """Return the language of programs: what memory names, and types that can be searched for."""
+    """Return the language of programs: what memory names, and types that can be searched for.
+
+    Furniture that the map does not show is not there: a robot that has seen the room once has seen
+    its sofa, though perhaps not its light switch.
+    """
     known = {kind for area in facts.areas for kind in area.contains}
     searchable = {name for name, kind in object_types().items() if not kind.made_by_slicing}
+    if known:
+        searchable -= landmark_types() - known - OVERLOOKED
     return ProgramSpec(
         skills=SKILLS,
         objects=tuple(sorted(known | searchable | set(names))),

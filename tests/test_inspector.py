@@ -64,6 +64,18 @@ def test_thing_in_the_hand_is_not_picked_up_again():
     assert lines(mended) == ["PutObject(robot, 'Mug', 'Sink')"]
 
 
+def test_what_is_cut_already_is_not_cut_again():
+    program = parse_program(
+        "GoToObject(robot, 'Knife')\nPickupObject(robot, 'Knife')\nGoToObject(robot, 'Apple')\n"
+        "SliceObject(robot, 'Apple')\nGoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')"
+    )
+    known = {"Apple", "Knife"}
+    assert lines(mend(program, known=known, cut={"Apple"})) == [
+        "GoToObject(robot, 'Apple')", "GoToObject(robot, 'Apple')", "PickupObject(robot, 'Apple')",
+    ]  # fmt: skip
+    assert program[3] in mend(program, known=known)
+
+
 def test_thing_in_the_hand_is_put_down_before_it_is_broken():
     mended = mend(parse_program("BreakObject(robot, 'Vase')"), known={"Vase", "Desk"}, held="Vase")
     assert lines(mended) == ["PutObject(robot, 'Vase', 'Desk')", "BreakObject(robot, 'Vase')"]

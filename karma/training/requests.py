@@ -15,6 +15,12 @@ ENDS_IN = {
     "cool_place": ("Fridge",),
 }  # where the change itself leaves the thing  # fmt: skip
 
+LAMPS = ("DeskLamp", "FloorLamp")
+NEEDS = {
+    "clean": "Sink", "fill": "Sink", "heat": "Microwave", "cook": "Microwave", "cool": "Fridge",
+    "toast": "Toaster", "coffee": "CoffeeMachine", "trash": "GarbageCan",
+}  # what a room must have for it  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ask:
@@ -29,13 +35,17 @@ def one_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
     """Draw the objects for a kind of request and its sentence; None if the room offers none."""
     if kind in ("switch_on", "switch_off", "open", "close"):
         return _switch_ask(rng, scene, kind)
+    needed = NEEDS.get(kind.removesuffix("_place"))
+    if scene.mapped and needed is not None and needed not in scene.room.landmarks:
+        return None
     x = _draw_ref(rng, scene, kind)
     if x is None:
         return None
     slots = {**_slots("x", x), "x2": "it"}
     goals: list[Goal] = list(_state_goals(kind, x))
     if kind == "look":
-        lamp = _pick_landmark(rng, scene, ("DeskLamp", "FloorLamp"))
+        there = scene.room.landmarks if scene.mapped else LAMPS
+        lamp = _pick_landmark(rng, scene, tuple(name for name in LAMPS if name in there))
         if lamp is None:
             return None
         slots |= {**_slots("s", lamp), "s2": "it"}

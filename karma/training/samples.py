@@ -29,7 +29,7 @@ ERRORS = (
 )  # fmt: skip
 LIVED = 0.65  # share of memories that a few requests have left behind
 VAGUE = 0.3  # share of draws in which a remembered thing is mostly not called by its name
-TWO = 0.07  # share of sentences with two requests
+TWO = 0.03  # share of sentences with two requests
 TYPOS = 0.04  # share of sentences with a letter wrong
 LONGEST = 30  # lines of a program
 KINDS = {
@@ -173,7 +173,7 @@ def _misspelt(rng: Rng, text: str) -> str:
 
 def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
     """Draw what an earlier program failed on, mostly nothing: often that a place was not known."""
-    if rng.random() > 0.12:
+    if rng.random() > 0.06:
         return ""
     lost = [call.objects[0] for call in calls if call.skill == "Explore"]
     shut = [

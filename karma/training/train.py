@@ -53,14 +53,14 @@ class Recipe:
     feed_forward: int = 896
     context: int = 2048
     packs: int = 16  # per step
-    examples: int = 4  # per pack
+    examples: int = 4  # per pack with long-term memory; half as many more without it
     steps: int = 8000
     warmup: int = 200
     decay: float = 0.3  # share of the steps in which the learning rate falls to zero
     learning_rate: float = 1.5e-3
     weight_decay: float = 0.05
     mapped: float = 0.6  # share of packs with long-term memory
-    alfred: tuple[float, float] = (0.6, 0.12)  # share of ALFRED's sentences without and with it
+    alfred: tuple[float, float] = (0.72, 0.15)  # share of ALFRED's sentences without and with it
     half: bool = False  # matrices in bfloat16, where the processor has instructions for it
 
 
@@ -91,7 +91,8 @@ def draw_pack(recipe: Recipe, data: Data, *name: str) -> list[Example]:
     room = data.rooms[int(rng.integers(len(data.rooms)))]
     mapped = bool(rng.random() < recipe.mapped)
     found: list[Example] = []
-    while len(found) < recipe.examples:
+    wanted = recipe.examples if mapped else recipe.examples * 3 // 2
+    while len(found) < wanted:
         example: Example | None = None
         if data.alfred and rng.random() < recipe.alfred[mapped]:
             example = draw_alfred(rng, room, data.alfred, mapped=mapped)
