@@ -213,6 +213,13 @@ def test_scene_that_does_not_import_is_told_with_the_step(tmp_path):
         replay_events(write(path, steps))
 
 
+def test_settings_that_no_world_has_are_told_with_the_step(tmp_path):
+    path, steps = record(tmp_path / "a.jsonl")
+    steps[0]["action"]["fieldOfView"] = 200
+    with pytest.raises(FileError, match=r"step 0: Initialize: fov"):
+        replay_events(write(path, steps))
+
+
 @pytest.mark.shared
 def test_real_recordings_agree_with_the_embedded_world(shared):
     reports = [replay_events(p) for p in sorted(shared.glob("data/thor5/events/*.jsonl.gz"))]

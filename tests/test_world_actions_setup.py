@@ -1,5 +1,7 @@
 """Actions that set the world up: Initialize, the picture's size, the filter, seeds, time."""
 
+import math
+
 import pytest
 from household import find, kitchen, look, reach
 
@@ -162,3 +164,20 @@ def test_echo_comes_back_fast_or_with_full_metadata(world):
     event = world.step("TestActionReflectParam", rvalue=long)
     assert event.metadata["actionReturn"] == long
     assert event.metadata["objects"] is not objects
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"width": 0}, "1, 8192"),
+        ({"height": 0}, "1, 8192"),
+        ({"gridSize": -1.0}, "gridSize"),
+        ({"gridSize": math.nan}, "gridSize"),
+        ({"fieldOfView": 0.0}, "fov"),
+        ({"fieldOfView": math.nan}, "fov"),
+        ({"rotateStepDegrees": 45.0}, "multiples of 90"),
+    ],
+)
+def test_world_is_not_made_with_what_initialize_refuses(how, said):
+    with pytest.raises(ValueError, match=said):
+        EmbeddedWorld(kitchen(), **how)

@@ -320,6 +320,13 @@ def _cannot_switch(thing: SceneObject, on: bool, word: str) -> Refusal | None:
 # ----------------------------------------------------------------- changing what a thing is
 
 
+def _able(thing: SceneObject | Refusal, capability: Capability) -> SceneObject | Refusal:
+    """Return an action's object if it is one that this can be done to."""
+    if isinstance(thing, Refusal) or capability in thing.capabilities:
+        return thing
+    return Refusal(f"{thing.name} does not have the property {capability}!")
+
+
 def state_changer(
     action: str, capability: Capability, field: str, value: bool, already: str
 ) -> Callable[..., Result]:
@@ -333,11 +340,9 @@ def state_changer(
         y: float | None = None,
         forceAction: bool = False,
     ) -> Result:
-        thing = target(state, action, objectId, x, y, forceAction)
+        thing = _able(target(state, action, objectId, x, y, forceAction), capability)
         if isinstance(thing, Refusal):
             return thing
-        if capability not in thing.capabilities:
-            return Refusal(f"{thing.name} does not have the property {capability}!")
         if getattr(thing, field) == value:
             return Refusal(f"{thing.name} is already {already}!")
         fields: dict[str, Any] = {field: value}
@@ -358,11 +363,11 @@ def fill(
     forceAction: bool = False,
 ) -> Result:
     """Fill a vessel; coffee makes it hot."""
-    thing = target(state, "FillObjectWithLiquid", objectId, x, y, forceAction)
+    thing = _able(
+        target(state, "FillObjectWithLiquid", objectId, x, y, forceAction), "canFillWithLiquid"
+    )
     if isinstance(thing, Refusal):
         return thing
-    if "canFillWithLiquid" not in thing.capabilities:
-        return Refusal(f"{thing.name} does not have the property canFillWithLiquid!")
     if fillLiquid not in rules().liquids.known:
         known = ", ".join(rules().liquids.known)
         return Refusal(f"{fillLiquid} is not a valid Liquid Type; valid are: {known}")
@@ -383,11 +388,9 @@ def slice_object(
     """Cut into pieces, which stay where the whole was; no knife is needed."""
     if objectId is not None and objectId in state.objects and state.objects[objectId].is_sliced:
         return Done(state)  # AI2-THOR: a silent success
-    thing = target(state, "SliceObject", objectId, x, y, forceAction)
+    thing = _able(target(state, "SliceObject", objectId, x, y, forceAction), "sliceable")
     if isinstance(thing, Refusal):
         return thing
-    if "sliceable" not in thing.capabilities:
-        return Refusal(f"{thing.name} does not have the property sliceable!")
     if thing.id in state.in_hand:
         return Refusal("target object cannot be sliced if it is in the agent's hand")
     return Done(in_pieces(state, msgspec.structs.replace(thing, is_sliced=True)))
@@ -402,11 +405,9 @@ def break_object(
     forceAction: bool = False,
 ) -> Result:
     """Break for good; what lies in it and what holds it lose it."""
-    thing = target(state, "BreakObject", objectId, x, y, forceAction)
+    thing = _able(target(state, "BreakObject", objectId, x, y, forceAction), "breakable")
     if isinstance(thing, Refusal):
         return thing
-    if "breakable" not in thing.capabilities:
-        return Refusal(f"{thing.name} does not have the property breakable!")
     if thing.is_broken:
         return Refusal(f"{thing.name} is already broken!")
     if state.held == thing.id:

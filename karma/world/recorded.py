@@ -218,6 +218,8 @@ def _begun(
         return EmbeddedWorld(scene_of(action, theirs, reachable=known), **settings)
     except FileError as error:
         raise FileError(place, error.reason, fix=error.fix) from error
+    except ValueError as error:
+        raise FileError(place, f"Initialize: {error}", fix=EXPORT) from error
 
 
 # ----------------------------------------------------------------- comparing

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import msgspec
 
-from karma.world.state import Done, Images, Refusal, Result, WorldState, refuse
+from karma.world.state import Done, Images, Refusal, Result, Settings, WorldState, refuse
 
 _AGENT_MODES = ("default", "locobot", "bot", "drone", "arm", "stretch", "stochastic", "fpin")
 _SAME_BODY = ("default", "locobot", "bot")  # a LoCoBot does what the default agent does
@@ -42,13 +42,6 @@ def initialize(
     renderFlowImage: bool = False,
 ) -> Result:
     """Set everything that Initialize sets; what is left out gets AI2-THOR's default."""
-    refusal = (
-        _not_this_agent(agentMode, agentCount)
-        or _not_these_steps(gridSize, snapToGrid, rotateStepDegrees)
-        or _not_this_camera(fieldOfView, cameraNearPlane, cameraFarPlane)
-    )
-    if refusal is not None:
-        return refusal
     grid_m = state.room.grid_m if gridSize is None else gridSize or _USUAL_GRID_M
     settings = replace(
         state.settings,
@@ -68,8 +61,20 @@ def initialize(
             normals=renderNormalsImage,
         ),
     )
+    refusal = _not_this_agent(agentMode, agentCount) or unfit(settings)
+    if refusal is not None:
+        return refusal
     planes = {"cameraNearPlane": cameraNearPlane, "cameraFarPlane": cameraFarPlane}
     return Done(replace(state, settings=settings), planes, 0.0)
+
+
+def unfit(settings: Settings) -> Refusal | None:
+    """Return why there is no world with these settings, if so."""
+    return (
+        _not_these_steps(settings.grid_m, settings.snap, settings.rotate_deg)
+        or _not_this_camera(settings.fov_deg, settings.near_m, settings.far_m)
+        or _not_this_size(settings.width, settings.height)
+    )
 
 
 def _not_this_agent(mode: str, count: int) -> Refusal | None:
@@ -82,10 +87,10 @@ def _not_this_agent(mode: str, count: int) -> Refusal | None:
     return None
 
 
-def _not_these_steps(grid_m: float | None, snap: bool, turn_deg: float) -> Refusal | None:
-    if grid_m is not None and not 0 <= grid_m <= _WIDEST_GRID_M:
+def _not_these_steps(grid_m: float, snap: bool, turn_deg: float) -> Refusal | None:
+    if not 0 < grid_m <= _WIDEST_GRID_M:
         return Refusal(f"gridSize must be in the range (0,5], not {grid_m:g}")
-    if turn_deg <= 0:
+    if not turn_deg > 0:
         return Refusal(f"rotateStepDegrees must be greater than 0, not {turn_deg:g}")
     if snap and turn_deg % 90:
         message = f"Invalid values 'rotateStepDegrees': {turn_deg:g} and 'snapToGrid': True."
@@ -101,6 +106,12 @@ def _not_this_camera(fov_deg: float, near_m: float, far_m: float) -> Refusal | N
     return None
 
 
+def _not_this_size(width: int, height: int) -> Refusal | None:
+    if not (1 <= width <= _LONGEST_SIDE and 1 <= height <= _LONGEST_SIDE):
+        return refuse("ArgumentOutOfRangeException", f"x and y must be in [1, {_LONGEST_SIDE}]")
+    return None
+
+
 def set_decay_time(state: WorldState, *, decayTime: float) -> Result:
     """Set how long heat and cold last; 0 = until the next action."""
     if decayTime < 0:
@@ -110,9 +121,8 @@ def set_decay_time(state: WorldState, *, decayTime: float) -> Result:
 
 def change_resolution(state: WorldState, *, x: int, y: int) -> Result:
     """Set the picture's width and height, pixels."""
-    if not (1 <= x <= _LONGEST_SIDE and 1 <= y <= _LONGEST_SIDE):
-        return refuse("ArgumentOutOfRangeException", f"x and y must be in [1, {_LONGEST_SIDE}]")
-    return Done(replace(state, settings=replace(state.settings, width=x, height=y)), None, 0.0)
+    sized = replace(state, settings=replace(state.settings, width=x, height=y))
+    return _not_this_size(x, y) or Done(sized, None, 0.0)
 
 
 def change_quality(state: WorldState, *, quality: str) -> Result:

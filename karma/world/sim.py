@@ -16,6 +16,7 @@ from karma.world.actions import ACTIONS
 from karma.world.event import WorldEvent
 from karma.world.rules import settle
 from karma.world.scene import Scene
+from karma.world.setup import unfit
 from karma.world.state import (
     Done,
     Images,
@@ -55,6 +56,7 @@ class EmbeddedWorld:
 
     Raises:
         TypeError: an unknown flag.
+        ValueError: what Initialize or ChangeResolution would refuse.
     """
 
     def __init__(
@@ -82,6 +84,9 @@ class EmbeddedWorld:
             snap=snapToGrid,
             images=_images(Images(), render),
         )
+        wrong = unfit(replace(self._settings, grid_m=gridSize or self._settings.grid_m))
+        if wrong is not None:
+            raise ValueError(wrong.message)
         self._event: WorldEvent | None = None
         if scene is not None:
             self.reset(scene)
