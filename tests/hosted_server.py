@@ -26,7 +26,7 @@ from gguf.scripts.gguf_new_metadata import MetadataDetails, copy_with_new_metada
 
 NANO = Path(__file__).parents[1] / "models" / "nano" / "planner.gguf"
 PLAIN = "{% for m in messages %}{{ m.content }}{% endfor %}"
-_STARTS_S = 60
+_STARTS_S = 180
 _SIOCSIFFLAGS = 0x8914
 _UP_AND_RUNNING = 0x1 | 0x40
 
