@@ -3,7 +3,7 @@
     python scripts/train_vlm.py draw                       # crops of 800 rooms, once
     python scripts/train_vlm.py train                      # about an hour on 2 cores
     python scripts/train_vlm.py export models/nano-vlm
-    python scripts/train_vlm.py evaluate models/nano-vlm   # the same as karma vlm eval
+    python scripts/train_vlm.py evaluate models/nano-vlm   # macro-F1 in rooms it never saw
 
 Rooms come from the generator with seeds of their own; those of the scene files and of the held-out
 seed stay out.
@@ -19,7 +19,9 @@ import typer
 from rich.console import Console
 
 from karma.files import read_json, to_json, write_atomic
+from karma.infer.transformers_vision import ASKING, Asking, TransformersVision
 from karma.vision_training.model import save
+from karma.vision_training.score import Clock, examine, held_out_rooms, score
 from karma.vision_training.shards import has_shard, write_shard
 from karma.vision_training.train import Recipe, train, trained
 
@@ -107,8 +109,29 @@ def export(path: Path, folder: Folder = FOLDER) -> None:
     """Write the last checkpoint as a folder that transformers reads."""
     recipe = read_json(folder / "recipe.json", Recipe)
     save(trained(recipe, folder), path)
+    asking = Asking(profile="compact", crop=recipe.margin, max_tokens=16, attempts=1, threads=1)
+    write_atomic(path / ASKING, to_json(asking, indent=2))
     for file in sorted(path.iterdir()):
         console.print(f"{file}  {file.stat().st_size} bytes")
+
+
+@app.command()
+def evaluate(path: Path, frames: int = 320, seed: int = 0) -> None:
+    """Print held-out figures of a folder; `karma vlm eval` shows more of them."""
+    vision, clock = TransformersVision(path), Clock()
+    places = held_out_rooms((), seed)
+    asked = list(examine(vision, places, frames=frames, seed=seed, clock=clock))
+    found = score(asked, model=vision.name, seed=seed, clock=clock)
+    for word, line in found.words.items():
+        console.print(f"{word:10} true of {line.support:5}  F1 {_figure(line.f1)}")
+    console.print(
+        f"macro-F1 {_figure(found.macro_f1)}  accuracy {_figure(found.accuracy)}  "
+        f"large {_figure(found.large.value)}  {_figure(found.ms_per_frame)} ms per frame"
+    )
+
+
+def _figure(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
 
 
 if __name__ == "__main__":
