@@ -44,6 +44,9 @@ def run_command(
     policy: Annotated[str, typer.Option(help='e.g. "fifo-merge[10]".')] = "wtinylfu-karma[9,1]",
     recall: Annotated[str, typer.Option(help='"cosine" is the paper\'s.')] = "stateful",
     recall_k: Annotated[int, typer.Option("--k", help="Units in the prompt.")] = 3,
+    vision: Annotated[
+        str, typer.Option(help='"nano-vlm" or "transformers:NAME" read states out of pictures.')
+    ] = "metadata",
     maps: Annotated[Path, typer.Option(help="Folder of long-term memories.")] = Path("runs/maps"),
     base_url: BaseUrl = "",
     model: Annotated[str, typer.Option(help="A hosted planner's, with --planner openai.")] = "",
@@ -67,7 +70,14 @@ def run_command(
         session = Session(_cassette(cassette, cassette_mode))
         session.cassette.begin("run")
         kit = make_kit(
-            Models(planner=planner, profile=profile, chat=chat, recall=recall, hosted=hosted),
+            Models(
+                planner=planner,
+                profile=profile,
+                chat=chat,
+                recall=recall,
+                vision=vision,
+                hosted=hosted,
+            ),
             maps=maps,
             seed=seed,
             learn=True,
@@ -84,7 +94,7 @@ def run_command(
         world = registry.load("worlds", "embedded")()
         world.reset(scene)
     with console.status(escape(f"getting to know {scene} ...")):
-        method.begin(world, scene, seed=seed, folder=maps)
+        method.begin(world, scene, seed=seed, folder=maps.parent)
     if method.graph is not None:
         areas = method.graph.areas()
         console.print(
