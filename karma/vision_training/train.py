@@ -172,6 +172,7 @@ def train(
     device: str = "cpu",
     share: tuple[int, int] = (0, 1),
     every: int = 250,
+    stop: int | None = None,
 ) -> Iterator[Progress]:
     """Train, or go on from the checkpoint in `folder`; yields a line now and then.
 
@@ -184,6 +185,7 @@ def train(
         share: which of how many processes this is; `torch.distributed` joins several. Only the
             first one examines, keeps checkpoints and yields lines.
         every: steps between lines.
+        stop: leave off at this step, to go on later.
     """
     import torch
 
@@ -200,7 +202,7 @@ def train(
     loader: Any = torch.utils.data.DataLoader(
         crops,  # type: ignore[arg-type]
         batch_size=None,
-        sampler=range(first, recipe.steps),
+        sampler=range(first, recipe.steps if stop is None else stop),
         num_workers=1,
         prefetch_factor=8,
     )
