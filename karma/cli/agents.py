@@ -4,11 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.live import Live
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from karma import show
 from karma.cli.shared import Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
@@ -57,7 +54,9 @@ def run_command(
     json: Json = None,
 ) -> None:
     """Carry out an instruction while you watch; sub-tasks are split at commas and "then"."""
-    from karma import registry
+    from rich.live import Live
+
+    from karma import registry, show
     from karma.bench.clauses import split_instruction
     from karma.bench.experiment import Models, make_kit
     from karma.bench.records import Call
@@ -139,6 +138,15 @@ def eval_command(
     json: Json = None,
 ) -> None:
     """Run an experiment; what is done already is not done again."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    from karma import show
     from karma.bench.experiment import Run
     from karma.bench.records import summarise
 
