@@ -13,20 +13,34 @@ import os
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 
 from karma import registry
+from karma.bench.authors import load_authors_tasks
+from karma.bench.episode import run_episode
+from karma.bench.tasks import load_tasks
+from karma.errors import FileError, ProgramError
 from karma.files import read_json, to_json, write_atomic
+from karma.infer.manifest import resolve_planner
+from karma.methods.oracle import OracleMethod
+from karma.offline import go_offline
+from karma.program import parse_program
+from karma.prompt import Facts, compact
 from karma.seeds import stream
 from karma.training import rooms
+from karma.training.alfred import Facts as ReadFacts
+from karma.training.alfred import Sentence, facts_of, read_sentences
 from karma.training.phrases import Book, our_book, with_alfred
 from karma.training.recollections import Room
 from karma.training.samples import Example, draw
+from karma.training.stories import Kind, Step, draw_story
 from karma.training.train import (
     END,
     PAD,
@@ -37,11 +51,15 @@ from karma.training.train import (
     last_step,
     load_weights,
     make_tokenizer,
+    plain,
     train,
 )
+from karma.world.generate import build_scene
 
+WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
 ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
+KINDS: tuple[Kind, ...] = ("simple", "composite", "complex")
 TASKS = (ROOT / "eval" / "alfred_l" / "tasks.jsonl",)
 Folder = Annotated[Path, typer.Option(help="Checkpoints, tokenizer and rooms.")]
 FOLDER = ROOT / "runs" / "planner"
@@ -74,6 +92,26 @@ def gather_book() -> Book:
         return with_alfred(our_book(), path)
     console.print(f"no demonstrations at {path}: our own phrases only")
     return our_book()
+
+
+def gather_sentences(*, held_out: bool) -> tuple[Sentence, ...]:
+    """Return ALFRED's goal sentences of one side; () where the demonstrations are missing."""
+    path = SHARED / "data" / "alfred" / "train.jsonl.gz"
+    if not path.exists():
+        return ()
+    every = read_sentences(path)
+    return tuple(s for n, s in enumerate(every) if (n // 3 % WATCHED == 0) == held_out)
+
+
+def test_sentences() -> frozenset[str]:
+    """Return every instruction of the test tasks, of ours and of the authors'."""
+    found = [
+        sub.instruction for path in TASKS for task in load_tasks(path) for sub in task.subtasks
+    ]
+    files = [SHARED / "data" / "alfred_l" / f"{kind}_tasks.json" for kind in KINDS]
+    tasks = load_authors_tasks([path for path in files if path.exists()])
+    found += [sub.instruction for task in tasks for sub in task.subtasks]
+    return frozenset(plain(text) for text in found)
 
 
 def held_out_packs(recipe: Recipe, book: Book, count: int) -> list[list[Example]]:
@@ -119,12 +157,13 @@ def train_command(
     device: str = "cpu",
     workers: Annotated[int, typer.Option(help="Processes of one thread each.")] = 2,
     generated: int = 300,
+    half: Annotated[bool, typer.Option(help="bfloat16, where the processor has it.")] = False,
 ) -> None:
     """Train, or go on training from the last checkpoint."""
     import torch
 
     folder.mkdir(parents=True, exist_ok=True)
-    recipe = Recipe(seed=seed, steps=steps)
+    recipe = Recipe(seed=seed, steps=steps, half=half)
     book = gather_book()
     data = gather_data(folder, recipe, book, generated)
     gather_embeddings(folder, recipe, gather_tokenizer(folder, recipe, data))
@@ -133,7 +172,7 @@ def train_command(
     else:
         with tempfile.TemporaryDirectory() as meeting:
             arguments = (workers, folder, recipe, device, generated, f"file://{meeting}/point")
-            torch.multiprocessing.spawn(train_share, arguments, nprocs=workers)
+            torch.multiprocessing.spawn(train_share, arguments, nprocs=workers)  # type: ignore[attr-defined,no-untyped-call]
 
 
 def gather_data(folder: Path, recipe: Recipe, book: Book, generated: int) -> Data:
@@ -142,6 +181,8 @@ def gather_data(folder: Path, recipe: Recipe, book: Book, generated: int) -> Dat
         rooms=gather_rooms(folder, recipe, generated),
         book=book.part(held_out=False),
         excluded=rooms.asked_pairs(TASKS),
+        alfred=gather_sentences(held_out=False),
+        forbidden=test_sentences(),
     )
 
 
@@ -167,7 +208,7 @@ def train_share(
     tokenizer = gather_tokenizer(folder, recipe, data)
     recipe = replace(recipe, vocabulary=tokenizer.get_vocab_size())
     write_atomic(folder / "recipe.json", to_json(recipe, indent=2))
-    held_out = held_out_packs(recipe, book.part(held_out=True), 60)
+    held_out = held_out_packs(recipe, our_book().part(held_out=True), 48)
     if rank == 0 and (done := last_step(folder)):
         console.print(f"going on from step {done}")
     start = time.monotonic()
@@ -216,8 +257,23 @@ def export(
 
 
 @app.command()
-def evaluate(folder: Folder = FOLDER, packs: int = 100, seed: int = 1) -> None:
-    """Print held-out figures of the last checkpoint by kind of request, teacher-forced."""
+def evaluate(
+    folder: Folder = FOLDER,
+    packs: int = 100,
+    seed: int = 1,
+    alfred: Annotated[
+        Path | None, typer.Option(help="Demonstrations whose goal sentences to read instead.")
+    ] = None,
+    planner: Annotated[str, typer.Option(help="With --alfred: a model or GGUF.")] = "karma-nano",
+    wrong: Annotated[int, typer.Option(help="With --alfred: show so many misread ones.")] = 0,
+) -> None:
+    """Print held-out figures of the last checkpoint by kind of request, teacher-forced.
+
+    With --alfred: the share of human goal sentences whose five facts a GGUF's program has right.
+    """
+    if alfred is not None:
+        _evaluate_alfred(alfred, planner, wrong)
+        return
     from tokenizers import Tokenizer
 
     recipe = replace(read_json(folder / "recipe.json", Recipe), seed=seed)
@@ -225,7 +281,7 @@ def evaluate(folder: Folder = FOLDER, packs: int = 100, seed: int = 1) -> None:
     tokenizer = Tokenizer.from_file(str(folder / "tokenizer.json"))
     examples = [
         example
-        for pack in held_out_packs(recipe, gather_book().part(held_out=True), packs)
+        for pack in held_out_packs(recipe, our_book().part(held_out=True), packs)
         for example in pack
     ]
     for kind, count in sorted(Counter(example.kind for example in examples).items()):
@@ -234,5 +290,114 @@ def evaluate(folder: Folder = FOLDER, packs: int = 100, seed: int = 1) -> None:
         console.print(f"{kind:12} {count:4}  exact {share:.3f}")
 
 
+def _evaluate_alfred(path: Path, planner: str, wrong: int) -> None:
+    """Print how many of the file's goal sentences are read right, alone and without memory."""
+    file = resolve_planner(planner)
+    model = registry.load("language_models", "llama")(
+        file.path, n_ctx=file.context_length or 2048, n_threads=1, name=file.name
+    )
+    right: Counter[str] = Counter()
+    parts: Counter[str] = Counter()
+    seconds = []
+    sentences = read_sentences(path)
+    for sentence in sentences:
+        prompt = compact(Facts(instruction=sentence.text)).prompt
+        begun = time.perf_counter()
+        said = model.complete(prompt, spec=None, max_tokens=256, temperature=0.0, seed=0)
+        seconds.append(time.perf_counter() - begun)
+        found, truth = _facts_of(said.text), sentence.facts
+        right[truth.task] += found == truth
+        if found is not None:
+            for name in ("task", "thing", "movable", "place", "sliced"):
+                parts[name] += getattr(found, name) == getattr(truth, name)
+        if found != truth and wrong > 0:
+            wrong -= 1
+            console.print(f"{sentence.text!r}\n  is   {truth}\n  read {found}", highlight=False)
+    of = Counter(sentence.facts.task for sentence in sentences)
+    for task, count in sorted(of.items()):
+        console.print(f"{task:8} {count:4}  exact {right[task] / count:.3f}")
+    for name, count in parts.items():
+        console.print(f"{name:8}       right {count / len(sentences):.3f}")
+    total = len(sentences)
+    console.print(
+        f"all      {total:4}  exact {sum(right.values()) / total:.3f}  "
+        f"median {np.median(seconds):.3f} s an instruction"
+    )
+
+
+def _facts_of(text: str) -> ReadFacts | None:
+    try:
+        return facts_of(parse_program(text))
+    except ProgramError:
+        return None
+
+
+@app.command()
+def tasks(
+    folder: Annotated[Path, typer.Argument(help="Takes tasks.jsonl and scenes/.")],
+    each: Annotated[int, typer.Option(help="Tasks per kind.")] = 300,
+    seed: int = 0,
+    homes: Annotated[int, typer.Option(help="Rooms, half of them kitchens.")] = 24,
+) -> None:
+    """Draw tasks of rooms and phrasings that training never sees, each done once by the teacher."""
+    book = our_book().part(held_out=True)
+    world = registry.load("worlds", "embedded")()
+    drawn = list(_draw_homes(folder, seed, homes))
+    lines: list[dict[str, Any]] = []
+    tried = 0
+    for kind in KINDS:
+        found = 0
+        while found < each:
+            rng = stream(seed, "tasks", kind, str(tried))
+            path, room = drawn[tried % len(drawn)]
+            tried += 1
+            steps = draw_story(rng, room, book, kind)
+            line = _task_line(f"{kind}-{found + 1:03}", kind, path, steps) if steps else None
+            if line is not None and _can_be_done(line, world, folder):
+                lines.append(line)
+                found += 1
+    write_atomic(folder / "tasks.jsonl", b"".join(to_json(line) + b"\n" for line in lines))
+    console.print(
+        f"{len(lines)} tasks in {len(drawn)} rooms, of {tried} drawn: {folder}/tasks.jsonl"
+    )
+
+
+def _draw_homes(folder: Path, seed: int, homes: int) -> Iterator[tuple[Path, Room]]:
+    """Yield rooms of seeds of their own, each written as a scene file."""
+    order = ("kitchen", "living", "kitchen", "bedroom", "kitchen", "bathroom")
+    for number in range(homes):
+        kind = order[number % len(order)]
+        scene = build_scene(kind, 5000 + number, seed + 79)
+        path = folder / "scenes" / f"{scene.name}.json"
+        write_atomic(path, to_json(scene))
+        yield path, rooms.room_of(scene, scene.name, keep=1.0)
+
+
+def _task_line(name: str, kind: str, scene: Path, steps: Sequence[Step]) -> dict[str, Any]:
+    subtasks = [
+        {
+            "instruction": f"{step.text[0].upper()}{step.text[1:]}.",
+            "goals": [str(goal).removesuffix(": 1") for goal in step.goals],
+        }
+        for step in steps
+    ]
+    return {"id": name, "kind": kind, "scene": str(scene), "subtasks": subtasks}
+
+
+def _can_be_done(line: dict[str, Any], world: Any, folder: Path) -> bool:
+    """Return whether the teacher, knowing everything, does it in the world."""
+    path = folder / "one.jsonl"
+    write_atomic(path, to_json(line))
+    try:
+        (task,) = load_tasks(path)
+    except FileError:
+        return False  # the type table lets nothing of the kind in there
+    finally:
+        path.unlink()
+    record = run_episode(OracleMethod(), world, task, row="oracle", seed=0, folder=folder)
+    return not record.error and not any(sub.unmet for sub in record.subtasks)
+
+
 if __name__ == "__main__":
+    go_offline()
     app()

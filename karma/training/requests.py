@@ -154,7 +154,7 @@ def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
 def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
     """Draw the object of a request: from memory, from the room, or from anywhere."""
     known = [u for u in scene.units if _suits(kind, u.object_type)]
-    if known and rng.random() < 0.65:
+    if known and rng.random() < 0.75:
         return refer(rng, scene, known[int(rng.integers(len(known)))])
     remembered = {base_type(unit.object_type) for unit in scene.units}
     remembered.add(base_type(scene.facts.held_type or ""))

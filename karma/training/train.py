@@ -60,7 +60,7 @@ class Recipe:
     learning_rate: float = 1.5e-3
     weight_decay: float = 0.05
     mapped: float = 0.6  # share of packs with long-term memory
-    alfred: tuple[float, float] = (0.72, 0.15)  # share of ALFRED's sentences without and with it
+    alfred: tuple[float, float] = (0.65, 0.0)  # share of ALFRED's sentences without and with it
     half: bool = False  # matrices in bfloat16, where the processor has instructions for it
 
 
