@@ -9,6 +9,7 @@ Rooms come from the generator with seeds of their own; those of the scene files 
 seed stay out.
 """
 
+import hashlib
 import tempfile
 import time
 from dataclasses import replace
@@ -111,8 +112,12 @@ def export(path: Path, folder: Folder = FOLDER) -> None:
     save(trained(recipe, folder), path)
     asking = Asking(profile="compact", crop=recipe.margin, max_tokens=16, attempts=1, threads=1)
     write_atomic(path / ASKING, to_json(asking, indent=2))
+    console.print("files of the manifest's entry:", highlight=False)
     for file in sorted(path.iterdir()):
-        console.print(f"{file}  {file.stat().st_size} bytes")
+        file.chmod(0o644)
+        digest, size = hashlib.sha256(file.read_bytes()).hexdigest(), file.stat().st_size
+        line = f'  {{ path = "{path.name}/{file.name}", bytes = {size}, sha256 = "{digest}" }},'
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 @app.command()

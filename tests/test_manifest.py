@@ -24,7 +24,7 @@ from karma.infer.manifest import (
     verify,
 )
 
-SAFE = (".gguf", ".safetensors", ".json", ".txt", ".model")
+SAFE = (".gguf", ".safetensors", ".json", ".txt", ".model", ".jinja")
 DATA = b"weights"
 SHA = hashlib.sha256(DATA).hexdigest()
 ENTRY = f"""

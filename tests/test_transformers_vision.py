@@ -11,7 +11,7 @@ from tiny_vision import FAMILIES, save_family
 
 from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
-from karma.infer import memory_check
+from karma.infer import memory_check, transformers_vision
 from karma.infer.transformers_vision import Asking, TransformersVision
 from karma.infer.vision_crop import cut
 
@@ -177,6 +177,19 @@ def test_the_adapter_s_module_loads_no_heavy_library():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_large_model_that_is_stored_in_16_bits_stays_so(copied, monkeypatch):
+    import torch
+    from transformers import LlavaForConditionalGeneration
+
+    monkeypatch.setattr(transformers_vision, "LARGE", 1000)
+    assert TransformersVision(copied)._model.dtype == torch.float32
+    whole = LlavaForConditionalGeneration.from_pretrained(copied, dtype=torch.bfloat16)
+    whole.save_pretrained(copied)
+    half = TransformersVision(copied, asking=SHORT)
+    assert half._model.dtype == torch.bfloat16
+    half.read_states(FRAME, "look", [MUG])
 
 
 # ------------------------------------------------------------------ crops

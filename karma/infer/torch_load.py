@@ -28,26 +28,30 @@ def check_room(folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0
     )  # fmt: skip
 
 
-def load_weights(kind: str, folder: CheckedFolder, *, work_mb: float = 0) -> Any:
-    """Open a model in float32 on the CPU, ready to be asked.
+def load_weights(
+    kind: str, folder: CheckedFolder, *, work_mb: float = 0, half: bool = False
+) -> Any:
+    """Open a model on the CPU, ready to be asked.
 
     Args:
         kind: its class in transformers, e.g. "CLIPModel".
         folder: checked before, see `check_folder`.
         work_mb: see `check_room`.
+        half: in bfloat16 instead of float32.
 
     Raises:
         ModelError: too little memory, or weights that are not this architecture's: transformers
             itself would fill what is missing with random numbers and say so in a warning only.
     """
-    check_room(folder, work_mb=work_mb)
+    check_room(folder, bytes_each=2 if half else 4, work_mb=work_mb)
     import torch
     import transformers
 
     with quiet():
         try:
             model, told = getattr(transformers, kind).from_pretrained(
-                folder.path, local_files_only=True, use_safetensors=True, dtype=torch.float32,
+                folder.path, local_files_only=True, use_safetensors=True,
+                dtype=torch.bfloat16 if half else torch.float32,
                 trust_remote_code=False, output_loading_info=True,
             )  # fmt: skip
         except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:

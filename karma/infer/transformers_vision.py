@@ -34,6 +34,7 @@ NEEDS = (
 )
 NANO = "karma-nano-vlm"
 ASKING = "karma.json"
+LARGE = 500_000_000  # parameters; from here on what is stored in 16 bits stays so
 
 
 class Asking(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -60,7 +61,8 @@ class TransformersVision:
     """A `VisionModel` that looks at pictures.
 
     With `crop`, each object of interest is asked about alone, on a square cut out around its box;
-    else all at once, on the whole frame. Decoding is greedy.
+    else all at once, on the whole frame. Decoding is greedy. Weights are opened in float32; large
+    models that are stored in 16 bits are opened in bfloat16.
 
     Args:
         model: a name of the manifest (then every file is verified first), or a folder.
@@ -82,7 +84,9 @@ class TransformersVision:
         self.asking = asking or (read_json(own, Asking) if own.exists() else Asking())
         self.tally = Tally()
         self._processor = load_processor(folder)
-        self._model = load_weights("AutoModelForImageTextToText", folder)
+        stored = folder.config.get("dtype", folder.config.get("torch_dtype"))
+        half = folder.weights.parameters >= LARGE and stored in ("bfloat16", "float16")
+        self._model = load_weights("AutoModelForImageTextToText", folder, half=half)
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
@@ -149,6 +153,7 @@ class TransformersVision:
 
         text = self._processor.apply_chat_template(messages, add_generation_prompt=True)
         batch = self._processor(images=[Image.fromarray(image)], text=[text], return_tensors="pt")
+        batch = batch.to(self._model.dtype)  # pictures; tokens stay whole numbers
         with _threads(self.asking.threads), torch.inference_mode(), quiet():
             tokens = self._model.generate(
                 **batch,
