@@ -6,7 +6,7 @@ up, cooked, heated, cut or broken is so by lot; the agent stands near something 
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
@@ -24,6 +24,7 @@ from karma.world.sim import EmbeddedWorld
 KINDS = ("kitchen", "kitchen", "kitchen", "living", "bedroom", "bathroom")  # kitchens have most
 HORIZONS_DEG = (-30.0, 0.0, 30.0, 60.0)
 LEAST_PIXELS = 64  # of an object in a picture, to be asked about
+UNSEEN_PIXELS = 16  # of fewer nothing can be said, though AI2-THOR may call the object visible
 HELD = 0.25  # share of views with something in the hand
 SPAWNED = 0.4  # share of moments in which things lie elsewhere than at the room's start
 FREE = 0.15  # share of views that are turned to nothing in particular
@@ -97,6 +98,22 @@ def samples(event: WorldEvent, least: int = LEAST_PIXELS) -> list[Sample]:
 def thinned(found: Sequence[Sample], rng: _Lot) -> list[Sample]:
     """Leave out most of the objects of types that never show a state; they are everywhere."""
     return [one for one in found if one.states != ("none",) or rng.random() < _BARE]
+
+
+def lessons(event: WorldEvent, rng: _Lot) -> list[Sample]:
+    """Return what is taught about a frame: also to say "none" of what it does not show.
+
+    Every twelfth object that AI2-THOR calls visible is hidden in the picture, mostly by an open
+    door; a model that only knows what shows enough makes up states for it.
+    """
+    found = []
+    for one in samples(event, 0):
+        if one.pixels >= LEAST_PIXELS:
+            found.append(one)
+        elif one.pixels >= UNSEEN_PIXELS or rng.random() < 0.5:
+            hidden = one.pixels < UNSEEN_PIXELS
+            found.append(replace(one, states=("none",)) if hidden else one)
+    return thinned(found, rng)
 
 
 # ------------------------------------------------------------------ states by lot

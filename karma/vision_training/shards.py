@@ -9,7 +9,7 @@ import numpy as np
 
 from karma.files import read_json, to_json, write_atomic
 from karma.infer.vision_crop import cut
-from karma.vision_training.moments import generator, moments, room, samples, thinned
+from karma.vision_training.moments import generator, lessons, moments, room
 
 ROOMS = 40  # per shard
 STATES, VIEWS = 3, 14  # dealings per room, views per dealing
@@ -66,7 +66,7 @@ def _rows(
     for which in range(number * ROOMS, (number + 1) * ROOMS):
         rng = generator(seed, "room", str(which))
         for event in moments(room(seed, which), rng, states=STATES, views=VIEWS):
-            for sample in thinned(samples(event), rng):
+            for sample in lessons(event, rng):
                 crop = cut(event.frame, sample.region, margin * SPARE)
                 yield (sample.object_type, sample.states, sample.pixels), _png(crop)
 

@@ -39,10 +39,10 @@ class Recipe:
 
     seed: int = 0
     shape: Shape = field(default_factory=Shape)
-    shards: int = 20
+    shards: int = 16
     margin: float = 1.4  # side of a crop over the longer side of the object's box
     batch: int = 128
-    steps: int = 6000
+    steps: int = 5400
     warmup: int = 300
     decay: float = 0.4  # share of the steps in which the learning rate falls to zero
     learning_rate: float = 1.5e-3
