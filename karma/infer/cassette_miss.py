@@ -63,7 +63,7 @@ def _lines(path: str, value: Any) -> list[str]:
 def _nearest(
     lines: Sequence[str], recorded: Sequence[tuple[str, Mapping[str, Any]]]
 ) -> tuple[str, Mapping[str, Any]]:
-    """Return the one with most lines in common, then with the likest other lines, then the first."""
+    """Return the one with most lines in common, then the likest other lines, then the first."""
     mine = set(lines)
     others = [readable(request) for _, request in recorded]
     common = [len(mine & set(other)) for other in others]
