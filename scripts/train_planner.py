@@ -158,12 +158,15 @@ def train_command(
     workers: Annotated[int, typer.Option(help="Processes of one thread each.")] = 2,
     generated: int = 300,
     half: Annotated[bool, typer.Option(help="bfloat16, where the processor has it.")] = False,
+    rate: Annotated[float, typer.Option(help="Learning rate.")] = 1.5e-3,
+    decay: Annotated[float, typer.Option(help="Share of the steps in which it falls.")] = 0.3,
+    packs: Annotated[int, typer.Option(help="Packs per step.")] = 16,
 ) -> None:
     """Train, or go on training from the last checkpoint."""
     import torch
 
     folder.mkdir(parents=True, exist_ok=True)
-    recipe = Recipe(seed=seed, steps=steps, half=half)
+    recipe = Recipe(seed=seed, steps=steps, half=half, learning_rate=rate, decay=decay, packs=packs)
     book = gather_book()
     data = gather_data(folder, recipe, book, generated)
     gather_embeddings(folder, recipe, gather_tokenizer(folder, recipe, data))
