@@ -126,19 +126,20 @@ def test_embedder_gives_unit_rows_and_asks_once_for_each_text(server):
     embedder = HostedEmbedder(endpoint(server, "nano-rows"), session=session)
     texts = ["an apple", "a clean plate", "an apple"]
     rows = embedder.embed(texts)
-    assert rows.shape == (3, embedder.dimension) == (3, 192)
+    assert rows.shape == (3, embedder.dimension)
+    assert embedder.dimension > 100
     assert rows.dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1.0, atol=1e-6)
     assert np.array_equal(rows[0], rows[2])
     assert not np.array_equal(rows[0], rows[1])
-    assert embedder.embed([]).shape == (0, 192)
+    assert embedder.embed([]).shape == (0, embedder.dimension)
     (spent,) = session.ledger.take()
     assert (spent.role, spent.requests, spent.completion_tokens) == ("embedder", 2, 0)
 
 
 @pytest.mark.model
 def test_embeddings_served_without_pooling_are_refused_by_what_they_are(server):
-    with pytest.raises(ModelError, match=r"a row per token: .* without pooling \(shape \(\d+, 192"):
+    with pytest.raises(ModelError, match=r"a row per token: .* without pooling \(shape \(\d+, \d+"):
         HostedEmbedder(endpoint(server, "nano-tokens")).embed(["an apple in the fridge"])
 
 
