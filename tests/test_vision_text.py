@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.contracts import SeenObject
-from karma.infer.vision_text import STATES, names_of, plain_type, question, read_answer
+from karma.infer.vision_text import STATES, again, names_of, plain_type, question, read_answer
 
 
 def thing(kind, number=1, left=0.0):
@@ -100,3 +100,9 @@ def test_any_text_is_read_or_left(text):
     reading = read_answer(text, [MUG, APPLE])
     assert set(reading.states) | set(reading.unread) == {"Mug|1", "AppleSliced|1"}
     assert all(set(words) <= set(STATES) - {"none"} for words in reading.states.values())
+
+
+def test_asking_again_keeps_the_numbers_of_the_question():
+    mugs = [thing("Mug", 1, left=5), thing("Mug", 2, left=200)]
+    reading = read_answer("Mug 1: dirty", mugs)
+    assert "about: Mug 2." in again(reading, mugs)

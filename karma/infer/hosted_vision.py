@@ -13,7 +13,7 @@ from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
 from karma.infer.hosted import options_of, said_in, sendable
 from karma.infer.hosted_session import Endpoint, Session
-from karma.infer.vision_text import Reading, names_of, question, read_answer
+from karma.infer.vision_text import again, question, read_answer
 
 MAX_TOKENS = 1024  # four steps of reasoning
 ATTEMPTS = 2  # the second quotes what could not be used
@@ -74,7 +74,7 @@ class HostedVision:
                 break
             later = [
                 {"role": "assistant", "content": answer},
-                {"role": "user", "content": _again(reading, objects)},
+                {"role": "user", "content": again(reading, objects)},
             ]
         return states
 
@@ -96,17 +96,6 @@ def _first(role: str, text: str, picture: Mapping[str, Any]) -> list[dict[str, A
         {"role": "system", "content": role},
         {"role": "user", "content": [picture, {"type": "text", "text": text}]},
     ]
-
-
-def _again(reading: Reading, objects: Sequence[SeenObject]) -> str:
-    """Return what is said about an answer that cannot be used, or not in full."""
-    names = names_of(objects)
-    left = ", ".join(names[object_id] for object_id in reading.unread)
-    wrong = f" These could not be used: {'; '.join(reading.faults)}." if reading.faults else ""
-    return (
-        f"There is no usable line about: {left}.{wrong} Answer with one line per object in the "
-        "format object: state, nothing else."
-    )
 
 
 def picture_url(image: Frame) -> str:

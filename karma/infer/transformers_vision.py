@@ -19,7 +19,7 @@ from karma.infer.manifest import resolve_folder
 from karma.infer.torch_load import load_weights, quiet
 from karma.infer.vision_crop import cut
 from karma.infer.vision_processors import load_processor
-from karma.infer.vision_text import Profile, Reading, question, read_answer
+from karma.infer.vision_text import Profile, again, question, read_answer
 
 FAMILIES = {
     "llava": ("LlavaForConditionalGeneration",),
@@ -138,7 +138,7 @@ class TransformersVision:
             if not reading.unread or attempt + 1 == asking.attempts:
                 break
             self.tally.retried += 1
-            messages += [_message("assistant", answer), _message("user", _again(reading, objects))]
+            messages += [_message("assistant", answer), _message("user", again(reading, objects))]
         return states
 
     def answer(self, image: Frame, messages: Sequence[Mapping[str, Any]]) -> str:
@@ -168,17 +168,6 @@ class TransformersVision:
 def _message(role: str, text: str, *, picture: bool = False) -> dict[str, Any]:
     parts = [{"type": "image"}] if picture else []
     return {"role": role, "content": [*parts, {"type": "text", "text": text}]}
-
-
-def _again(reading: Reading, objects: Sequence[SeenObject]) -> str:
-    """Return what is said about an answer that cannot be used, or not in full."""
-    left = [one for one in objects if one.object_id in reading.unread]
-    _, names = question("compact", "", left)
-    wrong = f" These could not be used: {'; '.join(reading.faults)}." if reading.faults else ""
-    return (
-        f"There is no usable line about: {names}.{wrong} Answer with one line per object in the "
-        "format object: state, nothing else."
-    )
 
 
 @contextmanager

@@ -125,3 +125,17 @@ def read_answer(text: str, objects: Sequence[SeenObject]) -> Reading:
 
 def _squeezed(text: str) -> str:
     return " ".join(text.replace("*", " ").split()).lower()
+
+
+def again(reading: Reading, objects: Sequence[SeenObject]) -> str:
+    """Return what is said about an answer that cannot be used, or not in full.
+
+    The names are those of the question: of two mugs the second stays the second.
+    """
+    names = names_of(objects)
+    left = ", ".join(names[object_id] for object_id in reading.unread)
+    wrong = f" These could not be used: {'; '.join(reading.faults)}." if reading.faults else ""
+    return (
+        f"There is no usable line about: {left}.{wrong} Answer with one line per object in the "
+        "format object: state, nothing else."
+    )
