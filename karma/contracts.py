@@ -16,6 +16,7 @@ Vec3 = tuple[float, float, float]
 Frame = NDArray[np.uint8]  # (H, W, 3) RGB
 Vectors = NDArray[np.float32]  # (n, d), rows of length 1
 Region = tuple[float, float, float, float]  # left, top, right, bottom; pixels of a frame
+Point = tuple[float, float]  # x, y; pixels of a frame
 
 State = Literal[
     "heated", "cooked", "sliced", "cleaned", "dirty", "filled",
@@ -49,6 +50,7 @@ class SeenObject:
     parent_ids: tuple[str, ...] = ()
     states: tuple[str, ...] = ()  # words of `State`, sorted; () when nothing was read
     region: Region | None = None  # where its box is in the frame it was seen in
+    silhouette: tuple[Point, ...] = ()  # corners of its box there, pixels, may reach out of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -36,7 +36,7 @@ from karma.prompt import Facts, compact
 from karma.seeds import stream
 from karma.training import rooms
 from karma.training.alfred import Facts as ReadFacts
-from karma.training.alfred import Sentence, facts_of, read_sentences
+from karma.training.alfred import Sentence, StepSentence, facts_of, read_sentences, read_steps
 from karma.training.phrases import Book, our_book, with_alfred
 from karma.training.recollections import Room
 from karma.training.samples import Example, draw
@@ -101,6 +101,12 @@ def gather_sentences(*, held_out: bool) -> tuple[Sentence, ...]:
         return ()
     every = read_sentences(path)
     return tuple(s for n, s in enumerate(every) if (n // 3 % WATCHED == 0) == held_out)
+
+
+def gather_steps() -> tuple[StepSentence, ...]:
+    """Return what ALFRED's annotators said of single steps; () where they are missing."""
+    path = SHARED / "data" / "alfred" / "train.jsonl.gz"
+    return read_steps(path) if path.exists() else ()
 
 
 def test_sentences() -> frozenset[str]:
@@ -185,6 +191,7 @@ def gather_data(folder: Path, recipe: Recipe, book: Book, generated: int) -> Dat
         book=book.part(held_out=False),
         excluded=rooms.asked_pairs(TASKS),
         alfred=gather_sentences(held_out=False),
+        steps=gather_steps(),
         forbidden=test_sentences(),
     )
 

@@ -110,7 +110,9 @@ def export(path: Path, folder: Folder = FOLDER) -> None:
     """Write the last checkpoint as a folder that transformers reads."""
     recipe = read_json(folder / "recipe.json", Recipe)
     save(trained(recipe, folder), path)
-    asking = Asking(profile="compact", crop=recipe.margin, max_tokens=16, attempts=1, threads=1)
+    asking = Asking(
+        profile="compact", crop=recipe.margin, outline=True, max_tokens=16, attempts=1, threads=1
+    )
     write_atomic(path / ASKING, to_json(asking, indent=2))
     console.print("files of the manifest's entry:", highlight=False)
     for file in sorted(path.iterdir()):

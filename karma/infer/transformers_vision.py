@@ -42,6 +42,7 @@ class Asking(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     profile: Profile = "full"
     crop: float | None = None  # side of a square around one object over its box; None: whole frame
+    outline: bool = False  # draw the silhouette of the object's box in that square
     boxes: bool = False  # say in words where objects are in the frame
     max_tokens: int = 768
     attempts: int = 2  # a second one quotes what could not be used
@@ -121,7 +122,8 @@ class TransformersVision:
             return
         for one in objects:
             if one.region is not None:
-                yield cut(image, one.region, self.asking.crop), [one]
+                corners = one.silhouette if self.asking.outline else ()
+                yield cut(image, one.region, self.asking.crop, corners), [one]
 
     def _ask(
         self, image: Frame, instruction: str, objects: Sequence[SeenObject]

@@ -14,7 +14,7 @@ import numpy as np
 
 from karma.contracts import Event, Frame, SeenObject, VisionModel
 from karma.files import write_atomic
-from karma.regions import region_of
+from karma.regions import region_of, silhouette_of
 
 FOLDER = "short_term/images"  # below the run folder, as Listing 1 has it
 
@@ -112,6 +112,11 @@ def _placed(group: Sequence[SeenObject], event: Event) -> list[SeenObject]:
         thing["objectId"]: thing["axisAlignedBoundingBox"] for thing in event.metadata["objects"]
     }
     return [
-        replace(one, states=(), region=region_of(event.metadata, boxes[one.object_id]))
+        replace(
+            one,
+            states=(),
+            region=region_of(event.metadata, boxes[one.object_id]),
+            silhouette=silhouette_of(event.metadata, boxes[one.object_id]),
+        )
         for one in group
     ]

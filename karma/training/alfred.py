@@ -6,6 +6,7 @@ like any other: its answer is a program, and `facts_of` reads the facts off any 
 """
 
 import gzip
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from karma.contracts import Goal, SkillCall
 from karma.errors import FileError
 from karma.teacher import View
 from karma.training.programs import plain_program
+from karma.world.types import object_types
 
 LAMPS = ("DeskLamp", "FloorLamp")
 KNIVES = ("Knife", "ButterKnife")
@@ -28,6 +30,8 @@ _TYPES = {
     "pick_cool_then_place_in_recep": "cool", "pick_heat_then_place_in_recep": "heat",
     "pick_two_obj_and_place": "two",
 }  # fmt: skip
+_BY_LOWER = {name.lower(): name for name in object_types()}
+_DEPENDS = frozenset(("other", "second", "another", "same", "slice", "slices", "piece", "off"))
 _STATES = {"clean": "clean", "heat": "heated", "cool": "cold"}
 
 
@@ -48,6 +52,16 @@ class Sentence:
 
     text: str
     facts: Facts
+    floor_plan: str = ""  # where it was said
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepSentence:
+    """What an annotator said of one step of a demonstration."""
+
+    text: str
+    goals: tuple[Goal, ...]
+    held: str = ""  # type of what is in the hand, "" for nothing
 
 
 def read_sentences(path: Path) -> tuple[Sentence, ...]:
@@ -56,15 +70,66 @@ def read_sentences(path: Path) -> tuple[Sentence, ...]:
     Raises:
         FileError: the file is missing or torn.
     """
+    return tuple(
+        Sentence(
+            text=annotation["task_desc"],
+            facts=truth_of(trial),
+            floor_plan=trial["scene"]["floor_plan"],
+        )
+        for trial in _trials(path)
+        for annotation in trial["turk_annotations"]
+    )
+
+
+def read_steps(path: Path) -> tuple[StepSentence, ...]:
+    """Return what annotators said of picking up, putting down and switching on lamps, in order.
+
+    Sentences of few words, about slices, or about "the other one" are left out: what they mean
+    depends on what was said before.
+
+    Raises:
+        FileError: the file is missing or torn.
+    """
+    return tuple(
+        StepSentence(text=text, goals=goals, held=held)
+        for trial in _trials(path)
+        for annotation in trial["turk_annotations"]
+        for text, step in zip(annotation["high_descs"], trial["plan"]["high_pddl"], strict=False)
+        if (found := _step_goals(step, trial)) is not None and _says_enough(text)
+        for goals, held in (found,)
+    )
+
+
+def _trials(path: Path) -> Iterator[Any]:
     try:
         with gzip.open(path, "rt", encoding="utf-8") as lines:
-            return tuple(
-                Sentence(text=annotation["task_desc"], facts=truth_of(trial))
-                for trial in map(msgspec.json.decode, lines)
-                for annotation in trial["turk_annotations"]
-            )
-    except (OSError, EOFError, msgspec.DecodeError, KeyError) as error:
+            yield from map(msgspec.json.decode, lines)
+    except (OSError, EOFError, msgspec.DecodeError) as error:
         raise FileError(path, f"not ALFRED demonstrations: {error}") from error
+
+
+def _step_goals(
+    step: Mapping[str, Any], trial: Mapping[str, Any]
+) -> tuple[tuple[Goal, ...], str] | None:
+    """Return what a step brings about, and the type of what is in the hand before."""
+    action, names = step["discrete_action"]["action"], step["discrete_action"]["args"]
+    if "Sliced" in step["planner_action"].get("objectId", ""):
+        return None
+    types = [_PARTS.get(name, name) for name in (_BY_LOWER.get(one, "") for one in names)]
+    if not all(types):
+        return None
+    if action == "PickupObject":
+        return (_goal("HOLDON", "robot", types[0]),), ""
+    if action == "PutObject" and len(types) == 2:
+        return (_goal("ON", *types),), types[0]
+    if action == "ToggleObject" and types[0] in LAMPS:
+        return (_goal("TOGGLEON", types[0]),), trial["pddl_params"]["object_target"]
+    return None
+
+
+def _says_enough(text: str) -> bool:
+    words = re.findall(r"[a-z]+", text.lower())
+    return len(words) > 3 and not _DEPENDS & set(words)
 
 
 def truth_of(trial: Mapping[str, Any]) -> Facts:

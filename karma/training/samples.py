@@ -13,7 +13,7 @@ import numpy as np
 from karma.contracts import MemoryUnit, SkillCall
 from karma.prompt import Facts, base_type, compact
 from karma.teacher import Thing, View
-from karma.training.alfred import Sentence, program_of
+from karma.training.alfred import Sentence, StepSentence, program_of
 from karma.training.histories import draw_history
 from karma.training.phrases import Book
 from karma.training.programs import plain_program
@@ -27,6 +27,8 @@ ERRORS = (
     "PickupObject(robot, 'Mug'): the hand holds Fork; put it down first",
     "Explore(robot, 'Mug'): could not find Mug; searched 12 places",
 )  # fmt: skip
+RECALLED = 0.6  # share of prompts with the few units that recall would choose, not the whole memory
+FEW = 3  # units then
 LIVED = 0.8  # share of memories that a few requests have left behind
 VAGUE = 0.45  # share of draws in which a remembered thing is mostly not called by its name
 TWO = 0.03  # share of sentences with two requests
@@ -73,6 +75,9 @@ def draw(
         ask = _draw_ask(rng, scene)
         if ask is None:
             continue
+        if rng.random() < RECALLED:
+            facts = _recalled(rng, scene, ask)
+            scene = replace(scene, facts=facts)
         calls = plain_program(ask.goals, _view(scene, held))
         if not calls or len(calls) > LONGEST:
             continue
@@ -81,19 +86,80 @@ def draw(
         return _example(ask.kind, facts, calls)
 
 
+def _recalled(rng: Rng, scene: Situation, ask: Ask) -> Facts:
+    """Return the facts with what the request means and a few other units, as a recall leaves them.
+
+    Everything stays where a unit would go by another name among the few.
+    """
+    named = {argument for goal in ask.goals for argument in goal.arguments}
+    meant = [unit for unit in scene.units if scene.names[unit.object_id] in named]
+    others = [unit for unit in scene.units if unit not in meant]
+    rng.shuffle(others)
+    kept = {unit.object_id for unit in (*meant, *others[: max(FEW - len(meant), 0)])}
+    few = replace(scene.facts, units=tuple(unit for unit in scene.units if unit.object_id in kept))
+    names = {object_id: name for name, object_id in compact(few).names.items()}
+    return few if all(names[one] == scene.names[one] for one in kept) else scene.facts
+
+
+def draw_step(rng: Rng, room: Room, steps: Sequence[StepSentence]) -> Example | None:
+    """Draw one example with what an annotator said of one step, None if it cannot be.
+
+    What is put down is in the hand, and in memory; it goes by whatever the annotator called it.
+    """
+    step = pick(rng, steps)
+    facts, _ = _draw_facts(rng, room, mapped=False)
+    about = {name for goal in step.goals for name in goal.arguments}
+    units = [
+        unit
+        for unit in facts.units
+        if base_type(unit.object_type) not in about and unit.place_id != "hand"
+    ]
+    if rng.random() < 0.5:
+        units = units[-FEW + 1 :]
+    held = _in_hand(step.held) if step.held else None
+    if held is not None:
+        units.append(held)
+    facts = replace(
+        facts,
+        instruction=step.text,
+        units=tuple(units),
+        held_id=held.object_id if held else None,
+        held_type=held.object_type if held else None,
+    )
+    calls = plain_program(step.goals, View())
+    return _example("step", facts, calls) if calls else None
+
+
+def _in_hand(object_type: str) -> MemoryUnit:
+    return MemoryUnit(
+        object_id=f"{object_type}|held",
+        object_type=object_type,
+        position_m=(0.0, 0.0, 0.0),
+        states=(),
+        place_id="hand",
+        handled=True,
+    )
+
+
 def draw_alfred(
     rng: Rng, room: Room, sentences: Sequence[Sentence], *, mapped: bool
 ) -> Example | None:
     """Draw one example with a sentence of ALFRED's annotators, None where the room has no place.
 
     Without long-term memory the prompt mostly holds the sentence alone.
+
+    Args:
+        rng: the example's own stream.
+        room: where; with long-term memory it should be the room that the sentences were said in.
+        sentences: to choose from.
+        mapped: whether long-term memory is in the prompt.
     """
     sentence = pick(rng, sentences)
     wanted = sentence.facts
     if mapped and wanted.place not in room.landmarks:
         return None
     facts, held = _draw_facts(rng, room, mapped=mapped)
-    if not mapped and rng.random() < 0.8:
+    if rng.random() < 0.8:
         facts, held = replace(facts, units=(), held_id=None, held_type=None), None
     book, none = Book(templates={}, adjectives={}, just={}, around={}), frozenset[tuple[str, str]]()
     scene = _situation(rng, room, facts, book, none, mapped=mapped)

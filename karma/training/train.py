@@ -6,8 +6,9 @@ so a pack trains exactly what inference does. The loss counts program tokens onl
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,10 @@ from karma.infer.gguf_export import new_tokenizer
 from karma.program import SKILLS
 from karma.prompt import landmark_types
 from karma.seeds import stream
-from karma.training.alfred import Sentence
+from karma.training.alfred import Sentence, StepSentence
 from karma.training.phrases import Book
-from karma.training.recollections import Room
-from karma.training.samples import Example, draw, draw_alfred
+from karma.training.recollections import Room, pick
+from karma.training.samples import Example, draw, draw_alfred, draw_step
 from karma.world.types import object_types
 
 END = "<|end|>"
@@ -60,11 +61,13 @@ class Recipe:
     learning_rate: float = 1.5e-3
     weight_decay: float = 0.05
     mapped: float = 0.6  # share of packs with long-term memory
-    alfred: tuple[float, float] = (0.65, 0.0)  # share of ALFRED's sentences without and with it
+    alfred: tuple[float, float] = (0.4, 0.5)  # share of ALFRED's goals without and with it
+    steps_said: float = 0.2  # share of what ALFRED's annotators said of single steps, without it
+    plans: float = 0.4  # share of packs with long-term memory in rooms where ALFRED was recorded
     half: bool = False  # matrices in bfloat16, where the processor has instructions for it
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Data:
     """Where examples come from."""
 
@@ -72,7 +75,24 @@ class Data:
     book: Book
     excluded: frozenset[tuple[str, str]]
     alfred: Sequence[Sentence] = ()
+    steps: Sequence[StepSentence] = ()
     forbidden: frozenset[str] = frozenset()  # sentences of the tests, see `plain`
+
+    @cached_property
+    def recorded(self) -> Sequence[Room]:
+        """The rooms in which a sentence of ALFRED's was said."""
+        return tuple(room for room in self.rooms if self.said(room))
+
+    def said(self, room: Room) -> Sequence[Sentence]:
+        """Return ALFRED's sentences of a room."""
+        return self._by_plan.get(room.name, ())
+
+    @cached_property
+    def _by_plan(self) -> Mapping[str, Sequence[Sentence]]:
+        found: dict[str, list[Sentence]] = {}
+        for sentence in self.alfred:
+            found.setdefault(sentence.floor_plan, []).append(sentence)
+        return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,14 +108,19 @@ class Progress:
 def draw_pack(recipe: Recipe, data: Data, *name: str) -> list[Example]:
     """Draw one pack; equal names give equal packs."""
     rng = stream(recipe.seed, "planner", *name)
-    room = data.rooms[int(rng.integers(len(data.rooms)))]
     mapped = bool(rng.random() < recipe.mapped)
+    recorded = data.recorded if mapped and rng.random() < recipe.plans else ()
+    room = pick(rng, recorded or data.rooms)
+    said = data.said(room) if mapped else data.alfred
     found: list[Example] = []
     wanted = recipe.examples if mapped else recipe.examples * 3 // 2
     while len(found) < wanted:
         example: Example | None = None
-        if data.alfred and rng.random() < recipe.alfred[mapped]:
-            example = draw_alfred(rng, room, data.alfred, mapped=mapped)
+        roll = rng.random()
+        if said and roll < recipe.alfred[mapped]:
+            example = draw_alfred(rng, room, said, mapped=mapped)
+        elif data.steps and not mapped and roll > 1 - recipe.steps_said:
+            example = draw_step(rng, room, data.steps)
         else:
             example = draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
         if example is not None and plain(_task(example)) not in data.forbidden:
@@ -375,41 +400,48 @@ def train(
             torch.distributed is up, and only rank 0 writes and yields.
         embeddings: see `new_model`.
     """
-    import torch
-
     model = new_model(recipe, embeddings).to(device)
-    optimizer = torch.optim.AdamW(
-        model.parameters(),
-        lr=recipe.learning_rate,
-        betas=(0.9, 0.95),
-        weight_decay=recipe.weight_decay,
-    )
-    step, seen = _resume(folder, model, optimizer)
+    optimizers = _optimizers(model, recipe)
+    step, seen = _resume(folder, model, optimizers)
     rank, number_of = share
     losses: list[float] = []
     while step < recipe.steps:
-        for group in optimizer.param_groups:
+        for group in (group for one in optimizers for group in one.param_groups):
             group["lr"] = recipe.learning_rate * _schedule(recipe, step)
         names = [(str(step), str(number)) for number in range(rank, recipe.packs, number_of)]
         batch = collate([draw_pack(recipe, data, "train", *name) for name in names], tokenizer)
         seen += int((batch["tokens"] != 1).sum())
-        losses.append(_step(model, optimizer, _to(batch, device), number_of, half=recipe.half))
+        losses.append(_step(model, optimizers, _to(batch, device), number_of, half=recipe.half))
         step += 1
         if rank == 0 and (step % every == 0 or step == recipe.steps):
             exact = exact_share(model, tokenizer, held_out, device)
-            _checkpoint(folder, model, optimizer, step, seen)
+            _checkpoint(folder, model, optimizers, step, seen)
             yield Progress(step=step, loss=float(np.mean(losses)), tokens=seen, exact=exact)
             losses = []
 
 
+def _optimizers(model: Any, recipe: Recipe) -> tuple[Any, ...]:
+    """Return Muon for the layers' matrices (Jordan, 2024) and AdamW for the rest, at one rate."""
+    import torch
+
+    table = model.model.embed_tokens.weight
+    layers = [value for value in model.parameters() if value.ndim == 2 and value is not table]
+    rest = [value for value in model.parameters() if value.ndim != 2 or value is table]
+    rate, decay = recipe.learning_rate, recipe.weight_decay
+    return (
+        torch.optim.Muon(layers, lr=rate, weight_decay=decay, adjust_lr_fn="match_rms_adamw"),
+        torch.optim.AdamW(rest, lr=rate, betas=(0.9, 0.95), weight_decay=decay),
+    )
+
+
 def _step(
-    model: Any, optimizer: Any, batch: dict[str, Any], number_of: int, *, half: bool
+    model: Any, optimizers: Sequence[Any], batch: dict[str, Any], number_of: int, *, half: bool
 ) -> float:
     import torch
 
     logits, targets = forward(model, batch, half=half)
     loss = torch.nn.functional.cross_entropy(logits, targets)
-    optimizer.zero_grad()
+    model.zero_grad()
     loss.backward()  # type: ignore[no-untyped-call]
     if number_of > 1:
         flat = torch.cat([value.grad.flatten() for value in model.parameters()])
@@ -420,7 +452,8 @@ def _step(
             value.grad.copy_(flat[start : start + size].view_as(value) / number_of)
             start += size
     torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-    optimizer.step()
+    for one in optimizers:
+        one.step()
     return float(loss.detach())
 
 
@@ -445,21 +478,25 @@ class _Saved:
     tokens: int
 
 
-def _checkpoint(folder: Path, model: Any, optimizer: Any, step: int, tokens: int) -> None:
+def _checkpoint(
+    folder: Path, model: Any, optimizers: Sequence[Any], step: int, tokens: int
+) -> None:
     """Save weights and optimizer state as safetensors; the older checkpoint stays until then."""
     from safetensors.torch import save
 
     state = {f"model.{name}": value for name, value in model.named_parameters()}
     for name, value in model.named_parameters():
-        for moment in ("exp_avg", "exp_avg_sq"):
-            state[f"{moment}.{name}"] = optimizer.state[value][moment]
+        for optimizer in optimizers:
+            for moment, held in optimizer.state.get(value, {}).items():
+                if moment != "step":
+                    state[f"{moment}.{name}"] = held
     header = {"step": str(step), "tokens": str(tokens)}
     state = {name: value.detach().cpu().contiguous() for name, value in state.items()}
     write_atomic(folder / "checkpoint.safetensors", save(state, metadata=header))
     write_atomic(folder / "progress.json", to_json(_Saved(step=step, tokens=tokens)))
 
 
-def _resume(folder: Path, model: Any, optimizer: Any) -> tuple[int, int]:
+def _resume(folder: Path, model: Any, optimizers: Sequence[Any]) -> tuple[int, int]:
     """Load the last checkpoint into model and optimizer; return its step and token count."""
     import torch
     from safetensors import safe_open
@@ -473,11 +510,14 @@ def _resume(folder: Path, model: Any, optimizer: Any) -> tuple[int, int]:
         with torch.no_grad():
             for name, value in model.named_parameters():
                 value.copy_(saved.get_tensor(f"model.{name}"))
-                optimizer.state[value] = {
-                    "step": torch.tensor(float(step)),
-                    "exp_avg": saved.get_tensor(f"exp_avg.{name}").to(value.device),
-                    "exp_avg_sq": saved.get_tensor(f"exp_avg_sq.{name}").to(value.device),
-                }
+        matrices = {value for group in optimizers[0].param_groups for value in group["params"]}
+        for name, value in model.named_parameters():
+            muon = value in matrices
+            moments = ("momentum_buffer",) if muon else ("exp_avg", "exp_avg_sq")
+            found = {m: saved.get_tensor(f"{m}.{name}").to(value.device) for m in moments}
+            if not muon:
+                found["step"] = torch.tensor(float(step))
+            optimizers[0 if muon else 1].state[value] = found
     return step, tokens
 
 

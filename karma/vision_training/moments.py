@@ -12,9 +12,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from karma.contracts import Region
+from karma.contracts import Point, Region
 from karma.perceive import shown_states
-from karma.regions import region_of
+from karma.regions import region_of, silhouette_of
 from karma.seeds import stream
 from karma.world.event import WorldEvent
 from karma.world.generate import build_scene
@@ -43,6 +43,7 @@ class Sample:
     object_id: str
     object_type: str
     region: Region  # of its box in the picture
+    silhouette: tuple[Point, ...]  # likewise
     pixels: int  # of the picture that show it
     states: tuple[str, ...]  # sorted words; ("none",) when there is nothing to say
 
@@ -88,6 +89,7 @@ def samples(event: WorldEvent, least: int = LEAST_PIXELS) -> list[Sample]:
                     object_id=object_id,
                     object_type=thing["objectType"],
                     region=region,
+                    silhouette=silhouette_of(event.metadata, thing["axisAlignedBoundingBox"]),
                     pixels=shown[object_id],
                     states=shown_states(thing),
                 )

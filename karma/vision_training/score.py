@@ -247,10 +247,11 @@ def _sight(one: Sample) -> SeenObject:
         box_size_m=(0.0, 0.0, 0.0),
         pickupable=False,
         region=one.region,
+        silhouette=one.silhouette,
     )
 
 
 def _shown(frame: Frame, one: Sample) -> Frame:
     from karma.infer.vision_crop import cut
 
-    return cut(frame, one.region, 1.5)
+    return cut(frame, one.region, 1.5, one.silhouette)

@@ -67,7 +67,7 @@ def _rows(
         rng = generator(seed, "room", str(which))
         for event in moments(room(seed, which), rng, states=STATES, views=VIEWS):
             for sample in lessons(event, rng):
-                crop = cut(event.frame, sample.region, margin * SPARE)
+                crop = cut(event.frame, sample.region, margin * SPARE, sample.silhouette)
                 yield (sample.object_type, sample.states, sample.pixels), _png(crop)
 
 
