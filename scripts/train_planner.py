@@ -55,6 +55,7 @@ from karma.training.train import (
     train,
 )
 from karma.world.generate import build_scene
+from karma.world.importers import import_dump
 
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
 ROOT = Path(__file__).parents[1]
@@ -275,14 +276,18 @@ def evaluate(
         Path | None, typer.Option(help="Demonstrations whose goal sentences to read instead.")
     ] = None,
     planner: Annotated[str, typer.Option(help="With --alfred: a model or GGUF.")] = "karma-nano",
+    mapped: Annotated[
+        bool, typer.Option(help="With --alfred: the room's long-term memory is in the prompt.")
+    ] = False,
     wrong: Annotated[int, typer.Option(help="With --alfred: show so many misread ones.")] = 0,
 ) -> None:
     """Print held-out figures of the last checkpoint by kind of request, teacher-forced.
 
-    With --alfred: the share of human goal sentences whose five facts a GGUF's program has right.
+    With --alfred: the share of human goal sentences whose five facts a GGUF's program has right,
+    read alone, or with --mapped by an agent that knows the room from an earlier exploration.
     """
     if alfred is not None:
-        _evaluate_alfred(alfred, planner, wrong)
+        _evaluate_alfred(alfred, planner, wrong, _known_plans() if mapped else None)
         return
     from tokenizers import Tokenizer
 
@@ -300,8 +305,20 @@ def evaluate(
         console.print(f"{kind:12} {count:4}  exact {share:.3f}")
 
 
-def _evaluate_alfred(path: Path, planner: str, wrong: int) -> None:
-    """Print how many of the file's goal sentences are read right, alone and without memory."""
+def _known_plans() -> dict[str, Room]:
+    """Return floor plan -> what an agent knows of it that overlooked nothing."""
+    dumps = SHARED / "data" / "thor5" / "scenes.jsonl.gz"
+    layouts = SHARED / "data" / "alfred" / "layouts.json.gz"
+    scenes = import_dump(dumps, layouts=layouts)
+    return {scene.name: rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes}
+
+
+def _evaluate_alfred(path: Path, planner: str, wrong: int, plans: dict[str, Room] | None) -> None:
+    """Print how many of the file's goal sentences are read right, without short-term memory.
+
+    With `plans` a sentence is read with the map of its room; those whose room is not among them
+    are left out.
+    """
     file = resolve_planner(planner)
     model = registry.load("language_models", "llama")(
         file.path, n_ctx=file.context_length or 2048, n_threads=1, name=file.name
@@ -309,9 +326,14 @@ def _evaluate_alfred(path: Path, planner: str, wrong: int) -> None:
     right: Counter[str] = Counter()
     parts: Counter[str] = Counter()
     seconds = []
-    sentences = read_sentences(path)
+    sentences = [
+        sentence
+        for sentence in read_sentences(path)
+        if plans is None or sentence.floor_plan in plans
+    ]
     for sentence in sentences:
-        prompt = compact(Facts(instruction=sentence.text)).prompt
+        areas = plans[sentence.floor_plan].areas if plans else ()
+        prompt = compact(Facts(instruction=sentence.text, areas=areas)).prompt
         begun = time.perf_counter()
         said = model.complete(prompt, spec=None, max_tokens=256, temperature=0.0, seed=0)
         seconds.append(time.perf_counter() - begun)

@@ -1,6 +1,8 @@
 """Cassettes: what is recorded is what is replayed, in order, and nothing else is."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 from hypothesis import given
@@ -272,3 +274,18 @@ def test_cassette_that_cannot_be_written_is_an_error_naming_it(tmp_path):
     with pytest.raises(FileError, match="cannot write") as caught:
         Cassette(tmp_path / "file", "record").exchange(request("a"), say("x"))
     assert isinstance(caught.value, CassetteError)
+
+
+def test_two_processes_cannot_record_into_one_folder(tmp_path):
+    recording = Cassette(tmp_path, "record")
+    recording.begin("one")
+    code = (
+        "import sys; from karma.infer.cassette import Cassette, CassetteError\n"
+        "try: Cassette(sys.argv[1], 'record')\n"
+        "except CassetteError as error: print(error)"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True
+    ).stdout
+    assert "another process records here" in said
+    assert (tmp_path / "exchanges.jsonl").read_bytes().count(b"\n") == 1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from karma.regions import project, region_of
+from karma.regions import project, region_of, silhouette_of
 from karma.world.sim import EmbeddedWorld
 
 METADATA = {
@@ -45,6 +45,30 @@ def test_pixels_of_an_object_lie_in_its_region(yaw, horizon):
         left, top, right, bottom = region_of(event.metadata, thing["axisAlignedBoundingBox"])
         assert left - 3 <= xs.min() and xs.max() <= right + 3, object_id
         assert top - 3 <= ys.min() and ys.max() <= bottom + 3, object_id
+        corners = silhouette_of(event.metadata, thing["axisAlignedBoundingBox"])
+        assert farthest_outside(corners, np.stack([xs + 0.5, ys + 0.5], axis=1)) < 3, object_id
+
+
+def farthest_outside(corners, points):
+    """Return how far the farthest point lies beyond an edge of a convex polygon, pixels."""
+    corners = np.array(corners)
+    edges = np.roll(corners, -1, axis=0) - corners
+    inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+    return float((-((points[:, None] - corners) * inward).sum(axis=-1)).max())
+
+
+def test_silhouette_of_a_box_straight_ahead_is_its_near_side():
+    box = {"center": {"x": 0, "y": 1.5, "z": 1.5}, "size": {"x": 1, "y": 1, "z": 1}}
+    assert silhouette_of(METADATA, box) == (
+        (75.0, 75.0), (225.0, 75.0), (225.0, 225.0), (75.0, 225.0),
+    )  # fmt: skip
+
+
+def test_silhouette_of_what_is_behind_is_empty_and_of_what_is_beside_lies_out_of_the_frame():
+    box = {"center": {"x": 0, "y": 1.5, "z": -2}, "size": {"x": 1, "y": 1, "z": 1}}
+    assert silhouette_of(METADATA, box) == ()
+    box["center"] = {"x": 5, "y": 1.5, "z": 1}
+    assert min(x for x, _ in silhouette_of(METADATA, box)) > 300
 
 
 def event_position(world):

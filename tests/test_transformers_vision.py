@@ -13,7 +13,7 @@ from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.infer import memory_check, transformers_vision
 from karma.infer.transformers_vision import Asking, TransformersVision
-from karma.infer.vision_crop import cut
+from karma.infer.vision_crop import LINE, cut
 
 MUG = SeenObject(
     object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
@@ -193,6 +193,17 @@ def test_a_large_model_that_is_stored_in_16_bits_stays_so(copied, monkeypatch):
 
 
 # ------------------------------------------------------------------ crops
+
+
+def test_a_silhouette_is_drawn_into_the_crop_and_nowhere_else():
+    corners = ((110.0, 110.0), (150.0, 110.0), (150.0, 170.0), (110.0, 170.0))
+    plain = cut(FRAME, (100, 100, 160, 180), 1.5)
+    drawn = cut(FRAME, (100, 100, 160, 180), 1.5, corners)
+    ys, xs = np.nonzero((drawn != plain).any(axis=-1))
+    assert set(map(tuple, drawn[ys, xs].tolist())) == {LINE}
+    assert abs(xs.min() - 40) <= 1 and abs(xs.max() - 80) <= 1
+    assert abs(ys.min() - 30) <= 1 and abs(ys.max() - 90) <= 1
+    assert (drawn[40:80, 50:70] == plain[40:80, 50:70]).all()
 
 
 def test_a_crop_is_square_and_centred_and_black_beyond_the_frame():

@@ -9,12 +9,13 @@ The cassette also keeps the times of a recorded run, local models' too, and repl
 were measured. Keys never get here: `karma.infer.hosted_session` takes them out first.
 """
 
+import fcntl
 import hashlib
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import IO, Any, Literal
 
 import msgspec
 
@@ -25,6 +26,7 @@ from karma.infer.cassette_miss import describe_miss
 Mode = Literal["record", "replay", "off"]
 MODES: tuple[Mode, ...] = ("record", "replay", "off")
 FILE = "exchanges.jsonl"
+LOCK = "recording.lock"  # held by the process that records
 VOLATILE = frozenset({
     "metadata", "prompt_cache_key", "safety_identifier", "service_tier", "store", "user",
 })  # fields of a request that change nothing in its answer  # fmt: skip
@@ -96,7 +98,8 @@ class Cassette:
         mode: "record" asks and keeps, "replay" answers from the file only, "off" asks.
 
     Raises:
-        CassetteError: nothing to replay, a line is damaged, or (replay only) the last is torn.
+        CassetteError: nothing to replay, a line is damaged, (replay only) the last is torn, or
+            another process records here.
     """
 
     def __init__(self, folder: str | Path | None = None, mode: Mode = "off") -> None:
@@ -109,6 +112,7 @@ class Cassette:
         self._ticks: dict[tuple[str, int], float] = {}
         self._asked: Counter[str] = Counter()
         self._scope, self._measured, self._start = "", 0, time.perf_counter()
+        self._lock = self._locked() if mode == "record" else None
         if mode != "off":
             self._read()
 
@@ -191,6 +195,22 @@ class Cassette:
         return made
 
     # ------------------------------------------------------------- the file
+
+    def _locked(self) -> IO[bytes]:
+        """Return the lock file, held until it is closed or the process ends."""
+        path = self.path.with_name(LOCK)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            file = path.open("ab")
+        except OSError as error:
+            raise CassetteError(self.path, f"cannot write: {error.strerror}") from error
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            file.close()
+            reason = "another process records here"
+            raise CassetteError(self.path, reason, fix="give --cassette another DIR") from error
+        return file
 
     def _write(self, line: Exchange | Begin | Tick) -> None:
         try:

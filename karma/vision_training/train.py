@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.files import write_atomic
 from karma.infer.vision_text import STATES
 from karma.vision_training.model import (
     FEATURES,
@@ -30,7 +31,7 @@ from karma.vision_training.model import (
 from karma.vision_training.moments import generator
 from karma.vision_training.shards import SPARE, Shard, has_shard
 
-CHECKPOINT = "checkpoint.pt"
+CHECKPOINT = "checkpoint.safetensors"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,11 +231,11 @@ def train(
 
 def trained(recipe: Recipe, folder: Path) -> Any:
     """Return the model of the last checkpoint, with its averaged weights."""
-    import torch
+    from safetensors.torch import load_file
 
-    found = torch.load(folder / CHECKPOINT, map_location="cpu", weights_only=True)
+    found = _part(load_file(folder / CHECKPOINT), "average")
     model = new_model(recipe.shape, recipe.seed)
-    model.load_state_dict(without_aid(found["average"]))
+    model.load_state_dict(without_aid(found))
     return model.eval()
 
 
@@ -347,25 +348,41 @@ def _averaged(average: dict[str, Any], model: Any, kept: float) -> None:
 
 
 def _keep(path: Path, model: Any, average: dict[str, Any], optimizer: Any, step: int) -> None:
-    import torch
+    """Write weights, their average and the optimizer's moments; the older file stays until then."""
+    from safetensors.torch import save
 
-    path.parent.mkdir(parents=True, exist_ok=True)
+    moments = optimizer.state_dict()["state"]
+    parts = {"model": model.state_dict(), "average": average}
+    parts |= {f"moments.{number}": state for number, state in moments.items()}
     whole = {
-        "model": model.state_dict(), "average": average,
-        "optimizer": optimizer.state_dict(), "step": step,
-    }  # fmt: skip
-    torch.save(whole, path.with_suffix(".new"))
-    path.with_suffix(".new").replace(path)
+        f"{part}.{name}": value.detach().cpu().contiguous()
+        for part, values in parts.items()
+        for name, value in values.items()
+    }
+    write_atomic(path, save(whole, metadata={"step": str(step)}))
 
 
 def _resume(path: Path, model: Any, average: dict[str, Any], optimizer: Any, device: str) -> int:
-    import torch
+    from safetensors import safe_open
+    from safetensors.torch import load_file
 
     if not path.exists():
         return 0
-    found = torch.load(path, map_location=device, weights_only=True)
-    model.load_state_dict(found["model"])
-    optimizer.load_state_dict(found["optimizer"])
-    for name, value in found["average"].items():
+    found = load_file(path, device=device)
+    model.load_state_dict(_part(found, "model"))
+    for name, value in _part(found, "average").items():
         average[name].copy_(value)
-    return int(found["step"])
+    state = optimizer.state_dict()
+    count = sum(len(group["params"]) for group in state["param_groups"])
+    state["state"] = {number: _part(found, f"moments.{number}") for number in range(count)}
+    optimizer.load_state_dict(state)
+    with safe_open(path, "pt") as saved:
+        return int(saved.metadata()["step"])
+
+
+def _part(found: dict[str, Any], name: str) -> dict[str, Any]:
+    return {
+        key.removeprefix(f"{name}."): value
+        for key, value in found.items()
+        if key.startswith(f"{name}.")
+    }
