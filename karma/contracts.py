@@ -214,6 +214,7 @@ class Plan:
     calls: tuple[SkillCall, ...]
     names: Mapping[str, str]  # what short names in the calls stand for (name -> object id)
     error: str = ""  # why the answer was refused; quoted in the next prompt
+    examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -91,6 +91,7 @@ class Planner:
             calls=calls,
             names=rendered.names,
             error=error,
+            examples=tuple(example.instruction for example in facts.examples),
         )
 
 

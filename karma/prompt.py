@@ -23,6 +23,14 @@ _TEMPLATES = Path(__file__).parent / "prompts"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Example:
+    """A worked example: an instruction and its program."""
+
+    instruction: str
+    program: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
     """Everything a prompt may say."""
 
@@ -33,6 +41,7 @@ class Facts:
     held_id: str | None = None
     held_type: str | None = None
     error: str = ""  # why the last answer was refused or failed
+    examples: Sequence[Example] = ()  # chosen for the instruction; the compact profile has no room
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,6 +164,7 @@ def full(facts: Facts, skills: Sequence[SkillSignature]) -> Rendered:
         name_of=name_of,
         held=name_of.get(facts.held_id or ""),
         error=facts.error,
+        examples=facts.examples,
         instruction=facts.instruction,
     )
     return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)

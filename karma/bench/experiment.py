@@ -265,6 +265,7 @@ def make_kit(
         vision=_filled("vision_models", models.vision, models.hosted.vision, session),
         maps=maps,
         learn=learn,
+        embedder=embedder,
     )
 
 

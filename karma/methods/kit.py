@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from karma.contracts import Recall, VisionModel
+from karma.contracts import Embedder, Recall, VisionModel
 from karma.errors import KarmaError
 from karma.planner import Planner
 
@@ -23,6 +23,7 @@ class Kit:
     vision: VisionModel
     maps: Path | None = None  # folder of long-term memories
     learn: bool = False  # write what episodes learn back to it
+    embedder: Embedder | None = None  # of texts, e.g. to find examples by their instructions
 
 
 def settings_of(kind: type[T], options: Mapping[str, Any]) -> T:
