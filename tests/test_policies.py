@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.errors import KarmaError, UnknownNameError
-from karma.memory.policies import Fifo, FifoMerge, FifoMergeWhenFull, Lfu, Lru, make_policy
+from karma.memory.policies import Arc, Fifo, FifoMerge, FifoMergeWhenFull, Lfu, Lru, make_policy
 from karma.memory.sketch import CAP, CountMin4, ExactCounts
 from karma.memory.trace import HitStatistics, belady_hits, replay, replay_tasks, unbounded_hits
 from karma.memory.wtinylfu import CaffeineWTinyLfu, KarmaWTinyLfu
@@ -39,7 +39,9 @@ def golden(trace):
 
 @pytest.mark.shared
 @pytest.mark.parametrize("trace", TRACES)
-@pytest.mark.parametrize("kind, row", [(FifoMerge, "FIFO"), (Lru, "LRU"), (Lfu, "LFU")])
+@pytest.mark.parametrize(
+    "kind, row", [(Arc, "ARC"), (FifoMerge, "FIFO"), (Lru, "LRU"), (Lfu, "LFU")]
+)
 def test_hits_equal_those_of_libcachesim(trace, kind, row):
     keys, rows = golden(trace)
     for size, hits in rows.items():

@@ -1,4 +1,4 @@
-"""Which line leaves a full short-term memory (KARMA §3.6): queues, LRU, LFU, and no limit.
+"""Which line leaves a full short-term memory (KARMA §3.6): queues, LRU, LFU, ARC, and no limit.
 
 Every policy sees keys only. `touch` is one use; asking `key in policy` is no use.
 """
@@ -243,6 +243,91 @@ class Lfu(Generic[K]):
         """Yield keys in the order in which they would leave."""
         for count in sorted(self._by_count):
             yield from self._by_count[count]
+
+
+class Arc(Generic[K]):
+    """Adaptive replacement (Megiddo and Modha 2003): recency against frequency, in turns.
+
+    Keys used once and keys used again lie in two LRU lists; the keys that lately left either are
+    remembered without a line, and a use of one of those makes room for its kind.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = checked_capacity(capacity)
+        self._target = 0.0  # lines for keys used once, at most
+        self._once: OrderedDict[K, None] = OrderedDict()
+        self._again: OrderedDict[K, None] = OrderedDict()
+        self._once_gone: OrderedDict[K, None] = OrderedDict()
+        self._again_gone: OrderedDict[K, None] = OrderedDict()
+
+    def touch(self, key: K) -> K | None:
+        """Count one use of `key`; return the key that left."""
+        for resident in (self._once, self._again):
+            if key in resident:
+                del resident[key]
+                self._again[key] = None
+                return None
+        if key in self._once_gone or key in self._again_gone:
+            return self._return(key)
+        return self._enter(key)
+
+    def discard(self, key: K) -> None:
+        """Free the line of `key`; what left before stays remembered."""
+        self._once.pop(key, None)
+        self._again.pop(key, None)
+
+    def _return(self, key: K) -> K | None:
+        """Take in a key that left lately."""
+        once, again = len(self._once_gone), len(self._again_gone)
+        left_once = key in self._once_gone
+        if left_once:
+            self._target = min(self.capacity, self._target + max(again / once, 1))
+        else:
+            self._target = max(0, self._target - max(once / again, 1))
+        left = self._make_room(for_again=not left_once)
+        del (self._once_gone if left_once else self._again_gone)[key]
+        self._again[key] = None
+        return left
+
+    def _enter(self, key: K) -> K | None:
+        """Take in a key that nothing is known of."""
+        left = None
+        if len(self._once) + len(self._once_gone) >= self.capacity:
+            if len(self._once) < self.capacity:
+                self._once_gone.popitem(last=False)
+                left = self._make_room(for_again=False)
+            else:
+                left = self._once.popitem(last=False)[0]
+        else:
+            left = self._make_room(for_again=False)
+            if len(self) + len(self._once_gone) + len(self._again_gone) >= 2 * self.capacity:
+                self._again_gone.popitem(last=False)
+        self._once[key] = None
+        return left
+
+    def _make_room(self, *, for_again: bool) -> K | None:
+        """Let the least recent key of the list that is too long leave a full memory."""
+        if len(self) < self.capacity:
+            return None
+        used_once = len(self._once)
+        if self._once and (used_once > self._target or (for_again and used_once == self._target)):
+            lines, gone = self._once, self._once_gone
+        else:
+            lines, gone = self._again, self._again_gone
+        left, _ = lines.popitem(last=False)
+        gone[left] = None
+        return left
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._once or key in self._again
+
+    def __len__(self) -> int:
+        return len(self._once) + len(self._again)
+
+    def __iter__(self) -> Iterator[K]:
+        """Yield keys used once, then those used again, each least recently used first."""
+        yield from self._once
+        yield from self._again
 
 
 class Unbounded(Generic[K]):
