@@ -28,21 +28,22 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
         if found is not None:
             return found
         visited.append(point)
-        found = _look_from(reach, name, point)
+        found = look_from(reach, name, point)
     opened: set[str] = set()
     while found is None and (container := _next_container(reach, name, opened)) is not None:
         opened.add(container.object_id)
-        found = _look_into(reach, name, container)
+        found = look_into(reach, name, container)
     for point in _cover(reach, visited, reach.limits.look_again_m):
         if found is not None:
             return found
-        found = _look_from(reach, name, point)
+        found = look_from(reach, name, point)
     if found is None:
         raise RefusedError(f"could not find {name}; searched {reach.explorations} places")
     return found
 
 
-def _look_from(reach: Reach, name: str, point: Vec3) -> Known | None:
+def look_from(reach: Reach, name: str, point: Vec3) -> Known | None:
+    """Walk near a point and look around for a thing; one place is counted as searched."""
     reach.walker.walk_near(point)
     reach.explorations += 1
     return look_around(reach, name)
@@ -123,7 +124,7 @@ def _next_container(reach: Reach, name: str, opened: set[str]) -> SeenObject | N
     return min(closed, key=rank, default=None)
 
 
-def _look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
+def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
     """Open a container and look; it stays open if the thing is there, and is closed otherwise."""
     target = known(container, "seen")
     try:

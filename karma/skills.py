@@ -7,13 +7,23 @@ and acts on it, `search` looks for things.
 """
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Literal
 
-from karma.contracts import Event, Knowledge, Known, SeenObject, SkillCall, SkillResult, World
+from karma.contracts import (
+    Area,
+    Event,
+    Knowledge,
+    Known,
+    SeenObject,
+    SkillCall,
+    SkillResult,
+    World,
+)
 from karma.program import SKILLS
 from karma.reach import PARTS, Limits, Reach, RefusedError
-from karma.search import look_around, search
+from karma.search import look_around, look_from, look_into, search
 from karma.sightings import kind_of, known, means
 from karma.walk import OutOfActionsError
 
@@ -88,8 +98,40 @@ class Skills:
         look_around(self._reach)
         self.actions += self._reach.walker.actions
 
-    def run(self, call: SkillCall) -> SkillResult:
+    def look_from(self, name: str, area: Area, *, max_actions: int | None = None) -> SkillResult:
+        """Walk near one place and look around for a thing; ok if it is in view then.
+
+        Args:
+            name: what is looked for; "" only looks.
+            area: the place.
+            max_actions: for the way and the look; None for the limits' own.
+        """
+        explore = SkillCall(skill="Explore", objects=(name,), positions=(area.name,))
+        call = explore if name else SkillCall(skill="GoToObject", objects=(area.name,))
+
+        def look() -> str:
+            found = look_from(self._reach, name, area.position_m)
+            return _take_note(self._reach, name, found)
+
+        return self._counted(call, look, max_actions)
+
+    def look_into(
+        self, name: str, container: SeenObject, *, max_actions: int | None = None
+    ) -> SkillResult:
+        """Open a closed container and look; it is closed again if the thing is not there."""
+        call = SkillCall(skill="Explore", objects=(name,), positions=(container.object_id,))
+
+        def look() -> str:
+            return _take_note(self._reach, name, look_into(self._reach, name, container))
+
+        return self._counted(call, look, max_actions)
+
+    def run(self, call: SkillCall, *, max_actions: int | None = None) -> SkillResult:
         """Carry out one skill call.
+
+        Args:
+            call: what to do.
+            max_actions: how many world actions it may take; None for the limits' own.
 
         Returns:
             ok, or a refusal with its reason; what the names resolved to; what it cost.
@@ -98,10 +140,18 @@ class Skills:
             ValueError: no such skill, or a wrong number of objects.
         """
         _check(call)
+        return self._counted(call, lambda: _carry_out(call, self._reach), max_actions)
+
+    def _counted(
+        self, call: SkillCall, do: Callable[[], str], max_actions: int | None
+    ) -> SkillResult:
+        """Do something and say what it cost; a refusal becomes a result."""
         reach = self._reach
+        most = reach.limits.max_actions
+        reach.walker.max_actions = most if max_actions is None else min(max_actions, most)
         try:
             reach.start()
-            ok, reason = True, _carry_out(call, reach)
+            ok, reason = True, do()
         except RefusedError as refusal:
             ok, reason = False, str(refusal)
         except OutOfActionsError:
@@ -118,6 +168,16 @@ class Skills:
             explorations=reach.explorations,
             object_ids=tuple(dict.fromkeys(reach.used)),
         )
+
+
+def _take_note(reach: Reach, name: str, found: Known | None) -> str:
+    """Keep what a search found, and not the places searched on the way."""
+    if name and found is None:
+        raise RefusedError(f"no {name} there")
+    reach.used = []
+    if found is not None:
+        reach.use(found)
+    return ""
 
 
 def _check(call: SkillCall) -> None:

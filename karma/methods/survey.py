@@ -23,8 +23,8 @@ def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bo
     Raises:
         FileError: the saved map is damaged.
     """
-    cells = _cells(world)
-    graph = SceneGraph.over(cells, height_m=_position(world)[1])
+    cells = cells_of(world)
+    graph = SceneGraph.over(cells, height_m=position_of(world)[1])
     if saved is not None and saved.exists():
         known = SceneGraph.load(saved)
         if [area.position_m for area in known.areas()] == [a.position_m for a in graph.areas()]:
@@ -32,7 +32,7 @@ def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bo
     lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
     skills = Skills(world, _Blank(lookouts))
     skills.look_around()
-    for area in _tour(lookouts, _position(world)):
+    for area in tour(lookouts, position_of(world)):
         skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
         skills.look_around()
         graph.observe(skills.seen.values())
@@ -40,12 +40,13 @@ def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bo
     return graph, True
 
 
-def _cells(world: World) -> list[tuple[float, float]]:
+def cells_of(world: World) -> list[tuple[float, float]]:
+    """Return the (x, z) of every cell that can be stood on: the robot's map of the floor."""
     event = world.step("GetReachablePositions")
     return [(float(cell["x"]), float(cell["z"])) for cell in event.metadata["actionReturn"]]
 
 
-def _tour(areas: Sequence[Area], start: Vec3) -> list[Area]:
+def tour(areas: Sequence[Area], start: Vec3) -> list[Area]:
     """Return all areas, always the nearest next."""
     rest, here, order = list(areas), start, []
     while rest:
@@ -59,7 +60,8 @@ def _gap(one: Vec3, other: Vec3) -> float:
     return (one[0] - other[0]) ** 2 + (one[2] - other[2]) ** 2
 
 
-def _position(world: World) -> Vec3:
+def position_of(world: World) -> Vec3:
+    """Return where the agent stands."""
     position = world.last_event.metadata["agent"]["position"]
     return float(position["x"]), float(position["y"]), float(position["z"])
 
