@@ -1,0 +1,323 @@
+"""How sure a figure is: intervals, paired tests, what a comparison could have found at all.
+
+Everything here takes numbers grouped by task, because seeds of one task are not independent of each
+other: a task is hard for all of them. Definitions are in `docs/metrics.md`.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.seeds import stream
+
+Groups = Sequence[Sequence[float]]  # observations, task by task
+Floats = NDArray[np.float64]
+Statistic = Callable[[Floats], Floats]  # sums, shape (n, columns) -> values, shape (n,); nan = none
+
+LEVEL = 0.95  # of every interval
+POWER = 0.8  # of the minimum detectable effect
+RESAMPLES = 10_000
+_MOST_SEEDS = 1_000
+_FEWEST = round(2 / (1 - LEVEL))  # a two-sided p below 0.05 is a tail below one in so many
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """A confidence interval of level `LEVEL`."""
+
+    low: float
+    high: float
+
+    @property
+    def half_width(self) -> float:
+        """Half of its length."""
+        return (self.high - self.low) / 2
+
+    def __contains__(self, value: object) -> bool:
+        return isinstance(value, int | float) and self.low <= value <= self.high
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """A figure and how sure it is; None where nothing was observed."""
+
+    value: float | None
+    interval: Interval | None = None
+    number: int = 0  # observations behind it
+
+
+# ----------------------------------------------------------------- rates
+
+
+def wilson(successes: float, number: float, *, level: float = LEVEL) -> Interval | None:
+    """Return Wilson's score interval of a rate; None when nothing was tried.
+
+    Args:
+        successes: at most `number`; a fraction where `number` is an effective one.
+        number: of trials.
+        level: of the interval.
+
+    Raises:
+        ValueError: more successes than trials, or fewer than none.
+    """
+    if not 0 <= successes <= number:
+        raise ValueError(f"{successes} successes of {number}")
+    if number == 0:
+        return None
+    rate, z = successes / number, _z(level)
+    middle = rate + z * z / (2 * number)
+    spread = z * math.sqrt(rate * (1 - rate) / number + z * z / (4 * number * number))
+    scale = 1 + z * z / number
+    return Interval(
+        low=max(0.0, min(rate, (middle - spread) / scale)),
+        high=min(1.0, max(rate, (middle + spread) / scale)),
+    )
+
+
+def rate(groups: Groups) -> Estimate:
+    """Return the mean of zeros and ones, with Wilson's interval over the effective number."""
+    number = sum(len(group) for group in groups)
+    if not number:
+        return Estimate(value=None)
+    value = sum(sum(group) for group in groups) / number
+    effective = effective_number(groups)
+    return Estimate(value=value, interval=wilson(value * effective, effective), number=number)
+
+
+def effective_number(groups: Groups) -> float:
+    """Return how many independent observations are worth as much as these.
+
+    Kish's design effect with the intra-class correlation of a one-way analysis of variance: five
+    seeds that always agree count once, five that agree by chance only count five times. Where
+    nothing varies nothing is known about the correlation, and each task counts once.
+    """
+    groups = [group for group in groups if group]
+    number = sum(len(group) for group in groups)
+    if not number:
+        return 0.0
+    return number / _design_effect(groups, _correlation(groups))
+
+
+def _correlation(groups: Groups) -> float | None:
+    """Return the intra-class correlation in [0, 1]; None where it cannot be known."""
+    sizes = np.array([len(group) for group in groups], dtype=float)
+    total, tasks = sizes.sum(), len(groups)
+    if tasks < 2 or total == tasks:
+        return None
+    means = np.array([np.mean(group) for group in groups])
+    everything = float((sizes * means).sum() / total)
+    between = float((sizes * (means - everything) ** 2).sum()) / (tasks - 1)
+    pairs = zip(groups, means, strict=True)
+    within = sum(float(((np.array(group) - mean) ** 2).sum()) for group, mean in pairs)
+    within /= total - tasks
+    usual = float(total - (sizes**2).sum() / total) / (tasks - 1)
+    scale = between + (usual - 1) * within
+    if scale <= 1e-12:
+        return 1.0
+    return float(min(1.0, max(0.0, (between - within) / scale)))
+
+
+def _design_effect(groups: Groups, correlation: float | None) -> float:
+    if correlation is None:  # one group, or one observation each
+        return 1.0
+    number = sum(len(group) for group in groups)
+    size = sum(len(group) ** 2 for group in groups) / number
+    return 1 + (size - 1) * correlation
+
+
+def more_seeds(groups: Groups, half_width: float) -> int | None:
+    """Return how many more seeds bring a rate's interval to a half-width.
+
+    Args:
+        groups: zeros and ones, the same number for each task.
+        half_width: wanted, > 0.
+
+    Returns:
+        0 when it is reached; None when no number of seeds reaches it with these tasks, or when
+        there is one seed only, so that nothing is known about how seeds agree.
+    """
+    groups = [group for group in groups if group]
+    if not groups:
+        return None
+    now = rate(groups)
+    if now.interval is not None and now.interval.half_width <= half_width:
+        return 0
+    correlation = _correlation(groups)
+    if correlation is None or now.value is None:
+        return None
+    seeds = round(sum(len(group) for group in groups) / len(groups))
+    for wanted in range(seeds + 1, _MOST_SEEDS + 1):
+        number = len(groups) * wanted / (1 + (wanted - 1) * correlation)
+        interval = wilson(now.value * number, number)
+        if interval is not None and interval.half_width <= half_width:
+            return wanted - seeds
+    return None
+
+
+# ----------------------------------------------------------------- anything else
+
+
+def mean(groups: Groups) -> Estimate:
+    """Return the mean of some amounts, with a bootstrap interval over tasks."""
+    groups = [group for group in groups if group]
+    number = sum(len(group) for group in groups)
+    if not number:
+        return Estimate(value=None)
+    sums = np.array([[sum(group), len(group)] for group in groups], dtype=float)
+    return bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=number).estimate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resampled:
+    """A statistic over resampled tasks."""
+
+    estimate: Estimate
+    deviation: float | None  # standard error; None where nothing varies or one task is all
+
+
+def bootstrap(sums: Floats, statistic: Statistic, *, number: int) -> Resampled:
+    """Return a statistic of sums over tasks, with its percentile interval over resampled tasks.
+
+    All seeds and both arms of a task stay together. The interval is drawn from a stream of its own,
+    so it is the same in every process; it reaches at least to the value itself.
+
+    Args:
+        sums: shape (tasks, columns); the order of tasks does not matter.
+        statistic: of the sums over tasks.
+        number: of observations behind it.
+    """
+    if not len(sums):
+        return Resampled(estimate=Estimate(value=None), deviation=None)
+    with np.errstate(all="ignore"):
+        value = float(statistic(sums.sum(axis=0, keepdims=True))[0])
+        if not math.isfinite(value):
+            return Resampled(estimate=Estimate(value=None), deviation=None)
+        if len(sums) < 2:
+            return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
+        ordered = sums[np.lexsort(sums.T)]
+        tasks = len(ordered)
+        times = stream(0, "bootstrap").multinomial(tasks, [1 / tasks] * tasks, size=RESAMPLES)
+        drawn = statistic(times @ ordered)
+    drawn = drawn[np.isfinite(drawn)]
+    if len(drawn) < RESAMPLES / 2:
+        return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
+    tail = (1 - LEVEL) / 2
+    low, high = (float(edge) for edge in np.quantile(drawn, [tail, 1 - tail]))
+    deviation = float(drawn.std())
+    return Resampled(
+        estimate=Estimate(
+            value=value,
+            interval=Interval(low=min(low, value), high=max(high, value)),
+            number=number,
+        ),
+        deviation=deviation if deviation > 1e-12 else None,
+    )
+
+
+# ----------------------------------------------------------------- two arms
+
+
+def mcnemar(only_first: int, only_second: int) -> float:
+    """Return the exact two-sided p of a paired comparison of successes.
+
+    Args:
+        only_first: pairs that only the first arm solved.
+        only_second: pairs that only the second arm solved.
+
+    >>> mcnemar(0, 0), mcnemar(6, 0), mcnemar(5, 5)
+    (1.0, 0.03125, 1.0)
+    """
+    number, fewer = only_first + only_second, min(only_first, only_second)
+    tail = sum(math.comb(number, count) for count in range(fewer + 1))
+    p: float = 2 * tail / 2**number
+    return min(1.0, p)
+
+
+def detectable_rate(pairs: float, discordant: float) -> float | None:
+    """Return the smallest difference of two success rates that McNemar's exact test would find.
+
+    Found means p <= 0.05 in 80 % of experiments of this size.
+
+    Args:
+        pairs: effective number of pairs; its whole part counts.
+        discordant: share of pairs in which the arms differ, as observed. A difference cannot be
+            larger than it; where even such a one would escape, the share grows with the difference.
+
+    Returns:
+        None when even a difference of 1 would escape: fewer than six pairs.
+    """
+    number = math.floor(pairs)
+    power = _Power(number)
+    if number < 1 or power.of(1.0, 1.0) < POWER:
+        return None
+    share = min(max(discordant, 0.0), 1.0)
+    if share > 0 and power.of(share, share) >= POWER:
+        return _smallest(lambda effect: power.of(share, effect), share)
+    return _smallest(lambda effect: power.of(effect, effect), 1.0)
+
+
+def detectable_mean(deviation: float | None) -> float | None:
+    """Return the smallest difference found in 80 % of experiments, from its standard error."""
+    if deviation is None:
+        return None
+    return (_z(LEVEL) + NormalDist().inv_cdf(POWER)) * deviation
+
+
+class _Power:
+    """The exact power of McNemar's test over a number of pairs."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        counts = np.arange(number + 1)
+        logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, number + 1)))])
+        self._logs, self._counts = logs, counts
+        limits = [_limit(differing) for differing in range(number + 1)]
+        split = counts[None, :]
+        reach = np.array(limits)[:, None]
+        rejects = (split <= reach) | (split >= counts[:, None] - reach)
+        self._rejects = rejects & (reach >= 0) & (split <= counts[:, None])
+
+    def of(self, discordant: float, effect: float) -> float:
+        """Return the chance to reject, of a share of discordant pairs and a difference of rates."""
+        first = (discordant + effect) / (2 * discordant) if discordant else 0.5
+        differing = self._binomial(np.array([self.number]), min(discordant, 1.0))[0]
+        splits = self._binomial(self._counts, min(first, 1.0))
+        return float((differing * (splits * self._rejects).sum(axis=1)).sum())
+
+    def _binomial(self, numbers: NDArray[np.int64], chance: float) -> Floats:
+        """Return P(k of n) for each n, shape (numbers, self.number + 1)."""
+        n, k = numbers[:, None], self._counts[None, :]
+        inside = k <= n
+        rest = np.where(inside, n - k, 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one = np.where(k == 0, 0.0, k * np.log(chance))
+            other = np.where(rest == 0, 0.0, rest * np.log1p(-chance))
+            logs = self._logs[n] - self._logs[np.minimum(k, n)] - self._logs[rest] + one + other
+        return np.where(inside, np.exp(logs), 0.0)
+
+
+def _limit(number: int) -> int:
+    """Return up to how many of some discordant pairs on one side the test rejects; -1 = never."""
+    tail, limit = 0, -1
+    for count in range(number // 2 + 1):
+        tail += math.comb(number, count)
+        if tail * _FEWEST > 2**number:
+            break
+        limit = count
+    return limit
+
+
+def _smallest(power: Callable[[float], float], most: float) -> float:
+    low, high = 0.0, most
+    while high - low > 1e-4:
+        middle = (low + high) / 2
+        low, high = (low, middle) if power(middle) >= POWER else (middle, high)
+    return high
+
+
+def _z(level: float) -> float:
+    return NormalDist().inv_cdf((1 + level) / 2)
