@@ -27,10 +27,10 @@ ERRORS = (
     "PickupObject(robot, 'Mug'): the hand holds Fork; put it down first",
     "Explore(robot, 'Mug'): could not find Mug; searched 12 places",
 )  # fmt: skip
-RECALLED = 0.6  # share of prompts with the few units that recall would choose, not the whole memory
+RECALLED = 0.75  # share of prompts with the few units that recall would choose, not the whole memory
 FEW = 3  # units then
 LIVED = 0.8  # share of memories that a few requests have left behind
-VAGUE = 0.45  # share of draws in which a remembered thing is mostly not called by its name
+VAGUE = 0.7  # share of draws in which a remembered thing is mostly not called by its name
 TWO = 0.03  # share of sentences with two requests
 TYPOS = 0.04  # share of sentences with a letter wrong
 LONGEST = 30  # lines of a program
