@@ -153,6 +153,50 @@ class LlamaModel:
         """Return a copy of the logits after the last decoded token, shape (vocabulary,)."""
         return self._last_logits().copy()
 
+    def tokens(self, text: str, *, begins: bool = False) -> list[int]:
+        """Return the tokens of plain text; `begins`: after the model's own first token, if any."""
+        found: list[int] = self._llama.tokenize(text.encode("utf-8", "replace"), False, False)
+        bos = self._llama.token_bos()
+        wanted = begins and bos >= 0 and bool(self._llama._model.add_bos_token())
+        return [bos, *found] if wanted else found
+
+    @property
+    def end_token(self) -> int:
+        """The token that ends an answer."""
+        return int(self._llama.token_eos())
+
+    @property
+    def vocabulary(self) -> int:
+        """How many tokens there are."""
+        return int(self._llama.n_vocab())
+
+    def sequences(self, count: int, *, cells: int) -> Any:
+        """Open a second context over the same weights: one cache for several sequences.
+
+        It is freed with the model at the latest; see `karma.infer.scoring`.
+
+        Args:
+            count: of sequences.
+            cells: tokens that the cache holds, of all of them together.
+
+        Raises:
+            ModelError: the model keeps no keys and values, or there is no memory for more.
+        """
+        from llama_cpp import _internals, _utils
+
+        if not self._keeps:
+            raise ModelError(f"{self.name}: keeps no keys and values, so it cannot branch")
+        parameters = type(self._llama.context_params).from_buffer_copy(self._llama.context_params)
+        parameters.n_ctx, parameters.n_seq_max, parameters.kv_unified = cells, count, True
+        parameters.n_ubatch = self.n_batch
+        try:
+            with _utils.suppress_stdout_stderr(disable=False):  # it warns of longer than trained
+                return _internals.LlamaContext(
+                    model=self._llama._model, params=parameters, verbose=False
+                )
+        except ValueError as error:
+            raise ModelError(f"{self.name}: no memory for a cache of {cells} tokens") from error
+
     def close(self) -> None:
         """Free the model's memory; it cannot be used afterwards."""
         self._llama.close()
