@@ -224,6 +224,7 @@ class Outcome:
     finished: bool  # every skill of the last program succeeded
     resident: tuple[MemoryUnit, ...]  # short-term memory before the instruction
     handled_ids: tuple[str, ...]  # in the order of use
+    kept: tuple[MemoryUnit, ...] = ()  # short-term memory after it
 
 
 # ----------------------------------------------------------------- what it is asked

@@ -127,7 +127,7 @@ def spent_text(spent: Sequence[Spent]) -> str:
     return "\n".join(
         f"{one.role} {one.model}: {one.requests} requests ({one.failures} failed), "
         f"{count(one.prompt_tokens)} + {count(one.completion_tokens)} tokens, "
-        f"cost {number(one.cost, 6)}, {one.seconds:.2f} s"
+        f"cost {number(one.cost, 6)}, {number(one.seconds)} s"
         for one in ledger.take()
     )
 

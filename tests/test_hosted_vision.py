@@ -16,7 +16,7 @@ from hosted_server import chat, llama_server, wire_server
 from PIL import Image
 
 from karma import registry
-from karma.bench.experiment import Run
+from karma.bench.run import Run
 from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.infer.cassette import Cassette, CassetteError

@@ -1,8 +1,21 @@
 """One task, one method, one world -> one record."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from karma.bench.records import Answer, Call, EpisodeRecord, SubTaskRecord
+from karma.bench.records import (
+    Answer,
+    AnswerTiming,
+    Call,
+    EpisodeRecord,
+    EpisodeTiming,
+    SubTaskRecord,
+    SubTaskTiming,
+    untimed,
+    waited,
+)
+from karma.bench.starts import Starts
+from karma.bench.steps import LoggedWorld, StepLog
 from karma.bench.tasks import required_types
 from karma.contracts import MemoryUnit, Method, Outcome, Plan, SkillResult, SubTask, Task, World
 from karma.errors import KarmaError
@@ -10,6 +23,24 @@ from karma.goals import GoalTracker, WatchedWorld
 from karma.infer.cassette import Cassette, CassetteError
 from karma.infer.hosted_cost import Ledger
 from karma.prompt import base_type
+
+
+class TimeLog:
+    """Collects what an episode took."""
+
+    def __init__(self) -> None:
+        self.subtasks: list[SubTaskTiming] = []
+        self.hosted_s: tuple[float, ...] = ()
+
+    def of(self, record: EpisodeRecord) -> EpisodeTiming:
+        """Return the timing that belongs to the episode's record."""
+        return EpisodeTiming(
+            row=record.row,
+            task=record.task,
+            seed=record.seed,
+            subtasks=tuple(self.subtasks),
+            hosted_s=self.hosted_s,
+        )
 
 
 def run_episode(
@@ -22,6 +53,9 @@ def run_episode(
     folder: Path,
     ledger: Ledger | None = None,
     cassette: Cassette | None = None,
+    steps: StepLog | None = None,
+    times: TimeLog | None = None,
+    starts: Starts | None = None,
 ) -> EpisodeRecord:
     """Run a task to its end; an error ends it early and is recorded.
 
@@ -34,98 +68,129 @@ def run_episode(
         folder: takes what the method leaves behind.
         ledger: what hosted models cost.
         cassette: keeps what is measured in a run that can be replayed.
+        steps: takes what happens.
+        times: takes what it took.
+        starts: finds what the seed stands for; shared by a run's episodes it searches once.
 
     Raises:
         CassetteError: a replay left its recording, or the recording cannot be written.
     """
     ledger, cassette = ledger or Ledger(), cassette or Cassette()
+    steps, times = steps or StepLog(), times or TimeLog()
     cassette.begin(f"{row}/{task.id}/{seed}")
+    scene = Path(task.scene).stem
     tracker = GoalTracker()
     done: list[SubTaskRecord] = []
     error = ""
     try:
+        world = (starts or Starts()).of(LoggedWorld(world, steps), task, seed)
         world.reset(task.scene)
         watched = WatchedWorld(world, tracker)
         method.begin(watched, task.scene, seed=seed, folder=folder)
+        steps.start(scene, seed)
         tracker.start(world.last_event)
-        for subtask in task.subtasks:
-            done.append(
-                _run_subtask(method, watched, tracker, subtask, ledger=ledger, cassette=cassette)
-            )
+        part = _Part(method, watched, tracker, ledger, cassette, steps, times)
+        for number, subtask in enumerate(task.subtasks):
+            done.append(part.run(number, subtask))
     except CassetteError:
         raise
     except KarmaError as failure:
         error = f"{type(failure).__name__}: {failure}"
+    spent = ledger.take()
+    times.hosted_s = waited(spent)
     return EpisodeRecord(
         row=row,
         task=task.id,
         kind=task.kind,
-        scene=Path(task.scene).stem,
+        scene=scene,
         seed=seed,
         notes=task.notes,
         subtasks=tuple(done),
         error=error,
-        hosted=ledger.take(),
+        hosted=untimed(spent),
     )
 
 
-def _run_subtask(
-    method: Method,
-    world: World,
-    tracker: GoalTracker,
-    subtask: SubTask,
-    *,
-    ledger: Ledger,
-    cassette: Cassette,
-) -> SubTaskRecord:
-    tracker.begin_subtask()
-    plans: list[Plan] = []
-    results: list[SkillResult] = []
-    outcome: Outcome | None = None
-    begun = cassette.clock()
-    for moment in method.do(subtask):
-        if isinstance(moment, Plan):
-            plans.append(moment)
-        elif isinstance(moment, SkillResult):
-            results.append(moment)
-        else:
-            outcome = moment
-    seconds = cassette.clock() - begun
-    if outcome is None:
-        raise KarmaError(f"{method.name} ended an instruction without an outcome")
-    wanted = required_types(subtask)
-    return SubTaskRecord(
-        instruction=subtask.instruction,
-        goals=tuple(str(goal) for goal in subtask.goals),
-        unmet=tuple(str(goal) for goal in tracker.unmet(subtask.goals, world.last_event)),
-        finished=outcome.finished,
-        answers=tuple(_answer(plan, cassette) for plan in plans),
-        calls=tuple(Call.of(result) for result in results),
-        recalled=tuple(unit.object_id for unit in plans[0].recalled) if plans else (),
-        queries=len(wanted),
-        hits=sum(_resident(name, outcome.resident) for name in wanted),
-        seconds=seconds,
-        hosted=ledger.take(),
-    )
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """What the instructions of one episode share."""
+
+    method: Method
+    world: World
+    tracker: GoalTracker
+    ledger: Ledger
+    cassette: Cassette
+    steps: StepLog
+    times: TimeLog
+
+    def run(self, number: int, subtask: SubTask) -> SubTaskRecord:
+        """Carry out one instruction."""
+        self.tracker.begin_subtask()
+        self.steps.instruction(number, subtask)
+        plans: list[Plan] = []
+        results: list[SkillResult] = []
+        outcome: Outcome | None = None
+        begun = self.cassette.clock()
+        for moment in self.method.do(subtask):
+            if isinstance(moment, Outcome):
+                outcome = moment
+                continue
+            self.steps.moment(moment)
+            if isinstance(moment, Plan):
+                plans.append(moment)
+            else:
+                results.append(moment)
+        seconds = self.cassette.clock() - begun
+        if outcome is None:
+            raise KarmaError(f"{self.method.name} ended an instruction without an outcome")
+        unmet = tuple(str(g) for g in self.tracker.unmet(subtask.goals, self.world.last_event))
+        self.steps.outcome(outcome, unmet)
+        spent = self.ledger.take()
+        self.times.subtasks.append(
+            SubTaskTiming(
+                seconds=seconds,
+                answers=tuple(_timing(plan, self.cassette) for plan in plans),
+                hosted_s=waited(spent),
+            )
+        )
+        wanted = required_types(subtask)
+        return SubTaskRecord(
+            instruction=subtask.instruction,
+            goals=tuple(str(goal) for goal in subtask.goals),
+            unmet=unmet,
+            finished=outcome.finished,
+            answers=tuple(_answer(plan) for plan in plans),
+            calls=tuple(Call.of(result) for result in results),
+            recalled=tuple(unit.object_id for unit in plans[0].recalled) if plans else (),
+            queries=len(wanted),
+            hits=sum(_resident(name, outcome.resident) for name in wanted),
+            hosted=untimed(spent),
+        )
 
 
 def _resident(name: str, units: tuple[MemoryUnit, ...]) -> bool:
     return any(base_type(unit.object_type) == base_type(name) for unit in units)
 
 
-def _answer(plan: Plan, cassette: Cassette) -> Answer:
+def _answer(plan: Plan) -> Answer:
     said = plan.completion
-    first = said.first_token_s
     return Answer(
         program=said.text,
         error=plan.error,
         finish=said.finish,
         prompt_tokens=said.prompt_tokens,
-        reused_tokens=said.reused_tokens,
         completion_tokens=said.completion_tokens,
+        cost=said.cost,
+    )
+
+
+def _timing(plan: Plan, cassette: Cassette) -> AnswerTiming:
+    said = plan.completion
+    first = said.first_token_s
+    return AnswerTiming(
         first_token_s=None if first is None else cassette.measured(first),
         total_s=cassette.measured(said.total_s),
+        reused_tokens=said.reused_tokens,
         threads=said.threads,
         batch=said.batch,
-        cost=said.cost,
     )

@@ -1,27 +1,22 @@
-"""An experiment is a TOML file: tasks, models, and one row per method; a run is a folder."""
+"""An experiment is a TOML file: tasks, models, and one row per method."""
 
-import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from karma import __version__, registry
+from karma import registry
 from karma.bench.authors import load_authors_tasks, resolve
-from karma.bench.episode import run_episode
-from karma.bench.records import EpisodeRecord, read_records, write_record
 from karma.bench.tasks import load_tasks
 from karma.contracts import LanguageModel, Task
 from karma.errors import FileError
-from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
-from karma.infer.cassette import Cassette
+from karma.files import read_toml, to_json
 from karma.infer.hosted_session import Endpoint, Hosted, Session
 from karma.infer.manifest import resolve_planner
 from karma.methods.kit import Kit
-from karma.offline import network_allowed, settle
 from karma.planner import Decoding, Planner
 from karma.world.importers import import_dump
 from karma.world.scene import Scene
@@ -59,6 +54,12 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
                 raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
 
 
+class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a run is kept; its records do not depend on it."""
+
+    steps: bool = True  # a step log per episode
+
+
 class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One table: every row on every task with every seed."""
 
@@ -72,157 +73,79 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     world: str = "embedded"
     models: Models = Models()
     seeds: tuple[int, ...] = (0,)
+    run: RunOptions = RunOptions()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Header:
-    """What a run's records depend on; a folder never mixes two."""
+class Loaded:
+    """The tasks of an experiment, and the floor plans that they bring."""
 
-    version: str
-    experiment: str  # SHA-256 of the experiment's content
-    tasks: str
-    planner: str
-    network: bool = False  # started with --allow-network
+    tasks: tuple[Task, ...]
+    scenes: Mapping[str, bytes]  # name -> content of its file; where they belong, tasks say
 
 
-class Run:
-    """An experiment in its folder.
-
-    Args:
-        path: the TOML file; paths in it are relative to the working directory.
-        folder: takes records, header, maps and imported scenes.
-        fresh: throw away what an earlier run left there.
-        cassette: records hosted models or stands for them, and is the run's clock.
-        base_url: of all hosted models, in place of the experiment's.
+def read_experiment(path: Path) -> Experiment:
+    """Read an experiment.
 
     Raises:
-        FileError: the experiment is damaged, or the folder holds a run of something else.
+        FileError: it is damaged, a key is unknown, or two rows have one name.
     """
+    experiment = read_toml(path, Experiment)
+    names = [row.name for row in experiment.rows]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise FileError(path, f"rows: the name {twice[0]!r} stands twice")
+    return experiment
 
-    def __init__(
-        self,
-        path: Path,
-        folder: Path,
-        *,
-        fresh: bool = False,
-        cassette: Cassette | None = None,
-        base_url: str = "",
-    ) -> None:
-        self.path, self.folder = path, folder
-        self.experiment = read_toml(path, Experiment)
-        self._session = Session(cassette)
-        self._models = self.experiment.models
-        if base_url:
-            self._models = msgspec.structs.replace(
-                self._models, hosted=self._models.hosted.at(base_url)
-            )
-        names = [row.name for row in self.experiment.rows]
-        if twice := [name for name in names if names.count(name) > 1]:
-            raise FileError(path, f"rows: the name {twice[0]!r} stands twice")
-        self.records_path = folder / "episodes.jsonl"
-        self.tasks = self._load_tasks()
-        self._planner = planner_identity(self.experiment.models)
-        if fresh:
-            self.records_path.unlink(missing_ok=True)
-            (folder / "header.json").unlink(missing_ok=True)
-        self._check_header()
-        self.records = read_records(self.records_path)
 
-    @property
-    def total(self) -> int:
-        """How many episodes the experiment has."""
-        wanted = self.experiment
-        return len(wanted.rows) * len(self.tasks) * len(wanted.seeds)
+def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
+    """Load the tasks that an experiment selects; nothing is written.
 
-    def episodes(self) -> Iterator[EpisodeRecord]:
-        """Run what is missing; each record is on the disk before it is yielded."""
-        done = {(record.row, record.task, record.seed) for record in self.records}
-        todo = [
-            (row, task, seed)
-            for seed in self.experiment.seeds
-            for row in self.experiment.rows
-            for task in self.tasks
-            if (row.name, task.id, seed) not in done
-        ]
-        if not todo:
-            return
-        kit = self._kit()
-        world = registry.load("worlds", self.experiment.world)()
-        methods = {  # all of them now: a wrong row must not come to light hours later
-            row.name: registry.load("methods", row.method).build(kit, row.options)
-            for row in self.experiment.rows
-        }
-        for row, task, seed in todo:
-            record = run_episode(
-                methods[row.name],
-                world,
-                task,
-                row=row.name,
-                seed=seed,
-                folder=self.folder,
-                ledger=self._session.ledger,
-                cassette=self._session.cassette,
-            )
-            settle()
-            write_record(self.records_path, record)
-            self.records.append(record)
-            yield record
+    Args:
+        experiment: what was read.
+        path: from where, for messages.
+        folder: of the run, below which imported floor plans will lie.
 
-    # ------------------------------------------------------------- parts
+    Raises:
+        FileError: the task file is damaged, or a task of `only` is not in it.
+    """
+    if bool(experiment.tasks) == bool(experiment.authors):
+        raise FileError(path, "give either `tasks` or `authors`")
+    if experiment.tasks:
+        loaded = Loaded(tasks=load_tasks(experiment.tasks), scenes={})
+    else:
+        loaded = _authors_tasks(experiment, folder)
+    known = [task.id for task in loaded.tasks]
+    if missing := [name for name in experiment.only if name not in known]:
+        raise FileError(path, f"only: no task {missing[0]!r}; there are {known}")
+    chosen = tuple(t for t in loaded.tasks if not experiment.only or t.id in experiment.only)
+    played = {Path(task.scene).stem for task in chosen}
+    return Loaded(tasks=chosen, scenes={n: s for n, s in loaded.scenes.items() if n in played})
 
-    def _kit(self) -> Kit:
-        return make_kit(
-            self._models,
-            maps=self.folder / "maps",
-            seed=self.experiment.seeds[0],
-            session=self._session,
-        )
 
-    def _load_tasks(self) -> tuple[Task, ...]:
-        wanted = self.experiment
-        if bool(wanted.tasks) == bool(wanted.authors):
-            raise FileError(self.path, "give either `tasks` or `authors`")
-        found = load_tasks(wanted.tasks) if wanted.tasks else self._authors_tasks()
-        known = [task.id for task in found]
-        if missing := [name for name in wanted.only if name not in known]:
-            raise FileError(self.path, f"only: no task {missing[0]!r}; there are {known}")
-        return tuple(t for t in found if not wanted.only or t.id in wanted.only)
+def scene_path(folder: Path, name: str) -> Path:
+    """Return where an imported floor plan lies in a run folder."""
+    return folder / "scenes" / f"{name}.json"
 
-    def _authors_tasks(self) -> tuple[Task, ...]:
-        """Load the authors' tasks and import the floor plans they play in."""
-        wanted = self.experiment
-        raw = load_authors_tasks([beside(path) for path in wanted.authors])
-        plans = {task.scene for task in raw}
-        layouts = beside(wanted.layouts) if wanted.layouts else None
-        dump = import_dump(beside(wanted.scenes), layouts=layouts)
-        scenes = {scene.name: scene for scene in dump if scene.name in plans}
-        return tuple(self._in_scene(task, scenes) for task in raw)
 
-    def _in_scene(self, task: Task, scenes: Mapping[str, Scene]) -> Task:
-        scene = scenes.get(task.scene)
-        if scene is None:
-            return replace(task, notes=(*task.notes, f"no dump of {task.scene}"))
-        path = self.folder / "scenes" / f"{task.scene}.json"
-        write_atomic(path, to_json(scene))
-        found = resolve(task, sorted({thing.type for thing in scene.objects}))
-        return replace(found, scene=str(path))
+def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:
+    """Load the authors' tasks and the floor plans they play in."""
+    raw = load_authors_tasks([beside(path) for path in experiment.authors])
+    plans = {task.scene for task in raw}
+    layouts = beside(experiment.layouts) if experiment.layouts else None
+    dump = import_dump(beside(experiment.scenes), layouts=layouts)
+    scenes = {scene.name: scene for scene in dump if scene.name in plans}
+    return Loaded(
+        tasks=tuple(_in_scene(task, scenes, folder) for task in raw),
+        scenes={name: to_json(scene) for name, scene in scenes.items()},
+    )
 
-    def _check_header(self) -> None:
-        header = Header(
-            version=__version__,
-            experiment=_sha(read_bytes(self.path)),
-            tasks=_sha(to_json(self.tasks)),
-            planner=self._planner,
-            network=network_allowed(),
-        )
-        path = self.folder / "header.json"
-        if path.exists() and read_json(path, Header) != header:
-            raise FileError(
-                path,
-                "this folder holds a run of another experiment, task file or model",
-                fix=f"karma eval {self.path} --fresh, or --out another folder",
-            )
-        write_atomic(path, to_json(header, indent=2))
+
+def _in_scene(task: Task, scenes: Mapping[str, Scene], folder: Path) -> Task:
+    scene = scenes.get(task.scene)
+    if scene is None:
+        return replace(task, notes=(*task.notes, f"no dump of {task.scene}"))
+    found = resolve(task, sorted({thing.type for thing in scene.objects}))
+    return replace(found, scene=str(scene_path(folder, task.scene)))
 
 
 def beside(path: str) -> Path:
@@ -230,15 +153,6 @@ def beside(path: str) -> Path:
     shared = os.environ.get("KARMA_SHARED")
     inside = path.removeprefix("../shared/")
     return Path(shared) / inside if shared and inside != path else Path(path)
-
-
-def planner_identity(models: Models) -> str:
-    """Return what tells one planner from another: its hash, its path, or its name at its host."""
-    endpoint = models.hosted.planner
-    if endpoint is not None:
-        return f"{models.planner}: {endpoint.model}"
-    file = resolve_planner(models.planner)
-    return file.sha256 or str(file.path)
 
 
 def make_kit(
@@ -296,7 +210,3 @@ def _language_model(models: Models, session: Session) -> tuple[LanguageModel, st
         chat=models.chat or file.chat,
     )
     return local, models.profile or file.prompt_profile
-
-
-def _sha(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()

@@ -1,15 +1,22 @@
-"""What an episode leaves behind, one JSON line each, and what the lines add up to."""
+"""What an episode leaves behind, one JSON line each, and what the lines add up to.
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+A record is the same in every run of the same experiment. Whatever may differ between two equal
+runs, such as times and what a cache held, is in the episode's timing, a line of its own.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 from karma.contracts import SkillResult
 from karma.errors import FileError
-from karma.files import append_line, decode_json, to_json, write_atomic
+from karma.files import append_line, decode_json, read_bytes, to_json
 from karma.infer.hosted_cost import Spent, total
 
 KINDS = ("simple", "composite", "complex")
+Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,13 +49,8 @@ class Answer:
     error: str
     finish: str
     prompt_tokens: int | None
-    reused_tokens: int | None
     completion_tokens: int | None
-    first_token_s: float | None
-    total_s: float
     cost: float | None = None  # of a hosted model, in the currency of the price table
-    threads: int | None = None  # that computed it; None for a hosted model
-    batch: int | None = None  # tokens per call of the prompt, likewise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +66,7 @@ class SubTaskRecord:
     recalled: tuple[str, ...]  # object ids in the prompt
     queries: int  # things that can be carried which the goals mention
     hits: int  # of those, in short-term memory when the instruction came
-    seconds: float
-    hosted: tuple[Spent, ...] = ()  # what hosted models of all roles cost; () without any
+    hosted: tuple[Spent, ...] = ()  # what hosted models of all roles cost, without its seconds
 
     @property
     def success(self) -> bool:
@@ -88,6 +89,11 @@ class EpisodeRecord:
     hosted: tuple[Spent, ...] = ()  # by the instruction that the error ended, see `SubTaskRecord`
 
     @property
+    def key(self) -> Key:
+        """What names it among the episodes of its run."""
+        return self.row, self.task, self.seed
+
+    @property
     def success(self) -> bool:
         """Whether every sub-task succeeded (KARMA §4.2); a task without goals cannot."""
         asked = any(sub.goals for sub in self.subtasks)
@@ -96,6 +102,66 @@ class EpisodeRecord:
     def spent(self) -> tuple[Spent, ...]:
         """Return what hosted models cost in it, also where it ended early."""
         return (*(one for sub in self.subtasks for one in sub.hosted), *self.hosted)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnswerTiming:
+    """What one planner call took on the machine that did it; None where it is not known."""
+
+    first_token_s: float | None
+    total_s: float
+    reused_tokens: int | None  # of the prompt, from state kept of an earlier one
+    threads: int | None = None
+    batch: int | None = None  # tokens per call of the prompt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubTaskTiming:
+    """What one instruction took."""
+
+    seconds: float
+    answers: tuple[AnswerTiming, ...] = ()  # one for each answer of the record
+    hosted_s: tuple[float, ...] = ()  # waited, one for each entry of the record's `hosted`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeTiming:
+    """What one episode took; the same order as its record."""
+
+    row: str
+    task: str
+    seed: int
+    subtasks: tuple[SubTaskTiming, ...]
+    hosted_s: tuple[float, ...] = ()  # of the instruction that an error ended
+
+    @property
+    def key(self) -> Key:
+        """What names the episode."""
+        return self.row, self.task, self.seed
+
+    @property
+    def seconds(self) -> float:
+        """All instructions that came to their end."""
+        return sum(sub.seconds for sub in self.subtasks)
+
+
+def untimed(spent: Iterable[Spent]) -> tuple[Spent, ...]:
+    """Return costs as a record keeps them: without the seconds, which no two runs share."""
+    return tuple(replace(one, seconds=None) for one in spent)
+
+
+def waited(spent: Iterable[Spent]) -> tuple[float, ...]:
+    """Return the seconds that `untimed` leaves out."""
+    return tuple(one.seconds or 0.0 for one in spent)
+
+
+def spent_by(record: EpisodeRecord, timing: EpisodeTiming | None) -> tuple[Spent, ...]:
+    """Return what hosted models cost in an episode, with the seconds if they are known."""
+    if timing is None:
+        return record.spent()
+    seconds = (*(s for sub in timing.subtasks for s in sub.hosted_s), *timing.hosted_s)
+    pairs = zip(record.spent(), seconds, strict=True)
+    return tuple(replace(one, seconds=s) for one, s in pairs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,22 +183,31 @@ class Summary:
     cost: float | None = None  # per episode, in the currency of the price tables
 
 
-def summarise(records: Sequence[EpisodeRecord]) -> tuple[Summary, ...]:
-    """Return one line per row and kind, and one over all kinds, in the order rows appear."""
+def summarise(
+    records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming] | None = None
+) -> tuple[Summary, ...]:
+    """Return one line per row and kind, and one over all kinds, in the order rows appear.
+
+    Seconds are None unless the timing of every episode is given.
+    """
+    timings = timings or {}
     lines: list[Summary] = []
     for row in dict.fromkeys(record.row for record in records):
         mine = [record for record in records if record.row == row]
         for kind in KINDS:
             if some := [record for record in mine if record.kind == kind]:
-                lines.append(_summary(row, kind, some))
-        lines.append(_summary(row, "all", mine))
+                lines.append(_summary(row, kind, some, timings))
+        lines.append(_summary(row, "all", mine, timings))
     return tuple(lines)
 
 
-def _summary(row: str, kind: str, records: Sequence[EpisodeRecord]) -> Summary:
+def _summary(
+    row: str, kind: str, records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming]
+) -> Summary:
     parts = [sub for record in records for sub in record.subtasks]
     queries = sum(sub.queries for sub in parts)
     number = len(records)
+    taken = [timings[record.key].seconds for record in records if record.key in timings]
     successes = sum(record.success for record in records)
     asked = any(sub.answers for sub in parts)
     spent = [one for record in records for one in record.spent()]
@@ -147,7 +222,7 @@ def _summary(row: str, kind: str, records: Sequence[EpisodeRecord]) -> Summary:
         explorations=_ratio(sum(c.explorations for sub in parts for c in sub.calls), number),
         actions=_ratio(sum(call.actions for sub in parts for call in sub.calls), number),
         planner_calls=_ratio(sum(len(sub.answers) for sub in parts), number) if asked else None,
-        seconds=_ratio(sum(sub.seconds for sub in parts), number),
+        seconds=_ratio(sum(taken), number) if len(taken) == number else None,
         memory_hit_rate=_ratio(sum(sub.hits for sub in parts), queries) if asked else None,
         hosted_requests=sum(one.requests for one in spent),
         hosted_tokens=None if tokens is None else _ratio(tokens, number),
@@ -159,32 +234,37 @@ def _ratio(part: float, whole: int) -> float | None:
     return part / whole if whole else None
 
 
-def write_record(path: Path, record: EpisodeRecord) -> None:
-    """Append one record and see it to the disk."""
+def write_record(path: Path, record: EpisodeRecord | EpisodeTiming) -> None:
+    """Append one record or timing and see it to the disk."""
     append_line(path, to_json(record))
 
 
 def read_records(path: Path) -> list[EpisodeRecord]:
-    """Read the records of a run; a torn last line, left by a killed run, is dropped.
+    """Read the records of a run; a torn last line, left by a killed run, is passed over.
 
     Raises:
         FileError: a line before the last is damaged; names it.
     """
+    return _read_lines(path, EpisodeRecord)
+
+
+def read_timings(path: Path) -> list[EpisodeTiming]:
+    """Read the timings of a run, as `read_records` does; the last of each episode holds."""
+    return _read_lines(path, EpisodeTiming)
+
+
+def _read_lines(path: Path, kind: type[T]) -> list[T]:
     if not path.exists():
         return []
-    lines = path.read_bytes().split(b"\n")
-    records = []
-    for number, line in enumerate(lines[:-1], start=1):
+    found = []
+    for number, line in enumerate(read_bytes(path).split(b"\n")[:-1], start=1):
         try:
-            records.append(decode_json(line, EpisodeRecord, path=path))
+            found.append(decode_json(line, kind, path=path))
         except FileError as error:
             raise FileError(
                 path, f"line {number}: {error.reason}", fix="karma eval ... --fresh"
             ) from error
-    if lines[-1]:
-        kept = b"\n".join(lines[:-1]) + (b"\n" if len(lines) > 1 else b"")
-        write_atomic(path, kept)
-    return records
+    return found
 
 
 def by_task(records: Iterable[EpisodeRecord]) -> dict[str, dict[str, EpisodeRecord]]:

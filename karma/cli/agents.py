@@ -11,6 +11,7 @@ from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
+    from karma.bench.run import Run
     from karma.infer.cassette import Cassette
     from karma.infer.hosted_session import Hosted
 
@@ -132,23 +133,21 @@ def eval_command(
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/NAME.")] = None,
     fresh: Annotated[bool, typer.Option(help="Start over instead of going on.")] = False,
     tasks: Annotated[bool, typer.Option(help="Also print a line per task.")] = False,
+    workers: Annotated[
+        int, typer.Option(min=0, help="Processes to use; 0: as many as cores and memory allow.")
+    ] = 0,
+    steps: Annotated[
+        bool | None, typer.Option("--steps/--no-steps", help="Keep a step log per episode.")
+    ] = None,
     cassette: CassetteFolder = None,
     cassette_mode: CassetteMode = "",
     base_url: BaseUrl = "",
     json: Json = None,
 ) -> None:
     """Run an experiment; what is done already is not done again."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
-
     from karma import show
-    from karma.bench.experiment import Run
-    from karma.bench.records import summarise
+    from karma.bench.records import spent_by, summarise
+    from karma.bench.run import Run
 
     with console.status(escape(f"reading {file} ...")):
         run = Run(
@@ -157,7 +156,41 @@ def eval_command(
             fresh=fresh,
             cassette=_cassette(cassette, cassette_mode),
             base_url=base_url,
+            steps=steps,
         )
+    try:
+        _do_episodes(run, workers)
+    except KeyboardInterrupt:
+        console.print(
+            f"stopped after {len(run.records)} of {run.total} episodes; "
+            "the same command (without --fresh) goes on"
+        )
+        raise typer.Exit(130) from None
+    if tasks or run.experiment.authors:
+        console.print(show.task_table(run.records))
+    lines = summarise(run.records, run.timings)
+    console.print(show.summary_table(lines, run.experiment.name))
+    spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
+    if spent:
+        console.print(escape(show.spent_text(spent)), soft_wrap=True)
+    console.print(escape(f"records: {run.records_path}"))
+    if json is not None:
+        write_atomic(json, to_json(lines, indent=2))
+
+
+def _do_episodes(run: "Run", workers: int) -> None:
+    """Do what is left of a run, with a line that says how far it is."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    suggested = run.suggest()
+    if run.left and not workers:
+        console.print(escape(f"workers: {suggested.number} ({suggested.reason})"), soft_wrap=True)
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -167,21 +200,11 @@ def eval_command(
     )
     with bar:
         line = bar.add_task("episodes", total=run.total, completed=len(run.records))
-        for record in run.episodes():
+        for record in run.episodes(workers or suggested.number):
             mark = "[green]✓[/]" if record.success else "[red]✗[/]"
-            bar.update(line, advance=1, description=f"{mark} {record.task} · {record.row}")
+            text = f"{mark} {escape(record.task)} · {escape(record.row)}"
+            bar.update(line, advance=1, description=text)
         bar.update(line, description="episodes")
-    if tasks or run.experiment.authors:
-        console.print(show.task_table(run.records))
-    lines = summarise(run.records)
-    console.print(show.summary_table(lines, run.experiment.name))
-    spent = [one for record in run.records for one in record.spent()]
-    if spent:
-        console.print(escape(show.spent_text(spent)), soft_wrap=True)
-    console.print(escape(f"records: {run.records_path}"))
-    write_atomic(run.folder / "results.json", to_json(lines, indent=2))
-    if json is not None:
-        write_atomic(json, to_json(lines, indent=2))
 
 
 def _hosted(planner: str, base_url: str, model: str, api: str) -> "Hosted":

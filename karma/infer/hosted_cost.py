@@ -37,7 +37,7 @@ class Spent:
     prompt_tokens: int | None
     completion_tokens: int | None
     cost: float | None  # in the currency of the price table; None without one
-    seconds: float  # waited, retries included; a replay repeats what was measured
+    seconds: float | None  # waited, retries included; a replay repeats what was measured
 
 
 def usage_of(answer: Mapping[str, Any]) -> Usage:
@@ -123,5 +123,5 @@ def _sum(one: Spent, other: Spent) -> Spent:
         prompt_tokens=both("prompt_tokens"),
         completion_tokens=both("completion_tokens"),
         cost=both("cost"),
-        seconds=one.seconds + other.seconds,
+        seconds=both("seconds"),
     )

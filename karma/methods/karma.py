@@ -130,7 +130,12 @@ class KarmaMethod:
             if finished:
                 break
         self._remember(turn, subtask)
-        yield Outcome(finished=finished, resident=resident, handled_ids=tuple(turn.skills.handled))
+        yield Outcome(
+            finished=finished,
+            resident=resident,
+            handled_ids=tuple(turn.skills.handled),
+            kept=self.short_term.units(),
+        )
 
     # ------------------------------------------------------------- memory into the prompt
 

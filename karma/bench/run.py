@@ -1,0 +1,153 @@
+"""A run: an experiment in its folder, begun, gone on with, and finished."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from karma.bench.experiment import load, read_experiment, scene_path
+from karma.bench.identity import header_of
+from karma.bench.records import EpisodeRecord
+from karma.bench.run_folder import EPISODES, Finished, RunFolder
+from karma.bench.workers import (
+    Job,
+    Stage,
+    Suggestion,
+    perform_here,
+    perform_in_processes,
+    suggest_workers,
+)
+from karma.errors import KarmaError
+from karma.files import write_atomic
+from karma.infer.cassette import Cassette
+from karma.infer.hosted_session import Hosted, Session
+
+
+class Run:
+    """An experiment in its folder.
+
+    Args:
+        path: the TOML file; paths in it are relative to the working directory.
+        folder: takes records, header, step logs, maps and imported scenes.
+        fresh: throw away what an earlier run left there.
+        cassette: records hosted models or stands for them, and is the run's clock.
+        base_url: of all hosted models, in place of the experiment's.
+        steps: whether to keep step logs; None leaves it to the experiment.
+
+    Raises:
+        FileError: the experiment is damaged, or the folder holds a run of something else.
+        KarmaError: another run is at work in the folder.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        folder: Path,
+        *,
+        fresh: bool = False,
+        cassette: Cassette | None = None,
+        base_url: str = "",
+        steps: bool | None = None,
+    ) -> None:
+        self.path, self.folder = path, folder
+        self.experiment = read_experiment(path)
+        self._session = Session(cassette)
+        models = self.experiment.models
+        if base_url:
+            models = msgspec.structs.replace(models, hosted=models.hosted.at(base_url))
+        loaded = load(self.experiment, path, folder)
+        self.tasks = loaded.tasks
+        self._steps = self.experiment.run.steps if steps is None else steps
+        self._files = RunFolder(folder, [job.key for job in self._jobs()], steps=self._steps)
+        header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
+        with self._files.locked():
+            if fresh:
+                self._files.clear()
+            fix = f"karma eval {path} --fresh, or --out another folder"
+            self._files.claim(header, fix=fix)
+            for name, data in loaded.scenes.items():
+                write_atomic(scene_path(folder, name), data)
+            self.records, self.timings = self._files.done()
+        self._stage = Stage(
+            rows=self.experiment.rows,
+            models=models,
+            world=self.experiment.world,
+            seed=self.experiment.seeds[0],
+            folder=folder,
+            steps=self._steps,
+        )
+
+    @property
+    def records_path(self) -> Path:
+        """Where the records are."""
+        return self.folder / EPISODES
+
+    @property
+    def total(self) -> int:
+        """How many episodes the experiment has."""
+        return len(self._jobs())
+
+    @property
+    def left(self) -> int:
+        """How many of them are not done yet."""
+        return self.total - len(self.records)
+
+    def suggest(self) -> Suggestion:
+        """Return how many workers to use if nobody says."""
+        if self._session.cassette.mode != "off":
+            return Suggestion(number=1, reason="a cassette")
+        return suggest_workers(self._stage.models, self.left)
+
+    def episodes(self, workers: int = 1) -> Iterator[EpisodeRecord]:
+        """Do what is missing; each record is on the disk before it is yielded.
+
+        When the last is done, all lines are in the order of seeds, rows and tasks, whoever did
+        them in whatever order.
+
+        Args:
+            workers: processes to use, each with models of its own.
+
+        Raises:
+            KarmaError: a model cannot be loaded, a row has a wrong option, hosted models are to be
+                asked by several processes, or another run is at work in the folder.
+        """
+        if workers > 1:
+            self._check_alone()
+        with self._files.locked():
+            self.records, self.timings = self._files.done()
+            done = {record.key for record in self.records}
+            todo = [job for job in self._jobs() if job.key not in done]
+            for one in self._perform(todo, workers):
+                self._files.commit(one)
+                self.records.append(one.record)
+                self.timings[one.timing.key] = one.timing
+                yield one.record
+            self._files.finish()
+            self.records, self.timings = self._files.done()
+
+    # ------------------------------------------------------------- parts
+
+    def _perform(self, todo: list[Job], workers: int) -> Iterator[Finished]:
+        if not todo:
+            return iter(())
+        if workers > 1:
+            return perform_in_processes(self._stage, todo, workers)
+        return perform_here(self._stage, todo, self._session)
+
+    def _jobs(self) -> list[Job]:
+        """Return all episodes in their final order."""
+        return [
+            Job(row=row.name, task=task, seed=seed)
+            for seed in self.experiment.seeds
+            for row in self.experiment.rows
+            for task in self.tasks
+        ]
+
+    def _check_alone(self) -> None:
+        """Raise KarmaError where only one process may ask."""
+        if self._stage.models.hosted != Hosted():
+            raise KarmaError(
+                "hosted models are asked by one process only\n  To fix: leave out --workers"
+            )
+        if self._session.cassette.mode != "off":
+            raise KarmaError("a cassette is for one process only\n  To fix: leave out --workers")

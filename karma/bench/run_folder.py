@@ -1,0 +1,272 @@
+"""A run is a folder: what it depends on, its records, its timings, its step logs.
+
+An episode is done when all it leaves is on the disk: first its pictures and step log, each written
+whole or not at all, then a line of `timings.jsonl`, and last a line of `episodes.jsonl`. Whatever a
+killed run left half done is not counted and is written again, so the files end up the same.
+"""
+
+import fcntl
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from karma.bench.records import (
+    EpisodeRecord,
+    EpisodeTiming,
+    Key,
+    read_records,
+    read_timings,
+    summarise,
+    write_record,
+)
+from karma.bench.steps import FOLDER as STEPS
+from karma.bench.steps import packed, steps_path
+from karma.errors import FileError, KarmaError
+from karma.files import read_json, to_json, write_atomic
+
+FORMAT = 2  # of the folder; 1 had times among the records
+HEADER, EPISODES, TIMINGS, RESULTS = (
+    "header.json", "episodes.jsonl", "timings.jsonl", "results.json",
+)  # fmt: skip
+_OURS = (EPISODES, TIMINGS, RESULTS, STEPS, "short_term", "maps", "scenes", HEADER)
+_TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}")  # what `write_atomic` leaves when it is killed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Machine:
+    """Where a run was begun; decides nothing."""
+
+    platform: str
+    cpu: str
+    cores: int
+    memory_mb: int | None
+    threads: int  # of each planner
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header:
+    """What a run's records depend on; a folder never mixes two."""
+
+    name: str  # of the experiment
+    experiment: str  # SHA-256 of its content
+    tasks: str  # SHA-256 of the tasks
+    versions: Mapping[str, str]  # of this package and of what computes
+    models: Mapping[str, str]  # role -> name and SHA-256
+    prompts: Mapping[str, str]  # template -> SHA-256
+    scenes: Mapping[str, str]  # name -> SHA-256
+    network: bool = False  # started with --allow-network
+    steps: bool = True  # whether step logs are kept
+    format: int
+    machine: Machine = field(compare=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished:
+    """All that one episode leaves."""
+
+    record: EpisodeRecord
+    timing: EpisodeTiming
+    steps: bytes = b""  # lines of its log
+    files: Mapping[str, bytes] = field(default_factory=dict)  # path below the run folder -> content
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunData:
+    """A run as it was read, finished or not."""
+
+    folder: Path
+    header: Header
+    records: tuple[EpisodeRecord, ...]  # in canonical order once it is finished
+    timings: Mapping[Key, EpisodeTiming]
+
+
+def read_run(folder: str | Path) -> RunData:
+    """Read a run's folder; changes nothing in it.
+
+    Raises:
+        FileError: there is no run, it is of an earlier form, or a line is damaged.
+    """
+    folder = Path(folder)
+    header = read_header(folder / HEADER)
+    return RunData(
+        folder=folder,
+        header=header,
+        records=tuple({r.key: r for r in read_records(folder / EPISODES)}.values()),
+        timings={timing.key: timing for timing in read_timings(folder / TIMINGS)},
+    )
+
+
+def read_header(path: Path) -> Header:
+    """Read what a run depends on.
+
+    Raises:
+        FileError: there is none, or it is of an earlier form.
+    """
+    if not path.exists():
+        raise FileError(path, "there is no run in this folder", fix="karma eval FILE --out FOLDER")
+    fix = "run it again: karma eval FILE --fresh, or --out another folder"
+    try:
+        header = read_json(path, Header)
+    except FileError as error:
+        reason = f"this folder holds no run of the present form ({error.reason})"
+        raise FileError(path, reason, fix=fix) from error
+    if header.format != FORMAT:
+        raise FileError(path, f"the run is of form {header.format}, not {FORMAT}", fix=fix)
+    return header
+
+
+def differences(old: Header, new: Header) -> list[str]:
+    """Return what tells two headers apart, in words."""
+    found = [
+        f"{what}: {_brief(str(one))} became {_brief(str(other))}"
+        for what, one, other in (
+            ("name", old.name, new.name),
+            ("experiment file", old.experiment, new.experiment),
+            ("tasks", old.tasks, new.tasks),
+            ("--allow-network", old.network, new.network),
+            ("step logs", old.steps, new.steps),
+        )
+        if one != other
+    ]
+    for what in ("versions", "models", "prompts", "scenes"):
+        before, after = getattr(old, what), getattr(new, what)
+        found += [
+            f"{what}: {name}: {_brief(before.get(name))} became {_brief(after.get(name))}"
+            for name in sorted({*before, *after})
+            if before.get(name) != after.get(name)
+        ]
+    return found
+
+
+def _brief(text: str | None) -> str:
+    """Return a name with a hash short enough to be read."""
+    return "none" if text is None else re.sub(r"\b([0-9a-f]{12})[0-9a-f]{52}\b", r"\1", text)
+
+
+class RunFolder:
+    """The folder that a run writes.
+
+    Args:
+        path: of the folder.
+        order: the keys of all episodes, in the order in which they stand at the end.
+        steps: whether episodes leave step logs.
+    """
+
+    def __init__(self, path: Path, order: Sequence[Key], *, steps: bool) -> None:
+        self.path = path
+        self._rank = {key: number for number, key in enumerate(order)}
+        self._steps = steps
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep every other run out of the folder; a run that dies gives it free.
+
+        Raises:
+            KarmaError: another run is at work in it.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            handle = os.open(self.path, os.O_RDONLY)
+        except OSError as error:
+            reason = f"cannot be used as a run folder: {error.strerror}"
+            raise FileError(self.path, reason, fix="--out another folder") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            os.close(handle)
+            raise KarmaError(
+                f"{self.path}: another run is at work in this folder\n"
+                "  To fix: wait for it, or --out another folder"
+            ) from error
+        try:
+            yield
+        finally:
+            os.close(handle)
+
+    def clear(self) -> None:
+        """Throw away what an earlier run left."""
+        if not any((self.path / name).exists() for name in (HEADER, EPISODES)):
+            return
+        for name in _OURS:
+            place = self.path / name
+            if place.is_dir():
+                shutil.rmtree(place)
+            else:
+                place.unlink(missing_ok=True)
+
+    def claim(self, header: Header, *, fix: str) -> None:
+        """Make the folder that run's, or see that it is.
+
+        Raises:
+            FileError: it holds another run; names what differs.
+        """
+        path = self.path / HEADER
+        if not path.exists():
+            write_atomic(path, to_json(header, indent=2))
+            return
+        found = differences(read_header(path), header)
+        if found:
+            reason = "this folder holds a run of something else:\n  " + "\n  ".join(found)
+            raise FileError(path, reason, fix=fix)
+
+    def done(self) -> tuple[list[EpisodeRecord], dict[Key, EpisodeTiming]]:
+        """Return the episodes that are done; traces of those that are not are swept away.
+
+        Raises:
+            FileError: a line that is not the last is damaged.
+        """
+        for place in self.path.rglob(".*"):
+            if _TEMPORARY.fullmatch(place.name):
+                place.unlink(missing_ok=True)
+        timings = {timing.key: timing for timing in read_timings(self.path / TIMINGS)}
+        found = {record.key: record for record in read_records(self.path / EPISODES)}
+        kept = {key: found[key] for key in found if key in timings and self._has_steps(key)}
+        timings = {key: timings[key] for key in kept}
+        self._rewrite(kept, timings)
+        return list(kept.values()), timings
+
+    def commit(self, one: Finished) -> None:
+        """See an episode to the disk; it is done when this returns.
+
+        Raises:
+            FileError: the disk is full.
+        """
+        for name, data in one.files.items():
+            if not (self.path / name).exists():
+                write_atomic(self.path / name, data)
+        if self._steps:
+            write_atomic(steps_path(self.path, *one.record.key), packed(one.steps))
+        write_record(self.path / TIMINGS, one.timing)
+        write_record(self.path / EPISODES, one.record)
+
+    def finish(self) -> None:
+        """Put all lines in their final order, and write what they add up to."""
+        records, timings = self.done()
+        order = sorted((record.key for record in records), key=self._rank.__getitem__)
+        by_key = {record.key: record for record in records}
+        self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
+        lines = summarise([by_key[key] for key in order])  # without seconds: no run repeats them
+        _replace(self.path / RESULTS, to_json(lines, indent=2))
+
+    # ------------------------------------------------------------- parts
+
+    def _has_steps(self, key: Key) -> bool:
+        return not self._steps or steps_path(self.path, *key).exists()
+
+    def _rewrite(
+        self, records: Mapping[Key, EpisodeRecord], timings: Mapping[Key, EpisodeTiming]
+    ) -> None:
+        for name, lines in ((TIMINGS, timings), (EPISODES, records)):
+            data = b"".join(to_json(line) for line in lines.values())
+            if data or (self.path / name).exists():
+                _replace(self.path / name, data)
+
+
+def _replace(path: Path, data: bytes) -> None:
+    """Write a file unless that is what it holds."""
+    if not path.exists() or path.read_bytes() != data:
+        write_atomic(path, data)

@@ -1,0 +1,382 @@
+"""Who does the episodes: this process, or several at once, each with models of its own.
+
+An episode depends on its row, task and seed only, never on who does it or what was done before.
+So it does not matter how episodes are dealt out, and one whose worker died can be done again.
+"""
+
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+import traceback
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from karma import registry
+from karma.bench.episode import TimeLog, run_episode
+from karma.bench.experiment import Models, Row, make_kit
+from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
+from karma.bench.run_folder import Finished
+from karma.bench.starts import Starts
+from karma.bench.steps import StepLog
+from karma.contracts import Task
+from karma.errors import KarmaError, UnknownNameError
+from karma.infer.hosted_session import Hosted, Session
+from karma.infer.manifest import find_model
+from karma.infer.memory_check import available_mb
+from karma.methods.survey import survey
+from karma.offline import go_offline, settle
+
+MAPS = "maps"  # below the run folder
+LIVES = 2  # workers that an episode may kill before it is recorded as an error
+_BASE_MB = 700  # Python with torch, faiss and a world; measured
+_SHARE = 0.8  # of the free memory, for all workers together
+_WORTH = 12  # episodes that make up for starting one worker more
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One episode to do."""
+
+    row: str
+    task: Task
+    seed: int
+
+    @property
+    def key(self) -> Key:
+        """What names the episode."""
+        return self.row, self.task.id, self.seed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """What a worker needs to know before its first episode."""
+
+    rows: tuple[Row, ...]
+    models: Models
+    world: str
+    seed: int  # of the planner's decoding
+    folder: Path
+    steps: bool
+
+
+_log = logging.getLogger(__name__)
+
+
+class Performer:
+    """Does episodes, one after the other, with models that are loaded once.
+
+    Args:
+        stage: what to load.
+        session: of hosted models.
+
+    Raises:
+        KarmaError: a model cannot be loaded, or a row has an option that its method does not know.
+    """
+
+    def __init__(self, stage: Stage, session: Session | None = None) -> None:
+        self._stage, self._session = stage, session or Session()
+        kit = make_kit(
+            stage.models, maps=stage.folder / MAPS, seed=stage.seed, session=self._session
+        )
+        self._world = registry.load("worlds", stage.world)()
+        self._starts = Starts()
+        self._methods = {  # all of them now: a wrong row must not come to light hours later
+            row.name: registry.load("methods", row.method).build(kit, row.options)
+            for row in stage.rows
+        }
+
+    def do(self, job: Job) -> Finished:
+        """Do one episode."""
+        if job.seed:
+            self._know(job.task.scene)
+        steps, times = StepLog(), TimeLog()
+        record = run_episode(
+            self._methods[job.row],
+            self._world,
+            job.task,
+            row=job.row,
+            seed=job.seed,
+            folder=self._stage.folder,
+            ledger=self._session.ledger,
+            cassette=self._session.cassette,
+            steps=steps if self._stage.steps else None,
+            times=times,
+            starts=self._starts,
+        )
+        settle()
+        data = steps.data() if self._stage.steps else b""
+        return Finished(record=record, timing=times.of(record), steps=data)
+
+    def _know(self, scene: str) -> None:
+        """Have a map of a room as it is, before somebody makes one of it on another day."""
+        path = self._stage.folder / MAPS / f"{Path(scene).stem}.json"
+        if path.exists():
+            return
+        with suppress(KarmaError):  # the episode will record why
+            self._world.reset(scene)
+            graph, _ = survey(self._world, scene, None)
+            graph.save(path)
+
+
+def perform_here(
+    stage: Stage, jobs: Sequence[Job], session: Session | None = None
+) -> Iterator[Finished]:
+    """Do the episodes in this process, in their order."""
+    performer = Performer(stage, session)
+    for job in jobs:
+        yield performer.do(job)
+
+
+# ----------------------------------------------------------------- several processes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """Why a worker cannot go on, which ends the run."""
+
+    text: str
+    known: bool  # an error of karma's own, which says what helps; else a bug, with its traceback
+
+    @classmethod
+    def of(cls, error: Exception) -> "Failure":
+        """Return an error as it can be sent."""
+        if isinstance(error, KarmaError):
+            return cls(text=str(error), known=True)
+        return cls(text="".join(traceback.format_exception(error)), known=False)
+
+    def error(self) -> Exception:
+        """Return the error to raise here."""
+        return KarmaError(self.text) if self.known else RuntimeError(self.text)
+
+
+@dataclass(slots=True)
+class _Worker:
+    """One process, and what it is at."""
+
+    process: BaseProcess
+    line: Connection
+    job: Job | None = None
+
+
+def perform_in_processes(stage: Stage, jobs: Sequence[Job], number: int) -> Iterator[Finished]:
+    """Do the episodes in `number` processes; yields each as it is done.
+
+    A worker that dies is replaced. Its episode is done once more, and recorded as an error if it
+    takes the next worker with it.
+
+    Raises:
+        KarmaError: a worker cannot load its models, or says that the run must end.
+    """
+    crew = _Crew(stage, jobs)
+    try:
+        for _ in range(min(number, len(jobs))):
+            crew.hire()
+        while crew.workers:
+            yield from crew.round()
+    finally:
+        crew.dismiss()
+
+
+class _Crew:
+    """The processes of a run, and what is left to do."""
+
+    def __init__(self, stage: Stage, jobs: Sequence[Job]) -> None:
+        self.workers: list[_Worker] = []
+        self._stage, self._todo = stage, deque(jobs)
+        self._deaths: Counter[Key] = Counter()
+
+    def hire(self) -> None:
+        """Start one more."""
+        spawning = multiprocessing.get_context("spawn")
+        ours, theirs = spawning.Pipe()
+        process = spawning.Process(target=_work, args=(theirs, self._stage), daemon=True)
+        with _one_thread():
+            process.start()
+        theirs.close()
+        self.workers.append(_Worker(process, ours))
+
+    def round(self) -> Iterator[Finished]:
+        """Wait for somebody to say something, and answer."""
+        for line in wait([worker.line for worker in self.workers]):
+            worker = next(one for one in self.workers if one.line is line)
+            try:
+                said: Finished | Failure | None = worker.line.recv()
+            except (EOFError, ConnectionResetError):
+                yield from self._bury(worker)
+                continue
+            if isinstance(said, Failure):
+                raise said.error()
+            self._deal(worker)
+            if said is not None:
+                yield said
+
+    def dismiss(self) -> None:
+        """Send all home, also from amid an episode."""
+        for worker in self.workers:
+            _end(worker)
+        self.workers.clear()
+
+    def _deal(self, worker: _Worker) -> None:
+        """Give a worker its next episode; there is none: send it home."""
+        if self._todo:
+            worker.job = self._todo.popleft()
+            with suppress(BrokenPipeError):  # it has just died; the next round will tell
+                worker.line.send(worker.job)
+        else:
+            self.workers.remove(worker)
+            _end(worker)
+
+    def _bury(self, worker: _Worker) -> Iterator[Finished]:
+        """See to what a dead worker was at."""
+        self.workers.remove(worker)
+        worker.process.join()
+        worker.line.close()
+        cause, job = cause_of(worker.process.exitcode), worker.job
+        if job is None:
+            self._died_loading(cause)
+            return
+        self._deaths[job.key] += 1
+        _log.warning("a worker was %s in episode %s", cause, "/".join(map(str, job.key)))
+        if self._deaths[job.key] < LIVES:
+            self._todo.appendleft(job)
+        else:
+            yield lost_episode(job, cause)
+        if self._todo:
+            self.hire()
+
+    def _died_loading(self, cause: str) -> None:
+        if not self.workers:
+            raise KarmaError(
+                f"a worker was {cause} while it loaded its models\n"
+                "  To fix: the same command with fewer workers goes on, e.g. --workers 1"
+            )
+        _log.warning("a worker was %s while it loaded its models; going on with fewer", cause)
+
+
+def cause_of(code: int | None) -> str:
+    """Return what became of a process.
+
+    >>> cause_of(1)
+    'ended with code 1'
+    """
+    if code is not None and code < 0:
+        name = signal.Signals(-code).name
+        memory = ", as happens when memory runs out" if -code == signal.SIGKILL else ""
+        return f"killed by {name}{memory}"
+    return f"ended with code {code}"
+
+
+def lost_episode(job: Job, cause: str) -> Finished:
+    """Return the record of an episode that kills whoever does it."""
+    record = EpisodeRecord(
+        row=job.row,
+        task=job.task.id,
+        kind=job.task.kind,
+        scene=Path(job.task.scene).stem,
+        seed=job.seed,
+        notes=job.task.notes,
+        subtasks=(),
+        error=f"WorkerLost: {LIVES} workers died of it, the last was {cause}",
+    )
+    timing = EpisodeTiming(row=record.row, task=record.task, seed=record.seed, subtasks=())
+    return Finished(record=record, timing=timing)
+
+
+def _end(worker: _Worker) -> None:
+    worker.process.kill()
+    worker.process.join()
+    worker.line.close()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let processes started in here compute on one thread each; libraries read this on import."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
+
+
+def _work(line: Connection, stage: Stage) -> None:
+    """What a worker process does: load, say that it is ready, then one episode after the other."""
+    go_offline()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which sends us home
+    threading.Thread(target=_follow_parent, daemon=True).start()
+    try:
+        performer = Performer(stage)
+        line.send(None)
+        while True:
+            line.send(performer.do(line.recv()))
+    except (EOFError, BrokenPipeError):
+        return
+    except Exception as error:  # noqa: BLE001  it is raised where the run is
+        line.send(Failure.of(error))
+
+
+def _follow_parent() -> None:
+    """End with the run, also when that was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+# ----------------------------------------------------------------- how many
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suggestion:
+    """How many workers to use, and why."""
+
+    number: int
+    reason: str
+
+
+def suggest_workers(models: Models, episodes: int) -> Suggestion:
+    """Return as many workers as there are cores and memory for; few episodes need but one.
+
+    Args:
+        models: of the run; hosted ones are asked by one process only.
+        episodes: that are left to do.
+    """
+    if models.hosted != Hosted():
+        return Suggestion(number=1, reason="hosted models")
+    cores = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
+    each, free = worker_mb(models), available_mb()
+    fitting = cores if free is None else max(1, int(free * _SHARE // each))
+    worth = max(1, episodes // _WORTH)
+    number = min(cores, fitting, worth)
+    memory = "memory not known" if free is None else f"{free:.0f} MB free"
+    reason = f"{cores} cores, {memory}, about {each:.0f} MB each, {episodes} episodes to do"
+    return Suggestion(number=number, reason=reason)
+
+
+def worker_mb(models: Models) -> float:
+    """Return about how much memory one worker takes, in MB."""
+    named = [models.planner, models.embedder.partition(":")[2], models.vision.partition(":")[2]]
+    named += ["minilm"] if models.embedder == "minilm" else []
+    named += ["karma-nano-vlm"] if models.vision == "nano-vlm" else []
+    return _BASE_MB + sum(_model_mb(name) for name in named if name)
+
+
+def _model_mb(name: str) -> float:
+    path = Path(name)
+    if path.is_file():
+        return path.stat().st_size * 1.2 / 1e6 + 100
+    try:
+        return float(find_model(name).memory_mb or 0)
+    except UnknownNameError:
+        return 0.0
