@@ -148,6 +148,7 @@ SUCCESS = Metric(key="success", title="SR", of=success, is_rate=True)
 RETRIEVED = Metric(key="retrieved", title="MRA", of=retrieved, is_rate=True, of_memory=True)
 EXPLORATIONS = Metric(key="explorations", title="places searched", of=explorations, digits=1)
 ACTIONS = Metric(key="actions", title="steps", of=actions, digits=0)
+SECONDS = Metric(key="seconds", title="s", of=seconds)
 METRICS = (
     SUCCESS,
     Metric(key="subtasks_done", title="sub-tasks", of=subtasks_done, is_rate=True),
@@ -167,7 +168,7 @@ METRICS = (
     Metric(key="planner_calls", title="planner calls", of=planner_calls, digits=1),
     Metric(key="prompt_tokens", title="prompt tokens", of=prompt_tokens, digits=0),
     Metric(key="completion_tokens", title="answer tokens", of=completion_tokens, digits=0),
-    Metric(key="seconds", title="s", of=seconds),
+    SECONDS,
     Metric(key="answer_s", title="s per answer", of=answer_s, digits=3),
     Metric(key="cost", title="cost", of=cost, digits=6),
 )

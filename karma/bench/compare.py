@@ -1,0 +1,265 @@
+"""Two arms over the same tasks and seeds: what differs, how sure that is, what went unseen."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from karma.bench.counterfactual import Pair, paired
+from karma.bench.metrics import METRICS, SUCCESS, Episode, Metric, by_task, measure
+from karma.bench.records import KINDS, EpisodeRecord
+from karma.bench.statistics import (
+    Estimate,
+    Resampled,
+    bootstrap,
+    detectable_mean,
+    detectable_rate,
+    effective_number,
+    mcnemar,
+    more_seeds,
+)
+from karma.errors import KarmaError
+
+HALF_WIDTH = 0.05  # of a success rate; wanted unless told otherwise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arm:
+    """One side of a comparison: the episodes of one row of one run, from `episodes_of`."""
+
+    name: str
+    episodes: Sequence[Episode]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """One metric of both arms over the same pairs."""
+
+    key: str
+    title: str
+    digits: int
+    first: Estimate
+    second: Estimate
+    difference: Estimate  # first - second
+    detectable: float | None  # the smallest difference that this many pairs would show
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Split:
+    """A task that one arm solved and the other did not, with the seeds in which it did."""
+
+    task: str
+    seeds: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Two arms, paired by task and seed."""
+
+    first: str
+    second: str
+    kind: str  # or "all"
+    pairs: int
+    tasks: int
+    seeds: tuple[int, ...]
+    agreement: float | None  # share of pairs in which both or neither solved the task
+    same_programs: float | None  # share of sub-tasks for which both planners first wrote the same
+    only_first: tuple[Split, ...]
+    only_second: tuple[Split, ...]
+    p: float  # McNemar's exact test of the success rates, pairs taken as independent
+    ratio: Estimate  # of the success rates, first / second
+    lines: tuple[Line, ...]
+    half_width: float  # wanted of each success rate
+    more_seeds_first: int | None
+    more_seeds_second: int | None
+
+
+def compare(
+    first: Arm, second: Arm, *, kind: str = "all", half_width: float = HALF_WIDTH
+) -> Comparison:
+    """Compare two arms over the pairs that both have.
+
+    Raises:
+        KarmaError: the arms are over different tasks, or have no pair of the kind in common.
+    """
+    check_same_tasks(first, second)
+    pairs = [
+        pair
+        for pair in paired(first.episodes, second.episodes)
+        if kind in (pair[0].record.kind, "all")
+    ]
+    if not pairs:
+        raise KarmaError(
+            f"{first.name} and {second.name} have no episode of kind {kind!r} with the same task "
+            f"and seed: seeds {_seeds(first)} against {_seeds(second)}\n"
+            "  To fix: karma eval both with the same `seeds`"
+        )
+    mine, other = [a for a, _ in pairs], [b for _, b in pairs]
+    only_first = [a for a, b in pairs if a.record.success and not b.record.success]
+    only_second = [b for a, b in pairs if b.record.success and not a.record.success]
+    differing = len(only_first) + len(only_second)
+    return Comparison(
+        first=first.name,
+        second=second.name,
+        kind=kind,
+        pairs=len(pairs),
+        tasks=len({a.record.task for a in mine}),
+        seeds=tuple(sorted({a.record.seed for a in mine})),
+        agreement=1 - differing / len(pairs),
+        same_programs=_same_programs(pairs),
+        only_first=_splits(only_first),
+        only_second=_splits(only_second),
+        p=mcnemar(len(only_first), len(only_second)),
+        ratio=_resampled(SUCCESS, pairs, ratio=True).estimate,
+        lines=tuple(_line(metric, pairs, mine, other) for metric in METRICS),
+        half_width=half_width,
+        more_seeds_first=more_seeds(list(by_task(SUCCESS, mine).values()), half_width),
+        more_seeds_second=more_seeds(list(by_task(SUCCESS, other).values()), half_width),
+    )
+
+
+def compare_kinds(
+    first: Arm, second: Arm, *, half_width: float = HALF_WIDTH
+) -> tuple[Comparison, ...]:
+    """Return the comparison over all pairs, then that of each kind of task that both have."""
+    common = {a.record.kind for a, _ in paired(first.episodes, second.episodes)}
+    kinds = ["all", *(kind for kind in KINDS if kind in common and len(common) > 1)]
+    return tuple(compare(first, second, kind=kind, half_width=half_width) for kind in kinds)
+
+
+# ----------------------------------------------------------------- the same tasks
+
+
+def check_same_tasks(first: Arm, second: Arm) -> None:
+    """See that two arms were asked the same.
+
+    Raises:
+        KarmaError: names the tasks that only one has, or the first that differs.
+    """
+    mine, other = _asked(first.episodes), _asked(second.episodes)
+    only = {first.name: sorted(mine.keys() - other), second.name: sorted(other.keys() - mine)}
+    words = [f"only {name} has {_some(tasks)}" for name, tasks in only.items() if tasks]
+    words += [
+        f"task {task} asks {_text(mine[task])} in {first.name}, {_text(other[task])} "
+        f"in {second.name}"
+        for task in sorted(mine.keys() & other)
+        if not _agree(mine[task], other[task])
+    ][:1]
+    if words:
+        raise KarmaError(
+            "the runs are over different tasks, so nothing can be said about them together:\n  "
+            + "\n  ".join(words)
+            + "\n  To fix: karma eval both over the same `tasks` and `only`, and to their end"
+        )
+
+
+_Asked = tuple[str, str, tuple[tuple[str, tuple[str, ...]], ...]]  # scene, kind, sub-tasks
+
+
+def _asked(episodes: Sequence[Episode]) -> Mapping[str, _Asked]:
+    """Return what each task asks, by its longest record."""
+    found: dict[str, _Asked] = {}
+    for one in episodes:
+        record = one.record
+        parts = tuple((sub.instruction, sub.goals) for sub in record.subtasks)
+        if record.task not in found or len(parts) > len(found[record.task][2]):
+            found[record.task] = record.scene, record.kind, parts
+    return found
+
+
+def _agree(mine: _Asked, other: _Asked) -> bool:
+    """Return whether two records ask the same as far as both go: an error may have ended one."""
+    shorter = min(len(mine[2]), len(other[2]))
+    return mine[:2] == other[:2] and mine[2][:shorter] == other[2][:shorter]
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    return ", ".join(names[:5]) + more
+
+
+def _text(asked: _Asked) -> str:
+    scene, kind, parts = asked
+    return repr(f"{kind}, {scene}: {' '.join(text for text, _ in parts)}"[:120])
+
+
+def _seeds(arm: Arm) -> list[int]:
+    return sorted({one.record.seed for one in arm.episodes})
+
+
+# ----------------------------------------------------------------- figures
+
+
+def _line(
+    metric: Metric, pairs: Sequence[Pair], mine: Sequence[Episode], other: Sequence[Episode]
+) -> Line:
+    first, second = measure(metric, mine), measure(metric, other)
+    known = first.value is not None and second.value is not None
+    both = _resampled(metric, pairs) if known else None
+    return Line(
+        key=metric.key,
+        title=metric.title,
+        digits=metric.digits,
+        first=first,
+        second=second,
+        difference=both.estimate if both else Estimate(value=None),
+        detectable=_detectable(metric, pairs, both.deviation if both else None),
+    )
+
+
+def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) -> Resampled:
+    """Return the difference or ratio of two means over resampled tasks."""
+    sums: dict[str, list[float]] = {}
+    for pair in pairs:
+        mine = sums.setdefault(pair[0].record.task, [0.0] * 4)
+        for place, one in enumerate(pair):
+            seen = metric.of(one)
+            mine[2 * place] += sum(seen)
+            mine[2 * place + 1] += len(seen)
+    table = np.array([sums[task] for task in sorted(sums)])
+    if ratio:
+        return bootstrap(
+            table, lambda s: (s[:, 0] * s[:, 3]) / (s[:, 1] * s[:, 2]), number=len(pairs)
+        )
+    return bootstrap(table, lambda s: s[:, 0] / s[:, 1] - s[:, 2] / s[:, 3], number=len(pairs))
+
+
+def _detectable(metric: Metric, pairs: Sequence[Pair], deviation: float | None) -> float | None:
+    if metric is not SUCCESS:
+        return detectable_mean(deviation)
+    differences: dict[str, list[float]] = {}
+    for first, second in pairs:
+        gap = float(first.record.success) - float(second.record.success)
+        differences.setdefault(first.record.task, []).append(gap)
+    groups = list(differences.values())
+    share = sum(abs(gap) for group in groups for gap in group) / len(pairs)
+    return detectable_rate(effective_number(groups), share)
+
+
+def _splits(episodes: Sequence[Episode]) -> tuple[Split, ...]:
+    found: dict[str, list[int]] = {}
+    for one in episodes:
+        found.setdefault(one.record.task, []).append(one.record.seed)
+    return tuple(Split(task=task, seeds=tuple(sorted(found[task]))) for task in sorted(found))
+
+
+def _same_programs(pairs: Sequence[Pair]) -> float | None:
+    same = [
+        a.answers[0].program == b.answers[0].program
+        for first, second in pairs
+        for a, b in zip(first.record.subtasks, second.record.subtasks, strict=False)
+        if a.answers and b.answers
+    ]
+    return sum(same) / len(same) if same else None
+
+
+def arm_of(records: Sequence[EpisodeRecord], episodes: Sequence[Episode], row: str) -> Arm:
+    """Return one row of some records as an arm.
+
+    Raises:
+        KarmaError: there is no such row; names those there are.
+    """
+    rows = list(dict.fromkeys(record.row for record in records))
+    if row not in rows:
+        raise KarmaError(f"no row {row!r}; there are {', '.join(map(repr, rows))}")
+    return Arm(name=row, episodes=[one for one in episodes if one.record.row == row])
