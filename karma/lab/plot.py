@@ -1,0 +1,151 @@
+"""Pictures of results: hit rates against tasks done, and against exploration saved."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from karma.lab.claims import FIFO, CellResults
+from karma.lab.simulate import BELADY
+from karma.lab.sweep import Row, Sweep, family_of
+
+WIDTH_IN, HEIGHT_IN = 3.1, 2.5  # of a panel
+
+
+def curves(cells: Sequence[CellResults], title: str, caption: str) -> Any:
+    """Draw a panel for each workload and policy: hit rate against tasks, a line for each size.
+
+    Vertical lines mark where the memory was 95 % full, on average over sequences. FIFO and the
+    bound of the sizes that a panel has are in each panel.
+    """
+    families = _families(cells[0].sweep.rows)
+    figure, axes = _panels(len(families), len(cells))
+    for column, cell in enumerate(cells):
+        for line, family in enumerate(families):
+            panel = axes[line][column]
+            rows = [row for row in cell.sweep.rows if family_of(row.policy) == family]
+            _draw_curves(panel, rows, cell.sweep.rows, family)
+            panel.set_title(f"{cell.workload} · {family}", fontsize=8)
+            if column == 0:
+                panel.set_ylabel("hit rate")
+            if line == len(families) - 1:
+                panel.set_xlabel("tasks")
+            if column == len(cells) - 1:
+                panel.legend(fontsize=5.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return _finish(figure, title, caption)
+
+
+def exploration(cells: Sequence[CellResults], title: str, caption: str) -> Any:
+    """Draw a panel for each workload and policy: a dot for each sequence, and the line."""
+    policies = [one.policy for one in cells[0].exploration if not one.policy.startswith(BELADY)]
+    figure, axes = _panels(len(policies), len(cells))
+    for column, cell in enumerate(cells):
+        mine = [one for one in cell.exploration if one.policy in policies]
+        for line, found in enumerate(mine):
+            panel = axes[line][column]
+            panel.plot(found.rates, found.reduced, ".", markersize=3, color="C0")
+            text = found.policy
+            if found.slope is not None and found.intercept is not None and found.r is not None:
+                ends = [min(found.rates), max(found.rates)]
+                panel.plot(ends, [found.slope * x + found.intercept for x in ends], color="C3")
+                text += f"\nr {found.r.value:.3f}, slope {found.slope:.2f}"
+            panel.set_title(f"{cell.workload} · {text}", fontsize=8)
+            panel.set_xlabel("hit rate")
+            if column == 0:
+                panel.set_ylabel("reduced exploration")
+    return _finish(figure, title, caption)
+
+
+def sizes(sweep: Sweep, title: str, caption: str) -> Any:
+    """Draw the hit rate of each policy against the size of the memory, with intervals."""
+    figure, axes = _panels(1, 1, scale=2.2)
+    panel = axes[0][0]
+    for number, family in enumerate(dict.fromkeys(family_of(row.policy) for row in sweep.rows)):
+        rows = [row for row in sweep.rows if family_of(row.policy) == family and row.cold]
+        rows.sort(key=lambda row: row.size)
+        rates = [row.cold for row in rows if row.cold is not None]
+        look = {"color": "black", "linestyle": "--"} if family == BELADY else {}
+        look = look or {"color": f"C{number % 10}", "linestyle": "-" if number < 10 else ":"}
+        spread = [
+            [rate.value - (rate.low if rate.low is not None else rate.value) for rate in rates],
+            [(rate.high if rate.high is not None else rate.value) - rate.value for rate in rates],
+        ]
+        spread = [[max(0.0, one) for one in side] for side in spread]
+        panel.errorbar(
+            [row.size for row in rows], [rate.value for rate in rates], yerr=spread,
+            label=family, marker="o", markersize=3, capsize=2, linewidth=1, **look,
+        )  # fmt: skip
+    panel.set_xlabel("units")
+    panel.set_ylabel("hit rate")
+    panel.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return _finish(figure, title, caption)
+
+
+def save(figure: Any, stem: Path) -> tuple[Path, Path]:
+    """Write a picture as PNG and SVG, without a date, and let go of it."""
+    import matplotlib as mpl
+
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    png, svg = Path(f"{stem}.png"), Path(f"{stem}.svg")
+    with mpl.rc_context({"svg.hashsalt": "karma"}):
+        figure.savefig(png, dpi=130, metadata={"Software": None})
+        figure.savefig(svg, metadata={"Date": None, "Creator": None})
+    return png, svg
+
+
+# ------------------------------------------------------------- parts
+
+
+def _families(rows: Sequence[Row]) -> list[str]:
+    """Return what gets a panel: all but the bound, and all but FIFO where there is more."""
+    found = list(dict.fromkeys(family_of(row.policy) for row in rows))
+    found = [family for family in found if family != BELADY]
+    return [family for family in found if not family.startswith("fifo")] or found
+
+
+def _draw_curves(panel: Any, rows: Sequence[Row], every: Sequence[Row], family: str) -> None:
+    import matplotlib as mpl
+
+    shades = mpl.colormaps["viridis"]
+    for number, row in enumerate(rows):
+        colour = shades(number / max(len(rows) - 1, 1) * 0.9)
+        _line(panel, row, row.policy[row.policy.find("[") :].split("]")[0] + "]", color=colour)
+        if row.warm_task is not None:
+            panel.axvline(row.warm_task, color=colour, linewidth=0.5, alpha=0.7)
+    shown = {row.size for row in rows}
+    others = [row for row in every if row.size in shown and family_of(row.policy) != family]
+    for row in others:
+        if row.policy.startswith(BELADY):
+            _line(panel, row, row.policy, color="black", linestyle="--")
+        elif family_of(row.policy) == FIFO:
+            _line(panel, row, f"FIFO[{row.size}]", color="C3", linestyle=":")
+    panel.set_xscale("log")  # memories of ten fill within ten tasks
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.set_ylim(bottom=0)
+
+
+def _line(panel: Any, row: Row, label: str, **look: Any) -> None:
+    tasks = [point.tasks for point in row.curve]
+    panel.plot(tasks, [point.rate.value for point in row.curve], label=label, linewidth=1, **look)
+    if all(point.rate.low is not None for point in row.curve):
+        lows = [point.rate.low for point in row.curve]
+        highs = [point.rate.high for point in row.curve]
+        panel.fill_between(tasks, lows, highs, color=look["color"], alpha=0.12, linewidth=0)
+
+
+def _panels(lines: int, columns: int, *, scale: float = 1.0) -> tuple[Any, Any]:
+    """Return a figure of its own, which no global state knows of."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    size = (scale * WIDTH_IN * columns + 1.0, scale * HEIGHT_IN * lines + 0.6)
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(lines, columns, squeeze=False)
+
+
+def _finish(figure: Any, title: str, caption: str) -> Any:
+    width = int(figure.get_size_inches()[0] * 14)
+    figure.suptitle(title, fontsize=10)
+    figure.supxlabel(textwrap.fill(caption, width), fontsize=7)
+    return figure

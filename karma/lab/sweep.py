@@ -1,0 +1,189 @@
+"""Several policies at several sizes over the same sequences."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+
+import msgspec
+
+from karma import registry
+from karma.errors import KarmaError
+from karma.lab.intervals import Interval, Resampler, block_interval
+from karma.lab.simulate import BELADY, FIRST_TASKS, Outcome, simulate
+from karma.lab.trace import Trace
+from karma.memory.policies import make_policy
+
+_SHARE = re.compile(r"([\w-]+)\[(\d+)/(\d+)\](.*)")
+_NAME = re.compile(r"([\w-]+)((?: +\S+)*)")
+_SIZE = re.compile(r"\[(\d+)(?:,(\d+))?\]")
+
+
+class Point(msgspec.Struct, frozen=True, kw_only=True):
+    """The hit rate from the empty memory up to a number of tasks."""
+
+    tasks: int
+    rate: Interval
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """What one policy made of all sequences; the lists have one entry a sequence."""
+
+    policy: str
+    size: int
+    cold: Interval | None  # all tasks, from the empty memory on; None: nothing was asked
+    first: Interval | None  # the first 100 tasks
+    steady: Interval | None  # the second half of the tasks
+    warm: Interval | None  # from the task on that found the memory 95 % full; None: not in each
+    hits: list[int]
+    steady_hits: list[int]
+    left: float | None  # units that left, per sequence; None for the bound
+    warm_task: float | None  # tasks until the memory was 95 % full, mean; None: not in each
+    curve: list[Point]
+
+
+class Sweep(msgspec.Struct, frozen=True, kw_only=True):
+    """All rows over the same sequences."""
+
+    requests: list[int]  # of each sequence
+    steady_requests: list[int]
+    units: float  # distinct ones a sequence, mean
+    interval: str  # what the intervals are over
+    rows: list[Row]
+
+
+def registered(sizes: Iterable[int]) -> tuple[str, ...]:
+    """Return every registered policy at every size, and the bound."""
+    return sized([*registry.names("policies"), BELADY], sizes)
+
+
+def sized(policies: Iterable[str], sizes: Iterable[int]) -> tuple[str, ...]:
+    """Return policies in the notation of `make_policy`, each named one at each size.
+
+    `lru` takes all sizes, with what stands behind it (`wtinylfu-karma W=inf`);
+    `wtinylfu-caffeine[9/1]` divides each size nine to one, the main segment at least one line;
+    `lru[10]` stays what it is. The order is that of the policies, then of the sizes.
+
+    Raises:
+        KarmaError: a text is no policy, or no size was given for a bare name.
+        UnknownNameError: no such policy is registered.
+    """
+    sizes = tuple(sizes)
+    found = tuple(dict.fromkeys(one for text in policies for one in _at_sizes(text.strip(), sizes)))
+    for text in found:
+        make_policy(text.replace(BELADY, "lru", 1) if text.startswith(f"{BELADY}[") else text)
+    return found
+
+
+def _at_sizes(text: str, sizes: Sequence[int]) -> Iterator[str]:
+    share, bare = _SHARE.fullmatch(text), _NAME.fullmatch(text)
+    if (share or bare) and not sizes:
+        name = text.split("[")[0].split(" ")[0]
+        raise KarmaError(f"policy {text!r} has no size: give --sizes, or write {name}[10]")
+    if share:
+        name, window, main, rest = share.groups()
+        part = int(main) / max(int(window) + int(main), 1)
+        for size in sizes:
+            lines = max(1, int(size * part))
+            yield f"{name}[{size - lines},{lines}]{rest}"
+    elif bare:
+        yield from (f"{bare[1]}[{size}]{bare[2]}" for size in sizes)
+    else:
+        yield text
+
+
+def size_of(policy: str) -> int:
+    """Return the lines that a policy text has.
+
+    >>> size_of("wtinylfu-karma[9,1] W=inf")
+    10
+    """
+    found = _SIZE.search(policy)
+    return sum(int(part or 0) for part in found.groups()) if found else 0
+
+
+def family_of(policy: str) -> str:
+    """Return a policy text without its size.
+
+    >>> family_of("wtinylfu-karma[9,1] W=inf")
+    'wtinylfu-karma W=inf'
+    """
+    return _SIZE.sub("", policy, count=1)
+
+
+def run_rows(
+    traces: Sequence[Trace],
+    policies: Iterable[str],
+    *,
+    checkpoints: Sequence[int] = (),
+    seed: int = 0,
+) -> Iterator[Row]:
+    """Run every policy over every sequence, and yield each policy's row.
+
+    Args:
+        traces: at least one.
+        policies: as `sized` gives them.
+        checkpoints: numbers of tasks for `Row.curve`.
+        seed: of the bootstrap.
+    """
+    rates = _Rates(len(traces), seed)
+    for policy in policies:
+        yield _row(policy, [simulate(policy, one) for one in traces], rates, checkpoints)
+
+
+def sweep_of(traces: Sequence[Trace], rows: Iterable[Row]) -> Sweep:
+    """Return rows together with the sequences that they are of."""
+    halves = [trace.starts[len(trace.tasks) // 2] for trace in traces]
+    blocks = "bootstrap over blocks of tasks"
+    return Sweep(
+        requests=[trace.requests for trace in traces],
+        steady_requests=[t.requests - half for t, half in zip(traces, halves, strict=True)],
+        units=round(sum(len(trace.keys) for trace in traces) / len(traces), 3),
+        interval="bootstrap over sequences" if len(traces) > 1 else blocks,
+        rows=list(rows),
+    )
+
+
+class _Rates:
+    """Mean hit rates over sequences, or of one sequence over its blocks."""
+
+    def __init__(self, count: int, seed: int) -> None:
+        self._resampler = Resampler(count, seed)
+        self._seed = seed
+
+    def of(self, outcomes: Sequence[Outcome], spans: Sequence[tuple[int, int]]) -> Interval | None:
+        """Return the rate over some tasks of each outcome; None where one asked nothing."""
+        if len(outcomes) == 1:
+            first, last = spans[0]
+            tasks = range(first, min(last, outcomes[0].tasks))
+            counts = [outcomes[0].between(task, task + 1) for task in tasks]
+            return block_interval([a for a, _ in counts], [b for _, b in counts], self._seed)
+        rates = [one.rate(*span) for one, span in zip(outcomes, spans, strict=True)]
+        known = [rate for rate in rates if rate is not None]
+        return self._resampler.mean(known) if len(known) == len(rates) else None
+
+
+def _row(policy: str, outcomes: list[Outcome], rates: _Rates, checkpoints: Sequence[int]) -> Row:
+    every = [(0, one.tasks) for one in outcomes]
+    halves = [(one.tasks // 2, one.tasks) for one in outcomes]
+    warm = [one.warm_task for one in outcomes if one.warm_task is not None]
+    left = [one.left for one in outcomes if one.left is not None]
+    filled = len(warm) == len(outcomes)
+    after = [(one.warm_task or 0, one.tasks) for one in outcomes]
+    curve = [
+        Point(tasks=tasks, rate=rate)
+        for tasks in checkpoints
+        if tasks <= max(one.tasks for one in outcomes)
+        if (rate := rates.of(outcomes, [(0, tasks)] * len(outcomes))) is not None
+    ]
+    return Row(
+        policy=policy,
+        size=size_of(policy),
+        cold=rates.of(outcomes, every),
+        first=rates.of(outcomes, [(0, FIRST_TASKS)] * len(outcomes)),
+        steady=rates.of(outcomes, halves),
+        warm=rates.of(outcomes, after) if filled else None,
+        hits=[one.hits for one in outcomes],
+        steady_hits=[one.between(*span)[0] for one, span in zip(outcomes, halves, strict=True)],
+        left=round(sum(left) / len(left), 3) if left else None,
+        warm_task=round(sum(warm) / len(warm), 3) if filled else None,
+        curve=curve,
+    )
