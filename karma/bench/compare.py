@@ -17,6 +17,7 @@ from karma.bench.statistics import (
     effective_number,
     mcnemar,
     more_seeds,
+    sign_flip,
 )
 from karma.errors import KarmaError
 
@@ -67,6 +68,7 @@ class Comparison:
     only_first: tuple[Split, ...]
     only_second: tuple[Split, ...]
     p: float  # McNemar's exact test of the success rates, pairs taken as independent
+    p_tasks: float  # the same with a task's seeds kept together
     ratio: Estimate  # of the success rates, first / second
     lines: tuple[Line, ...]
     half_width: float  # wanted of each success rate
@@ -95,6 +97,7 @@ def compare(
             "  To fix: karma eval both with the same `seeds`"
         )
     mine, other = [a for a, _ in pairs], [b for _, b in pairs]
+    gaps = _gaps(pairs)
     only_first = [a for a, b in pairs if a.record.success and not b.record.success]
     only_second = [b for a, b in pairs if b.record.success and not a.record.success]
     differing = len(only_first) + len(only_second)
@@ -110,6 +113,7 @@ def compare(
         only_first=_splits(only_first),
         only_second=_splits(only_second),
         p=mcnemar(len(only_first), len(only_second)),
+        p_tasks=sign_flip([sum(group) for group in gaps]),
         ratio=_resampled(SUCCESS, pairs, ratio=True).estimate,
         lines=tuple(_line(metric, pairs, mine, other) for metric in METRICS),
         half_width=half_width,
@@ -227,13 +231,18 @@ def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) ->
 def _detectable(metric: Metric, pairs: Sequence[Pair], deviation: float | None) -> float | None:
     if metric is not SUCCESS:
         return detectable_mean(deviation)
-    differences: dict[str, list[float]] = {}
-    for first, second in pairs:
-        gap = float(first.record.success) - float(second.record.success)
-        differences.setdefault(first.record.task, []).append(gap)
-    groups = list(differences.values())
+    groups = _gaps(pairs)
     share = sum(abs(gap) for group in groups for gap in group) / len(pairs)
     return detectable_rate(effective_number(groups), share)
+
+
+def _gaps(pairs: Sequence[Pair]) -> list[list[int]]:
+    """Return for each task, pair by pair: 1 where only the first solved it, -1 the second."""
+    found: dict[str, list[int]] = {}
+    for first, second in pairs:
+        gap = int(first.record.success) - int(second.record.success)
+        found.setdefault(first.record.task, []).append(gap)
+    return list(found.values())
 
 
 def _splits(episodes: Sequence[Episode]) -> tuple[Split, ...]:

@@ -237,6 +237,30 @@ def mcnemar(only_first: int, only_second: int) -> float:
     return min(1.0, p)
 
 
+def sign_flip(differences: Sequence[int]) -> float:
+    """Return the exact two-sided p of a paired comparison whose pairs come in groups.
+
+    Under no difference each group's arms could as well be exchanged. With one pair a group this is
+    McNemar's exact test.
+
+    Args:
+        differences: for each group, successes of the first arm less those of the second.
+
+    >>> sign_flip([]), sign_flip([1] * 6), sign_flip([5] * 6), sign_flip([1, -1])
+    (1.0, 0.03125, 0.03125, 1.0)
+    """
+    counts = {0: 1}  # sum -> in how many exchanges
+    for difference in filter(None, differences):
+        after: dict[int, int] = {}
+        for so_far, ways in counts.items():
+            for total in (so_far - difference, so_far + difference):
+                after[total] = after.get(total, 0) + ways
+        counts = after
+    seen = abs(sum(differences))
+    p: float = sum(n for total, n in counts.items() if abs(total) >= seen) / sum(counts.values())
+    return p
+
+
 def detectable_rate(pairs: float, discordant: float) -> float | None:
     """Return the smallest difference of two success rates that McNemar's exact test would find.
 

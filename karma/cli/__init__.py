@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from karma.cli import agents, bundle, doctor, models, trace, vlm, worlds
+from karma.cli import agents, bundle, compare, doctor, models, trace, vlm, worlds
 from karma.cli.shared import clear_errors
 from karma.offline import go_offline
 
@@ -12,6 +12,7 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="A household agent that remembers, offline."
 )
 agents.add_to(app)
+compare.add_to(app)
 trace.add_to(app)
 app.add_typer(worlds.app, name="world")
 app.add_typer(models.app, name="models")

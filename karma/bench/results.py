@@ -1,0 +1,113 @@
+"""Everything that is said of a run, from its folder."""
+
+from pathlib import Path
+
+from karma.bench.causes import Failure, failures
+from karma.bench.compare import Arm, Comparison, arm_of, compare_kinds
+from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, reductions
+from karma.bench.metrics import Episode, episodes_of, figures
+from karma.bench.run_folder import RunData, read_run
+from karma.bench.steps import read_steps, steps_path
+from karma.bench.tables import PublishedFigures, Result
+from karma.errors import KarmaError
+
+
+def result_of(
+    run: RunData,
+    published: PublishedFigures,
+    *,
+    off_row: str = OFF_ROW,
+    lota_row: str = LOTA_ROW,
+) -> Result:
+    """Return what the tables of a run are made of.
+
+    Args:
+        run: finished or not; a figure says how many episodes stand behind it.
+        published: the paper's figures.
+        off_row: the row without memory that RE and RT are measured against, if there is one.
+        lota_row: the row that the paper seems to measure them against, likewise.
+    """
+    episodes = episodes_of(run.records, run.timings)
+    return Result(
+        name=run.header.name,
+        figures=figures(run.records, run.timings),
+        reductions=reductions(run.records, run.timings, reference=off_row),
+        paper_reductions=reductions(run.records, run.timings, reference=lota_row),
+        comparisons=_comparisons(run, episodes),
+        failures=[one for episode in episodes for one in _failures(run, episode)],
+        published=published,
+    )
+
+
+def _comparisons(run: RunData, episodes: list[Episode]) -> list[Comparison]:
+    """Return the first row compared with every other one that has pairs with it."""
+    rows = list(dict.fromkeys(record.row for record in run.records))
+    arms = [arm_of(run.records, episodes, row) for row in rows]
+    asked = [{(one.record.task, one.record.seed) for one in arm.episodes} for arm in arms]
+    return [
+        comparison
+        for arm, keys in zip(arms[1:], asked[1:], strict=True)
+        if keys == asked[0]
+        for comparison in compare_kinds(arms[0], arm)
+    ]
+
+
+def _failures(run: RunData, episode: Episode) -> tuple[Failure, ...]:
+    if episode.record.success:
+        return ()
+    path = steps_path(run.folder, *episode.record.key)
+    return failures(episode, read_steps(path) if path.exists() else None)
+
+
+# ----------------------------------------------------------------- arms by name
+
+
+def arms_named(names: list[str]) -> list[list[Arm]]:
+    """Return the arms that `karma compare` is asked for, in groups that belong together.
+
+    A name is RUN, or RUN:ROW for one row of it. Where no row is named and every run has several,
+    each row that all of them have makes a group.
+
+    Raises:
+        FileError: there is no run in a folder, or it is damaged.
+        KarmaError: fewer than two arms, no such row, or it is not clear which row is meant.
+    """
+    if len(names) < 2:
+        raise KarmaError("it takes two to compare\n  To fix: karma compare RUN_A RUN_B")
+    chosen = [_split(name) for name in names]
+    runs = [read_run(folder) for folder, _ in chosen]
+    rows = [
+        [row] if row else list(dict.fromkeys(record.row for record in run.records))
+        for run, (_, row) in zip(runs, chosen, strict=True)
+    ]
+    if any(not group for group in rows):
+        empty = names[[bool(group) for group in rows].index(False)]
+        raise KarmaError(f"{empty}: the run has no episodes yet\n  To fix: karma eval FILE")
+    if all(len(group) == 1 for group in rows):
+        triples = zip(runs, rows, names, strict=True)
+        return [[_arm(run, group[0], name) for run, group, name in triples]]
+    common = [row for row in rows[0] if all(row in group for group in rows)]
+    if any(row for _, row in chosen) or not common:
+        unclear = next(name for name, group in zip(names, rows, strict=True) if len(group) > 1)
+        there = rows[names.index(unclear)]
+        raise KarmaError(
+            f"{unclear}: which row? There are {', '.join(map(repr, there))}\n"
+            f"  To fix: karma compare ... '{unclear}:{there[0]}'"
+        )
+    return [[_arm(run, row, name) for run, name in zip(runs, names, strict=True)] for row in common]
+
+
+def _split(name: str) -> tuple[Path, str]:
+    """Return the folder and the row of RUN:ROW; a folder may have a colon in its name."""
+    if Path(name).is_dir():
+        return Path(name), ""
+    folder, _, row = name.partition(":")
+    return Path(folder), row
+
+
+def _arm(run: RunData, row: str, name: str) -> Arm:
+    try:
+        arm = arm_of(run.records, episodes_of(run.records, run.timings), row)
+    except KarmaError as error:
+        raise KarmaError(f"{run.folder}: {error}") from error
+    return Arm(name=name if ":" in name else f"{name}:{row}", episodes=arm.episodes)

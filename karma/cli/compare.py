@@ -1,0 +1,162 @@
+"""`karma compare` and `karma table`: what runs show, and how sure that is."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from karma.cli.shared import Json, clear_errors, console
+from karma.errors import KarmaError
+from karma.files import to_json, write_atomic
+
+if TYPE_CHECKING:
+    from karma.bench.compare import Comparison, Split
+    from karma.bench.tables import Sheet
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands to the top level."""
+    app.command("compare")(compare_command)
+    app.command("table")(table_command)
+
+
+@clear_errors
+def compare_command(
+    runs: Annotated[list[str], typer.Argument(help="Run folders, or RUN:ROW for one row of one.")],
+    half_width: Annotated[
+        float, typer.Option(help="Wanted of a success rate's interval: how many seeds it takes.")
+    ] = 0.05,
+    json: Json = None,
+) -> None:
+    """Compare runs or rows over the same tasks and seeds; the first with each of the others."""
+    from karma.bench.compare import compare_kinds
+    from karma.bench.results import arms_named
+    from karma.bench.tables import comparison_sheet
+
+    if not 0 < half_width < 0.5:
+        raise KarmaError(f"--half-width {half_width}: it is between 0 and 0.5")
+    found = [
+        compare_kinds(group[0], other, half_width=half_width)
+        for group in arms_named(runs)
+        for other in group[1:]
+    ]
+    for comparisons in found:
+        console.print(_side_by_side(comparisons[0]))
+        console.print(escape(_remarks(comparisons[0])), soft_wrap=True, highlight=False)
+    console.print(_rich(comparison_sheet([one for group in found for one in group])))
+    if json is not None:
+        write_atomic(json, to_json([one for group in found for one in group], indent=2))
+
+
+@clear_errors
+def table_command(
+    run: Annotated[Path, typer.Argument(help="A run folder.")],
+    published: Annotated[
+        Path, typer.Option(help="The paper's figures, to stand beside ours.")
+    ] = Path("eval/paper/published.csv"),
+    off: Annotated[str, typer.Option(help="Name of the row without memory.")] = "",
+    lota: Annotated[str, typer.Option(help="Name of the LoTa-Bench row.")] = "",
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for table.md, table.tex and table.csv; default RUN.")
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
+    from karma.bench import tables
+    from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
+    from karma.bench.results import result_of
+    from karma.bench.run_folder import read_run
+
+    data = read_run(run)
+    if not data.records:
+        raise KarmaError(f"{run}: the run has no episodes yet\n  To fix: karma eval FILE")
+    rows = {record.row for record in data.records}
+    for wanted in filter(None, (off, lota)):
+        if wanted not in rows:
+            raise KarmaError(f"{run}: no row {wanted!r}; there are {', '.join(sorted(rows))}")
+    result = result_of(
+        data,
+        tables.load_published(published),
+        off_row=off or OFF_ROW,
+        lota_row=lota or LOTA_ROW,
+    )
+    sheets = tables.sheets(result)
+    for sheet in sheets[: len(tables.kinds(result))]:
+        console.print(_rich(sheet))
+    folder = out or run
+    write_atomic(folder / "table.md", tables.to_markdown(sheets).encode())
+    write_atomic(folder / "table.tex", tables.to_latex(sheets).encode())
+    write_atomic(folder / "table.csv", tables.to_csv(result).encode())
+    console.print(
+        escape(
+            f"written, with all that stands behind them: {folder}/table.md, table.tex, table.csv"
+        )
+    )
+    if json is not None:
+        parts = {
+            "name": result.name,
+            "figures": result.figures,
+            "reductions": result.reductions,
+            "paper_reductions": result.paper_reductions,
+            "comparisons": result.comparisons,
+            "failures": result.failures,
+        }
+        write_atomic(json, to_json(parts, indent=2))
+
+
+def _side_by_side(one: "Comparison") -> Table:
+    """Return every metric of two arms."""
+    from karma.bench.tables import figure_text, interval_text
+
+    table = Table(title=escape(f"{one.first} against {one.second}"), title_justify="left")
+    table.add_column("per episode")
+    for name in (one.first, one.second, "difference", "detectable"):
+        table.add_column(escape(name), justify="right")
+    for line in one.lines:
+        if line.first.value is None and line.second.value is None:
+            continue
+        table.add_row(
+            escape(line.title),
+            escape(interval_text(line.first, line.digits)),
+            escape(interval_text(line.second, line.digits)),
+            escape(interval_text(line.difference, line.digits, sign=True)),
+            figure_text(line.detectable, line.digits),
+        )
+    seeds = ", ".join(map(str, one.seeds))
+    table.caption = escape(
+        f"{one.pairs} pairs: {one.tasks} tasks, seeds {seeds}. Difference: first - second; 95 % "
+        "intervals keep a task's seeds together. Detectable: what this many pairs would show."
+    )
+    return table
+
+
+def _remarks(one: "Comparison") -> str:
+    """Return where the arms differ, and how many more seeds would make them surer."""
+    same = "–" if one.same_programs is None else f"{one.same_programs:.0%}"
+    agree = "–" if one.agreement is None else f"{one.agreement:.0%}"
+    lines = [
+        f"agree on success: {agree} of pairs; same first program: {same} of sub-tasks; "
+        f"McNemar p = {one.p:.3f}, {one.p_tasks:.3f} with seeds kept together",
+        f"only {one.first} solved: {_splits(one.only_first)}",
+        f"only {one.second} solved: {_splits(one.only_second)}",
+    ]
+    for name, more in ((one.first, one.more_seeds_first), (one.second, one.more_seeds_second)):
+        words = "not by more seeds of these tasks" if more is None else f"{more} more seeds"
+        lines.append(f"success of {name} to ± {one.half_width:g}: {words}")
+    return "\n".join(lines)
+
+
+def _splits(splits: "tuple[Split, ...]") -> str:
+    words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
+    return "; ".join(words) or "–"
+
+
+def _rich(sheet: "Sheet") -> Table:
+    table = Table(title=escape(sheet.title), title_justify="left", caption=escape(sheet.caption))
+    for number, name in enumerate(sheet.head):
+        table.add_column(escape(name), justify="right" if number else "left")
+    for cells in sheet.lines:
+        table.add_row(*map(escape, cells))
+    return table
