@@ -20,6 +20,8 @@ from karma.prompt import Facts, base_type
 from karma.seeds import stream
 from karma.skills import Skills
 
+FINER_M = 0.5  # between the places of a second round, as far as KARMA's own search goes
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapeamSettings:
@@ -61,7 +63,10 @@ class CapeamMethod:
         self._world, self._seed, self._scene = world, seed, Path(scene).stem
         self._number = 0  # of the instruction
         self.memory = EnvironmentMemory(here=lambda: position_of(world))
-        self._floor = SceneGraph.over(cells_of(world), height_m=position_of(world)[1])
+        cells, height = cells_of(world), position_of(world)[1]
+        self._floor = SceneGraph.over(cells, height_m=height)
+        finer = SceneGraph.over(cells, height_m=height, spacing_m=FINER_M).areas()
+        self._finer = tuple(replace(area, name=f"finer_{area.name}") for area in finer)
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Predict the frames once, then carry them out until one cannot be."""
@@ -71,7 +76,9 @@ class CapeamMethod:
         self._number += 1
         skills = Skills(self._world, self.memory)
         limits = Limits(failures=self.settings.failures, steps=self.settings.steps)
-        runner = Runner(skills, self.memory, areas=self._floor.areas(), rng=rng, limits=limits)
+        runner = Runner(
+            skills, self.memory, areas=(self._floor.areas(), self._finer), rng=rng, limits=limits
+        )
         skills.look()
         plan = None
         for plan in self._planner.plan(self._facts(subtask, skills)):

@@ -12,6 +12,7 @@ from karma.prompt import base_type
 from karma.skills import Skills
 
 BY_TYPE = ("Faucet", "ShowerHead", "StoveKnob", "StoveBurner", "Stove")  # the skill knows which
+TAPS = ("Faucet", "ShowerHead")
 UNIFORM_STEPS = 30  # so early nothing is known that could tell areas apart
 _OF_THE_THING = ("Pickup", "Slice", "ToggleOn", "ToggleOff")  # acts on what must be found first
 
@@ -32,7 +33,7 @@ class Runner:
     Args:
         skills: the body; its knowledge is `memory`.
         memory: the sequence's.
-        areas: where to look from.
+        areas: where to look from, and once that was in vain, where to look from then.
         rng: draws among them.
         limits: see there.
     """
@@ -42,13 +43,13 @@ class Runner:
         skills: Skills,
         memory: EnvironmentMemory,
         *,
-        areas: Sequence[Area],
+        areas: tuple[Sequence[Area], Sequence[Area]],
         rng: np.random.Generator,
         limits: Limits,
     ) -> None:
         self.skills, self.memory, self.limits = skills, memory, limits
         self.failures = 0
-        self._areas, self._rng = areas, rng
+        (self._areas, self._finer), self._rng = areas, rng
         self._searched: set[str] = set()  # places looked at for this sub-goal
         self._bound: dict[str, str] = {}  # type -> the object that this sub-goal means
 
@@ -122,7 +123,8 @@ class Runner:
     def _bind(self, name: str) -> Work:
         """Choose the object that a type means in this sub-goal: what is held, or the nearest."""
         held = self._held(name)
-        if held is None and not (yield from self._find(name)):
+        tap = name in TAPS and bool(self.skills.handled)  # the skill knows the one over the basin
+        if held is None and not tap and not (yield from self._find(name)):
             return False
         target = held or self.memory.nearest(name)
         self._bound[name] = target.object_id if target is not None else name
@@ -154,6 +156,7 @@ class Runner:
             if place is None:
                 self.failures += 1
                 self._searched.clear()
+                self._areas = self._finer
                 return False
             if isinstance(place, Area):
                 yield self.skills.look_from(kind, place, max_actions=self._left())

@@ -19,6 +19,7 @@ from karma.methods.helper_memory import ObjectMemory
 from karma.skills import Skills
 
 BY_TYPE = ("Faucet", "ShowerHead", "StoveKnob", "StoveBurner", "Stove")  # the skill knows which
+TAPS = ("Faucet", "ShowerHead")
 LIKELY = 3  # kinds of places asked for
 INSTANCES = 2  # of each kind
 NEAR_STEPS = 75  # for one of those
@@ -148,7 +149,8 @@ class Executor:
         """Look for what is not in memory: near the landmark, where it is likely, anywhere."""
         near = [place for place in call.positions if isinstance(place, str)]
         for name in call.objects:
-            if self.memory.best(name) is not None:
+            tap = name in TAPS and bool(self.skills.handled)  # the skill knows the one over it
+            if tap or self.memory.best(name) is not None:
                 continue
             for place in self._places(name, near):
                 yield self._search(name, place)
