@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from karma.cli import agents, bundle, compare, doctor, models, trace, vlm, worlds
+from karma.cli import agents, bundle, compare, doctor, models, report, trace, vlm, worlds
 from karma.cli.shared import clear_errors
 from karma.offline import go_offline
 
@@ -14,6 +14,7 @@ app = typer.Typer(
 agents.add_to(app)
 compare.add_to(app)
 trace.add_to(app)
+report.add_to(app)
 app.add_typer(worlds.app, name="world")
 app.add_typer(models.app, name="models")
 app.add_typer(vlm.app, name="vlm")

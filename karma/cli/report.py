@@ -1,0 +1,85 @@
+"""`karma report`: a run as one page that needs nothing else."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from karma.cli.shared import clear_errors, console
+from karma.errors import KarmaError
+from karma.files import write_atomic
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command to the top level."""
+    app.command("report")(report_command)
+
+
+@clear_errors
+def report_command(
+    run: Annotated[Path, typer.Argument(help="A run folder, made by `karma eval`.")],
+    out: Annotated[Path | None, typer.Option(help="The page; default RUN/report.html.")] = None,
+    episodes: Annotated[
+        str, typer.Option(help="Which can be stepped through: all, a number, or a task's id.")
+    ] = "8",
+    frames: Annotated[
+        str,
+        typer.Option(
+            help='First-person pictures: "every" action, "calls" only, "none", or "auto": every '
+            "action in episodes of up to 300."
+        ),
+    ] = "auto",
+    published: Annotated[
+        Path, typer.Option(help="The paper's figures, to stand beside ours.")
+    ] = Path("eval/paper/published.csv"),
+    rerun: Annotated[
+        Path | None, typer.Option(help="Also write the replays as a recording for Rerun, *.rrd.")
+    ] = None,
+) -> None:
+    """Write a run as one HTML page: tables, plots, and episodes to step through."""
+    from rich.progress import track
+
+    from karma.bench.results import result_of
+    from karma.bench.run_folder import read_run
+    from karma.bench.tables import load_published
+    from karma.report.choice import choose
+    from karma.report.episodes import Replayer
+    from karma.report.frames import Frames
+    from karma.report.page import page_of, render
+    from karma.report.replay import frame_choice
+
+    found = read_run(run)
+    if not found.records:
+        raise KarmaError(f"{run}: no episode is done yet\n  To fix: karma eval FILE --out {run}")
+    pictures = Frames()
+    replayer = Replayer(found, pictures, frame_choice(frames))
+    chosen = choose(found.records, episodes)
+    shown = list(
+        track(
+            replayer.episodes(chosen), "replaying", total=len(chosen), console=console,
+            transient=True, disable=not console.is_terminal,
+        )
+    )  # fmt: skip
+    paper = load_published(published) if published.exists() else {}
+    page = page_of(found, result_of(found, paper), shown)
+    path = out or run / "report.html"
+    write_atomic(path, render(page, pictures).encode())
+    console.print(
+        escape(
+            f"page: {path}: {len(shown)} of {page.episodes} episodes to step through, "
+            f"{len(pictures)} pictures, {path.stat().st_size / 1e6:.1f} MB"
+        ),
+        soft_wrap=True,
+    )
+    _say_replayed(page.same, page.actions)
+    if rerun is not None:
+        from karma.report.rerun_file import write_rerun
+
+        write_rerun(rerun, found.header.name, shown, pictures)
+        console.print(escape(f"rerun: {rerun}"), soft_wrap=True)
+
+
+def _say_replayed(same: int, actions: int) -> None:
+    color = "green" if same == actions else "red"
+    console.print(f"replayed: [{color}]{same} of {actions}[/] actions went as logged")

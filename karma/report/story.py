@@ -1,0 +1,200 @@
+"""A step log told as moments that a reader can step through, sub-task by sub-task."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from karma.bench import steps
+from karma.prompt import type_of
+
+Change = Literal["added", "changed", "left"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """One planner call."""
+
+    recalled: tuple[str, ...]  # object ids in the prompt
+    prompt: str  # the part that changes
+    program: str
+    error: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """One skill call and how it went."""
+
+    text: str
+    ok: bool
+    reason: str
+    object_ids: tuple[str, ...]
+    plan: int  # number of the program it is of, -1 without any
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """One instruction: what was known, asked, answered and done."""
+
+    instruction: str
+    before: tuple[steps.Unit, ...]  # short-term memory when it came
+    after: tuple[steps.Unit, ...] | None = None  # None when the episode broke off
+    finished: bool = False
+    unmet: tuple[str, ...] = ()
+    map_text: str = ""  # long-term memory as the prompt has it
+    plans: tuple[Told, ...] = ()
+    calls: tuple[Done, ...] = ()
+
+    @property
+    def changes(self) -> Mapping[str, Change]:
+        """What the instruction did to short-term memory, by object id."""
+        return changes(self.before, self.before if self.after is None else self.after)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """One thing that happened."""
+
+    kind: Literal["start", "subtask", "plan", "action", "skill", "outcome"]
+    text: str = ""
+    ok: bool = True
+    error: str = ""
+    part: int = -1  # number of the instruction; -1 before the first
+    plan: int = -1  # the last program of it so far
+    call: int = -1  # the skill call that is being carried out
+    action: steps.Action | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Story:
+    """One episode as its step log tells it."""
+
+    scene: str
+    parts: tuple[Part, ...]
+    moments: tuple[Moment, ...]
+
+
+def changes(before: Sequence[steps.Unit], after: Sequence[steps.Unit]) -> dict[str, Change]:
+    """Return what became of each unit that is not as it was; those that left come last."""
+    old, new = ({unit.object_id: unit for unit in units} for units in (before, after))
+    found: dict[str, Change] = {}
+    for object_id, unit in new.items():
+        if object_id not in old:
+            found[object_id] = "added"
+        elif unit != old[object_id]:
+            found[object_id] = "changed"
+    found.update({object_id: "left" for object_id in old if object_id not in new})
+    return found
+
+
+def told(lines: Iterable[steps.Step]) -> Story:
+    """Return the story of one log; one that breaks off is told as far as it goes."""
+    teller = _Teller()
+    for line in lines:
+        teller.add(line)
+    return Story(scene=teller.scene, parts=tuple(teller.parts), moments=tuple(teller.attributed()))
+
+
+class _Teller:
+    """The story so far."""
+
+    def __init__(self) -> None:
+        self.scene = ""
+        self.parts: list[Part] = []
+        self.moments: list[Moment] = []
+        self._map = ""
+
+    def add(self, line: steps.Step) -> None:
+        """Take in one line."""
+        match line:
+            case steps.Start():
+                self.scene = line.scene
+                self._moment("start", line.scene)
+            case steps.Instruction():
+                part = Part(instruction=line.instruction, before=line.memory, map_text=self._map)
+                self.parts.append(part)
+                self._moment("subtask", line.instruction)
+            case steps.Map():
+                self._map = line.text
+                self._change(map_text=line.text)
+            case steps.Asked():
+                self._plan(line)
+            case steps.Action():
+                self._moment("action", label(line), line.ok, line.error, action=line)
+            case steps.Skill():
+                self._skill(line)
+            case steps.Ended():
+                self._change(after=line.memory, finished=line.finished, unmet=line.unmet)
+                self._moment("outcome", "", not line.unmet, "; ".join(line.unmet))
+
+    def attributed(self) -> list[Moment]:
+        """Return the moments; each action knows the skill call that it belongs to."""
+        found: list[Moment] = []
+        call = -1
+        for moment in reversed(self.moments):
+            if moment.kind == "skill":
+                call = moment.call
+            elif moment.kind != "action":
+                call = -1
+            found.append(replace(moment, call=call))
+        return found[::-1]
+
+    def _plan(self, line: steps.Asked) -> None:
+        said = Told(
+            recalled=line.recalled, prompt=line.prompt, program=line.program, error=line.error
+        )
+        self._change(plans=(*self._part.plans, said))
+        self._moment("plan", "program", not line.error, line.error)
+
+    def _skill(self, line: steps.Skill) -> None:
+        done = Done(
+            text=line.call, ok=line.ok, reason=line.reason, object_ids=line.object_ids,
+            plan=len(self._part.plans) - 1,
+        )  # fmt: skip
+        self._change(calls=(*self._part.calls, done))
+        self._moment("skill", line.call, line.ok, line.reason, call=len(self._part.calls) - 1)
+
+    @property
+    def _part(self) -> Part:
+        if not self.parts:
+            self.parts.append(Part(instruction="", before=()))
+        return self.parts[-1]
+
+    def _change(self, **fields: Any) -> None:
+        if self.parts or "map_text" not in fields:
+            self.parts[-1:] = [replace(self._part, **fields)]
+
+    def _moment(
+        self,
+        kind: Literal["start", "subtask", "plan", "action", "skill", "outcome"],
+        text: str,
+        ok: bool = True,
+        error: str = "",
+        *,
+        call: int = -1,
+        action: steps.Action | None = None,
+    ) -> None:
+        self.moments.append(
+            Moment(
+                kind=kind,
+                text=text,
+                ok=ok,
+                error=error,
+                part=len(self.parts) - 1,
+                plan=len(self.parts[-1].plans) - 1 if self.parts else -1,
+                call=call,
+                action=action,
+            )
+        )
+
+
+def label(line: steps.Action) -> str:
+    """Return an action in few words: its name and what it is done to."""
+    words = [line.action]
+    for name, value in line.arguments.items():
+        if isinstance(value, str) and "|" in value:
+            words.append(type_of(value))
+        elif isinstance(value, float):
+            words.append(f"{name}={value:.2f}")
+        elif not isinstance(value, dict | list):
+            words.append(f"{name}={value}")
+    return " ".join(words)

@@ -1,0 +1,64 @@
+"""What the page says of each task: who solved it, and one episode of each row to look into."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from karma.bench.records import KINDS, EpisodeRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """One task of one row, over the seeds."""
+
+    row: str
+    episodes: int
+    successes: int
+    shown: EpisodeRecord | None  # the first that failed, else the first; None when there is none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskLine:
+    """One task."""
+
+    task: str
+    kind: str
+    scene: str
+    instructions: tuple[str, ...]
+    cells: tuple[Cell, ...]  # one a row
+
+
+def rows_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:
+    """Return the rows in the order in which they appear."""
+    return tuple(dict.fromkeys(record.row for record in records))
+
+
+def task_lines(records: Sequence[EpisodeRecord]) -> tuple[TaskLine, ...]:
+    """Return one line per task: simple ones first, then in the order in which they appear."""
+    rows = rows_of(records)
+    by_task: dict[str, list[EpisodeRecord]] = {}
+    for record in records:
+        by_task.setdefault(record.task, []).append(record)
+    lines = [_task_line(task, mine, rows) for task, mine in by_task.items()]
+    rank = {kind: number for number, kind in enumerate(KINDS)}
+    return tuple(sorted(lines, key=lambda line: rank.get(line.kind, len(rank))))
+
+
+def _task_line(task: str, mine: Sequence[EpisodeRecord], rows: Sequence[str]) -> TaskLine:
+    longest = max(mine, key=lambda record: len(record.subtasks))
+    return TaskLine(
+        task=task,
+        kind=longest.kind,
+        scene=longest.scene,
+        instructions=tuple(part.instruction for part in longest.subtasks),
+        cells=tuple(_cell(row, [r for r in mine if r.row == row]) for row in rows),
+    )
+
+
+def _cell(row: str, mine: Sequence[EpisodeRecord]) -> Cell:
+    failed = [record for record in mine if not record.success]
+    return Cell(
+        row=row,
+        episodes=len(mine),
+        successes=len(mine) - len(failed),
+        shown=next(iter(failed or mine), None),
+    )
