@@ -31,7 +31,8 @@ from karma.world.types import object_types
 END = "<|end|>"
 PAD = "<|pad|>"
 TYPES = tuple(sorted(object_types()))
-EVEN = 512  # targets per step come in multiples of it in bfloat16
+PART = 3  # packs that are computed at once
+EVEN = 256  # targets per step come in multiples of it in bfloat16
 WHOLE = (
     *(f"{skill.name}(robot, '" for skill in SKILLS),
     "', '", "', ['", "'])\n", "')\n", " @", " *\n",
@@ -409,9 +410,10 @@ def train(
         for group in (group for one in optimizers for group in one.param_groups):
             group["lr"] = recipe.learning_rate * _schedule(recipe, step)
         names = [(str(step), str(number)) for number in range(rank, recipe.packs, number_of)]
-        batch = collate([draw_pack(recipe, data, "train", *name) for name in names], tokenizer)
-        seen += int((batch["tokens"] != 1).sum())
-        losses.append(_step(model, optimizers, _to(batch, device), number_of, half=recipe.half))
+        packs = [draw_pack(recipe, data, "train", *name) for name in names]
+        batches = [_to(collate(part, tokenizer), device) for part in _of_a_size(packs)]
+        seen += sum(int((batch["tokens"] != 1).sum()) for batch in batches)
+        losses.append(_step(model, optimizers, batches, number_of, half=recipe.half))
         step += 1
         if rank == 0 and (step % every == 0 or step == recipe.steps):
             exact = exact_share(model, tokenizer, held_out, device)
@@ -434,15 +436,31 @@ def _optimizers(model: Any, recipe: Recipe) -> tuple[Any, ...]:
     )
 
 
+def _of_a_size(packs: Sequence[Sequence[Example]]) -> list[Sequence[Sequence[Example]]]:
+    """Return packs in parts of like length, the shorter first: less padding, smaller attention."""
+    ordered = sorted(packs, key=lambda pack: sum(len(one.changing) for one in pack))
+    return [ordered[start : start + PART] for start in range(0, len(ordered), PART)]
+
+
 def _step(
-    model: Any, optimizers: Sequence[Any], batch: dict[str, Any], number_of: int, *, half: bool
+    model: Any,
+    optimizers: Sequence[Any],
+    batches: Sequence[dict[str, Any]],
+    number_of: int,
+    *,
+    half: bool,
 ) -> float:
+    """Take one step on the mean loss of all batches' targets; returns it."""
     import torch
 
-    logits, targets = forward(model, batch, half=half)
-    loss = torch.nn.functional.cross_entropy(logits, targets)
+    count = sum(int((batch["targets"] != -100).sum()) for batch in batches)
+    total = 0.0
     model.zero_grad()
-    loss.backward()  # type: ignore[no-untyped-call]
+    for batch in batches:
+        logits, targets = forward(model, batch, half=half)
+        loss = torch.nn.functional.cross_entropy(logits, targets, reduction="sum") / count
+        loss.backward()  # type: ignore[no-untyped-call]
+        total += float(loss.detach())
     if number_of > 1:
         flat = torch.cat([value.grad.flatten() for value in model.parameters()])
         torch.distributed.all_reduce(flat)
@@ -454,7 +472,7 @@ def _step(
     torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
     for one in optimizers:
         one.step()
-    return float(loss.detach())
+    return total
 
 
 def _schedule(recipe: Recipe, step: int) -> float:
