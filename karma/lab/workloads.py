@@ -8,7 +8,7 @@ house (a kitchen, a living room, a bedroom, a bathroom) and come closer to how h
 | `type` | any task there is | an object type |
 | `house` | any task of the house | a type in its room |
 | `rooms` | of the room; after 8 tasks on average (geometric), another room | same |
-| `habit` | of the room that the hour wants (12 a day), Zipf(1) over the household's own order of its tasks, a fifth of which is dealt anew every 20 days | same |
+| `habit` | of the room that the hour wants (12 a day, each room at least once), Zipf(1) over the household's own order of its tasks, a fifth of which is dealt anew every 20 days | same |
 | `chain` | half of the time one about a thing of the last 3 tasks, else any of the house | same |
 """  # noqa: E501
 
@@ -107,7 +107,8 @@ def _in_phases(rng: Rng, house: House) -> Iterator[Errand]:
 
 
 def _by_habit(rng: Rng, house: House) -> Iterator[Errand]:
-    hours = [ROOMS[int(rng.integers(len(ROOMS)))] for _ in range(DAY)]
+    more = [ROOMS[int(rng.integers(len(ROOMS)))] for _ in range(DAY - len(ROOMS))]
+    hours = [(*ROOMS, *more)[int(place)] for place in rng.permutation(DAY)]
     ranks = {room: rng.permutation(len(house[room])) for room in ROOMS}
     odds = {room: np.cumsum(1 / np.arange(1, len(house[room]) + 1)) for room in ROOMS}
     while True:
