@@ -7,6 +7,7 @@ other: a task is hard for all of them. Definitions are in `docs/metrics.md`.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -199,9 +200,7 @@ def bootstrap(sums: Floats, statistic: Statistic, *, number: int) -> Resampled:
         if len(sums) < 2:
             return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
         ordered = sums[np.lexsort(sums.T)]
-        tasks = len(ordered)
-        times = stream(0, "bootstrap").multinomial(tasks, [1 / tasks] * tasks, size=RESAMPLES)
-        drawn = statistic(times @ ordered)
+        drawn = statistic(_times(len(ordered)) @ ordered)
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) < RESAMPLES / 2:
         return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
@@ -216,6 +215,13 @@ def bootstrap(sums: Floats, statistic: Statistic, *, number: int) -> Resampled:
         ),
         deviation=deviation if deviation > 1e-12 else None,
     )
+
+
+@lru_cache(maxsize=8)
+def _times(tasks: int) -> Floats:
+    """Return how often each task is in each resample, shape (RESAMPLES, tasks)."""
+    times = stream(0, "bootstrap").multinomial(tasks, [1 / tasks] * tasks, size=RESAMPLES)
+    return times.astype(np.float64)
 
 
 # ----------------------------------------------------------------- two arms

@@ -1,0 +1,268 @@
+"""Intervals, paired tests and detectable effects, held against other implementations."""
+
+import itertools
+import math
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from karma.bench.statistics import (
+    POWER,
+    bootstrap,
+    detectable_mean,
+    detectable_rate,
+    effective_number,
+    mcnemar,
+    mean,
+    more_seeds,
+    rate,
+    sign_flip,
+    wilson,
+)
+
+ZERO_ONE = st.sampled_from((0.0, 1.0))
+GROUPS = st.lists(st.lists(ZERO_ONE, min_size=1, max_size=5), min_size=1, max_size=12)
+AMOUNTS = st.lists(
+    st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=3), min_size=1, max_size=8
+)  # fmt: skip
+
+
+# ----------------------------------------------------------------- Wilson
+
+
+@pytest.mark.parametrize(
+    ("successes", "number", "low", "high"),
+    [
+        # Newcombe (1998), Statistics in Medicine 17, table I, method 3
+        (81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)  # fmt: skip
+def test_wilson_equals_published_intervals(successes, number, low, high):
+    found = wilson(successes, number)
+    assert (round(found.low, 4), round(found.high, 4)) == (low, high)
+
+
+@given(number=st.integers(1, 400), share=st.floats(0, 1))
+def test_wilson_ends_are_the_rates_that_a_score_test_just_accepts(number, share):
+    """The definition: |rate - p| is z standard errors under p, for both ends p."""
+    successes = round(number * share)
+    found = wilson(successes, number)
+    seen = successes / number
+    for end in (found.low, found.high):
+        if 0 < end < 1:
+            assert abs(seen - end) / math.sqrt(end * (1 - end) / number) == pytest.approx(
+                1.959964, abs=1e-4
+            )
+    assert 0 <= found.low <= seen <= found.high <= 1
+
+
+@given(share=st.fractions(0, 1, max_denominator=9), more=st.integers(2, 20))
+def test_wilson_of_the_same_rate_is_narrower_with_more_trials(share, more):
+    number = 18 * share.denominator
+    one, other = wilson(share * number, number), wilson(share * number * more, number * more)
+    assert other.half_width < one.half_width
+    assert one.low <= other.low
+    assert other.high <= one.high
+
+
+def test_wilson_of_nothing_is_nothing_and_of_nonsense_an_error():
+    assert wilson(0, 0) is None
+    for successes in (-1, 3):
+        with pytest.raises(ValueError, match="of 2"):
+            wilson(successes, 2)
+
+
+# ----------------------------------------------------------------- seeds of one task
+
+
+@given(groups=GROUPS)
+def test_rate_interval_contains_the_rate(groups):
+    found = rate(groups)
+    assert found.value == pytest.approx(np.mean([x for group in groups for x in group]))
+    assert found.value in found.interval
+    assert 0 <= found.interval.low <= found.interval.high <= 1
+    assert found.number == sum(map(len, groups))
+
+
+@given(groups=GROUPS)
+def test_effective_number_lies_between_tasks_worth_and_all_observations(groups):
+    number = sum(map(len, groups))
+    sizes = sum(len(group) ** 2 for group in groups) / number
+    assert number / sizes - 1e-9 <= effective_number(groups) <= number + 1e-9
+
+
+@given(outcomes=st.lists(ZERO_ONE, min_size=2, max_size=20), seeds=st.integers(1, 7))
+def test_seeds_that_always_agree_count_once(outcomes, seeds):
+    groups = [[one] * seeds for one in outcomes]
+    assert effective_number(groups) == pytest.approx(len(outcomes))
+    assert rate(groups).interval.low == pytest.approx(wilson(sum(outcomes), len(outcomes)).low)
+
+
+def test_seeds_that_agree_by_chance_count_each():
+    random = Random(3)
+    groups = [[float(random.random() < 0.5) for _ in range(5)] for _ in range(400)]
+    assert effective_number(groups) > 0.9 * 2000
+
+
+def test_correlation_of_a_known_table_gives_its_design_effect():
+    """By hand: groups (1,1), (1,0), (0,0): MSB = 1/2, MSW = 1/6, ICC = 1/2, effect 1.5, 6 -> 4."""
+    assert effective_number([[1, 1], [1, 0], [0, 0]]) == pytest.approx(4)
+
+
+def test_rate_covers_the_truth_where_seeds_are_correlated():
+    """Tasks have success rates of their own; the interval is about the mean over all tasks."""
+    random, covered, naive = Random(11), 0, 0
+    for _ in range(400):
+        chances = [random.betavariate(0.5, 0.5) for _ in range(40)]
+        groups = [[float(random.random() < chance) for _ in range(5)] for chance in chances]
+        successes = sum(map(sum, groups))
+        covered += 0.5 in rate(groups).interval
+        naive += 0.5 in wilson(successes, 200)
+    assert covered / 400 > 0.92
+    assert naive / 400 < 0.85
+
+
+def test_more_seeds_reach_the_half_width_that_was_asked_for():
+    random = Random(5)
+    groups = [[float(random.random() < 0.5) for _ in range(2)] for _ in range(40)]
+    wide = rate(groups).interval.half_width
+    assert more_seeds(groups, wide) == 0
+    more = more_seeds(groups, 0.06)
+    assert more > 0
+    longer = [[float(random.random() < 0.5) for _ in range(2 + more)] for _ in range(40)]
+    assert rate(longer).interval.half_width == pytest.approx(0.06, abs=0.015)
+
+
+def test_more_seeds_of_tasks_that_never_change_reach_nothing():
+    assert more_seeds([[1.0] * 3, [0.0] * 3] * 5, 0.05) is None  # only more tasks would help
+    assert more_seeds([[1.0], [0.0]] * 5, 0.05) is None  # one seed: nobody knows
+    assert more_seeds([], 0.05) is None
+
+
+# ----------------------------------------------------------------- bootstrap
+
+
+@settings(max_examples=30)
+@given(groups=AMOUNTS)
+def test_mean_interval_contains_the_mean_and_has_no_order(groups):
+    found = mean(groups)
+    assert found.value == pytest.approx(np.mean([x for g in groups for x in g]), abs=1e-6)
+    if found.interval is not None:
+        assert found.value in found.interval
+    turned = mean(groups[::-1])
+    assert turned.value == pytest.approx(found.value, abs=1e-6)
+
+
+def test_bootstrap_equals_all_resamples_of_a_small_table():
+    """Three tasks have 27 resamples; quantiles of their means are what 10,000 draws come to."""
+    values = [1.0, 2.0, 6.0]
+    exact = sorted(sum(drawn) / 3 for drawn in itertools.product(values, repeat=3))
+    found = mean([[v] for v in values])
+    assert found.interval.low == exact[0]
+    assert found.interval.high == exact[-1]
+    sums = np.array([[v, 1.0] for v in values])
+    deviation = bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=3).deviation
+    assert deviation == pytest.approx(np.std(exact), rel=0.03)
+
+
+def test_bootstrap_covers_the_truth_about_as_often_as_it_says():
+    random, covered = np.random.default_rng(1), 0
+    for _ in range(150):
+        covered += 3.0 in mean([[value] for value in random.normal(3.0, 2.0, size=30)]).interval
+    assert 0.87 < covered / 150 <= 1
+
+
+def test_bootstrap_of_one_task_or_of_nothing_has_no_interval():
+    one = bootstrap(np.array([[1.0, 2.0]]), lambda s: s[:, 0] / s[:, 1], number=1)
+    assert (one.estimate.value, one.estimate.interval, one.deviation) == (0.5, None, None)
+    none = bootstrap(np.zeros((0, 2)), lambda s: s[:, 0], number=0)
+    assert none.estimate.value is None
+    undefined = bootstrap(np.zeros((5, 2)), lambda s: s[:, 0] / s[:, 1], number=5)
+    assert undefined.estimate.value is None
+    assert mean([]).value is None
+
+
+# ----------------------------------------------------------------- two arms
+
+
+@given(first=st.integers(0, 40), second=st.integers(0, 40))
+def test_mcnemar_is_a_fair_coin_s_two_sided_tail(first, second):
+    number = first + second
+    chances = [Fraction(math.comb(number, k), 2**number) for k in range(number + 1)]
+    seen = chances[first]
+    assert mcnemar(first, second) == pytest.approx(float(sum(c for c in chances if c <= seen)))
+    assert mcnemar(first, second) == mcnemar(second, first)
+
+
+def test_mcnemar_of_small_counts_is_what_a_hand_finds():
+    assert mcnemar(1, 5) == 2 * (1 + 6) / 2**6
+    assert mcnemar(2, 8) == 2 * (1 + 10 + 45) / 2**10
+    assert mcnemar(1000, 1000) == 1.0
+
+
+@given(differences=st.lists(st.integers(-5, 5), max_size=9))
+def test_sign_flip_counts_all_exchanges(differences):
+    sums = [
+        abs(sum(sign * d for sign, d in zip(signs, differences, strict=True)))
+        for signs in itertools.product((1, -1), repeat=len(differences))
+    ]
+    expected = sum(one >= abs(sum(differences)) for one in sums) / len(sums)
+    assert sign_flip(differences) == pytest.approx(expected)
+
+
+@given(first=st.integers(0, 25), second=st.integers(0, 25))
+def test_sign_flip_of_single_pairs_is_mcnemar(first, second):
+    assert sign_flip([1] * first + [-1] * second) == pytest.approx(mcnemar(first, second))
+
+
+# ----------------------------------------------------------------- what could have been found
+
+
+def power_by_enumeration(number, first, second):
+    """Return P(p <= 0.05) over all outcomes of `number` pairs, by brute force."""
+    found = 0.0
+    for b in range(number + 1):
+        for c in range(number + 1 - b):
+            if mcnemar(b, c) <= 0.05:
+                rest = number - b - c
+                ways = math.comb(number, b) * math.comb(number - b, c)
+                found += ways * first**b * second**c * (1 - first - second) ** rest
+    return found
+
+
+@pytest.mark.parametrize(("number", "share"), [(15, 0.6), (18, 0.9), (30, 0.4), (48, 0.25)])
+def test_detectable_rate_has_just_the_power_it_promises(number, share):
+    effect = detectable_rate(number, share)
+    assert effect <= share
+    first, second = (share + effect) / 2, (share - effect) / 2
+    assert power_by_enumeration(number, first, second) >= POWER - 1e-6
+    less = effect - 0.01
+    assert power_by_enumeration(number, (share + less) / 2, (share - less) / 2) < POWER
+
+
+def test_detectable_rate_of_arms_that_hardly_differ_is_all_one_way():
+    effect = detectable_rate(15, 0.05)
+    assert power_by_enumeration(15, effect, 0.0) == pytest.approx(POWER, abs=0.01)
+    assert detectable_rate(15, 0.0) == effect
+
+
+def test_detectable_rate_of_fewer_than_six_pairs_is_none():
+    assert [detectable_rate(n, 0.5) for n in (0, 1, 5, 5.9)] == [None] * 4
+    assert detectable_rate(6, 0.5) == pytest.approx(0.8 ** (1 / 6), abs=1e-3)
+
+
+@settings(max_examples=10)
+@given(pairs=st.integers(8, 120), share=st.floats(0.05, 1))
+def test_detectable_rate_falls_with_pairs(pairs, share):
+    few, many = detectable_rate(pairs, share), detectable_rate(4 * pairs, share)
+    assert many < few
+
+
+def test_detectable_mean_is_the_textbook_formula():
+    assert detectable_mean(None) is None
+    assert detectable_mean(2.0) == pytest.approx(2.0 * (1.959964 + 0.841621), abs=1e-5)
