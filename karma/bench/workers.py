@@ -35,7 +35,9 @@ from karma.offline import go_offline, settle
 
 MAPS = "maps"  # below the run folder
 LIVES = 2  # workers that an episode may kill before it is recorded as an error
-_BASE_MB = 700  # Python with torch, faiss and a world; measured
+_BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
+_IMPORTED = ("karma.bench.workers", "llama_cpp", "sentence_transformers")  # once, for all workers
+_LEAVE_S = 10.0  # that a worker has to put things away
 _SHARE = 0.8  # of the free memory, for all workers together
 _WORTH = 12  # episodes that make up for starting one worker more
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
@@ -190,14 +192,16 @@ class _Crew:
 
     def __init__(self, stage: Stage, jobs: Sequence[Job]) -> None:
         self.workers: list[_Worker] = []
+        self._leaving: list[_Worker] = []
         self._stage, self._todo = stage, deque(jobs)
         self._deaths: Counter[Key] = Counter()
 
     def hire(self) -> None:
         """Start one more."""
-        spawning = multiprocessing.get_context("spawn")
-        ours, theirs = spawning.Pipe()
-        process = spawning.Process(target=_work, args=(theirs, self._stage), daemon=True)
+        forking = multiprocessing.get_context("forkserver")
+        forking.set_forkserver_preload(list(_IMPORTED))
+        ours, theirs = forking.Pipe()
+        process = forking.Process(target=_work, args=(theirs, self._stage), daemon=True)
         with _one_thread():
             process.start()
         theirs.close()
@@ -219,9 +223,13 @@ class _Crew:
                 yield said
 
     def dismiss(self) -> None:
-        """Send all home, also from amid an episode."""
-        for worker in self.workers:
-            _end(worker)
+        """See all gone; who is amid an episode is not waited for."""
+        for worker in self._leaving:
+            worker.process.join(_LEAVE_S)
+        for worker in (*self._leaving, *self.workers):
+            worker.process.kill()
+            worker.process.join()
+            worker.line.close()
         self.workers.clear()
 
     def _deal(self, worker: _Worker) -> None:
@@ -232,7 +240,8 @@ class _Crew:
                 worker.line.send(worker.job)
         else:
             self.workers.remove(worker)
-            _end(worker)
+            self._leaving.append(worker)
+            worker.line.close()
 
     def _bury(self, worker: _Worker) -> Iterator[Finished]:
         """See to what a dead worker was at."""
@@ -288,12 +297,6 @@ def lost_episode(job: Job, cause: str) -> Finished:
     )
     timing = EpisodeTiming(row=record.row, task=record.task, seed=record.seed, subtasks=())
     return Finished(record=record, timing=timing)
-
-
-def _end(worker: _Worker) -> None:
-    worker.process.kill()
-    worker.process.join()
-    worker.line.close()
 
 
 @contextmanager
