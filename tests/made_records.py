@@ -4,6 +4,8 @@ from hypothesis import strategies as st
 
 from karma.bench.metrics import needs
 from karma.bench.records import Answer, Call, EpisodeRecord, SubTaskRecord
+from karma.bench.run_folder import EPISODES, FORMAT, HEADER, TIMINGS, Header, Machine
+from karma.files import to_json
 
 
 def answer(program="GoToObject(robot, 'Apple')\n", error="", **changes):
@@ -93,3 +95,17 @@ def runs(draw, rows=("KARMA", "memory off")):
                     episode(*parts, row=row, task=f"t{number}", kind=kind, seed=seed, error=error)
                 )
     return records
+
+
+def write_run(folder, records, *, name="made", timings=()):
+    """Write records as a run's folder."""
+    header = Header(
+        name=name, experiment="0" * 64, tasks="0" * 64, versions={}, models={}, prompts={},
+        scenes={}, format=FORMAT,
+        machine=Machine(platform="x", cpu="x", cores=1, memory_mb=None, threads=1),
+    )  # fmt: skip
+    folder.mkdir(parents=True)
+    (folder / HEADER).write_bytes(to_json(header, indent=2))
+    for place, lines in ((EPISODES, records), (TIMINGS, timings)):
+        (folder / place).write_bytes(b"".join(map(to_json, lines)))
+    return folder

@@ -109,5 +109,6 @@ def _arm(run: RunData, row: str, name: str) -> Arm:
     try:
         arm = arm_of(run.records, episodes_of(run.records, run.timings), row)
     except KarmaError as error:
-        raise KarmaError(f"{run.folder}: {error}") from error
+        fix = "name one of them: karma compare ... 'RUN:ROW'"
+        raise KarmaError(f"{run.folder}: {error}\n  To fix: {fix}") from error
     return Arm(name=name if ":" in name else f"{name}:{row}", episodes=arm.episodes)

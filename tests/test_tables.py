@@ -1,0 +1,225 @@
+"""The paper's tables from a run, as Markdown, LaTeX and CSV, beside the published figures."""
+
+import csv
+import io
+import re
+from pathlib import Path
+
+import pytest
+from made_records import plain, write_run
+from typer.testing import CliRunner
+
+from karma.bench.experiment import read_experiment
+from karma.bench.metrics import METRICS
+from karma.bench.results import result_of
+from karma.bench.run_folder import read_run
+from karma.bench.tables import (
+    COLUMNS,
+    Sheet,
+    load_published,
+    sheets,
+    to_csv,
+    to_latex,
+    to_markdown,
+)
+from karma.cli import app
+from karma.errors import FileError
+
+PAPER = Path(__file__).parents[1] / "eval" / "paper"
+PUBLISHED = load_published(PAPER / "published.csv")
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run of three rows over four tasks of two kinds and two seeds."""
+    records = [
+        plain(
+            row == "KARMA" or (task == "t1" and row == "memory off"),
+            places={"KARMA": 2, "memory off": 10, "oracle | &": 0}[row],
+            row=row, task=task, kind="simple" if task in ("t1", "t2") else "complex", seed=seed,
+        )
+        for seed in (0, 1)
+        for row in ("KARMA", "memory off", "oracle | &")
+        for task in ("t1", "t2", "t3", "t4")
+    ]  # fmt: skip
+    return read_run(write_run(tmp_path / "run", records, name="table_1"))
+
+
+@pytest.fixture
+def result(run):
+    return result_of(run, PUBLISHED)
+
+
+def rows_of(markdown, title):
+    """Return a Markdown table's rows as dictionaries."""
+    part = markdown.split(f"### {title}\n", 1)[1].split("###")[0]
+    lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in part.splitlines() if line[:1] == "|"]
+    head, _, *body = [[cell.strip() for cell in line] for line in lines]
+    assert all(len(line) == len(head) for line in body)
+    return [list(zip(head, line, strict=True)) for line in body]
+
+
+def test_markdown_sets_ours_beside_the_published(result):
+    first, second, third = rows_of(to_markdown(sheets(result)), "table_1: simple tasks")
+    assert first[0] == ("method", "KARMA")
+    assert first[1:3] == [("SR", "1.00 [0.34, 1.00]"), ("published", "0.42")]
+    assert first[5:7] == [("RE", "0.80 [0.80, 0.80]"), ("published", "0.582")]
+    assert ("MRA", "–") in first
+    assert second[1:3] == [("SR", "0.50 [0.09, 0.91]"), ("published", "–")]
+    assert third[0] == ("method", r"oracle \| &")
+
+
+def test_captions_say_how_many_episodes_and_seeds(result):
+    found = sheets(result)
+    assert "4 episodes a row (2 tasks × 2 seeds)" in found[0].caption
+    assert any("8 episodes a row (4 tasks × 2 seeds)" in sheet.caption for sheet in found)
+    assert any("detectable" in sheet.head for sheet in found)
+
+
+def test_sheets_compare_the_first_row_with_every_other(result):
+    (sheet,) = [one for one in sheets(result) if one.title == "Success compared"]
+    assert [line[:3] for line in sheet.lines] == [
+        ("KARMA", other, kind)
+        for other in ("memory off", "oracle | &")
+        for kind in ("all", "simple", "complex")
+    ]
+    assert sheet.lines[0][3] == "8 (4 × 2)"
+
+
+def test_sheets_count_causes(result):
+    (sheet,) = [one for one in sheets(result) if "the first failed" in one.title]
+    lines = {(line[0], line[1]): line[2:] for line in sheet.lines}
+    assert lines["KARMA", "all"][0] == "0"
+    assert lines["memory off", "all"][0] == "6"
+    assert dict(zip(sheet.head[2:], lines["memory off", "all"], strict=True))["planner"] == "6"
+
+
+def test_sheets_leave_out_what_nobody_measured(result):
+    (sheet,) = [one for one in sheets(result) if "took" in one.title]
+    assert "cost" not in sheet.head
+    assert "places searched" in sheet.head
+
+
+def test_latex_escapes_and_balances(result):
+    text = to_latex(sheets(result))
+    assert r"oracle | \&" in text
+    assert r"table\_1" in text
+    assert "×" not in text
+    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == len(sheets(result))
+    for row in re.findall(r"^(.*) \\\\$", text, flags=re.M):
+        assert not row.startswith("[")  # would be read as the optional argument of \\
+    plain_text = re.sub(r"\\[{}]", "", text)
+    assert plain_text.count("{") == plain_text.count("}")
+
+
+def test_latex_rows_have_as_many_cells_as_the_table_has_columns():
+    sheet = Sheet(title="a_b", caption="50 %", head=("m & n", "x"), lines=(("1", "[2]"),))
+    text = to_latex([sheet])
+    assert r"\begin{tabular}{lr}" in text
+    assert r"m \& n & x \\" in text
+    assert r"1 & {[}2{]} \\" in text
+    assert r"50 \%" in text
+
+
+def test_csv_has_every_metric_of_every_row(result):
+    rows = list(csv.DictReader(io.StringIO(to_csv(result))))
+    assert len(rows) == 3 * 3 * (len(METRICS) + 2)
+    one = next(
+        r for r in rows if (r["row"], r["kind"], r["metric"]) == ("KARMA", "simple", "success")
+    )
+    assert (one["value"], one["published"], one["episodes"], one["seeds"]) == (
+        "1",
+        "0.42",
+        "4",
+        "2",
+    )
+    assert float(one["low"]) < 1 == float(one["high"])
+    saved = next(
+        r for r in rows if (r["row"], r["kind"], r["metric"]) == ("KARMA", "complex", "re")
+    )
+    assert (saved["value"], saved["published"]) == ("0.8", "0.867")
+    unknown = next(r for r in rows if r["metric"] == "cost")
+    assert (unknown["value"], unknown["low"]) == ("", "")
+
+
+def test_table_of_an_unfinished_run_says_what_stands_behind_each_row(tmp_path):
+    records = [plain(True, task="t1"), plain(True, task="t2"), plain(True, row="other", task="t1")]
+    result = result_of(read_run(write_run(tmp_path / "run", records)), PUBLISHED)
+    assert not result.comparisons
+    caption = sheets(result)[0].caption
+    assert "1 episodes a row (1 tasks × 1 seed) or 2 episodes a row (2 tasks × 1 seed)" in caption
+
+
+# ----------------------------------------------------------------- the published figures
+
+
+def test_published_figures_are_those_of_the_paper(shared):
+    """Every row of Tables 1 and 2 in the paper's text, cell by cell; "-" is no figure."""
+    text = (shared / "paper" / "karma.txt").read_text()
+    names = {name.replace(" ", ""): row for row, name in _paper_rows().items()}
+    seen = set()
+    for line in text.splitlines():
+        name, *cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        name = re.sub(r"\(\w+ et al\., \w+\)", "", name).replace(" ", "")
+        if name not in names or len(cells) != 12:
+            continue
+        for number, cell in enumerate(cells):
+            kind, column = ("simple", "composite", "complex")[number // 4], COLUMNS[number % 4]
+            found = PUBLISHED.get((names[name], kind, column))
+            assert (found.value if found else "-") == (float(cell) if cell != "-" else "-")
+            if found:
+                seen.add((names[name], kind, column))
+    assert seen == set(PUBLISHED)
+
+
+def _paper_rows():
+    return {row: one.paper_row for (row, _, _), one in PUBLISHED.items()}
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("Table 1,KARMA,KARMA,simple,success,high", "line 2: could not convert"),
+        ("Table 1,KARMA,KARMA,simple,joy,0.1", "line 2: metric 'joy'"),
+        ("Table 1,KARMA", "line 2"),
+    ],
+)
+def test_published_figures_that_are_damaged_are_refused_by_line(tmp_path, line, words):
+    path = tmp_path / "published.csv"
+    path.write_text(f"source,paper_row,row,kind,metric,value\n{line}\n")
+    with pytest.raises(FileError, match=words):
+        load_published(path)
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(FileError, match="line 2"):
+        load_published(path)
+
+
+@pytest.mark.parametrize("path", sorted(PAPER.glob("table*.toml")), ids=lambda path: path.stem)
+def test_experiments_of_the_tables_have_the_published_rows_and_five_seeds(path):
+    experiment = read_experiment(path)
+    names = [row.name for row in experiment.rows]
+    assert experiment.seeds == (0, 1, 2, 3, 4)
+    source = {"table1": "Table 1", "table2": "Table 2"}[path.stem]
+    published = {row for (row, _, _), one in PUBLISHED.items() if one.source == source}
+    assert published <= set(names)
+    assert "memory off" in names
+
+
+# ----------------------------------------------------------------- the command
+
+
+def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    out = tmp_path / "out"
+    arguments = ["table", str(run.folder), "--published", str(PAPER / "published.csv")]
+    said = CliRunner().invoke(app, [*arguments, "--out", str(out), "--json", str(out / "x.json")])
+    assert said.exit_code == 0, said.output
+    assert "table_1: simple tasks" in said.output
+    assert sorted(path.name for path in out.iterdir()) == [
+        "table.csv", "table.md", "table.tex", "x.json",
+    ]  # fmt: skip
+    result = result_of(run, PUBLISHED)
+    assert (out / "table.md").read_text() == to_markdown(sheets(result))
+    again = CliRunner().invoke(app, [*arguments, "--off", "nobody"])
+    assert again.exit_code == 1
+    assert "no row 'nobody'" in again.output
