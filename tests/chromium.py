@@ -4,10 +4,10 @@ import base64
 import json
 import os
 import shutil
-import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from fcntl import F_DUPFD_CLOEXEC, fcntl
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +36,12 @@ class Chromium:
     """One tab.
 
     Args:
-        process: the browser, with --remote-debugging-pipe.
         to_browser: file descriptor of the pipe that it reads.
         from_browser: of the one that it writes.
     """
 
-    def __init__(self, process: subprocess.Popen, to_browser: int, from_browser: int) -> None:
-        self._process, self._to, self._from = process, to_browser, from_browser
+    def __init__(self, to_browser: int, from_browser: int) -> None:
+        self._to, self._from = to_browser, from_browser
         self._number, self._rest, self._session = 0, b"", None
         self.events: list[dict[str, Any]] = []
         tab = self.send("Target.createTarget", url="about:blank")["targetId"]
@@ -50,6 +49,11 @@ class Chromium:
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.send(f"{domain}.enable")
+
+    def quit(self) -> None:
+        """End the browser."""
+        self._session = None
+        self.send("Browser.close")
 
     def send(self, method: str, **params: Any) -> dict[str, Any]:
         """Return a command's result; what happens meanwhile is kept in `events`."""
@@ -79,7 +83,9 @@ class Chromium:
         self.events.clear()
         self.send("Page.navigate", url=address)
         end = time.monotonic() + PATIENCE_S
-        while not self.value("location.href !== 'about:blank' && document.readyState === 'complete'"):
+        while not self.value(
+            "location.href !== 'about:blank' && document.readyState === 'complete'"
+        ):
             assert time.monotonic() < end, f"{address} did not load"
 
     def value(self, expression: str) -> Any:
@@ -140,25 +146,24 @@ class Chromium:
 @contextmanager
 def chromium(profile: Path) -> Iterator[Chromium]:
     """Start a browser with a new profile, and end it."""
-    reads, to_browser = os.pipe()
-    from_browser, writes = os.pipe()
-
-    def as_3_and_4() -> None:
-        high = os.dup2(reads, 103), os.dup2(writes, 104)
-        os.dup2(high[0], 3)
-        os.dup2(high[1], 4)
-
-    process = subprocess.Popen(
-        [executable(), *FLAGS, f"--user-data-dir={profile}", "about:blank"],
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        preexec_fn=as_3_and_4, pass_fds=(3, 4), start_new_session=True,
-    )  # fmt: skip
+    command = [executable(), *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+    pipes = [*os.pipe(), *os.pipe()]
+    reads, to_browser, from_browser, writes = (fcntl(one, F_DUPFD_CLOEXEC, 100) for one in pipes)
+    for one in pipes:
+        os.close(one)
+    nothing = [(os.POSIX_SPAWN_OPEN, n, os.devnull, os.O_RDWR, 0) for n in (0, 1, 2)]
+    ends = [(os.POSIX_SPAWN_DUP2, reads, 3), (os.POSIX_SPAWN_DUP2, writes, 4)]
+    process = os.posix_spawn(command[0], command, os.environ, file_actions=[*nothing, *ends])
     os.close(reads)
     os.close(writes)
+    browser = None
     try:
-        yield Chromium(process, to_browser, from_browser)
+        browser = Chromium(to_browser, from_browser)
+        yield browser
     finally:
-        process.terminate()
-        process.wait(20)
-        os.close(to_browser)
+        if browser is not None:
+            with suppress(OSError, RuntimeError):
+                browser.quit()
+        os.close(to_browser)  # which ends it too
         os.close(from_browser)
+        os.waitpid(process, 0)

@@ -38,6 +38,24 @@ def report_command(
     ] = None,
 ) -> None:
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
+    from karma.report.figure_page import is_figure_folder
+
+    if is_figure_folder(run):
+        _write_figure(run, out or run / "report.html")
+    else:
+        _write_run(run, out or run / "report.html", episodes, frames, published, rerun)
+
+
+def _write_figure(run: Path, path: Path) -> None:
+    from karma.report.figure_page import figure_page
+
+    write_atomic(path, figure_page(run).encode())
+    console.print(escape(f"page: {path}"), soft_wrap=True)
+
+
+def _write_run(
+    run: Path, path: Path, episodes: str, frames: str, published: Path, rerun: Path | None
+) -> None:
     from rich.progress import track
 
     from karma.bench.results import result_of
@@ -63,7 +81,6 @@ def report_command(
     )  # fmt: skip
     paper = load_published(published) if published.exists() else {}
     page = page_of(found, result_of(found, paper), shown)
-    path = out or run / "report.html"
     write_atomic(path, render(page, pictures).encode())
     console.print(
         escape(

@@ -1,10 +1,10 @@
 """First-person pictures for a page: each different picture once, small, as text."""
 
-import base64
 import hashlib
 import io
 
 from karma.contracts import Frame
+from karma.report.html import data_uri
 
 QUALITY = 72  # of WebP: about 3 kB for 300 x 300 pixels of a drawn room
 
@@ -43,7 +43,7 @@ class Frames:
 
     def uris(self) -> list[str]:
         """Return each as a data URI."""
-        return [f"data:image/webp;base64,{base64.b64encode(one).decode()}" for one in self._webp]
+        return [data_uri("image/webp", one) for one in self._webp]
 
 
 def webp(frame: Frame) -> bytes:

@@ -1,32 +1,21 @@
 """A run as one HTML page: everything inline, nothing fetched, all text escaped."""
 
-import base64
-import hashlib
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
-from karma import __version__
 from karma.bench.causes import Cause, Failure, count
 from karma.bench.run_folder import RunData
 from karma.bench.tables import Result, Sheet, figure_text, sheets, size_words
-from karma.prompt import type_of
 from karma.report.episodes import EpisodeReplay, episode_key
 from karma.report.frames import Frames
+from karma.report.html import fill, script_data
 from karma.report.plots import Plot, bar_plot, cause_plot, success_plot
 from karma.report.results import Line, columns, rates, result_lines
 from karma.report.room import RoomPlan
 from karma.report.tasks import TaskLine, rows_of, task_lines
-
-if TYPE_CHECKING:
-    import jinja2
-
-TEMPLATES = Path(__file__).parent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +23,6 @@ class Page:
     """What the template says."""
 
     title: str
-    version: str
     episodes: int
     seeds: int
     rows: tuple[str, ...]
@@ -59,60 +47,15 @@ def render(page: Page, frames: Frames) -> str:
         page: what it says.
         frames: the pictures that the replays name by number.
     """
-    environment = _environment()
-    css = environment.get_template("page.css.j2").render(rows=len(page.rows))
-    script = environment.get_template("replay.js.j2").render()
-    return environment.get_template("page.html.j2").render(
+    return fill(
+        "page.html.j2",
+        columns=len(page.rows),
         page=page,
-        policy=_policy(css, script),
-        css=_trusted(css),
-        script=_trusted(script),
-        data=_json([_told(one) for one in page.replays.values()]),
-        frames=_json(frames.uris()),
+        data=script_data([_told(one) for one in page.replays.values()]),
+        frames=script_data(frames.uris()),
         figure=figure_text,
         key=episode_key,
     )
-
-
-def _policy(css: str, script: str) -> str:
-    """Return what a browser may do with the page: show it, run its own script, fetch nothing."""
-    return (
-        f"default-src 'none'; img-src data:; style-src {_hash(css)}; script-src {_hash(script)}; "
-        "base-uri 'none'; form-action 'none'"
-    )
-
-
-def _hash(text: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-def _json(value: Any) -> Any:
-    """Return data for a script element, which no text in it can end."""
-    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"))
-    for letter in "<>&":
-        text = text.replace(letter, f"\\u{ord(letter):04x}")
-    return _trusted(text)
-
-
-def _trusted(text: str) -> Any:
-    from markupsafe import Markup
-
-    return Markup(text)  # ours, or escaped for where it stands
-
-
-@cache
-def _environment() -> "jinja2.Environment":
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["short"] = type_of
-    return environment
 
 
 def _told(one: EpisodeReplay) -> dict[str, Any]:
@@ -163,7 +106,6 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
     actions = sum(one.replay.actions for one in replays)
     return Page(
         title=run.header.name,
-        version=__version__,
         episodes=len(records),
         seeds=len({record.seed for record in records}),
         rows=rows_of(records),

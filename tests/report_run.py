@@ -1,0 +1,97 @@
+"""A small real run: an agent whose model says what it was told, in the embedded world, on disk."""
+
+import hashlib
+
+import numpy as np
+
+from karma.bench.episode import TimeLog, run_episode
+from karma.bench.run_folder import FORMAT, Finished, Header, Machine, RunFolder
+from karma.bench.steps import StepLog
+from karma.contracts import SubTask, Task
+from karma.goals import parse_goal
+from karma.infer.metadata_vision import MetadataVision
+from karma.infer.scripted import ScriptedModel
+from karma.memory.recall import CosineRecall
+from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.methods.oracle import OracleMethod
+from karma.planner import Planner
+from karma.world.sim import EmbeddedWorld
+
+AGENT, TEACHER = "KARMA <b>&amp;", "oracle"  # a row may be called anything
+EVIL = "Fetch it </script><script>document.title = 'owned'</script><img src=x onerror=alert(1)>."
+AWAY = (
+    "Explore(robot, 'Apple')\nGoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
+    "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\n"
+    "PutObject(robot, 'Apple', 'Fridge')\nCloseObject(robot, 'Fridge')\n"
+)
+BACK = (
+    "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\n"
+    "CloseObject(robot, 'Fridge')\n"
+)
+POURED = "</script><script>document.title = 'owned'</script>"  # no program
+MUG = "Explore(robot, 'Mug')\nGoToObject(robot, 'Mug')\n"
+KEYS = ((AGENT, "t1", 0), (AGENT, "t2", 0), (TEACHER, "t1", 0), (TEACHER, "t1", 1))
+
+
+class Words:
+    """Texts as counts of their words: an embedder without weights."""
+
+    name, dimension = "words", 64
+
+    def embed(self, texts):
+        rows = np.zeros((len(texts), self.dimension), dtype=np.float32)
+        for row, text in zip(rows, texts, strict=True):
+            for word in text.lower().split():
+                row[hashlib.sha256(word.encode()).digest()[0] % self.dimension] += 1
+            row /= np.linalg.norm(row) or 1
+        return rows
+
+
+def task(name, *pairs):
+    subtasks = tuple(
+        SubTask(instruction=text, goals=tuple(parse_goal(goal) for goal in goals))
+        for text, *goals in pairs
+    )
+    return Task(id=name, kind="complex" if name == "t2" else "simple", scene="kitchen_1",
+                subtasks=subtasks)  # fmt: skip
+
+
+TASKS = {
+    "t1": task(
+        "t1",
+        ("Put the apple away.", "INSIDE(Apple, Fridge)", "CLOSED(Fridge)"),
+        (EVIL, "HOLDON(robot, Apple)"),
+    ),
+    "t2": task("t2", ("Look for the mug.", "HOLDON(robot, Mug)"), ("Bring it.", "ON(Mug, Sink)")),
+}
+ANSWERS = {"t1": [AWAY, BACK], "t2": [MUG, POURED, POURED, POURED]}  # then the script has run out
+
+
+def make_run(folder):
+    """Write the run into a folder and return it."""
+    files = RunFolder(folder, KEYS, steps=True)
+    machine = Machine(platform="x", cpu="y", cores=1, memory_mb=None, threads=1)
+    header = Header(
+        name="small <i>run</i>", experiment="e" * 64, tasks="t" * 64, versions={"karma": "0"},
+        models={"planner": "scripted"}, prompts={}, scenes={}, format=FORMAT, machine=machine,
+    )  # fmt: skip
+    files.claim(header, fix="")
+    world = EmbeddedWorld()
+    for row, name, seed in KEYS:
+        steps, times = StepLog(), TimeLog()
+        record = run_episode(
+            _method(row, name, folder), world, TASKS[name],
+            row=row, seed=seed, folder=folder, steps=steps, times=times,
+        )  # fmt: skip
+        files.commit(Finished(record=record, timing=times.of(record), steps=steps.data()))
+    files.finish()
+    return folder
+
+
+def _method(row, name, folder):
+    if row == TEACHER:
+        return OracleMethod()
+    return KarmaMethod(
+        Planner(ScriptedModel(ANSWERS[name]), "compact"), CosineRecall(Words()), MetadataVision(),
+        KarmaSettings(policy="fifo-merge[2]", attempts=1, witnesses=2), maps=folder / "maps",
+    )  # fmt: skip
