@@ -1,0 +1,84 @@
+"""A figure of the policy laboratory as one page: pictures, hit rates, what the paper claims."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from karma.bench.tables import Sheet
+from karma.lab.claims import CLAIMS
+from karma.lab.figure import Results, caption_of, draw_figure, read_figure
+from karma.lab.intervals import Interval
+from karma.report.html import data_uri, fill
+
+
+def is_figure_folder(folder: Path) -> bool:
+    """Return whether a run folder is of a figure: `karma eval` of a file with kind = "trace"."""
+    return (folder / "cells").is_dir()
+
+
+def figure_page(folder: Path) -> str:
+    """Draw a figure anew and return its page.
+
+    Raises:
+        FileError: the folder has no results yet, or they are torn.
+    """
+    drawn = draw_figure(folder)
+    results = read_figure(folder)
+    pictures = [
+        {"name": path.stem, "uri": data_uri("image/svg+xml", path.read_bytes())}
+        for path in drawn
+        if path.suffix == ".svg"
+    ]
+    return fill(
+        "figure.html.j2",
+        title=results.figure.name,
+        caption=caption_of(results),
+        pictures=pictures,
+        sheets=[*_claims(results), *_rates(results)],
+    )
+
+
+def _rates(results: Results) -> Iterator[Sheet]:
+    """Yield the hit rates of each unit set: a line per policy, a column per workload."""
+    for unit_set in results.figure.unit_sets:
+        cells = [cell for cell in results.cells if cell.unit_set == unit_set]
+        policies = list(dict.fromkeys(row.policy for cell in cells for row in cell.sweep.rows))
+        found = {(cell.workload, row.policy): row.cold for cell in cells for row in cell.sweep.rows}
+        yield Sheet(
+            title=f"Hit rates, {unit_set.upper()} units",
+            caption="Per cent, from the empty memory on, with 95 % intervals.",
+            head=("policy", *(cell.workload for cell in cells)),
+            lines=tuple(
+                (policy, *(_percent(found.get((cell.workload, policy))) for cell in cells))
+                for policy in policies
+            ),
+        )
+
+
+def _claims(results: Results) -> Iterator[Sheet]:
+    """Yield what the paper says, a table per claim."""
+    for name in dict.fromkeys(claim.claim for claim in results.claims):
+        mine = [claim for claim in results.claims if claim.claim == name]
+        yes = sum(claim.holds == "yes" for claim in mine)
+        yield Sheet(
+            title=CLAIMS[name],
+            caption=f"Holds in {yes} of {len(mine)} rows.",
+            head=("workload", "units", "policy", *(word for word, _ in mine[0].figures), "holds"),
+            lines=tuple(
+                (
+                    claim.workload,
+                    claim.unit_set.upper(),
+                    claim.policy,
+                    *(text for _, text in claim.figures),
+                    claim.holds,
+                )
+                for claim in mine
+            ),
+        )
+
+
+def _percent(rate: Interval | None) -> str:
+    if rate is None:
+        return "–"
+    if rate.low is None or rate.high is None:
+        return f"{100 * rate.value:.1f}"
+    return f"{100 * rate.value:.1f} [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
