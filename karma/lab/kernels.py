@@ -1,9 +1,9 @@
 """Replacement policies as tight loops over numbered keys, for long and many traces.
 
 Each does what the class of the same name in `karma.memory` does, use by use, which tests hold it
-to; a policy of another class, or one that counts in a sketch, runs as the object it is. A kernel
-takes the fresh policy for its sizes, the tasks, and how many keys there are. It returns a byte per
-request (1 = hit) and the keys that left.
+to; a policy of another class runs as the object it is. A kernel takes the fresh policy for its
+sizes, the tasks, and the keys that their numbers stand for. It returns a byte per request (1 = hit)
+and the keys that left.
 """
 
 from collections import OrderedDict, deque
@@ -11,13 +11,16 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from karma.memory.policies import Fifo, FifoMerge, FifoMergeWhenFull, Lfu, Lru, Unbounded
-from karma.memory.sketch import ExactCounts
+from karma.memory.sketch import CAP, CountMin4, ExactCounts
 from karma.memory.trace import WARM_OCCUPANCY
 from karma.memory.wtinylfu import CaffeineWTinyLfu, KarmaWTinyLfu
 
 Tasks = Sequence[Sequence[int]]
+Keys = Sequence[Any]
 
 _NEVER = 1 << 62  # no trace is as long
+_HALF = bytes(count >> 1 for count in range(256))
+_ODD = bytes(count & 1 for count in range(256))
 
 
 class Replayed(NamedTuple):
@@ -28,19 +31,18 @@ class Replayed(NamedTuple):
     warm_task: int | None  # the first task that found the memory 95 % full
 
 
-Kernel = Callable[[Any, Tasks, int], Replayed]
+Kernel = Callable[[Any, Tasks, Keys], Replayed]
 
 
 def kernel_of(policy: Any) -> Kernel | None:
     """Return the tight loop for a policy, None where there is none."""
-    if type(policy) in (CaffeineWTinyLfu, KarmaWTinyLfu):
-        if not isinstance(policy.counts, ExactCounts):
-            return None
-        return run_caffeine if type(policy) is CaffeineWTinyLfu else run_karma
+    counts = getattr(policy, "counts", None)
+    if counts is not None and type(counts) not in (ExactCounts, CountMin4):
+        return None
     return _KERNELS.get(type(policy))
 
 
-def run_object(policy: Any, tasks: Sequence[Sequence[Any]], kinds: int = 0) -> Replayed:
+def run_object(policy: Any, tasks: Sequence[Sequence[Any]]) -> Replayed:
     """Replay through the policy's own methods: the reference for every kernel."""
     hits, left, warm = bytearray(), 0, None
     need = WARM_OCCUPANCY * policy.capacity
@@ -55,19 +57,19 @@ def run_object(policy: Any, tasks: Sequence[Sequence[Any]], kinds: int = 0) -> R
     return Replayed(hits, left, warm)
 
 
-def run_fifo(policy: Fifo[int], tasks: Tasks, kinds: int) -> Replayed:
+def run_fifo(policy: Fifo[int], tasks: Tasks, keys: Keys) -> Replayed:
     """One line per use."""
-    return _queue(policy.capacity, tasks, kinds, merge_when_full=False)
+    return _queue(policy.capacity, tasks, keys, merge_when_full=False)
 
 
-def run_fifo_merge_when_full(policy: Fifo[int], tasks: Tasks, kinds: int) -> Replayed:
+def run_fifo_merge_when_full(policy: Fifo[int], tasks: Tasks, keys: Keys) -> Replayed:
     """One line per use until full, then none for a key that has one."""
-    return _queue(policy.capacity, tasks, kinds, merge_when_full=True)
+    return _queue(policy.capacity, tasks, keys, merge_when_full=True)
 
 
-def _queue(capacity: int, tasks: Tasks, kinds: int, *, merge_when_full: bool) -> Replayed:
+def _queue(capacity: int, tasks: Tasks, keys: Keys, *, merge_when_full: bool) -> Replayed:
     hits, left, warm, lines = bytearray(), 0, None, 0
-    copies = [0] * kinds
+    copies = [0] * len(keys)
     queue: deque[int] = deque()
     need = WARM_OCCUPANCY * capacity
     for number, task in enumerate(tasks):
@@ -92,11 +94,11 @@ def _queue(capacity: int, tasks: Tasks, kinds: int, *, merge_when_full: bool) ->
     return Replayed(hits, left, warm)
 
 
-def run_fifo_merge(policy: FifoMerge[int], tasks: Tasks, kinds: int) -> Replayed:
+def run_fifo_merge(policy: FifoMerge[int], tasks: Tasks, keys: Keys) -> Replayed:
     """A ring of residents; a hit changes nothing."""
     capacity = policy.capacity
     hits, left, warm, size, oldest = bytearray(), 0, None, 0, 0
-    resident = [0] * kinds
+    resident = [0] * len(keys)
     ring = [0] * capacity
     need = WARM_OCCUPANCY * capacity
     for number, task in enumerate(tasks):
@@ -121,7 +123,7 @@ def run_fifo_merge(policy: FifoMerge[int], tasks: Tasks, kinds: int) -> Replayed
     return Replayed(hits, left, warm)
 
 
-def run_lru(policy: Lru[int], tasks: Tasks, kinds: int) -> Replayed:
+def run_lru(policy: Lru[int], tasks: Tasks, keys: Keys) -> Replayed:
     """Residents by last use."""
     capacity = policy.capacity
     hits, left, warm = bytearray(), 0, None
@@ -144,11 +146,11 @@ def run_lru(policy: Lru[int], tasks: Tasks, kinds: int) -> Replayed:
     return Replayed(hits, left, warm)
 
 
-def run_lfu(policy: Lfu[int], tasks: Tasks, kinds: int) -> Replayed:
+def run_lfu(policy: Lfu[int], tasks: Tasks, keys: Keys) -> Replayed:
     """Residents by count, each class of equals by last use."""
     capacity = policy.capacity
     hits, left, warm, size, least = bytearray(), 0, None, 0, 0
-    count = [0] * kinds  # 0 = not resident
+    count = [0] * len(keys)  # 0 = not resident
     classes: list[OrderedDict[int, None]] = [OrderedDict(), OrderedDict()]
     need = WARM_OCCUPANCY * capacity
     for number, task in enumerate(tasks):
@@ -179,10 +181,10 @@ def run_lfu(policy: Lfu[int], tasks: Tasks, kinds: int) -> Replayed:
     return Replayed(hits, left, warm)
 
 
-def run_unbounded(policy: Unbounded[int], tasks: Tasks, kinds: int) -> Replayed:
+def run_unbounded(policy: Unbounded[int], tasks: Tasks, keys: Keys) -> Replayed:
     """Everything but a first use hits; the memory is never full."""
     hits = bytearray()
-    seen = bytearray(kinds)
+    seen = bytearray(len(keys))
     for task in tasks:
         for key in task:
             hits.append(seen[key])
@@ -191,15 +193,18 @@ def run_unbounded(policy: Unbounded[int], tasks: Tasks, kinds: int) -> Replayed:
     return Replayed(hits, 0, None)
 
 
-def run_karma(policy: KarmaWTinyLfu[int], tasks: Tasks, kinds: int) -> Replayed:  # noqa: C901
+def run_karma(policy: KarmaWTinyLfu[int], tasks: Tasks, keys: Keys) -> Replayed:  # noqa: C901
     """All residents by last use; the rarest of those not protected leaves."""
     counts: Any = policy.counts
     capacity, window_size = policy.capacity, policy.window_size
     protected_size = policy.protected_size
-    cap, saturated, period = counts.cap or _NEVER, counts.count_saturated, counts.period
+    sketch = _sketch(counts, keys) if isinstance(counts, CountMin4) else None
+    cap = (CAP if sketch else counts.cap) or _NEVER
+    saturated, period = counts.count_saturated, counts.period
     hits, left, warm, uses = bytearray(), 0, None, 0
-    count = [0] * kinds
-    of = count.__getitem__
+    count = [0] * len(keys)
+    of = sketch.estimate if sketch else count.__getitem__
+    add = sketch.add if sketch else None
     order: dict[int, None] = {}
     window: dict[int, None] = {}
     protected: dict[int, None] = {}
@@ -210,7 +215,9 @@ def run_karma(policy: KarmaWTinyLfu[int], tasks: Tasks, kinds: int) -> Replayed:
         for key in task:
             hits.append(key in order)
         for key in task:
-            if count[key] < cap:
+            if add:
+                add(key)
+            elif count[key] < cap:
                 count[key] += 1
                 uses += 1
             elif saturated:
@@ -246,16 +253,20 @@ def run_karma(policy: KarmaWTinyLfu[int], tasks: Tasks, kinds: int) -> Replayed:
 
 
 def run_caffeine(  # noqa: C901
-    policy: CaffeineWTinyLfu[int], tasks: Tasks, kinds: int
+    policy: CaffeineWTinyLfu[int], tasks: Tasks, keys: Keys
 ) -> Replayed:
     """Three LRU lists; what the window passes on must beat the oldest of the elimination list."""
     counts: Any = policy.counts
     capacity, window_size = policy.capacity, policy.window_size
     protected_size = policy.protected_size
-    cap, saturated, period = counts.cap or _NEVER, counts.count_saturated, counts.period
+    sketch = _sketch(counts, keys) if isinstance(counts, CountMin4) else None
+    cap = (CAP if sketch else counts.cap) or _NEVER
+    saturated, period = counts.count_saturated, counts.period
     hits, left, warm, uses, size = bytearray(), 0, None, 0, 0
-    count = [0] * kinds
-    where = bytearray(kinds)  # 0 = nowhere, 1 = window, 2 = elimination, 3 = protected
+    count = [0] * len(keys)
+    of = sketch.estimate if sketch else count.__getitem__
+    add = sketch.add if sketch else None
+    where = bytearray(len(keys))  # 0 = nowhere, 1 = window, 2 = elimination, 3 = protected
     window: OrderedDict[int, None] = OrderedDict()
     elimination: OrderedDict[int, None] = OrderedDict()
     protected: OrderedDict[int, None] = OrderedDict()
@@ -266,17 +277,16 @@ def run_caffeine(  # noqa: C901
         for key in task:
             hits.append(where[key] > 0)
         for key in task:
-            if count[key] < cap:
+            if add:
+                add(key)
+            elif count[key] < cap:
                 count[key] += 1
                 uses += 1
-                if uses == period:
-                    count = [one >> 1 for one in count]
-                    uses >>= 1
             elif saturated:
                 uses += 1
-                if uses == period:
-                    count = [one >> 1 for one in count]
-                    uses >>= 1
+            if uses == period:
+                count[:] = [one >> 1 for one in count]
+                uses >>= 1
             segment = where[key]
             if segment == 1:
                 window.move_to_end(key)
@@ -304,7 +314,7 @@ def run_caffeine(  # noqa: C901
                 size -= 1
                 left += 1
                 victim = next(iter(elimination)) if elimination else challenger
-                if count[challenger] > count[victim]:
+                if of(challenger) > of(victim):
                     del elimination[victim]
                     where[victim] = 0
                     elimination[challenger] = None
@@ -314,6 +324,48 @@ def run_caffeine(  # noqa: C901
     return Replayed(hits, left, warm)
 
 
+class _Sketch(NamedTuple):
+    """What a `CountMin4` does, over numbered keys."""
+
+    add: Callable[[int], None]  # counts one use; at the period, halves every counter
+    estimate: Callable[[int], int]  # the smallest counter of a key
+
+
+def _sketch(counts: CountMin4[Any], keys: Keys) -> _Sketch:
+    """Return a fresh sketch like `counts`, which looks the counters of its keys up once."""
+    places = [counts.places(key) for key in keys]
+    period, saturated = counts.period, counts.count_saturated
+    table = bytearray(16 * counts.words)
+    uses = 0
+
+    def add(key: int) -> None:
+        nonlocal uses
+        added = saturated
+        for slot in places[key]:
+            if table[slot] < CAP:
+                table[slot] += 1
+                added = True
+        if added:
+            uses += 1
+            if uses == period:
+                odd = sum(table.translate(_ODD))
+                table[:] = table.translate(_HALF)
+                uses = (uses - (odd >> 2)) >> 1
+
+    def estimate(key: int) -> int:
+        first, second, third, fourth = places[key]
+        least, other = table[first], table[second]
+        if other < least:
+            least = other
+        other = table[third]
+        if other < least:
+            least = other
+        other = table[fourth]
+        return other if other < least else least
+
+    return _Sketch(add, estimate)
+
+
 _KERNELS: dict[type, Kernel] = {
     Fifo: run_fifo,
     FifoMerge: run_fifo_merge,
@@ -321,4 +373,6 @@ _KERNELS: dict[type, Kernel] = {
     Lru: run_lru,
     Lfu: run_lfu,
     Unbounded: run_unbounded,
+    CaffeineWTinyLfu: run_caffeine,
+    KarmaWTinyLfu: run_karma,
 }

@@ -84,7 +84,7 @@ def simulate_with(policy: Any, trace: Trace) -> Outcome:
     """Run a fresh policy over a trace; the fast way where there is one, with the same answers."""
     kernel = kernel_of(policy)
     if kernel is not None:
-        return _outcome(kernel(policy, trace.tasks, len(trace.keys)), trace)
+        return _outcome(kernel(policy, trace.tasks, trace.keys), trace)
     return _outcome(run_object(policy, trace.named()), trace)
 
 

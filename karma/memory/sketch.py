@@ -101,7 +101,7 @@ class CountMin4(Generic[K]):
     def add(self, key: K) -> None:
         """Count one use of `key`; at the period, halve every counter."""
         counters, added = self._counters, False
-        for slot in self._places(key):
+        for slot in self.places(key):
             if counters[slot] < CAP:
                 counters[slot] += 1
                 added = True
@@ -113,7 +113,7 @@ class CountMin4(Generic[K]):
 
     def estimate(self, key: K) -> int:
         """Return the smallest of the counters of `key`."""
-        first, second, third, fourth = self._places(key)
+        first, second, third, fourth = self.places(key)
         counters = self._counters
         return min(counters[first], counters[second], counters[third], counters[fourth])
 
@@ -122,7 +122,8 @@ class CountMin4(Generic[K]):
         self._counters = bytearray(count >> 1 for count in self._counters)
         self.uses = (self.uses - (odd >> 2)) >> 1
 
-    def _places(self, key: K) -> tuple[int, ...]:
+    def places(self, key: K) -> tuple[int, ...]:
+        """Return the four counters of `key`."""
         places = self._slots.get(key)
         if places is None:
             if len(self._slots) > 64 * self.words:  # keep the memo small
