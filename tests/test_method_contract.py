@@ -1,13 +1,20 @@
 """What every method must do, whatever row it is: to be registered is to be tested."""
 
+from functools import cache
+from pathlib import Path
+
 import pytest
+from spy_world import Spied, SpyWorld
 
 from karma import registry
 from karma.bench.episode import run_episode
+from karma.bench.tasks import load_tasks
 from karma.contracts import Outcome, Plan, SkillResult, SubTask, Task
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.goals import parse_goal
+from karma.infer.llama import LlamaModel
+from karma.infer.manifest import find_model, resolve_planner, verify
 from karma.infer.metadata_vision import MetadataVision
 from karma.infer.scripted import ScriptedModel
 from karma.methods.kit import Kit
@@ -16,6 +23,7 @@ from karma.world.sim import EmbeddedWorld
 
 METHODS = registry.names("methods")
 SCENE = "kitchen_1"
+TASKS = Path(__file__).parents[1] / "eval" / "alfred_l" / "tasks.jsonl"
 GOALS = ("INSIDE(Apple, Fridge)", "HOLDON(robot, Mug)")
 FETCH = (
     "Explore(robot, 'Apple')\nGoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
@@ -36,13 +44,34 @@ TASK = Task(
 pytestmark = pytest.mark.parametrize("name", METHODS)
 
 
-def build(name, options=None):
-    kit = Kit(
-        planner=Planner(ScriptedModel(ANSWERS), "compact"),
-        recall=registry.load("recalls", "cosine")(registry.load("embedders", "minilm")()),
+@cache
+def embedder():
+    return registry.load("embedders", "minilm")()
+
+
+@pytest.fixture(scope="module")
+def nano():
+    try:
+        verify(find_model("karma-nano"))
+    except KarmaError as error:
+        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
+    file = resolve_planner("karma-nano")
+    model = LlamaModel(file.path, n_ctx=file.context_length or 4096, n_threads=1)
+    return Planner(model, file.prompt_profile)
+
+
+def kit(planner):
+    return Kit(
+        planner=planner,
+        recall=registry.load("recalls", "cosine")(embedder()),
         vision=MetadataVision(),
+        embedder=embedder(),
     )
-    return registry.load("methods", name).build(kit, options or {})
+
+
+def build(name, options=None, answers=ANSWERS):
+    planner = Planner(ScriptedModel(answers), "compact")
+    return registry.load("methods", name).build(kit(planner), options or {})
 
 
 def begun(name, folder):
@@ -121,3 +150,62 @@ def test_unknown_option_is_refused_by_name(name):
 
 def test_method_has_a_name_for_the_table(name):
     assert build(name).name
+
+
+# ----------------------------------------------------------------- never the world's truth
+
+
+def spied_record(method, task, folder, *, lies):
+    """One episode seen through a spy, as bytes, and what the spy took note of."""
+    spied = Spied(method, lies=lies)
+    record = run_episode(spied, EmbeddedWorld(), task, row="row", seed=0, folder=folder)
+    return to_json(record), spied.spy.offences
+
+
+def test_what_is_out_of_view_changes_nothing_but_for_the_oracle(name, tmp_path):
+    honest, _ = spied_record(build(name), TASK, tmp_path / "a", lies=False)
+    lied, offences = spied_record(build(name), TASK, tmp_path / "b", lies=True)
+    assert (honest == lied) == (name != "oracle")
+    assert offences == [] or name == "oracle"
+
+
+def test_spy_shows_what_is_in_view_and_lies_about_the_rest(name):
+    true = EmbeddedWorld(SCENE)
+    spy = SpyWorld(true, lies=True)
+    told = {thing["objectId"]: thing for thing in spy.last_event.metadata["objects"]}
+    for thing in true.last_event.metadata["objects"]:
+        account = told[thing["objectId"]]
+        assert (account["position"] == thing["position"]) == thing["visible"]
+    spy.step("TeleportFull", x=0, y=0.9, z=0, rotation=0, horizon=0, standing=True)
+    assert len(spy.offences) == 1
+
+
+# ----------------------------------------------------------------- an episode's borders
+
+
+def test_begin_again_leaves_nothing_of_the_episode_before(name, tmp_path):
+    method, world = build(name, answers=[FETCH] * 40), EmbeddedWorld()
+    moments = []
+    for _ in range(2):
+        world.reset(SCENE)
+        method.begin(world, SCENE, seed=3, folder=tmp_path)
+        moments.append([list(method.do(subtask)) for subtask in TASK.subtasks])
+    assert moments[0] == moments[1]
+
+
+def test_model_that_fails_becomes_a_record(name, tmp_path):
+    method = build(name, answers=[])
+    record = run_episode(method, EmbeddedWorld(), TASK, row=name, seed=0, folder=tmp_path)
+    assert record.error.startswith("ModelError: ") == (name != "oracle")
+    assert record.success == (name == "oracle")
+
+
+@pytest.mark.model
+def test_what_is_out_of_view_does_not_lead_the_shipped_planner_either(name, tmp_path, nano):
+    task = next(t for t in load_tasks(TASKS) if t.id == "composite-04")
+    told = []
+    for lies in (False, True):
+        method = registry.load("methods", name).build(kit(nano), {})
+        told.append(spied_record(method, task, tmp_path, lies=lies))
+    assert (told[0][0] == told[1][0]) == (name != "oracle")
+    assert told[1][1] == [] or name == "oracle"
