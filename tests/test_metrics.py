@@ -124,6 +124,7 @@ def test_seconds_come_from_timings_alone():
     assert value([record], "seconds") is None
     assert value([record], "seconds", timings={timing.key: timing}) == 2.0
     assert value([record], "answer_s", timings={timing.key: timing}) == 0.5
+    assert value([record], "first_token_s", timings={timing.key: timing}) == 0.1
 
 
 @given(records=runs(), data=st.data())

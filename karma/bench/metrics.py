@@ -138,6 +138,13 @@ def seconds(episode: Episode) -> Observations:
     return [episode.timing.seconds] if episode.timing else []
 
 
+def first_token_s(episode: Episode) -> Observations:
+    """Return how long the planner thought before each answer, where that is known."""
+    parts = episode.timing.subtasks if episode.timing else ()
+    times = [answer.first_token_s for sub in parts for answer in sub.answers]
+    return [time for time in times if time is not None]
+
+
 def answer_s(episode: Episode) -> Observations:
     """Return how long each answer of the planner took by the clock."""
     parts = episode.timing.subtasks if episode.timing else ()
@@ -169,6 +176,7 @@ METRICS = (
     Metric(key="prompt_tokens", title="prompt tokens", of=prompt_tokens, digits=0),
     Metric(key="completion_tokens", title="answer tokens", of=completion_tokens, digits=0),
     SECONDS,
+    Metric(key="first_token_s", title="s to first token", of=first_token_s, digits=3),
     Metric(key="answer_s", title="s per answer", of=answer_s, digits=3),
     Metric(key="cost", title="cost", of=cost, digits=6),
 )

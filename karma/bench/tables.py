@@ -24,7 +24,8 @@ COLUMNS: tuple[Column, ...] = get_args(Column)
 TITLES: Mapping[Column, str] = {"success": "SR", "retrieved": "MRA", "re": "RE", "rt": "RT"}
 _COST_COLUMNS = (
     "subtasks_done", "goals_met", "hits", "hits_later", "explorations", "actions",
-    "planner_calls", "prompt_tokens", "completion_tokens", "seconds", "answer_s", "cost",
+    "planner_calls", "prompt_tokens", "completion_tokens", "seconds",
+    "first_token_s", "answer_s", "cost",
 )  # fmt: skip
 
 
