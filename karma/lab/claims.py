@@ -14,7 +14,7 @@ from karma.errors import KarmaError
 from karma.lab.exploration import Exploration
 from karma.lab.intervals import Interval, Resampler
 from karma.lab.simulate import BELADY
-from karma.lab.sweep import Row, Sweep, family_of
+from karma.lab.sweep import Row, Sweep, division_of, family_of, line_of
 
 FIFO = "fifo-merge"
 SMALL, LARGE = 5, 25  # units, of the two ratios
@@ -103,7 +103,7 @@ def _split(cell: CellResults) -> Iterator[Claim]:
             policy=family,
             figures=[
                 ("[9,1]", _percent(row.cold)),
-                ("best other split", f"{_division(best)}: {_percent(best.cold)}"),
+                ("best other split", f"{division_of(best.policy)}: {_percent(best.cold)}"),
                 ("FIFO", _percent(fifo.cold)),
                 ("Belady", _percent(bound.cold if bound else None)),
                 ("over best split", _points(_gain(cell.sweep, row, best))),
@@ -112,10 +112,6 @@ def _split(cell: CellResults) -> Iterator[Claim]:
             ],
             holds=_verdict(gains),
         )  # fmt: skip
-
-
-def _division(row: Row) -> str:
-    return row.policy[row.policy.index("[") : row.policy.index("]") + 1]
 
 
 def _verdict(gains: Sequence[Interval]) -> Literal["yes", "no", "tie"]:
@@ -130,7 +126,7 @@ def _ratio(cell: CellResults, claim: str, wanted: float, *, queues: bool) -> Ite
     """Compare 25 units with 5."""
     families: dict[str, dict[int, Row]] = {}
     for row in cell.sweep.rows:
-        families.setdefault(_scaled_family(row), {})[row.size] = row
+        families.setdefault(line_of(row.policy), {})[row.size] = row
     bound = _size_ratio(cell.sweep, families.get(BELADY, {}))
     for family, sizes in families.items():
         ratio = _size_ratio(cell.sweep, sizes)
@@ -149,17 +145,6 @@ def _ratio(cell: CellResults, claim: str, wanted: float, *, queues: bool) -> Ite
             ],
             holds="yes" if ratio.holds(wanted) else "no",
         )
-
-
-def _scaled_family(row: Row) -> str:
-    """Return a name that the sizes of one division share: [4,1] and [23,2] are both 9/1."""
-    inside = _division(row)[1:-1]
-    if "," not in inside:
-        return family_of(row.policy)
-    window, main = map(int, inside.split(","))
-    kind = "9/1" if main == max(1, (window + main) // 10) else "1/9" if window == 1 else inside
-    name, _, rest = family_of(row.policy).partition(" ")
-    return f"{name} {kind} {rest}".strip()
 
 
 def _size_ratio(sweep: Sweep, sizes: Mapping[int, Row]) -> Interval | None:

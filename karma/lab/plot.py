@@ -7,7 +7,7 @@ from typing import Any
 
 from karma.lab.claims import FIFO, CellResults
 from karma.lab.simulate import BELADY
-from karma.lab.sweep import Row, Sweep, family_of
+from karma.lab.sweep import Row, Sweep, division_of, family_of, line_of
 
 WIDTH_IN, HEIGHT_IN = 3.1, 2.5  # of a panel
 
@@ -60,8 +60,8 @@ def sizes(sweep: Sweep, title: str, caption: str) -> Any:
     """Draw the hit rate of each policy against the size of the memory, with intervals."""
     figure, axes = _panels(1, 1, scale=2.2)
     panel = axes[0][0]
-    for number, family in enumerate(dict.fromkeys(family_of(row.policy) for row in sweep.rows)):
-        rows = [row for row in sweep.rows if family_of(row.policy) == family and row.cold]
+    for number, family in enumerate(dict.fromkeys(line_of(row.policy) for row in sweep.rows)):
+        rows = [row for row in sweep.rows if line_of(row.policy) == family and row.cold]
         rows.sort(key=lambda row: row.size)
         rates = [row.cold for row in rows if row.cold is not None]
         look = {"color": "black", "linestyle": "--"} if family == BELADY else {}
@@ -109,7 +109,7 @@ def _draw_curves(panel: Any, rows: Sequence[Row], every: Sequence[Row], family: 
     shades = mpl.colormaps["viridis"]
     for number, row in enumerate(rows):
         colour = shades(number / max(len(rows) - 1, 1) * 0.9)
-        _line(panel, row, row.policy[row.policy.find("[") :].split("]")[0] + "]", color=colour)
+        _line(panel, row, division_of(row.policy), color=colour)
         if row.warm_task is not None:
             panel.axvline(row.warm_task, color=colour, linewidth=0.5, alpha=0.7)
     shown = {row.size for row in rows}

@@ -109,6 +109,35 @@ def family_of(policy: str) -> str:
     return _SIZE.sub("", policy, count=1)
 
 
+def division_of(policy: str) -> str:
+    """Return the size as a policy text has it.
+
+    >>> division_of("wtinylfu-karma[9,1] W=inf")
+    '[9,1]'
+    """
+    found = _SIZE.search(policy)
+    return found[0] if found else ""
+
+
+def line_of(policy: str) -> str:
+    """Return what the sizes of one policy have in common, their division included.
+
+    >>> line_of("wtinylfu-karma[23,2] W=inf"), line_of("lru[5]")
+    ('wtinylfu-karma 9/1 W=inf', 'lru')
+    """
+    found = _SIZE.search(policy)
+    if found is None or found[2] is None:
+        return family_of(policy)
+    window, main = int(found[1]), int(found[2])
+    kind = f"{window},{main}"
+    if main == max(1, (window + main) // 10):
+        kind = "9/1"
+    elif window == 1:
+        kind = "1/9"
+    name, _, rest = family_of(policy).partition(" ")
+    return f"{name} {kind} {rest}".strip()
+
+
 def run_rows(
     traces: Sequence[Trace],
     policies: Iterable[str],
