@@ -13,7 +13,7 @@ from karma.bench.authors import load_authors_tasks, resolve
 from karma.bench.tasks import load_tasks
 from karma.contracts import LanguageModel, Task
 from karma.errors import FileError
-from karma.files import read_toml, to_json
+from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted_session import Endpoint, Hosted, Session
 from karma.infer.manifest import resolve_planner
 from karma.methods.kit import Kit
@@ -78,7 +78,7 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
-    """The tasks of an experiment, and the floor plans that they bring."""
+    """The tasks of an experiment, and the rooms that they bring along."""
 
     tasks: tuple[Task, ...]
     scenes: Mapping[str, bytes]  # name -> content of its file; where they belong, tasks say
@@ -118,8 +118,19 @@ def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
     if missing := [name for name in experiment.only if name not in known]:
         raise FileError(path, f"only: no task {missing[0]!r}; there are {known}")
     chosen = tuple(t for t in loaded.tasks if not experiment.only or t.id in experiment.only)
-    played = {Path(task.scene).stem for task in chosen}
-    return Loaded(tasks=chosen, scenes={n: s for n, s in loaded.scenes.items() if n in played})
+    return Loaded(tasks=chosen, scenes=_brought(chosen, loaded.scenes))
+
+
+def _brought(tasks: tuple[Task, ...], imported: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the rooms of some tasks that are none of ours."""
+    found = {}
+    for task in tasks:
+        name = Path(task.scene).stem
+        if name in imported:
+            found[name] = imported[name]
+        elif task.scene.endswith(".json"):
+            found[name] = read_bytes(task.scene)
+    return found
 
 
 def scene_path(folder: Path, name: str) -> Path:

@@ -51,8 +51,8 @@ def header_of(
         tasks=_sha(to_json(listed)),
         versions=versions(),
         models=model_hashes(experiment.models),
-        prompts={path.name: _sha(read_bytes(path)) for path in sorted(PROMPTS.glob("*.txt"))},
-        scenes=_scene_hashes({task.scene for task in tasks}, scenes),
+        prompts=prompt_hashes(),
+        scenes=scene_hashes({task.scene for task in tasks}, scenes),
         network=network_allowed(),
         steps=steps,
         format=FORMAT,
@@ -162,7 +162,12 @@ def _file_sha(path: Path) -> str:
 # ----------------------------------------------------------------- the rest
 
 
-def _scene_hashes(names: Iterable[str], imported: Mapping[str, bytes]) -> dict[str, str]:
+def prompt_hashes() -> dict[str, str]:
+    """Return the hash of each template."""
+    return {path.name: _sha(read_bytes(path)) for path in sorted(PROMPTS.glob("*.txt"))}
+
+
+def scene_hashes(names: Iterable[str], imported: Mapping[str, bytes]) -> dict[str, str]:
     """Return the hash of each scene that is there; the episodes of others record an error."""
     found = {}
     for name in sorted(names):

@@ -59,12 +59,13 @@ class Run:
         self.tasks = loaded.tasks
         self._steps = self.experiment.run.steps if steps is None else steps
         self._files = RunFolder(folder, [job.key for job in self._jobs()], steps=self._steps)
-        header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
+        self._scenes = loaded.scenes
+        self.header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
         with self._files.locked():
             if fresh:
                 self._files.clear()
             fix = f"karma eval {path} --fresh, or --out another folder"
-            self._files.claim(header, fix=fix)
+            self._files.claim(self.header, fix=fix)
             for name, data in loaded.scenes.items():
                 write_atomic(scene_path(folder, name), data)
             self.records, self.timings = self._files.done()
@@ -98,7 +99,7 @@ class Run:
             return Suggestion(number=1, reason="a cassette")
         return suggest_workers(self._stage.models, self.left)
 
-    def episodes(self, workers: int = 1) -> Iterator[EpisodeRecord]:
+    def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[EpisodeRecord]:
         """Do what is missing; each record is on the disk before it is yielded.
 
         When the last is done, all lines are in the order of seeds, rows and tasks, whoever did
@@ -106,18 +107,20 @@ class Run:
 
         Args:
             workers: processes to use, each with models of its own.
+            ray: address of a Ray cluster, whose machines do the episodes; then 0 workers are as
+                many as it has room for.
 
         Raises:
             KarmaError: a model cannot be loaded, a row has a wrong option, hosted models are to be
                 asked by several processes, or another run is at work in the folder.
         """
-        if workers > 1:
+        if workers > 1 or ray:
             self._check_alone()
         with self._files.locked():
             self.records, self.timings = self._files.done()
             done = {record.key for record in self.records}
             todo = [job for job in self._jobs() if job.key not in done]
-            for one in self._perform(todo, workers):
+            for one in self._perform(todo, workers, ray):
                 self._files.commit(one)
                 self.records.append(one.record)
                 self.timings[one.timing.key] = one.timing
@@ -127,9 +130,20 @@ class Run:
 
     # ------------------------------------------------------------- parts
 
-    def _perform(self, todo: list[Job], workers: int) -> Iterator[Finished]:
+    def _perform(self, todo: list[Job], workers: int, ray: str) -> Iterator[Finished]:
         if not todo:
             return iter(())
+        if ray:
+            from karma.bench.ray_workers import perform_on_ray
+
+            return perform_on_ray(
+                self._stage,
+                todo,
+                ray,
+                header=self.header,
+                scenes=self._scenes,
+                number=workers,
+            )
         if workers > 1:
             return perform_in_processes(self._stage, todo, workers)
         return perform_here(self._stage, todo, self._session)
@@ -147,7 +161,10 @@ class Run:
         """Raise KarmaError where only one process may ask."""
         if self._stage.models.hosted != Hosted():
             raise KarmaError(
-                "hosted models are asked by one process only\n  To fix: leave out --workers"
+                "hosted models are asked by one process only\n"
+                "  To fix: leave out --workers and --ray"
             )
         if self._session.cassette.mode != "off":
-            raise KarmaError("a cassette is for one process only\n  To fix: leave out --workers")
+            raise KarmaError(
+                "a cassette is for one process only\n  To fix: leave out --workers and --ray"
+            )

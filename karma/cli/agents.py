@@ -11,6 +11,8 @@ from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from karma.bench.run import Run
     from karma.infer.cassette import Cassette
     from karma.infer.hosted_session import Hosted
@@ -136,6 +138,9 @@ def eval_command(
     workers: Annotated[
         int, typer.Option(min=0, help="Processes to use; 0: as many as cores and memory allow.")
     ] = 0,
+    ray: Annotated[
+        str, typer.Option(help="Address of a Ray cluster, HOST:PORT, to do the episodes on.")
+    ] = "",
     steps: Annotated[
         bool | None, typer.Option("--steps/--no-steps", help="Keep a step log per episode.")
     ] = None,
@@ -148,7 +153,11 @@ def eval_command(
     from karma import show
     from karma.bench.records import spent_by, summarise
     from karma.bench.run import Run
+    from karma.lab.figure import is_figure
 
+    if is_figure(file):
+        _do_figure(file, out or Path("runs") / file.stem, fresh)
+        return
     with console.status(escape(f"reading {file} ...")):
         run = Run(
             file,
@@ -159,7 +168,7 @@ def eval_command(
             steps=steps,
         )
     try:
-        _do_episodes(run, workers)
+        _do_episodes(run, workers, ray)
     except KeyboardInterrupt:
         console.print(
             f"stopped after {len(run.records)} of {run.total} episodes; "
@@ -178,8 +187,37 @@ def eval_command(
         write_atomic(json, to_json(lines, indent=2))
 
 
-def _do_episodes(run: "Run", workers: int) -> None:
+def _do_episodes(run: "Run", workers: int, ray: str) -> None:
     """Do what is left of a run, with a line that says how far it is."""
+    if run.left and not workers and not ray:
+        suggested = run.suggest()
+        workers = suggested.number
+        console.print(escape(f"workers: {workers} ({suggested.reason})"), soft_wrap=True)
+    with _bar() as bar:
+        line = bar.add_task("episodes", total=run.total, completed=len(run.records))
+        for record in run.episodes(workers, ray=ray):
+            mark = "[green]✓[/]" if record.success else "[red]✗[/]"
+            text = f"{mark} {escape(record.task)} · {escape(record.row)}"
+            bar.update(line, advance=1, description=text)
+        bar.update(line, description="episodes")
+
+
+def _do_figure(file: Path, folder: Path, fresh: bool) -> None:
+    """Run an experiment that replays traces instead of doing episodes."""
+    from karma.lab.figure import run_figure
+
+    with _bar() as bar:
+        line = bar.add_task("policies", total=None)
+        for step in run_figure(file, folder, fresh=fresh):
+            text = escape(step.doing)
+            bar.update(line, total=step.total, completed=step.done, description=text)
+    claims = folder / "claims.md"
+    if claims.exists():
+        console.print(escape(claims.read_text()))
+    console.print(escape(f"results: {folder / 'results.json'}"))
+
+
+def _bar() -> "Progress":
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -188,23 +226,13 @@ def _do_episodes(run: "Run", workers: int) -> None:
         TimeElapsedColumn,
     )
 
-    suggested = run.suggest()
-    if run.left and not workers:
-        console.print(escape(f"workers: {suggested.number} ({suggested.reason})"), soft_wrap=True)
-    bar = Progress(
+    return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         console=console,
     )
-    with bar:
-        line = bar.add_task("episodes", total=run.total, completed=len(run.records))
-        for record in run.episodes(workers or suggested.number):
-            mark = "[green]✓[/]" if record.success else "[red]✗[/]"
-            text = f"{mark} {escape(record.task)} · {escape(record.row)}"
-            bar.update(line, advance=1, description=text)
-        bar.update(line, description="episodes")
 
 
 def _hosted(planner: str, base_url: str, model: str, api: str) -> "Hosted":

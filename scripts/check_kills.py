@@ -1,0 +1,176 @@
+"""Kill a run again and again, and see that it ends in the bytes of a run that nobody disturbed.
+
+    python scripts/check_kills.py                      # 100 episodes, 20 kills; 1 and 2 workers
+    python scripts/check_kills.py --ray 127.0.0.1:6379 # also on a cluster that is there
+    python scripts/check_kills.py --tasks 6 --kills 5 --workers 1
+
+The experiment is cheap: the shipped nano planner and the teacher on tasks of `eval/alfred_l`. The
+process is killed by SIGKILL at an instant drawn by lot, and the same command is given again. Times
+differ from run to run; of `timings.jsonl` only the episodes and their order are compared.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from karma.seeds import stream
+
+KARMA = (sys.executable, "-c", "from karma.cli import app; app()", "eval")
+EXPERIMENT = """
+name = "kills"
+tasks = "eval/alfred_l/tasks.jsonl"
+only = {only}
+seeds = [0, 1]
+models = {{ recall = "stateful" }}
+
+[[rows]]
+name = "KARMA (K = 3)"
+options = {{ recall_k = 3, query = "subtask", attempts = 1 }}
+
+[[rows]]
+name = "oracle"
+method = "oracle"
+"""
+TIMINGS = "timings.jsonl"
+ORPHANS_S = 30.0  # that workers of a killed run have to end
+
+
+def main() -> int:
+    """Run the check; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--tasks", type=int, default=25, help="four episodes each")
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--workers", type=int, nargs="*", default=[1, 2])
+    parser.add_argument("--ray", default="", help="HOST:PORT of a cluster")
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="kills-") as name:
+        folder = Path(name)
+        path = write_experiment(folder / "kills.toml", chosen.tasks)
+        begun = time.monotonic()
+        finish(path, folder / "whole", ("--workers", "1"))
+        whole_s = time.monotonic() - begun
+        print(f"undisturbed: {chosen.tasks * 4} episodes in {whole_s:.0f} s")
+        ways = [("--workers", str(count)) for count in chosen.workers]
+        ways += [("--ray", chosen.ray)] if chosen.ray else []
+        return sum(check(path, folder, way, chosen, whole_s) for way in ways)
+
+
+def write_experiment(path: Path, tasks: int) -> Path:
+    """Write the experiment with that many tasks."""
+    lines = Path("eval/alfred_l/tasks.jsonl").read_text().splitlines()
+    only = [json.loads(line)["id"] for line in lines][:tasks]
+    path.write_text(EXPERIMENT.format(only=json.dumps(only)))
+    return path
+
+
+def check(
+    path: Path, folder: Path, way: Sequence[str], chosen: argparse.Namespace, whole_s: float
+) -> int:
+    """Kill runs of one way, finish, compare; returns the number of differences."""
+    there = folder / "killed"
+    shutil.rmtree(there, ignore_errors=True)
+    rng = stream(chosen.seed, "kills", *way)
+    hits = 0
+    for _ in range(chosen.kills):
+        hits += kill(path, there, way, float(rng.uniform(0, 12 + 2 * whole_s / chosen.kills)))
+    left = len(episodes(there))
+    finish(path, there, way)
+    wrong = differing(folder / "whole", there)
+    print(
+        f"{' '.join(way)}: {hits} of {chosen.kills} kills met a living run, {left} episodes were "
+        f"done before the last start; {len(wrong)} files differ {wrong[:5] or ''}"
+    )
+    return len(wrong)
+
+
+def kill(path: Path, folder: Path, way: Sequence[str], after_s: float) -> bool:
+    """Start the run and kill it; returns whether it still lived."""
+    process = start(path, folder, way)
+    try:
+        process.wait(after_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        _see_orphans_off(process.pid)
+        return True
+    return False
+
+
+def _see_orphans_off(group: int) -> None:
+    """Wait until the workers of a killed run have ended by themselves.
+
+    Raises:
+        RuntimeError: they have not.
+    """
+    until = time.monotonic() + ORPHANS_S
+    while time.monotonic() < until:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    os.killpg(group, signal.SIGKILL)
+    raise RuntimeError(f"workers outlived their run by {ORPHANS_S:.0f} s")
+
+
+def finish(path: Path, folder: Path, way: Sequence[str]) -> None:
+    """Let the run come to its end.
+
+    Raises:
+        RuntimeError: it fails.
+    """
+    process = start(path, folder, way)
+    said, _ = process.communicate()
+    if process.returncode != 0:
+        raise RuntimeError(said)
+
+
+def start(path: Path, folder: Path, way: Sequence[str]) -> subprocess.Popen[str]:
+    """Start `karma eval` in a process group of its own."""
+    command = [*KARMA, str(path), "--out", str(folder), *way]
+    return subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def episodes(folder: Path) -> list[bytes]:
+    """Return the whole lines of the records."""
+    path = folder / "episodes.jsonl"
+    return path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+
+
+def differing(one: Path, other: Path) -> list[str]:
+    """Return the files that are not the same in two run folders."""
+    found = [contents(folder) for folder in (one, other)]
+    return sorted(
+        name for name in {*found[0], *found[1]} if found[0].get(name) != found[1].get(name)
+    )
+
+
+def contents(folder: Path) -> dict[str, object]:
+    """Return path -> content; of the timings, the episodes only."""
+    found: dict[str, object] = {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+    lines = map(json.loads, (folder / TIMINGS).read_bytes().splitlines())
+    found[TIMINGS] = [(line["row"], line["task"], line["seed"]) for line in lines]
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())
