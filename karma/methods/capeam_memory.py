@@ -9,6 +9,7 @@ from karma.inspector import SURFACES
 from karma.methods.capeam_prior import likely_places
 from karma.perceive import place_of
 from karma.prompt import base_type
+from karma.reach import PARTS
 from karma.sightings import known
 from karma.world.types import object_types
 
@@ -69,7 +70,7 @@ class EnvironmentMemory:
             one
             for object_id, one in self.seen.items()
             if object_id not in self.masked
-            and kind in (one.object_type, base_type(one.object_type))
+            and (kind in (one.object_type, base_type(one.object_type)) or _basin(kind, one))
         ]
         return min(fitting, key=rank, default=None)
 
@@ -117,6 +118,11 @@ class EnvironmentMemory:
         ]
         kinds = [one.object_type for one in shut]
         return [(one, shares[one.object_type] / kinds.count(one.object_type)) for one in shut]
+
+
+def _basin(kind: str, one: SeenObject) -> bool:
+    """Return whether this is the basin that a sink or bathtub is used by."""
+    return PARTS.get(kind) == one.object_type
 
 
 def _gap(one: SeenObject, point: Vec3) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from karma.contracts import Area, Known, SeenObject, Vec3
 from karma.perceive import HAND, place_of
 from karma.prompt import base_type
+from karma.reach import PARTS
 from karma.sightings import known
 
 _SEEN, _PLACED = 1.0, 1.01  # what was put down by oneself is surer than what was seen
@@ -131,4 +132,5 @@ class ObjectMemory:
 
 
 def _means(name: str, sight: SeenObject) -> bool:
-    return name in (sight.object_id, sight.object_type, base_type(sight.object_type))
+    kind = sight.object_type
+    return name in (sight.object_id, kind, base_type(kind)) or PARTS.get(name) == kind
