@@ -7,6 +7,11 @@ continuations share what they begin with in a trie of tokens, whose last tokens 
 
 A prompt is given in segments, and each is always decoded by itself, also when nothing is kept: so
 what was kept from an earlier prompt changes no bit of a score (see `karma.infer.llama`).
+
+With weights in 16 bits the last bits matter: a value that is rounded the other way in one layer
+moves a log-probability by a thousandth in the end. So every token of a continuation runs through
+the same arithmetic as in the naive way: `LlamaModel.sequences` opens the cache for that, and
+batches are of 2 to 60 tokens, as llama.cpp has other kernels for one token and for 64.
 """
 
 import heapq
@@ -24,7 +29,9 @@ Scoring = Literal["sum", "average"]
 Floats = NDArray[np.float64]
 
 END = ""  # as a continuation: the answer ends here
-_SEQUENCES = 256  # that llama.cpp tells apart in one cache; number 0 holds the prompt
+_SEQUENCES = 255  # in one cache; number 0 holds the prompt
+_SPARE = 255  # one more, for a token that keeps another company
+_TOGETHER = 60  # tokens of continuations in one batch
 _CELLS = 1024  # of the cache, besides the prompt's
 _WIDTH = 4  # most promising prefixes run at a time
 _TRIES = 8  # lists of continuations whose tokens are kept
@@ -105,7 +112,7 @@ class SkillScorer:
     ) -> Scores:
         """Return the score of every continuation, from one pass over the trie.
 
-        A list that needs more than 255 sequences, or more room than the cache has, takes several
+        A list that needs more than 254 sequences, or more room than the cache has, takes several
         passes.
 
         Args:
@@ -239,8 +246,8 @@ class SkillScorer:
                 number = trie[number].parent
             self._cache.copy(0, sequence, start)
         order = sorted(through, key=lambda number: (trie[number].depth, number))
-        for first in range(0, len(order), self.model.n_batch):
-            nodes = order[first : first + self.model.n_batch]
+        for first in range(0, len(order), _TOGETHER):
+            nodes = order[first : first + _TOGETHER]
             logits = self._cache.decode(
                 [trie[number].token for number in nodes],
                 [start + trie[number].depth - 1 for number in nodes],
@@ -313,8 +320,8 @@ class _Search:
             path = self._missing(number)
         sequence = self._begin(self._trie[path[0]].parent)
         self._at.update(dict.fromkeys(path, sequence))
-        for first in range(0, len(path), self._cache.batch):
-            logits = self._decode(path[first : first + self._cache.batch], last_only=True)
+        for first in range(0, len(path), _TOGETHER):
+            logits = self._decode(path[first : first + _TOGETHER], last_only=True)
         return logits.copy()
 
     def _missing(self, number: int) -> list[int]:
@@ -364,9 +371,9 @@ class _Cache:
         self.sequences = _SEQUENCES
         self.batch = model.n_batch
         self._model = model
-        self._context = model.sequences(self.sequences, cells=self.cells)
+        self._context = model.sequences(_SPARE + 1, cells=self.cells + 1)
         self._memory = llama_cpp.llama_get_memory(self._context.ctx)
-        self._tokens = llama_cpp.llama_batch_init(self.batch, 0, self.sequences)
+        self._tokens = llama_cpp.llama_batch_init(max(self.batch, 2), 0, self.sequences)
 
     def extend(self, tokens: Sequence[int], position: int) -> NDArray[np.float32]:
         """Decode a part of the prompt; return the logits after its last token."""
@@ -388,22 +395,32 @@ class _Cache:
         """Decode one batch; return logits, a row per token (or one), valid until the next."""
         import llama_cpp
 
-        batch, count = self._tokens, len(tokens)
-        batch.n_tokens = count
+        count = len(tokens)
         for number in range(count):
-            batch.token[number] = tokens[number]
-            batch.pos[number] = positions[number]
-            batch.n_seq_id[number] = len(sequences[number])
-            for place, sequence in enumerate(sequences[number]):
-                batch.seq_id[number][place] = sequence
-            batch.logits[number] = not last_only or number == count - 1
-        code = llama_cpp.llama_decode(self._context.ctx, batch)
+            wanted = not last_only or number == count - 1
+            self._set(number, tokens[number], positions[number], sequences[number], wanted=wanted)
+        if count == 1:
+            self._set(1, tokens[0], positions[0], [_SPARE], wanted=False)
+        self._tokens.n_tokens = max(count, 2)
+        code = llama_cpp.llama_decode(self._context.ctx, self._tokens)
         if code != 0:
             raise ModelError(f"{self._model.name}: llama.cpp cannot score (code {code})")
+        if count == 1:
+            llama_cpp.llama_memory_seq_rm(self._memory, _SPARE, -1, -1)
         rows = 1 if last_only else count
         pointer = llama_cpp.llama_get_logits(self._context.ctx)
         shape = rows, self._model.vocabulary
         return np.asarray(np.ctypeslib.as_array(pointer, shape=shape), np.float32)
+
+    def _set(
+        self, number: int, token: int, position: int, sequences: Sequence[int], *, wanted: bool
+    ) -> None:
+        batch = self._tokens
+        batch.token[number], batch.pos[number] = token, position
+        batch.n_seq_id[number] = len(sequences)
+        for place, sequence in enumerate(sequences):
+            batch.seq_id[number][place] = sequence
+        batch.logits[number] = wanted
 
     def copy(self, source: int, target: int, end: int) -> None:
         """Let one sequence begin as another does, up to a position."""

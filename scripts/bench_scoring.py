@@ -1,0 +1,285 @@
+"""What skill scoring costs, and that it is exact: naive scoring against one trie and best-first.
+
+    python scripts/bench_scoring.py [--prompts 200] [--skip-parity] [--skip-speed]
+
+Two models with F16 weights: the shipped planner, and a Llama of random weights made here.
+
+Parity: on many short prompts every candidate is scored naively (an empty cache, the prompt in its
+segments, then the candidate; log-probabilities summed in double precision) and by the scorer.
+
+Speed: one prompt of 2,000 tokens and 200 candidates, one thread, seconds of the processor, so that
+other jobs on the machine matter less. Naive scoring is timed on three
+candidates and multiplied, since all 200 take the same. Each of ours is the median of several.
+"""
+
+import argparse
+import random
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from itertools import product
+from pathlib import Path
+from string import ascii_lowercase
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.bench.tasks import load_tasks
+from karma.infer.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.llama import LlamaModel
+from karma.infer.scoring import END, SkillScorer
+from karma.offline import go_offline
+from karma.seeds import stream
+
+NANO = Path("models/nano/planner.gguf")
+TASKS = "eval/alfred_l/tasks.jsonl"
+LONG = 2000  # tokens of the prompt that speed is measured on
+SHORT = 64  # tokens of a batch that wants all its logits
+TIMED = 3  # naive candidates
+REPEAT = 5
+THINGS = (
+    "Apple", "Bread", "Egg", "Lettuce", "Potato", "Tomato", "Mug", "Cup", "Bowl", "Plate", "Pot",
+    "Pan", "Knife", "Fork", "Spoon", "Spatula", "DishSponge", "SoapBottle", "SaltShaker", "Book",
+    "Pen", "Pencil", "CellPhone", "CreditCard", "KeyChain", "Laptop", "RemoteControl", "Vase",
+)  # fmt: skip
+PLACES = (
+    "Fridge", "Microwave", "SinkBasin", "CounterTop", "DiningTable", "Cabinet", "Drawer",
+    "GarbageCan", "Shelf", "Sofa", "Bed", "Desk", "CoffeeTable", "SideTable",
+)  # fmt: skip
+
+
+def lines(count: int) -> list[str]:
+    """Lines of programs, and the end: what the shipped planner says."""
+    found = [
+        f"{skill}(robot, '{name}')\n"
+        for skills, names in (
+            (("GoToObject", "PickupObject", "SliceObject"), THINGS),
+            (("GoToObject", "OpenObject", "CloseObject"), PLACES),
+        )
+        for skill, name in product(skills, names)
+    ]
+    pairs = [f"PutObject(robot, '{a}', '{b}')\n" for a, b in product(THINGS, PLACES)]
+    random.Random(0).shuffle(pairs)
+    return [END, *found, *pairs][:count]
+
+
+def steps(count: int) -> list[str]:
+    """Steps in words, as in `lota.score` with a general model."""
+    verbs = ("find the", "pick up the", "put down the", "open the", "close the", "slice the")
+    return ["done.", *(f"{v} {n.lower()}," for v, n in product(verbs, THINGS + PLACES))][:count]
+
+
+def prompts(count: int) -> list[tuple[str, ...]]:
+    """Instructions of our tasks as the compact profile gives them, some with a line behind them."""
+    asked = [sub.instruction for task in load_tasks(TASKS) for sub in task.subtasks]
+    found = []
+    for number in range(count):
+        text = asked[number % len(asked)].lower().rstrip(".!?")
+        changing = f"#task {text}\n#memory\n#program\n"
+        done = f"GoToObject(robot, '{THINGS[number % len(THINGS)]}')\n"
+        found.append(("#areas\nunknown\n", changing, *([done] if number % 2 else [])))
+    return found
+
+
+def make_model(path: Path) -> None:
+    """Write a Llama of 34 M random parameters, whose tokens are of other texts."""
+    import torch
+    from transformers import LlamaConfig, LlamaForCausalLM
+
+    torch.manual_seed(0)
+    letters = random.Random(0)
+    words = [
+        "".join(letters.choices(ascii_lowercase, k=letters.randint(2, 7))) for _ in range(40000)
+    ]
+    corpus = [" ".join(words[i : i + 50]) for i in range(0, len(words), 50)]
+    tokenizer = new_tokenizer(corpus, 16384, ["<|eos|>"])
+    config = LlamaConfig(
+        vocab_size=16384, hidden_size=512, intermediate_size=1408, num_hidden_layers=8,
+        num_attention_heads=8, num_key_value_heads=8, max_position_embeddings=4096,
+        tie_word_embeddings=True,
+    )  # fmt: skip
+    model = LlamaForCausalLM(config)
+    print(f"random model: {sum(p.numel() for p in model.parameters()) / 1e6:.1f} M parameters")
+    export_llama_gguf(model, tokenizer, path, name="random", eos_token="<|eos|>", dtype="F16")
+
+
+class Naive:
+    """One sequence, and nothing kept between two candidates."""
+
+    def __init__(self, model: LlamaModel) -> None:
+        import llama_cpp
+
+        self._model, self._context = model, model.sequences(1, cells=model.n_ctx)
+        self._batch = llama_cpp.llama_batch_init(model.n_batch, 0, 1)
+
+    def score(self, prompt: Sequence[str], text: str) -> float:
+        """Return the sum of the log-probabilities of a candidate's tokens."""
+        import llama_cpp
+
+        tokens = tokens_of(self._model, text)
+        llama_cpp.llama_memory_clear(llama_cpp.llama_get_memory(self._context.ctx), True)
+        place, last = 0, np.empty(0, np.float32)
+        for number, part in enumerate(prompt):
+            given = self._model.tokens(part, begins=number == 0)
+            for first in range(0, len(given), self._model.n_batch):
+                piece = given[first : first + self._model.n_batch]
+                last = self._decode(piece, place)[-1:]
+                place += len(piece)
+        rows = [last]
+        if len(tokens) > 1:
+            rows.append(self._decode(tokens, place)[:-1])
+        logits = np.concatenate(rows).astype(np.float64)
+        top = logits.max(axis=1)
+        total = top + np.log(np.exp(logits - top[:, None]).sum(axis=1))
+        return float((logits[np.arange(len(tokens)), tokens] - total).sum())
+
+    def _decode(self, part: Sequence[int], place: int) -> NDArray[np.float32]:
+        """Return the logits after every token, of long parts after the last."""
+        import llama_cpp
+
+        batch, every = self._batch, len(part) < SHORT
+        batch.n_tokens = len(part)
+        for i, token in enumerate(part):
+            batch.token[i], batch.pos[i] = token, place + i
+            batch.n_seq_id[i], batch.seq_id[i][0] = 1, 0
+            batch.logits[i] = every or i == len(part) - 1
+        assert llama_cpp.llama_decode(self._context.ctx, batch) == 0
+        pointer = llama_cpp.llama_get_logits(self._context.ctx)
+        shape = (len(part) if every else 1), self._model.vocabulary
+        return np.ctypeslib.as_array(pointer, shape=shape).copy()
+
+
+def tokens_of(model: LlamaModel, text: str) -> list[int]:
+    """Return a candidate's tokens."""
+    return [model.end_token] if text == END else model.tokens(text)
+
+
+def plain_seconds(model: LlamaModel, prompt: Sequence[str], text: str) -> float:
+    """Return what one naive candidate takes in the context that answers are generated in."""
+    whole = [t for i, part in enumerate(prompt) for t in model.tokens(part, begins=i == 0)]
+    whole += tokens_of(model, text)[:-1]
+    llama: Any = model._llama
+    llama.reset()
+    begun = time.process_time()
+    llama.eval(whole)
+    return time.process_time() - begun
+
+
+def parity(model: LlamaModel, count: int, texts: Sequence[str]) -> None:
+    """Compare on many prompts."""
+    naive, scorer = Naive(model), SkillScorer(model)
+    gaps, kept, same, searched, margins = [], [], 0, 0, []
+    for prompt in prompts(count):
+        expected = np.array([naive.score(prompt, text) for text in texts])
+        values = scorer.scores(prompt, texts).values
+        gaps.append(float(np.abs(values - expected).max()))
+        kept.append(float(abs(values.max() - expected.max())))
+        same += int(values.argmax() == expected.argmax())
+        searched += int(scorer.best(prompt, texts).number == expected.argmax())
+        two = np.sort(expected)[-2:]
+        margins.append(float(two[1] - two[0]))
+    print(
+        f"  parity: {count} prompts x {len(texts)} candidates: largest difference of a score"
+        f" {max(gaps):.1e} (median of prompts {statistics.median(gaps):.1e}, of the best score"
+        f" {max(kept):.1e}); argmax of the trie equal in {same}, of best-first in {searched};"
+        f" smallest lead of a winner {min(margins):.1e}"
+    )
+
+
+def seconds(work: Callable[[], object], repeat: int) -> float:
+    """Return the median processor time of some work."""
+    found = []
+    for _ in range(repeat):
+        begun = time.process_time()
+        work()
+        found.append(time.process_time() - begun)
+    return statistics.median(found)
+
+
+def speed(model: LlamaModel, texts: Sequence[str]) -> None:
+    """Time one long prompt."""
+    prompt = long_prompt(model)
+    naive, scorer = Naive(model), SkillScorer(model)
+    lengths = [len(tokens_of(model, text)) for text in texts]
+    chosen = stream(0, "timed").choice(len(texts), TIMED, replace=False)
+    timed = iter(chosen.tolist())
+    same = seconds(lambda: naive.score(prompt, texts[next(timed)]), TIMED)
+    plain = statistics.median(plain_seconds(model, prompt, texts[i]) for i in chosen)
+    one = min(same, plain)
+    whole = one * len(texts)
+    other = ("#", "other")
+
+    def cold() -> None:
+        scorer.scores(prompt, texts)
+
+    times = []
+    for _ in range(TIMED):
+        scorer.best(other, texts)  # the long prompt is gone
+        times.append(seconds(cold, 1))
+    found, best = scorer.scores(prompt, texts), scorer.best(prompt, texts)
+    warm = seconds(cold, REPEAT)
+    fast = seconds(lambda: scorer.best(prompt, texts), REPEAT)
+    assert best.number == int(found.values.argmax())
+    print(
+        f"  speed: prompt {found.cost.prompt} tokens, {len(texts)} candidates of"
+        f" {min(lengths)} to {max(lengths)} tokens (mean {statistics.mean(lengths):.1f});"
+        f" one naive score {same:.2f} s, with 16-bit keys and no flash attention {plain:.2f} s:"
+        " the faster counts"
+    )
+    naive_tokens = sum(found.cost.prompt + length - 1 for length in lengths)
+    print("  | | tokens run | seconds | times faster |\n  |---|---|---|---|")
+    print(f"  | naive, {TIMED} timed x {len(texts)} | {naive_tokens} | {whole:.1f} | 1 |")
+    run = found.cost.run
+    cost = found.cost.prompt + run
+    cold_s = statistics.median(times)
+    print(f"  | all scores, prompt included | {cost} | {cold_s:.3f} | {whole / cold_s:.0f} |")
+    print(f"  | all scores, warm prompt | {run} | {warm:.3f} | {whole / warm:.0f} |")
+    print(f"  | argmax, warm prompt | {best.cost.run} | {fast:.4f} | {whole / fast:.0f} |")
+
+
+def long_prompt(model: LlamaModel) -> tuple[str, ...]:
+    """Return a prompt of LONG tokens: a map of many lines, and a task."""
+    task = "#task put the apple in the fridge\n#memory\n#program\n"
+    line = "node_1 CounterTop Fridge Cabinet Drawer\n"
+    stable = "#areas\n"
+    room = LONG - len(model.tokens(task))
+    while len(model.tokens(stable + line)) <= room:
+        stable += line
+    while len(model.tokens(stable + "x\n")) <= room:
+        stable += "x\n"
+    return stable, task
+
+
+def main() -> None:
+    """Run all of it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--prompts", type=int, default=200)
+    parser.add_argument("--candidates", type=int, default=200)
+    parser.add_argument("--random-candidates", type=int, default=200, help="parity, random model")
+    parser.add_argument("--skip-parity", action="store_true")
+    parser.add_argument("--skip-speed", action="store_true")
+    parser.add_argument("--skip-random", action="store_true")
+    parser.add_argument("--skip-nano", action="store_true")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        models = {} if options.skip_nano else {"karma-nano": NANO}
+        if not options.skip_random:
+            models["random"] = Path(folder) / "random.gguf"
+            make_model(models["random"])
+        for name, path in models.items():
+            model = LlamaModel(path, n_threads=1)
+            print(f"{name}: F16 weights, 1 thread")
+            texts = (steps if name == "random" else lines)(options.candidates)
+            few = options.random_candidates if name == "random" else len(texts)
+            if not options.skip_parity:
+                parity(model, options.prompts, texts[:few])
+            if not options.skip_speed:
+                speed(model, texts)
+            model.close()
+
+
+if __name__ == "__main__":
+    go_offline()
+    main()
