@@ -76,6 +76,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="pl
     prompt: str  # its changing part
     program: str
     error: str  # why the answer was refused
+    examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
 
 
 class Action(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="action"):
@@ -164,6 +165,7 @@ class StepLog:
                 prompt=moment.prompt.changing,
                 program=moment.completion.text,
                 error=moment.error,
+                examples=moment.examples,
             )
         )
 
