@@ -125,9 +125,15 @@ def compare(
 def compare_kinds(
     first: Arm, second: Arm, *, half_width: float = HALF_WIDTH
 ) -> tuple[Comparison, ...]:
-    """Return the comparison over all pairs, then that of each kind of task that both have."""
+    """Return the comparison over all pairs, unless they are of one kind; then that of each kind.
+
+    Raises:
+        KarmaError: as `compare` does.
+    """
     common = {a.record.kind for a, _ in paired(first.episodes, second.episodes)}
-    kinds = ["all", *(kind for kind in KINDS if kind in common and len(common) > 1)]
+    kinds = [kind for kind in KINDS if kind in common]
+    if len(kinds) != 1:
+        kinds.insert(0, "all")
     return tuple(compare(first, second, kind=kind, half_width=half_width) for kind in kinds)
 
 

@@ -72,7 +72,7 @@ def load_published(path: Path) -> PublishedFigures:
     """
     found: dict[tuple[str, str, str], Published] = {}
     try:
-        text = read_bytes(path).decode()
+        text = read_bytes(path, fix="--published FILE; ours is eval/paper/published.csv").decode()
     except UnicodeDecodeError as error:
         raise FileError(path, str(error)) from error
     for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):

@@ -65,6 +65,7 @@ def table_command(
 ) -> None:
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
     from karma.bench import tables
+    from karma.bench.claims import claim_sheet, claims
     from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
     from karma.bench.results import result_of
     from karma.bench.run_folder import read_run
@@ -82,8 +83,9 @@ def table_command(
         off_row=off or OFF_ROW,
         lota_row=lota or LOTA_ROW,
     )
-    sheets = tables.sheets(result)
-    for sheet in sheets[: len(tables.kinds(result))]:
+    claimed = [sheet for sheet in (claim_sheet(result),) if sheet is not None]
+    sheets = [*tables.sheets(result), *claimed]
+    for sheet in (*sheets[: len(tables.kinds(result))], *claimed):
         console.print(_rich(sheet))
     folder = out or run
     write_atomic(folder / "table.md", tables.to_markdown(sheets).encode())
@@ -102,6 +104,7 @@ def table_command(
             "paper_reductions": result.paper_reductions,
             "comparisons": result.comparisons,
             "failures": result.failures,
+            "claims": claims(result),
         }
         write_atomic(json, to_json(parts, indent=2))
 
