@@ -90,32 +90,6 @@ def trace_command(
             console.print(escape(f"drawn: {path}"), soft_wrap=True)
 
 
-def run_figure_file(file: Path, out: Path, *, fresh: bool, json: Path | None) -> None:
-    """Run a figure of the laboratory for `karma eval`, and show what it says of the claims.
-
-    Args:
-        file: a TOML file with `kind = "trace"`.
-        out: the figure's folder.
-        fresh: start over instead of going on.
-        json: also write the results here.
-    """
-    from rich.markdown import Markdown
-
-    from karma.lab.figure import caption_of, read_figure, run_figure
-
-    with _bar() as bar:
-        line = bar.add_task("policies", total=None)
-        for step in run_figure(file, out, fresh=fresh):
-            bar.update(line, completed=step.done, total=step.total, description=step.doing)
-    results = read_figure(out)
-    claims = out / "claims.md"
-    text = claims.read_text(encoding="utf-8") if results.claims else caption_of(results)
-    console.print(Markdown(text))
-    console.print(escape(f"results: {out / 'results.json'}, pictures beside it"), soft_wrap=True)
-    if json is not None:
-        write_atomic(json, to_json(results))
-
-
 def _sizes(text: str) -> list[int]:
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if not all(part.isdigit() and int(part) for part in parts):

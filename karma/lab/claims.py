@@ -62,7 +62,8 @@ def claims_text(claims: Sequence[Claim], caption: str) -> str:
         mine = [claim for claim in claims if claim.claim == name]
         yes = sum(claim.holds == "yes" for claim in mine)
         parts += [
-            f"**{CLAIMS[name]}** Holds in {yes} of {len(mine)} cases.",
+            f"**{CLAIMS[name]}** Holds in {yes} of {len(mine)} cases. In brackets: "
+            f"{_BRACKETS[name]}.",
             _by_workload(mine),
             _figures(mine),
         ]
@@ -235,12 +236,19 @@ def _headroom(cell: CellResults) -> Iterator[Claim]:
 
 CLAIMS = {
     "split": "At 10 units W-TinyLFU with window 9 and main 1 has the highest hit rate of all "
-    "splits, and a higher one than FIFO (section 4.4). In brackets: points over the best other "
-    "split, over FIFO.",
+    "splits, and a higher one than FIFO (section 4.4).",
     "fifo-ratio": "FIFO with 25 units hits 4.6 times as often as with 5 (section 4.4).",
     "wtinylfu-ratio": "W-TinyLFU with 25 units hits 3.9 times as often as with 5 (section 4.4).",
     "linear": f"Hit rate and reduced exploration are linearly related (section 4.4); r > {LINEAR}.",
-    "headroom": "A clairvoyant memory would hit more often than the best of these policies; ours.",
+    "headroom": "A clairvoyant memory would hit more often than the best of these policies (not a claim "
+    "of the paper's).",
+}
+_BRACKETS = {
+    "split": "points over the best other split, and over FIFO",
+    "fifo-ratio": "the ratio",
+    "wtinylfu-ratio": "the ratio",
+    "linear": "Pearson's r",
+    "headroom": "the best policy, and points from there to Belady's bound",
 }
 _CHECKS: dict[str, Callable[[CellResults], Iterator[Claim]]] = {
     "split": _split,

@@ -222,7 +222,8 @@ def _check_header(figure: Figure, pool: Pool, path: Path, folder: Path) -> None:
 def _clear(folder: Path) -> None:
     for old in (folder / "cells").glob("*.json"):
         old.unlink()
-    (folder / "header.json").unlink(missing_ok=True)
+    for name in ("header.json", "results.json", "claims.md"):
+        (folder / name).unlink(missing_ok=True)
 
 
 class _Runner:
