@@ -240,8 +240,8 @@ CLAIMS = {
     "fifo-ratio": "FIFO with 25 units hits 4.6 times as often as with 5 (section 4.4).",
     "wtinylfu-ratio": "W-TinyLFU with 25 units hits 3.9 times as often as with 5 (section 4.4).",
     "linear": f"Hit rate and reduced exploration are linearly related (section 4.4); r > {LINEAR}.",
-    "headroom": "A clairvoyant memory would hit more often than the best of these policies (not a claim "
-    "of the paper's).",
+    "headroom": "A clairvoyant memory would hit more often than the best of these policies (which "
+    "the paper does not say).",
 }
 _BRACKETS = {
     "split": "points over the best other split, and over FIFO",
