@@ -17,7 +17,7 @@ batches are of 2 to 60 tokens, as llama.cpp has other kernels for one token and 
 import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,16 @@ class Best:
     score: float
     tokens: int  # of the continuation
     cost: Cost
+
+
+@runtime_checkable
+class Chooser(Protocol):
+    """Chooses from a closed list by the likelihood of each text after a prompt."""
+
+    def best(
+        self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
+    ) -> Best:
+        """Return the best continuation; see `SkillScorer.best`."""
 
 
 @dataclass(slots=True)

@@ -1,9 +1,10 @@
 """The model that says what it was told, for tests and demonstrations."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from karma.contracts import Completion, ProgramSpec, Prompt
 from karma.errors import ModelError
+from karma.infer.scoring import END, Best, Cost, Scoring
 
 
 class ScriptedModel:
@@ -23,6 +24,7 @@ class ScriptedModel:
         self._answers = iter(answers)
         self.prompts: list[Prompt] = []
         self.specs: list[ProgramSpec | None] = []
+        self._lines: list[str] = []  # of the answer that `best` is in
 
     def complete(
         self,
@@ -52,4 +54,25 @@ class ScriptedModel:
             completion_tokens=len(text.split()),
             first_token_s=0.0,
             total_s=0.0,
+        )
+
+    def best(
+        self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
+    ) -> Best:
+        """Choose the next line of the answers, `END` after each answer; others are passed over.
+
+        Raises:
+            ModelError: the script has run out.
+        """
+        if not self._lines:
+            whole = Prompt(stable=prompt[0], changing="".join(prompt[1:]))
+            text = self.complete(whole).text
+            lines = [one for line in text.splitlines() for one in (f"{line}\n", line)]
+            self._lines = [line for line in (*lines, END) if line in continuations]
+        if not self._lines:
+            raise ModelError(f"the script's answer holds no line that could be chosen: {text!r}")
+        line = self._lines.pop(0)
+        cost = Cost(prompt=len("".join(prompt).split()), reused=0, run=0)
+        return Best(
+            number=continuations.index(line), score=0.0, tokens=len(line.split()), cost=cost
         )
