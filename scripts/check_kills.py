@@ -5,8 +5,9 @@
     python scripts/check_kills.py --tasks 6 --kills 5 --workers 1
 
 The experiment is cheap: the shipped nano planner and the teacher on tasks of `eval/alfred_l`. The
-process is killed by SIGKILL at an instant drawn by lot, and the same command is given again. Times
-differ from run to run; of `timings.jsonl` only the episodes and their order are compared.
+process is killed by SIGKILL at an instant drawn by lot, so many episodes later on average that most
+kills meet a living run, and the same command is given again. Times differ from run to run; of
+`timings.jsonl` only the episodes and their order are compared.
 """
 
 import argparse
@@ -20,6 +21,8 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from karma.seeds import stream
 
@@ -40,7 +43,9 @@ name = "oracle"
 method = "oracle"
 """
 TIMINGS = "timings.jsonl"
-ORPHANS_S = 30.0  # that workers of a killed run have to end
+ORPHANS_S = 60.0  # that workers of a killed run have to end
+_EARLY = 0.2  # share of kills that come while models are loaded
+_LOADING_S, _EPISODE_S = 5.0, 0.5  # about what they take
 
 
 def main() -> int:
@@ -58,10 +63,10 @@ def main() -> int:
         begun = time.monotonic()
         finish(path, folder / "whole", ("--workers", "1"))
         whole_s = time.monotonic() - begun
-        print(f"undisturbed: {chosen.tasks * 4} episodes in {whole_s:.0f} s")
+        print(f"undisturbed: {chosen.tasks * 4} episodes in {whole_s:.0f} s", flush=True)
         ways = [("--workers", str(count)) for count in chosen.workers]
         ways += [("--ray", chosen.ray)] if chosen.ray else []
-        return sum(check(path, folder, way, chosen, whole_s) for way in ways)
+        return int(any([check(path, folder, way, chosen) for way in ways]))
 
 
 def write_experiment(path: Path, tasks: int) -> Path:
@@ -72,31 +77,43 @@ def write_experiment(path: Path, tasks: int) -> Path:
     return path
 
 
-def check(
-    path: Path, folder: Path, way: Sequence[str], chosen: argparse.Namespace, whole_s: float
-) -> int:
-    """Kill runs of one way, finish, compare; returns the number of differences."""
-    there = folder / "killed"
+def check(path: Path, folder: Path, way: Sequence[str], chosen: argparse.Namespace) -> bool:
+    """Kill runs of one way, finish, compare; returns whether anything differs."""
+    there, begun = folder / "killed", time.monotonic()
     shutil.rmtree(there, ignore_errors=True)
     rng = stream(chosen.seed, "kills", *way)
-    hits = 0
-    for _ in range(chosen.kills):
-        hits += kill(path, there, way, float(rng.uniform(0, 12 + 2 * whole_s / chosen.kills)))
+    hits = sum(kill(path, there, way, rng, chosen) for _ in range(chosen.kills))
     left = len(episodes(there))
     finish(path, there, way)
     wrong = differing(folder / "whole", there)
     print(
-        f"{' '.join(way)}: {hits} of {chosen.kills} kills met a living run, {left} episodes were "
-        f"done before the last start; {len(wrong)} files differ {wrong[:5] or ''}"
+        f"{' '.join(way)}: {hits} of {chosen.kills} kills met a living run; {left} episodes were "
+        f"done before the last start; {len(wrong)} of {len(contents(there))} files differ "
+        f"{wrong[:5] or ''} ({time.monotonic() - begun:.0f} s)",
+        flush=True,
     )
-    return len(wrong)
+    return bool(wrong)
 
 
-def kill(path: Path, folder: Path, way: Sequence[str], after_s: float) -> bool:
-    """Start the run and kill it; returns whether it still lived."""
+def kill(
+    path: Path,
+    folder: Path,
+    way: Sequence[str],
+    rng: np.random.Generator,
+    chosen: argparse.Namespace,
+) -> bool:
+    """Start the run and kill it; returns whether it still lived.
+
+    One kill in five comes while models are loaded, the others after some episodes.
+    """
+    early = rng.random() < _EARLY
+    most = int(chosen.tasks * 4 / chosen.kills / (1 - _EARLY) * 2) + 1
+    wanted = len(episodes(folder)) + (0 if early else int(rng.integers(0, most)))
     process = start(path, folder, way)
+    while process.poll() is None and len(episodes(folder)) < wanted:
+        time.sleep(0.002)
     try:
-        process.wait(after_s)
+        process.wait(float(rng.uniform(0, _LOADING_S if early else _EPISODE_S)))
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

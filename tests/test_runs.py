@@ -3,8 +3,10 @@
 import gzip
 import json
 import multiprocessing
+import os
 import re
 import shutil
+import signal
 import textwrap
 import time
 from pathlib import Path
@@ -13,8 +15,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny import export_tiny
+from typer.testing import CliRunner
 
-from karma.bench.records import EpisodeRecord, EpisodeTiming, SubTaskTiming
+from karma.bench.experiment import Models
+from karma.bench.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
 from karma.bench.run import Run
 from karma.bench.run_folder import (
     EPISODES,
@@ -29,9 +33,11 @@ from karma.bench.run_folder import (
     read_run,
 )
 from karma.bench.steps import Action, Ended, Instruction, Start, read_steps, slug, steps_path
+from karma.bench.workers import suggest_workers
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.goals import GoalTracker, WatchedWorld
+from karma.infer.cassette import Cassette
 from karma.seeds import stream
 from karma.world.sim import EmbeddedWorld
 
@@ -115,7 +121,7 @@ def test_header_names_all_that_a_run_depends_on(whole):
     _, folder = whole
     header = json.loads((folder / HEADER).read_text())
     assert set(header["models"]) == {"planner", "embedder", "vision"}
-    assert set(header["prompts"]) == {"full_changing.txt", "full_stable.txt"}
+    assert set(header["prompts"]) == {p.name for p in (ROOT / "karma" / "prompts").glob("*.txt")}
     scenes = {record.scene for record in read_run(folder).records}
     assert set(header["scenes"]) == scenes
     assert {"karma", "llama-cpp-python", "numpy", "python"} <= set(header["versions"])
@@ -457,6 +463,23 @@ def test_run_killed_five_times_ends_in_the_same_bytes(whole, server, tmp_path):
     assert files(killed) == files(folder)
 
 
+def test_interrupted_run_says_how_to_go_on(whole, server, tmp_path):
+    path, folder = whole
+    stopped = tmp_path / "stopped"
+    process = server.Process(target=evaluate, args=(path, stopped))
+    process.start()
+    while process.is_alive() and lines_in(stopped / EPISODES) < 2:
+        time.sleep(0.002)
+    os.kill(process.pid, signal.SIGINT)
+    process.join()
+    assert process.exitcode == 130
+    kept = read_records(stopped / EPISODES)
+    assert 2 <= len(kept) < 12
+    assert kept == list(read_run(folder).records[: len(kept)])
+    assert not (stopped / RESULTS).exists()
+    assert len(Run(path, stopped).records) == len(kept)
+
+
 # ----------------------------------------------------------------- workers
 
 
@@ -521,3 +544,59 @@ def test_worker_that_dies_is_replaced_and_its_episode_done_once_more(
     assert all(record.subtasks for record in records.values() if not record.error)
     assert "a worker was killed by SIGKILL" in caplog.text
     assert list(Run(path, tmp_path / "run").episodes()) == []
+
+
+HOSTED = """
+[models.hosted.planner]
+base_url = "http://127.0.0.1:9/v1"
+model = "m"
+"""
+
+
+def test_hosted_models_and_cassettes_are_for_one_process(planner, tmp_path):
+    path = write_experiment(tmp_path / "x.toml", "openai")
+    path.write_text(path.read_text() + HOSTED)
+    hosted = Run(path, tmp_path / "hosted")
+    assert hosted.suggest().number == 1
+    path = write_experiment(tmp_path / "y.toml", planner)
+    recorded = Run(path, tmp_path / "tape-run", cassette=Cassette(tmp_path / "tape", "record"))
+    assert recorded.suggest().number == 1
+    for run, named in ((hosted, "hosted models are asked by"), (recorded, "a cassette is for")):
+        for how in ({"workers": 2}, {"ray": "127.0.0.1:1"}):
+            with pytest.raises(KarmaError, match=rf"{named} one process.*\n.*leave out --workers"):
+                next(run.episodes(**how))
+
+
+@pytest.mark.parametrize(
+    ("free_mb", "cores", "episodes", "number"),
+    [(100_000, 4, 1000, 4), (100_000, 4, 30, 2), (100_000, 4, 3, 1), (1700, 4, 1000, 2),
+     (300, 4, 1000, 1), (100_000, 1, 1000, 1)],
+)  # fmt: skip
+def test_workers_are_as_many_as_cores_memory_and_episodes_allow(
+    monkeypatch, tmp_path, free_mb, cores, episodes, number
+):
+    (tmp_path / "meminfo").write_text(f"MemAvailable: {free_mb * 1_000_000 // 1024} kB\n")
+    monkeypatch.setattr("karma.infer.memory_check.MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr("karma.infer.memory_check.CGROUP", tmp_path)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
+    found = suggest_workers(Models(), episodes)
+    assert found.number == number
+    assert f"{cores} cores, {free_mb} MB free, about 650 MB each" in found.reason
+
+
+def test_workers_that_use_more_threads_are_fewer(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(4)))
+    monkeypatch.setattr("karma.bench.workers.available_mb", lambda: None)
+    assert suggest_workers(Models(threads=2), 1000).number == 2
+
+
+def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
+    path = tmp_path / "fig.toml"
+    path.write_text(
+        'kind = "trace"\nname = "x"\npolicies = ["fifo-merge[3]"]\nworkloads = ["type"]\n'
+        'unit_sets = ["m"]\nsequences = 2\nlength = 10\ncheckpoints = [5, 10]\n'
+    )
+    result = CliRunner().invoke(app, ["eval", str(path), "--out", str(tmp_path / "run")])
+    assert result.exit_code == 0, result.output
+    assert f"results: {tmp_path / 'run' / 'results.json'}" in result.output.replace("\n", "")
+    assert json.loads((tmp_path / "run" / RESULTS).read_text())["cells"]
