@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from karma.lab.intervals import Interval, Resampler
-from karma.lab.simulate import simulate
+from karma.lab.simulate import simulator
 from karma.lab.trace import Trace
 
 
@@ -38,9 +38,10 @@ def explore(
         costs: for each request of each sequence, the stops of its search.
         seed: of the bootstrap.
     """
+    run = simulator(policy)
     rates, reduced = [], []
     for trace, prices in zip(traces, costs, strict=True):
-        outcome = simulate(policy, trace)
+        outcome = run(trace)
         saved = sum(p for hit, p in zip(outcome.answers, prices, strict=True) if hit)
         rates.append(round(outcome.hits / outcome.requests, 6))
         reduced.append(round(saved / sum(prices), 6))

@@ -1,6 +1,9 @@
 """One policy, or the best there could be, over one trace."""
 
+import copy
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from heapq import heappop, heappush
 from typing import Any
 
@@ -69,15 +72,24 @@ class Outcome:
         return self.rate(self.tasks // 2)
 
 
-def simulate(policy: str, trace: Trace) -> Outcome:
-    """Run a policy in the notation of `make_policy`, or `belady[size]`, over a trace.
+def simulator(policy: str) -> Callable[[Trace], Outcome]:
+    """Return what runs a policy over one trace after another, each from an empty memory.
+
+    Args:
+        policy: in the notation of `make_policy`, or `belady[size]`.
 
     Raises:
         KarmaError: the text names no policy.
     """
     if policy.startswith(f"{BELADY}["):
-        return best(trace, make_policy(policy.replace(BELADY, "lru", 1)).capacity)
-    return simulate_with(make_policy(policy), trace)
+        return partial(best, capacity=make_policy(policy.replace(BELADY, "lru", 1)).capacity)
+    fresh = make_policy(policy)
+    return lambda trace: simulate_with(copy.deepcopy(fresh), trace)
+
+
+def simulate(policy: str, trace: Trace) -> Outcome:
+    """Run a policy over one trace; see `simulator`."""
+    return simulator(policy)(trace)
 
 
 def simulate_with(policy: Any, trace: Trace) -> Outcome:

@@ -8,7 +8,7 @@ import msgspec
 from karma import registry
 from karma.errors import KarmaError
 from karma.lab.intervals import Interval, Resampler, block_interval
-from karma.lab.simulate import BELADY, FIRST_TASKS, Outcome, simulate
+from karma.lab.simulate import BELADY, FIRST_TASKS, Outcome, simulator
 from karma.lab.trace import Trace
 from karma.memory.policies import make_policy
 
@@ -155,7 +155,9 @@ def run_rows(
     """
     rates = _Rates(len(traces), seed)
     for policy in policies:
-        yield _row(policy, [simulate(policy, one) for one in traces], rates, checkpoints)
+        run = simulator(policy)
+        outcomes = [run(trace) for trace in traces]
+        yield _row(policy, outcomes, rates, checkpoints)
 
 
 def sweep_of(traces: Sequence[Trace], rows: Iterable[Row]) -> Sweep:
