@@ -44,7 +44,7 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     unit_sets: tuple[UnitSet, ...] = UNIT_SETS
     policies: tuple[str, ...]
     sizes: tuple[int, ...] = ()
-    sequences: int = 50
+    sequences: int = 100
     length: int = 1000
     checkpoints: tuple[int, ...] = (5, 10, 25, 50, 100, 200, 300, 500, 700, 1000)
     seed: int = 20251121
