@@ -156,7 +156,8 @@ def _facts(run: RunData) -> Iterator[tuple[str, tuple[tuple[str, str], ...]]]:
     groups = {name: value for name, value in header.items() if isinstance(value, dict)}
     yield "run", tuple((n, _plain(value)) for n, value in header.items() if n not in groups)
     for group, facts in groups.items():
-        yield group, tuple((name, _plain(value)) for name, value in facts.items())
+        if facts:
+            yield group, tuple((name, _plain(value)) for name, value in facts.items())
 
 
 def _plain(value: Any) -> str:
