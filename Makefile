@@ -10,7 +10,7 @@ HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt
 	policies tasks draw,tests/test_$(name).py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format scenes planner airgap clean
+.PHONY: help setup demo test check format scenes planner paper airgap clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1|/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -46,6 +46,9 @@ planner: setup ## train the nano planner again, about an hour on 2 cores; resume
 	@$(PY) scripts/train_planner.py train --steps $(STEPS)
 	@$(PY) scripts/train_planner.py export models/nano/planner.gguf
 	@echo "planner: now put size and SHA-256 of models/nano/planner.gguf into models/manifest.toml"
+
+paper: setup ## every table and figure of the paper with the nano models; resumes
+	@bash scripts/reproduce.sh
 
 airgap: setup ## the demo where no network interface is, and traced; needs unshare, and strace
 	@bash scripts/airgap.sh
