@@ -27,7 +27,7 @@ ERRORS = (
     "PickupObject(robot, 'Mug'): the hand holds Fork; put it down first",
     "Explore(robot, 'Mug'): could not find Mug; searched 12 places",
 )  # fmt: skip
-RECALLED = 0.75  # share of prompts with the few units that recall would choose, not the whole memory
+RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all
 FEW = 3  # units then
 LIVED = 0.8  # share of memories that a few requests have left behind
 VAGUE = 0.7  # share of draws in which a remembered thing is mostly not called by its name
