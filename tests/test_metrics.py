@@ -292,6 +292,8 @@ def test_cause_of_a_recalled_or_named_thing_is_not_memory():
     ("text", "reason", "expected"),
     [
         ("Explore(robot, 'Knife')", "could not find Knife; searched 31 places", "skill"),
+        ("Explore(robot, 'Safe')", "no Safe there", "skill"),
+        ("OpenObject(robot, 'Fridge')", "CAPEAM has no sub-goal for it", "planner"),
         ("GoToObject(robot, 'Knife')", "gave up after 600 actions on Knife", "skill"),
         ("GoToObject(robot, 'Sink')", "could not get Sink into view and reach", "skill"),
         (f"GoToObject(robot, '{KNIFE}')", f"no {KNIFE} is known; Explore(robot, 'Knife') first",

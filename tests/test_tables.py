@@ -172,7 +172,7 @@ def test_claims_take_the_best_baseline_and_no_twin_ablation_or_teacher(tmp_path)
     text = "SR of KARMA, composite tasks, times that of the best baseline"
     claim = found[text]
     assert (claim.rival, claim.ours.value, claim.wanted) == ("CAPEAM", 1.5, 1.3)
-    assert claim.verdict == "yes, may be not"
+    assert claim.verdict == "yes, not surely"
     saved = found["RE of KARMA, composite tasks"]
     assert (saved.rival, saved.ours.value, saved.verdict) == (
         "memory off", pytest.approx(0.9), "yes",
@@ -184,7 +184,7 @@ def test_claims_that_fail_or_cannot_be_judged_are_said_to(tmp_path):
     text = "SR of KARMA, composite tasks, times that of the best baseline"
     assert margins(tmp_path / "a", KARMA=5, HELPER=5)[text].verdict == "no"
     assert margins(tmp_path / "b", KARMA=5, HELPER=0)[text].verdict == "undefined"
-    assert margins(tmp_path / "c", KARMA=6, HELPER=5)[text].verdict == "no, may be"
+    assert margins(tmp_path / "c", KARMA=6, HELPER=5)[text].verdict == "no, not surely"
     assert margins(tmp_path / "d", KARMA=6) == {}
 
 

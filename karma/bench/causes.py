@@ -17,12 +17,13 @@ Cause = Literal["planner", "recall", "evicted", "not stored", "skill", "world", 
 CAUSES: tuple[Cause, ...] = get_args(Cause)
 
 _LOST = re.compile(
-    r"could not find |gave up after |not at its remembered place|into view and reach|^no \S*\|"
+    r"could not find |gave up after |not at its remembered place|into view and reach|^no \S*\||"
+    r"^no \S+ there$|no place was found"
 )
 _MISPLANNED = re.compile(
     r"^the hand |^no \S+ is known|in the closed |cannot be |already (broken|sliced)|"
     r"must be \w+ to |does not have the property|must have the property|"
-    r"not a receptacle|isn't a receptacle|is not an? \w+ object|\bfirst\.?$"
+    r"not a receptacle|isn't a receptacle|is not an? \w+ object|\bfirst\.?$|has no sub-goal"
 )  # what the program should have known, or done before
 _NAME = re.compile(r"'([^']+)'")
 
@@ -132,7 +133,7 @@ def _cause(case: _Case) -> tuple[Cause, str]:
         return _of_call(case, broken)
     if not sub.answers and not sub.calls:
         return "planner", "nothing was tried"
-    return "planner", "the program ran to its end, and what was asked is not so"
+    return "planner", f"the program ran to its end without {', '.join(sub.unmet)}"
 
 
 def _missed(case: _Case) -> list[Need]:

@@ -28,8 +28,8 @@ class Claim:
         if value is None:
             return "undefined"
         if value < self.wanted:
-            return "no" if interval is None or interval.high < self.wanted else "no, may be"
-        return "yes" if interval is not None and interval.low >= self.wanted else "yes, may be not"
+            return "no" if interval is None or interval.high < self.wanted else "no, not surely"
+        return "yes" if interval is not None and interval.low >= self.wanted else "yes, not surely"
 
 
 def claims(result: Result) -> list[Claim]:
@@ -45,7 +45,7 @@ def claim_sheet(result: Result) -> Sheet | None:
     return Sheet(
         title=f"{result.name}: the paper's margins",
         caption=(
-            '"may be": the 95 % interval reaches over the wanted value. Undefined: no baseline '
+            '"not surely": the 95 % interval reaches over the wanted value. Undefined: no baseline '
             "solved anything, or there was nothing to save."
         ),
         head=("claim", "against", "wanted", "ours", "holds"),
