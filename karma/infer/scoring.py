@@ -15,8 +15,9 @@ batches are of 2 to 60 tokens, as llama.cpp has other kernels for one token and 
 """
 
 import heapq
+import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -63,6 +64,8 @@ class Best:
     score: float
     tokens: int  # of the continuation
     cost: Cost
+    seconds: float
+    threads: int | None = None  # that computed it
 
 
 @runtime_checkable
@@ -144,7 +147,7 @@ class SkillScorer:
         for number, node in enumerate(trie):
             divisor = max(node.depth, 1) if scoring == "average" else 1
             values[node.ends] = found[number] / divisor
-        return Scores(values=values, cost=_with_run(cost, run))
+        return Scores(values=values, cost=replace(cost, run=run))
 
     def best(
         self,
@@ -159,6 +162,7 @@ class SkillScorer:
         log p <= 0; so the first one that leads every unfinished prefix has won. Arguments and
         errors as in `scores`.
         """
+        begun = time.perf_counter()
         trie, cost = self._begin(prompt, continuations)
         found = np.zeros(len(trie), np.float64)
         self._spread(trie, found, [0], self._kept[-1].logits[None, :])
@@ -171,8 +175,14 @@ class SkillScorer:
                 race.enter(number)
         self._cache.forget(cost.prompt)
         score, one, number = race.ended[0]
-        depth = trie[number].depth
-        return Best(number=one, score=-score, tokens=depth, cost=_with_run(cost, search.count))
+        return Best(
+            number=one,
+            score=-score,
+            tokens=trie[number].depth,
+            cost=replace(cost, run=search.count),
+            seconds=time.perf_counter() - begun,
+            threads=self.model.n_threads,
+        )
 
     def close(self) -> None:
         """Free the cache; the model stays open."""
@@ -516,7 +526,3 @@ def _log_sum_exp(logits: NDArray[np.float32]) -> Floats:
     total = np.exp(logits - top[:, None]).sum(axis=1)
     found: Floats = top.astype(np.float64) + np.log(total.astype(np.float64))
     return found
-
-
-def _with_run(cost: Cost, run: int) -> Cost:
-    return Cost(prompt=cost.prompt, reused=cost.reused, run=run)

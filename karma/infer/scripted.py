@@ -73,6 +73,5 @@ class ScriptedModel:
             raise ModelError(f"the script's answer holds no line that could be chosen: {text!r}")
         line = self._lines.pop(0)
         cost = Cost(prompt=len("".join(prompt).split()), reused=0, run=0)
-        return Best(
-            number=continuations.index(line), score=0.0, tokens=len(line.split()), cost=cost
-        )
+        number = continuations.index(line)
+        return Best(number=number, score=0.0, tokens=len(line.split()), cost=cost, seconds=0.0)

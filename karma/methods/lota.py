@@ -5,7 +5,6 @@ model gives each; `lota.generate` takes a whole plan in one answer. Where they d
 sources is in docs/methods-lota.md.
 """
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,6 +46,7 @@ from karma.methods.survey import cells_of, position_of
 from karma.planner import Planner, grounded
 from karma.program import parse_program
 from karma.prompt import base_type
+from karma.reach import PARTS
 from karma.skills import Skills
 from karma.world.types import object_types
 
@@ -132,14 +132,13 @@ class LotaScore:
 
     def _choose(self, prompt: Sequence[str]) -> Plan:
         scoring: Scoring = self.settings.scoring
-        begun = time.perf_counter()
         best = self._chooser.best(prompt, self._texts, scoring=scoring)
         text = self._texts[best.number]
         call = self._steps[text]
         return Plan(
             recalled=(),
             prompt=Prompt(stable=prompt[0], changing="".join(prompt[1:])),
-            completion=_completion(best, text, time.perf_counter() - begun),
+            completion=_completion(best, text),
             calls=() if call is None else (call,),
             names={},
         )
@@ -280,7 +279,8 @@ def _mended(skills: Skills, call: SkillCall) -> tuple[SkillCall, ...]:
 def _place_after(call: SkillCall, place: str) -> str:
     """Return where `put down` puts things: what was found last, until something else is done."""
     if call.skill == "Explore":
-        return call.objects[0] if object_types()[call.objects[0]].can("receptacle") else ""
+        name = call.objects[0]
+        return name if name in PARTS or object_types()[name].can("receptacle") else ""
     return place if call.skill in _KEEPS_PLACE else ""
 
 
@@ -289,13 +289,14 @@ def _find(call: SkillCall) -> SkillCall:
     return replace(call, skill="Explore") if call.skill == "GoToObject" else call
 
 
-def _completion(best: Best, text: str, seconds: float) -> Completion:
+def _completion(best: Best, text: str) -> Completion:
     return Completion(
         text=text,
         finish="stop",
         prompt_tokens=best.cost.prompt,
         reused_tokens=best.cost.reused,
         completion_tokens=best.tokens,
-        first_token_s=seconds,
-        total_s=seconds,
+        first_token_s=best.seconds,
+        total_s=best.seconds,
+        threads=best.threads,
     )
