@@ -193,6 +193,9 @@ def _do_episodes(run: "Run", workers: int, ray: str) -> None:
         suggested = run.suggest()
         workers = suggested.number
         console.print(escape(f"workers: {workers} ({suggested.reason})"), soft_wrap=True)
+    elif run.left and ray:
+        many = workers or "as many workers as it has room for"
+        console.print(escape(f"on the Ray cluster at {ray}: {many}"), soft_wrap=True)
     with _bar() as bar:
         line = bar.add_task("episodes", total=run.total, completed=len(run.records))
         for record in run.episodes(workers, ray=ray):
