@@ -191,6 +191,19 @@ def test_reduction_pairs_by_task_and_seed_whatever_else_is_there():
     assert reductions(records, reference="nobody") == ()
 
 
+def test_reduction_of_related_sub_tasks_leaves_out_the_first_search():
+    def row(name, first, second):
+        looks = [call("Explore(robot, 'Apple')", explorations=n) for n in (first, second)]
+        return episode(sub(CUT, calls=looks[:1]), sub(KEEP, calls=looks[1:]), row=name)
+
+    line = next(
+        one for one in reductions([row("KARMA", 8, 1), row(OFF_ROW, 8, 8)]) if one.kind == "all"
+    )
+    assert line.explorations.value == pytest.approx(1 - 9 / 16)
+    assert line.explorations_related.value == pytest.approx(1 - 1 / 8)
+    assert line.actions_related.value == 0
+
+
 def test_reduction_of_solved_pairs_leaves_out_who_gave_up():
     records = [*twins(("t1", 0, 5, 10)), plain(False, places=0, task="t2"),
                plain(True, places=10, row=OFF_ROW, task="t2")]  # fmt: skip

@@ -9,7 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from karma.bench.metrics import ACTIONS, EXPLORATIONS, SECONDS, Episode, Metric, episodes_of
+from karma.bench.metrics import (
+    ACTIONS,
+    ACTIONS_RELATED,
+    EXPLORATIONS,
+    EXPLORATIONS_RELATED,
+    SECONDS,
+    Episode,
+    Metric,
+    episodes_of,
+)
 from karma.bench.records import KINDS, EpisodeRecord, EpisodeTiming, Key
 from karma.bench.statistics import Estimate, bootstrap
 
@@ -29,6 +38,8 @@ class Reduction:
     explorations: Estimate  # RE: share of the places searched, over all pairs
     actions: Estimate  # RT: share of the world's actions
     seconds: Estimate  # the same by the clock
+    explorations_related: Estimate  # the same in sub-tasks that come back to something: only
+    actions_related: Estimate  # there has short-term memory anything to save
     solved_pairs: int  # pairs that both solved: who gives up early searches little
     explorations_solved: Estimate
     actions_solved: Estimate
@@ -96,6 +107,8 @@ def _reduction(row: str, reference: str, kind: str, pairs: Sequence[Pair]) -> Re
         explorations=reduced(EXPLORATIONS, pairs),
         actions=reduced(ACTIONS, pairs),
         seconds=reduced(SECONDS, pairs),
+        explorations_related=reduced(EXPLORATIONS_RELATED, pairs),
+        actions_related=reduced(ACTIONS_RELATED, pairs),
         solved_pairs=len(solved),
         explorations_solved=reduced(EXPLORATIONS, solved),
         actions_solved=reduced(ACTIONS, solved),

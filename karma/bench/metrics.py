@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from karma.bench.records import KINDS, EpisodeRecord, EpisodeTiming, Key, SubTaskRecord
+from karma.bench.records import KINDS, Call, EpisodeRecord, EpisodeTiming, Key, SubTaskRecord
 from karma.bench.statistics import Estimate, mean, rate
 from karma.goals import alternatives, object_names, parse_goal
 from karma.infer.hosted_cost import total
@@ -112,6 +112,16 @@ def actions(episode: Episode) -> Observations:
     return [float(sum(call.actions for sub in episode.record.subtasks for call in sub.calls))]
 
 
+def explorations_related(episode: Episode) -> Observations:
+    """Return how many places were searched in sub-tasks that come back to something."""
+    return [float(sum(call.explorations for call in _related_calls(episode.record)))]
+
+
+def actions_related(episode: Episode) -> Observations:
+    """Return how many actions those took."""
+    return [float(sum(call.actions for call in _related_calls(episode.record)))]
+
+
 def planner_calls(episode: Episode) -> Observations:
     """Return how often the planner was asked; nothing for a row without one."""
     number = sum(len(sub.answers) for sub in episode.record.subtasks)
@@ -155,6 +165,10 @@ SUCCESS = Metric(key="success", title="SR", of=success, is_rate=True)
 RETRIEVED = Metric(key="retrieved", title="MRA", of=retrieved, is_rate=True, of_memory=True)
 EXPLORATIONS = Metric(key="explorations", title="places searched", of=explorations, digits=1)
 ACTIONS = Metric(key="actions", title="steps", of=actions, digits=0)
+EXPLORATIONS_RELATED = Metric(
+    key="explorations_related", title="places, related", of=explorations_related
+)
+ACTIONS_RELATED = Metric(key="actions_related", title="steps, related", of=actions_related)
 SECONDS = Metric(key="seconds", title="s", of=seconds)
 METRICS = (
     SUCCESS,
@@ -315,6 +329,11 @@ def types_of(object_ids: Iterable[str]) -> frozenset[str]:
     ['Apple', 'Mug']
     """
     return frozenset(base_type(object_id.split("|")[0]) for object_id in object_ids)
+
+
+def _related_calls(record: EpisodeRecord) -> list[Call]:
+    pairs = zip(record.subtasks, related_needs(record), strict=True)
+    return [call for sub, related in pairs if related for call in sub.calls]
 
 
 def _asked(record: EpisodeRecord) -> list[tuple[SubTaskRecord, tuple[Need, ...]]]:

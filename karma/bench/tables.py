@@ -194,6 +194,8 @@ def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
             interval_text(one.explorations),
             interval_text(one.actions),
             interval_text(one.seconds),
+            interval_text(one.explorations_related),
+            interval_text(one.actions_related),
             str(one.solved_pairs),
             interval_text(one.explorations_solved),
             interval_text(one.actions_solved),
@@ -203,12 +205,13 @@ def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
     return Sheet(
         title=f"Saved against {lines[0].reference}",
         caption=(
-            f"Shares saved of what the reference row spent: {words}. The last three columns count "
-            "only pairs that both rows solved: who gives up early also searches little."
+            f"Shares saved of what the reference row spent: {words}. Related: only in sub-tasks "
+            "that come back to a thing; what is asked for first has to be searched by everybody. "
+            "Both solved: only in such pairs, as who gives up early also searches little."
         ),
         head=(
-            "method", "tasks", "pairs", "RE", "RT (actions)", "RT (seconds)", "both solved",
-            "RE of those", "RT of those",
+            "method", "tasks", "pairs", "RE", "RT (actions)", "RT (seconds)", "RE related",
+            "RT related", "both solved", "RE of those", "RT of those",
         ),
         lines=rows,
     )  # fmt: skip
