@@ -78,10 +78,11 @@ def _value(result: Result, line: Figures, key: str) -> Estimate:
 
 
 def _figure(key: str, found: Estimate) -> Figure:
-    text = figure_text(found.value, _DIGITS.get(key, 2))
+    text = figure_text(found.value, _DIGITS.get(key, 2)).replace("-", "−")
     if key not in _SHARES or found.interval is None:
         return Figure(text=text)
-    return Figure(text=text, span=f"{found.interval.low:.2f}–{found.interval.high:.2f}")
+    span = f"{found.interval.low:.2f}–{found.interval.high:.2f}"
+    return Figure(text=text, span=span.replace("-", "−"))
 
 
 def _rate(line: Figures) -> Rate:
