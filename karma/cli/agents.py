@@ -151,7 +151,7 @@ def eval_command(
 ) -> None:
     """Run an experiment; what is done already is not done again."""
     from karma import show
-    from karma.bench.records import spent_by, summarise
+    from karma.bench.records import read_records, spent_by, summarise
     from karma.bench.run import Run
     from karma.lab.figure import is_figure
 
@@ -170,8 +170,9 @@ def eval_command(
     try:
         _do_episodes(run, workers, ray)
     except KeyboardInterrupt:
+        done = len(read_records(run.records_path))
         console.print(
-            f"stopped after {len(run.records)} of {run.total} episodes; "
+            f"stopped after {done} of {run.total} episodes; "
             "the same command (without --fresh) goes on"
         )
         raise typer.Exit(130) from None
