@@ -1,5 +1,6 @@
 """`karma compare` and `karma table`: what runs show, and how sure that is."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,7 +34,6 @@ def compare_command(
     """Compare runs or rows over the same tasks and seeds; the first with each of the others."""
     from karma.bench.compare import compare_kinds
     from karma.bench.results import arms_named
-    from karma.bench.tables import comparison_sheet
 
     if not 0 < half_width < 0.5:
         raise KarmaError(f"--half-width {half_width}: it is between 0 and 0.5")
@@ -44,8 +44,8 @@ def compare_command(
     ]
     for comparisons in found:
         console.print(_side_by_side(comparisons[0]))
+        console.print(_by_kind(comparisons))
         console.print(escape(_remarks(comparisons[0])), soft_wrap=True, highlight=False)
-    console.print(_rich(comparison_sheet([one for group in found for one in group])))
     if json is not None:
         write_atomic(json, to_json([one for group in found for one in group], indent=2))
 
@@ -115,8 +115,8 @@ def _side_by_side(one: "Comparison") -> Table:
 
     table = Table(title=escape(f"{one.first} against {one.second}"), title_justify="left")
     table.add_column("per episode")
-    for name in (one.first, one.second, "difference", "detectable"):
-        table.add_column(escape(name), justify="right")
+    for name in ("first", "second", "difference", "detectable"):
+        table.add_column(name, justify="right", no_wrap=name == "detectable")
     for line in one.lines:
         if line.first.value is None and line.second.value is None:
             continue
@@ -132,6 +132,28 @@ def _side_by_side(one: "Comparison") -> Table:
         f"{one.pairs} pairs: {one.tasks} tasks, seeds {seeds}. Difference: first - second; 95 % "
         "intervals keep a task's seeds together. Detectable: what this many pairs would show."
     )
+    return table
+
+
+def _by_kind(comparisons: "Sequence[Comparison]") -> Table:
+    """Return the success rates of two arms by kind of task."""
+    from karma.bench.tables import figure_text, interval_text
+
+    table = Table(title="SR by kind of task", title_justify="left")
+    table.add_column("tasks (pairs)", no_wrap=True)
+    for name in ("first", "second", "difference", "p", "detectable"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for one in comparisons:
+        line = next(line for line in one.lines if line.key == "success")
+        table.add_row(
+            f"{one.kind} ({one.pairs})",
+            figure_text(line.first.value),
+            figure_text(line.second.value),
+            escape(interval_text(line.difference, sign=True)),
+            f"{one.p_tasks:.3f}",
+            figure_text(line.detectable),
+        )
+    table.caption = "p: exact, a task's seeds kept together"
     return table
 
 
