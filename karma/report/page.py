@@ -84,7 +84,7 @@ def _told(one: EpisodeReplay) -> dict[str, Any]:
         "success": one.record.success,
         "error": one.record.error,
         "trouble": one.trouble,
-        "room": one.record.scene,
+        "room": one.room.scene,
         "areas": msgspec.to_builtins(one.areas),
         "parts": parts,
         "moments": moments,
