@@ -425,7 +425,7 @@ def test_run_killed_at_any_byte_ends_in_the_same_bytes(
 def evaluate(path, folder, workers=1):
     """`karma eval` in a process of its own."""
 
-    app(["eval", str(path), "--out", str(folder), "--workers", str(workers)], standalone_mode=False)
+    app(["eval", str(path), "--out", str(folder), "--workers", str(workers)])
 
 
 @pytest.fixture(scope="module")
