@@ -97,11 +97,11 @@ def runs(draw, rows=("KARMA", "memory off")):
     return records
 
 
-def write_run(folder, records, *, name="made", timings=()):
+def write_run(folder, records, *, name="made", timings=(), **header):
     """Write records as a run's folder."""
+    usual = {"versions": {}, "models": {}, "prompts": {}, "scenes": {}}
     header = Header(
-        name=name, experiment="0" * 64, tasks="0" * 64, versions={}, models={}, prompts={},
-        scenes={}, format=FORMAT,
+        name=name, experiment="0" * 64, tasks="0" * 64, format=FORMAT, **{**usual, **header},
         machine=Machine(platform="x", cpu="x", cores=1, memory_mb=None, threads=1),
     )  # fmt: skip
     folder.mkdir(parents=True)

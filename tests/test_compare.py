@@ -227,6 +227,19 @@ def test_compare_command_refuses_what_it_cannot_compare(folders, names, words):
     assert "Traceback" not in text
 
 
+def test_compare_command_names_what_sets_the_runs_apart_and_refuses_other_rooms(tmp_path):
+    for name, model, room in (("a", "nano 12", "1"), ("b", "gpt", "1"), ("c", "gpt", "2")):
+        write_run(
+            tmp_path / name, outcomes({"t1": "+"}), models={"planner": model},
+            scenes={"kitchen_1": room * 64},
+        )  # fmt: skip
+    text = karma("compare", tmp_path / "a", tmp_path / "b")
+    assert "models: planner: nano 12 became gpt" in text
+    refused = karma("compare", tmp_path / "a", tmp_path / "c", code=1)
+    assert "kitchen_1 is not the same room" in refused
+    assert "To fix: karma eval" in refused
+
+
 def test_compare_command_refuses_a_half_width_that_is_none(folders):
     assert "between 0 and 0.5" in karma(
         "compare", folders / "local", folders / "hosted", "--half-width", "0", code=1

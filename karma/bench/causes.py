@@ -133,7 +133,9 @@ def _cause(case: _Case) -> tuple[Cause, str]:
         return _of_call(case, broken)
     if not sub.answers and not sub.calls:
         return "planner", "nothing was tried"
-    return "planner", f"the program ran to its end without {', '.join(sub.unmet)}"
+    unnamed = [need for need in needs(sub.unmet) if not need & case.named]
+    which = f"named no {_words(unnamed[0])}" if unnamed else "ran to its end"
+    return "planner", f"the program {which} and left {', '.join(sub.unmet)}"
 
 
 def _missed(case: _Case) -> list[Need]:

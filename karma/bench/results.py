@@ -6,7 +6,7 @@ from karma.bench.causes import Failure, failures
 from karma.bench.compare import Arm, Comparison, arm_of, compare_kinds
 from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, reductions
 from karma.bench.metrics import Episode, episodes_of, figures
-from karma.bench.run_folder import RunData, read_run
+from karma.bench.run_folder import RunData, differences, read_run
 from karma.bench.steps import read_steps, steps_path
 from karma.bench.tables import PublishedFigures, Result
 from karma.errors import KarmaError
@@ -70,12 +70,14 @@ def arms_named(names: list[str]) -> list[list[Arm]]:
 
     Raises:
         FileError: there is no run in a folder, or it is damaged.
-        KarmaError: fewer than two arms, no such row, or it is not clear which row is meant.
+        KarmaError: fewer than two arms, no such row, it is not clear which row is meant, or rooms
+            of one name differ.
     """
     if len(names) < 2:
         raise KarmaError("it takes two to compare\n  To fix: karma compare RUN_A RUN_B")
     chosen = [_split(name) for name in names]
     runs = [read_run(folder) for folder, _ in chosen]
+    _check_same_rooms(runs)
     rows = [
         [row] if row else list(dict.fromkeys(record.row for record in run.records))
         for run, (_, row) in zip(runs, chosen, strict=True)
@@ -95,6 +97,30 @@ def arms_named(names: list[str]) -> list[list[Arm]]:
             f"  To fix: karma compare ... '{unclear}:{there[0]}'"
         )
     return [[_arm(run, row, name) for run, name in zip(runs, names, strict=True)] for row in common]
+
+
+def _check_same_rooms(runs: list[RunData]) -> None:
+    first = runs[0]
+    for run in runs[1:]:
+        for name in sorted(first.header.scenes.keys() & run.header.scenes.keys()):
+            if first.header.scenes[name] != run.header.scenes[name]:
+                raise KarmaError(
+                    f"{first.folder} and {run.folder}: {name} is not the same room in both, so "
+                    "nothing can be said about them together\n"
+                    "  To fix: karma eval both with the same scenes, --fresh"
+                )
+
+
+def set_apart(names: list[str]) -> list[str]:
+    """Return in words what sets each later run apart from the first: models, prompts, versions."""
+    runs = [read_run(_split(name)[0]) for name in names]
+    kept = ("models: ", "prompts: ", "versions: ")
+    return [
+        f"{run.folder}: {words}"
+        for run in runs[1:]
+        for words in differences(runs[0].header, run.header)
+        if words.startswith(kept)
+    ]
 
 
 def _split(name: str) -> tuple[Path, str]:

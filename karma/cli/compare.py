@@ -33,7 +33,7 @@ def compare_command(
 ) -> None:
     """Compare runs or rows over the same tasks and seeds; the first with each of the others."""
     from karma.bench.compare import compare_kinds
-    from karma.bench.results import arms_named
+    from karma.bench.results import arms_named, set_apart
 
     if not 0 < half_width < 0.5:
         raise KarmaError(f"--half-width {half_width}: it is between 0 and 0.5")
@@ -46,6 +46,8 @@ def compare_command(
         console.print(_side_by_side(comparisons[0]))
         console.print(_by_kind(comparisons))
         console.print(escape(_remarks(comparisons[0])), soft_wrap=True, highlight=False)
+    for words in set_apart(runs):
+        console.print(escape(words), soft_wrap=True, highlight=False)
     if json is not None:
         write_atomic(json, to_json([one for group in found for one in group], indent=2))
 
