@@ -12,6 +12,7 @@ from karma.world.state import WorldState
 
 FrameChoice = Literal["auto", "every", "calls", "none"]
 LONG = 300  # actions of an episode from which on "auto" is "calls"
+APART = 10  # moments between two pictures, at most, in "calls"
 SIZE_PX = 300
 _WALKING = (
     "MoveAhead", "MoveBack", "MoveLeft", "MoveRight", "RotateLeft", "RotateRight", "LookUp",
@@ -59,22 +60,23 @@ def replay(story: Story, world: EmbeddedWorld, frames: Frames, choice: FrameChoi
         story: what happened.
         world: where; at the episode's start.
         frames: takes the pictures.
-        choice: a picture after "every" action; after those that do more than walk, and at the end
-            of "calls"; or "none". "auto" is "every" in an episode that is not long.
+        choice: a picture after "every" action; after those that do more than walk, at the end of
+            "calls", and now and then between; or "none". "auto" is "every" in an episode that is
+            not long.
     """
     if choice == "auto":
         choice = "calls" if _actions(story) >= LONG else "every"
     sights: list[Sight] = []
     differing: list[int] = []
     seen: WorldState | None = None
-    frame = -1
+    frame, last = -1, 0
     for number, moment in enumerate(story.moments):
         if not _happens(world, moment):
             differing.append(number)
-        if world.state is not seen and _wanted(moment, choice):
+        if world.state is not seen and _wanted(moment, choice, number - last):
             picture = world.last_event.frame
             frame = frame if picture is None else frames.add(picture)
-            seen = world.state
+            seen, last = world.state, number
         sights.append(_sight(world.state, moment, story, frame))
     return Replay(sights=tuple(sights), actions=_actions(story), differing=tuple(differing))
 
@@ -94,10 +96,10 @@ def _happens(world: EmbeddedWorld, moment: Moment) -> bool:
     return bool(event) == moment.ok
 
 
-def _wanted(moment: Moment, choice: FrameChoice) -> bool:
+def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
     if choice == "none":
         return False
-    if choice == "every" or moment.action is None:
+    if choice == "every" or moment.action is None or since >= APART:
         return True
     return moment.action.action not in _WALKING
 
