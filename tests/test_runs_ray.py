@@ -26,12 +26,12 @@ def planner(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cluster():
-    """The address of a cluster of two nodes."""
+    """The address of a cluster of two nodes; Ray takes 127.0.0.1 to mean the outer address."""
     from ray.cluster_utils import Cluster
 
-    node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "include_dashboard": False}
+    node = {"num_cpus": 1, "node_ip_address": "127.0.0.2", "include_dashboard": False}
     made = Cluster(initialize_head=True, connect=False, head_node_args=node)
-    made.add_node(num_cpus=1, node_ip_address="127.0.0.1")
+    made.add_node(num_cpus=1, node_ip_address="127.0.0.2")
     yield made.address
     made.shutdown()
 
@@ -57,7 +57,7 @@ def test_node_that_has_another_model_is_named_with_what_differs(cluster, planner
     path.write_text(path.read_text().replace(str(planner), str(other)))
     run = Run(path, tmp_path / "run2")
     other.write_bytes(planner.read_bytes())  # what the nodes find when they look
-    with pytest.raises(KarmaError, match=r"node 127\.0\.0\.1: planner tiny: no model of SHA-256"):
+    with pytest.raises(KarmaError, match=r"node 127\.0\.0\.2: planner tiny: no model of SHA-256"):
         list(run.episodes(0, ray=cluster))
     assert not (tmp_path / "run2" / "episodes.jsonl").exists()
 
