@@ -1,10 +1,11 @@
 """What every method must do, whatever row it is: to be registered is to be tested."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import pytest
-from spy_world import Spied, SpyWorld
+from spy_world import Spied
 
 from karma import registry
 from karma.bench.episode import run_episode
@@ -80,17 +81,21 @@ def begun(name, folder):
     return method, world
 
 
-def records(name, folder):
-    """Two episodes of one method, as bytes, without the times."""
-    method, world = build(name), EmbeddedWorld()
+def records(method, name, folder):
+    """Two episodes of one method, as bytes."""
+    world = EmbeddedWorld()
     found = [
         run_episode(method, world, TASK, row=name, seed=seed, folder=folder) for seed in (0, 1)
     ]
-    return [timeless(record) for record in found]
+    return [to_json(record) for record in found]
 
 
-def timeless(record):
-    return to_json(record)
+def timeless(moment):
+    """A moment without what may differ between equal episodes."""
+    if not isinstance(moment, Plan):
+        return moment
+    said = replace(moment.completion, first_token_s=None, total_s=0.0, reused_tokens=None)
+    return replace(moment, completion=said)
 
 
 def test_do_yields_its_outcome_last_and_once(name, tmp_path):
@@ -124,7 +129,8 @@ def things(world):
 
 
 def test_equal_inputs_give_equal_records(name, tmp_path):
-    assert records(name, tmp_path / "a") == records(name, tmp_path / "b")
+    first, again = (records(build(name), name, tmp_path / part) for part in "ab")
+    assert first == again
 
 
 def test_goals_are_read_by_the_oracle_only(name, tmp_path):
@@ -133,7 +139,7 @@ def test_goals_are_read_by_the_oracle_only(name, tmp_path):
         method, _ = begun(name, tmp_path)
         moments.append(
             [
-                moment
+                timeless(moment)
                 for subtask in TASK.subtasks
                 for moment in method.do(
                     SubTask(instruction=subtask.instruction, goals=subtask.goals if goals else ())
@@ -169,17 +175,6 @@ def test_what_is_out_of_view_changes_nothing_but_for_the_oracle(name, tmp_path):
     assert offences == [] or name == "oracle"
 
 
-def test_spy_shows_what_is_in_view_and_lies_about_the_rest(name):
-    true = EmbeddedWorld(SCENE)
-    spy = SpyWorld(true, lies=True)
-    told = {thing["objectId"]: thing for thing in spy.last_event.metadata["objects"]}
-    for thing in true.last_event.metadata["objects"]:
-        account = told[thing["objectId"]]
-        assert (account["position"] == thing["position"]) == thing["visible"]
-    spy.step("TeleportFull", x=0, y=0.9, z=0, rotation=0, horizon=0, standing=True)
-    assert len(spy.offences) == 1
-
-
 # ----------------------------------------------------------------- an episode's borders
 
 
@@ -189,7 +184,7 @@ def test_begin_again_leaves_nothing_of_the_episode_before(name, tmp_path):
     for _ in range(2):
         world.reset(SCENE)
         method.begin(world, SCENE, seed=3, folder=tmp_path)
-        moments.append([list(method.do(subtask)) for subtask in TASK.subtasks])
+        moments.append([[timeless(m) for m in method.do(sub)] for sub in TASK.subtasks])
     assert moments[0] == moments[1]
 
 
