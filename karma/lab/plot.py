@@ -15,20 +15,22 @@ WIDTH_IN, HEIGHT_IN = 3.1, 2.5  # of a panel
 def curves(cells: Sequence[CellResults], title: str, caption: str) -> Any:
     """Draw a panel for each workload and policy: hit rate against tasks, a line for each size.
 
-    Vertical lines mark where the memory was 95 % full, on average over sequences. FIFO and the
-    bound of the sizes that a panel has are in each panel.
+    Vertical lines mark where the memory was 95 % full, on average over sequences. FIFO (dotted) and
+    the bound (dashed) of the sizes that a panel has are in each panel.
     """
-    families = _families(cells[0].sweep.rows)
-    figure, axes = _panels(len(families), len(cells))
+    rows = cells[0].sweep.rows
+    panel_of = line_of if len({row.size for row in rows}) > 1 else family_of
+    names = _panel_names([panel_of(row.policy) for row in rows])
+    figure, axes = _panels(len(names), len(cells))
     for column, cell in enumerate(cells):
-        for line, family in enumerate(families):
+        for line, name in enumerate(names):
             panel = axes[line][column]
-            rows = [row for row in cell.sweep.rows if family_of(row.policy) == family]
-            _draw_curves(panel, rows, cell.sweep.rows, family)
-            panel.set_title(f"{cell.workload} · {family}", fontsize=8)
+            mine = [row for row in cell.sweep.rows if panel_of(row.policy) == name]
+            _draw_curves(panel, mine, cell.sweep.rows)
+            panel.set_title(f"{cell.workload} · {name}", fontsize=8)
             if column == 0:
                 panel.set_ylabel("hit rate")
-            if line == len(families) - 1:
+            if line == len(names) - 1:
                 panel.set_xlabel("tasks")
             if column == len(cells) - 1:
                 panel.legend(fontsize=5.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -96,29 +98,34 @@ def save(figure: Any, stem: Path) -> tuple[Path, Path]:
 # ------------------------------------------------------------- parts
 
 
-def _families(rows: Sequence[Row]) -> list[str]:
+def _panel_names(names: Sequence[str]) -> list[str]:
     """Return what gets a panel: all but the bound, and all but FIFO where there is more."""
-    found = list(dict.fromkeys(family_of(row.policy) for row in rows))
-    found = [family for family in found if family != BELADY]
-    return [family for family in found if not family.startswith("fifo")] or found
+    found = [name for name in dict.fromkeys(names) if name != BELADY]
+    return [name for name in found if not name.startswith("fifo")] or found
 
 
-def _draw_curves(panel: Any, rows: Sequence[Row], every: Sequence[Row], family: str) -> None:
+def _draw_curves(panel: Any, rows: Sequence[Row], every: Sequence[Row]) -> None:
+    """Draw the rows of a panel; where they differ in size, a size has one colour for all."""
     import matplotlib as mpl
 
     shades = mpl.colormaps["viridis"]
+    sizes = sorted({row.size for row in rows})
+    of_size = {size: shades(place / len(sizes)) for place, size in enumerate(sizes)}
+    several = len(sizes) > 1
     for number, row in enumerate(rows):
-        colour = shades(number / max(len(rows) - 1, 1) * 0.9)
-        _line(panel, row, division_of(row.policy), color=colour)
+        shade = of_size[row.size] if several else shades(number / max(len(rows) - 1, 1) * 0.9)
+        _line(panel, row, division_of(row.policy), color=shade)
         if row.warm_task is not None:
-            panel.axvline(row.warm_task, color=colour, linewidth=0.5, alpha=0.7)
-    shown = {row.size for row in rows}
-    others = [row for row in every if row.size in shown and family_of(row.policy) != family]
-    for row in others:
-        if row.policy.startswith(BELADY):
-            _line(panel, row, row.policy, color="black", linestyle="--")
+            panel.axvline(row.warm_task, color=shade, linewidth=0.5, alpha=0.7)
+    for row in every:
+        if row.size not in of_size or row in rows:
+            continue
+        if row.policy.startswith(f"{BELADY}["):
+            look = {"color": of_size[row.size] if several else "black", "linestyle": "--"}
+            _line(panel, row, f"Belady [{row.size}]", **look)
         elif family_of(row.policy) == FIFO:
-            _line(panel, row, f"FIFO[{row.size}]", color="C3", linestyle=":")
+            look = {"color": of_size[row.size] if several else "C3", "linestyle": ":"}
+            _line(panel, row, f"FIFO [{row.size}]", **look)
     panel.set_xscale("log")  # memories of ten fill within ten tasks
     panel.xaxis.set_major_formatter("{x:g}")
     panel.set_ylim(bottom=0)
