@@ -4,14 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
 
 from karma.bench.records import EpisodeRecord
 from karma.bench.run_folder import RunData
-from karma.bench.starts import Starts
 from karma.bench.steps import read_steps, steps_path
-from karma.contracts import SubTask, Task
-from karma.goals import parse_goal
 from karma.memory.scene_graph import SceneGraph
 from karma.report.frames import Frames
 from karma.report.replay import SIZE_PX, FrameChoice, Replay, replay
@@ -63,7 +59,6 @@ class Replayer:
 
     def __init__(self, run: RunData, frames: Frames, choice: FrameChoice) -> None:
         self._run, self._frames, self._choice = run, frames, choice
-        self._starts = Starts()
         self._room: Callable[[str], RoomPlan] = cache(self._load_room)
 
     def episodes(self, records: Sequence[EpisodeRecord]) -> Iterator[EpisodeReplay]:
@@ -79,9 +74,8 @@ class Replayer:
 
     def _one(self, record: EpisodeRecord, path: Path) -> EpisodeReplay:
         story = told(read_steps(path))
-        task = task_of(record, self._run.records, self._place(record.scene))
         world = EmbeddedWorld(width=SIZE_PX, height=SIZE_PX)
-        self._starts.start(world, task, record.seed)
+        world.reset(self._place(record.scene))  # the log's first actions set the day up
         done = replay(story, world, self._frames, self._choice)
         return EpisodeReplay(record=record, story=story, replay=done, room=self._room(record.scene))
 
@@ -94,20 +88,3 @@ class Replayer:
         path = self._run.folder / "maps" / f"{name}.json"
         graph = SceneGraph.load(path) if path.exists() else None
         return plan_of(scenes.load(self._place(name)), graph)
-
-
-def task_of(record: EpisodeRecord, records: Sequence[EpisodeRecord], scene: str) -> Task:
-    """Return the task of an episode as far as the records of a run know it: all seeds need it.
-
-    Args:
-        record: of the episode.
-        records: of the run; of an episode that broke off they know the rest.
-        scene: what to reset a world to.
-    """
-    alike = [other for other in records if other.task == record.task]
-    fullest = max(alike, key=lambda other: len(other.subtasks), default=record)
-    subtasks = tuple(
-        SubTask(instruction=part.instruction, goals=tuple(map(parse_goal, part.goals)))
-        for part in fullest.subtasks
-    )
-    return Task(id=record.task, kind=cast(Any, record.kind), scene=scene, subtasks=subtasks)
