@@ -148,6 +148,14 @@ def test_shared_beginnings_run_once_and_last_tokens_not_at_all(model, scorer):
     assert scorer.scores(PROMPT, SKILLS).cost.run == len(inner)
 
 
+def test_one_by_one_equals_the_definition_to_the_last_digits(model, scorer):
+    found = scorer.scores(PROMPT, SKILLS, one_by_one=True)
+    assert found.values == pytest.approx(naive(model, PROMPT, SKILLS), abs=1e-5)
+    together = scorer.scores(PROMPT, SKILLS)
+    assert found.cost.run == together.cost.run
+    assert scorer.scores(PROMPT, SKILLS).values.tobytes() == together.values.tobytes()
+
+
 # ----------------------------------------------------------------- the best alone
 
 

@@ -173,9 +173,7 @@ class LlamaModel:
     def sequences(self, count: int, *, cells: int) -> Any:
         """Open a second context over the same weights: one cache for several sequences.
 
-        Attention is of the kind that passes over other sequences' cells one by one, with keys and
-        values in 32 bits: what a batch of fewer than 64 tokens comes to then does not depend on
-        what else lies in the cache. It is freed with the model at the latest.
+        It is freed with the model at the latest; see `karma.infer.scoring`.
 
         Args:
             count: of sequences.
@@ -184,7 +182,6 @@ class LlamaModel:
         Raises:
             ModelError: the model keeps no keys and values, or there is no memory for more.
         """
-        import llama_cpp
         from llama_cpp import _internals, _utils
 
         if not self._keeps:
@@ -192,8 +189,6 @@ class LlamaModel:
         parameters = type(self._llama.context_params).from_buffer_copy(self._llama.context_params)
         parameters.n_ctx, parameters.n_seq_max, parameters.kv_unified = cells, count, True
         parameters.n_ubatch = self.n_batch
-        parameters.flash_attn_type = llama_cpp.LLAMA_FLASH_ATTN_TYPE_ENABLED
-        parameters.type_k = parameters.type_v = llama_cpp.GGML_TYPE_F32
         try:
             with _utils.suppress_stdout_stderr(disable=False):  # it warns of longer than trained
                 return _internals.LlamaContext(

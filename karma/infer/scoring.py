@@ -8,10 +8,10 @@ continuations share what they begin with in a trie of tokens, whose last tokens 
 A prompt is given in segments, and each is always decoded by itself, also when nothing is kept: so
 what was kept from an earlier prompt changes no bit of a score (see `karma.infer.llama`).
 
-With weights in 16 bits the last bits matter: a value that is rounded the other way in one layer
-moves a log-probability by a thousandth in the end. So every token of a continuation runs through
-the same arithmetic as in the naive way: `LlamaModel.sequences` opens the cache for that, and
-batches are of 2 to 60 tokens, as llama.cpp has other kernels for one token and for 64.
+With weights in 16 bits the last bits matter: a value that is rounded the other way in one layer can
+move the log-probability of an unlikely text by a thousandth in the end. Sharing a batch with others
+changes last bits. Where that counts, `one_by_one` runs the trie path after path, each in the very
+cells of the naive way: equal to 1e-5, at the price of more and smaller batches.
 """
 
 import heapq
@@ -32,7 +32,6 @@ Floats = NDArray[np.float64]
 END = ""  # as a continuation: the answer ends here
 _SEQUENCES = 255  # in one cache; number 0 holds the prompt
 _SPARE = 255  # one more, for a token that keeps another company
-_TOGETHER = 60  # tokens of continuations in one batch
 _CELLS = 1024  # of the cache, besides the prompt's
 _WIDTH = 4  # most promising prefixes run at a time
 _TRIES = 8  # lists of continuations whose tokens are kept
@@ -122,6 +121,7 @@ class SkillScorer:
         continuations: Sequence[str],
         *,
         scoring: Scoring = "sum",
+        one_by_one: bool = False,
     ) -> Scores:
         """Return the score of every continuation, from one pass over the trie.
 
@@ -132,6 +132,7 @@ class SkillScorer:
             prompt: its segments; each is tokenised and decoded by itself.
             continuations: what may follow; `END` stands for the end of the answer.
             scoring: the sum of log-probabilities, or their average.
+            one_by_one: to the last bits as the naive way, and slower.
 
         Raises:
             ModelError: prompt and longest continuation do not fit the context.
@@ -141,8 +142,11 @@ class SkillScorer:
         found = np.zeros(len(trie), np.float64)
         run = 0
         self._spread(trie, found, [0], self._kept[-1].logits[None, :])
-        for leaves in _passes(trie, self._cache.cells - cost.prompt):
-            run += self._pass(trie, found, leaves, cost.prompt)
+        if one_by_one:
+            run = self._walk(trie, found, cost.prompt)
+        else:
+            for leaves in _passes(trie, self._cache.cells - cost.prompt):
+                run += self._pass(trie, found, leaves, cost.prompt)
         values = np.empty(len(continuations), np.float64)
         for number, node in enumerate(trie):
             divisor = max(node.depth, 1) if scoring == "average" else 1
@@ -266,8 +270,8 @@ class SkillScorer:
                 number = trie[number].parent
             self._cache.copy(0, sequence, start)
         order = sorted(through, key=lambda number: (trie[number].depth, number))
-        for first in range(0, len(order), _TOGETHER):
-            nodes = order[first : first + _TOGETHER]
+        for first in range(0, len(order), self._cache.batch):
+            nodes = order[first : first + self._cache.batch]
             logits = self._cache.decode(
                 [trie[number].token for number in nodes],
                 [start + trie[number].depth - 1 for number in nodes],
@@ -276,6 +280,28 @@ class SkillScorer:
             self._spread(trie, found, nodes, logits)
         self._cache.forget(start)
         return len(order)
+
+    def _walk(self, trie: Sequence[_Node], found: Floats, start: int) -> int:
+        """Run the trie path after path behind the prompt; return how many tokens that were."""
+        before: tuple[int, ...] = ()
+        run = 0
+        for leaf in _lowest(trie):
+            path = _path(trie, leaf)
+            same = 0
+            while same < len(before) and before[same] == path[same]:
+                same += 1
+            self._cache.forget(start + same)
+            for first in range(same, len(path), self._cache.batch):
+                nodes = path[first : first + self._cache.batch]
+                places = range(start + first, start + first + len(nodes))
+                tokens = [trie[number].token for number in nodes]
+                self._spread(
+                    trie, found, nodes, self._cache.decode(tokens, places, [[0]] * len(nodes))
+                )
+            run += len(path) - same
+            before = path
+        self._cache.forget(start)
+        return run
 
 
 class _Race:
@@ -340,8 +366,8 @@ class _Search:
             path = self._missing(number)
         sequence = self._begin(self._trie[path[0]].parent)
         self._at.update(dict.fromkeys(path, sequence))
-        for first in range(0, len(path), _TOGETHER):
-            logits = self._decode(path[first : first + _TOGETHER], last_only=True)
+        for first in range(0, len(path), self._cache.batch):
+            logits = self._decode(path[first : first + self._cache.batch], last_only=True)
         return logits.copy()
 
     def _missing(self, number: int) -> list[int]:
@@ -494,13 +520,9 @@ def trie_of(continuations: Sequence[Sequence[int]]) -> list[_Node]:
 
 def _passes(trie: Sequence[_Node], room: int) -> Iterator[list[int]]:
     """Yield the lowest nodes that have to be run, in groups that fit one pass."""
-    inner = [number for number, node in enumerate(trie) if number and node.children]
-    lowest = [n for n in inner if not any(trie[c].children for c in trie[n].children.values())]
-    # neighbours of a depth-first walk share most
-    lowest.sort(key=lambda number: _path(trie, number))
     group: list[int] = []
     run: set[int] = set()
-    for leaf in lowest:
+    for leaf in _lowest(trie):
         path = set(_path(trie, leaf))
         if group and (len(group) == _SEQUENCES - 1 or len(run | path) > room):
             yield group
@@ -509,6 +531,13 @@ def _passes(trie: Sequence[_Node], room: int) -> Iterator[list[int]]:
         run |= path
     if group:
         yield group
+
+
+def _lowest(trie: Sequence[_Node]) -> list[int]:
+    """Return the nodes to run that none to run is below; neighbours share most of their paths."""
+    inner = [number for number, node in enumerate(trie) if number and node.children]
+    lowest = [n for n in inner if not any(trie[c].children for c in trie[n].children.values())]
+    return sorted(lowest, key=lambda number: _path(trie, number))
 
 
 def _path(trie: Sequence[_Node], number: int) -> tuple[int, ...]:
