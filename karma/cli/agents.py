@@ -208,6 +208,8 @@ def _do_episodes(run: "Run", workers: int, ray: str) -> None:
 
 def _do_figure(file: Path, folder: Path, fresh: bool) -> None:
     """Run an experiment that replays traces instead of doing episodes."""
+    from rich.markdown import Markdown
+
     from karma.lab.figure import run_figure
 
     with _bar() as bar:
@@ -217,7 +219,7 @@ def _do_figure(file: Path, folder: Path, fresh: bool) -> None:
             bar.update(line, total=step.total, completed=step.done, description=text)
     claims = folder / "claims.md"
     if claims.exists():
-        console.print(escape(claims.read_text()))
+        console.print(Markdown(claims.read_text(encoding="utf-8")))
     console.print(escape(f"results: {folder / 'results.json'}"))
 
 
