@@ -21,7 +21,7 @@ from karma.cli import app
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
 from karma.lab.claims import CellResults, claims_of, claims_text
-from karma.lab.exploration import explore
+from karma.lab.exploration import Exploration, explore
 from karma.lab.figure import Figure, draw_figure, is_figure, read_figure, run_figure
 from karma.lab.intervals import Interval
 from karma.lab.simulate import simulate
@@ -385,6 +385,18 @@ def test_ratio_of_sizes_is_held_against_the_published_one(large, holds):
     assert dict(fifo.figures)["Belady's ratio"].startswith("2.00")
     assert (other.policy, other.holds) == ("wtinylfu-karma 9/1", "yes")
     assert "| type | R4 | wtinylfu-karma 9/1 |" in claims_text([fifo, other], "made up")
+
+
+@pytest.mark.parametrize(
+    "r, holds", [((0.85, 0.9, 0.95), "yes"), ((0.7, 0.79, 0.85), "tie"), ((0.1, 0.3, 0.5), "no")]
+)
+def test_line_is_a_line_where_the_interval_says_so(r, holds):
+    low, value, high = r
+    found = Exploration(policy="lru[5]", rates=[0.1, 0.2], reduced=[0.1, 0.3], slope=2.0,
+                        intercept=-0.1, r=Interval(value=value, low=low, high=high))  # fmt: skip
+    cell = made_cell([made_row("lru[5]", 5, [10, 20])])._replace(exploration=[found])
+    (claim,) = claims_of(["linear"], [cell])
+    assert (claim.holds, dict(claim.figures)["hit rate"]) == (holds, "15.0")
 
 
 def test_headroom_names_the_best_policy_of_ten():

@@ -204,8 +204,14 @@ def _linear(cell: CellResults) -> Iterator[Claim]:
                 ("reduced exploration", f"{100 * sum(found.reduced) / len(found.reduced):.1f}"),
             ],
             short=f"{found.r.value:.2f}",
-            holds="yes" if found.r.above(LINEAR) else "no",
+            holds=_at_least(found.r, LINEAR),
         )
+
+
+def _at_least(figure: Interval, floor: float) -> Literal["yes", "no", "tie"]:
+    if figure.above(floor):
+        return "yes"
+    return "no" if figure.high is not None and figure.high < floor else "tie"
 
 
 def _headroom(cell: CellResults) -> Iterator[Claim]:
