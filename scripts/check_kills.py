@@ -5,8 +5,8 @@
     python scripts/check_kills.py --tasks 6 --kills 5 --workers 1
 
 The experiment is cheap: the shipped nano planner and the teacher on tasks of `eval/alfred_l`. The
-process is killed by SIGKILL at an instant drawn by lot, so many episodes later on average that most
-kills meet a living run, and the same command is given again. Times differ from run to run; of
+process is killed by SIGKILL at an instant drawn by lot, early enough for all kills to meet a living
+run, and the same command is given again. Times differ from run to run; of
 `timings.jsonl` only the episodes and their order are compared.
 """
 
@@ -82,7 +82,10 @@ def check(path: Path, folder: Path, way: Sequence[str], chosen: argparse.Namespa
     there, begun = folder / "killed", time.monotonic()
     shutil.rmtree(there, ignore_errors=True)
     rng = stream(chosen.seed, "kills", *way)
-    hits = sum(kill(path, there, way, rng, chosen) for _ in range(chosen.kills))
+    hits = 0
+    for number in range(chosen.kills):
+        left = chosen.tasks * 4 - len(episodes(there))
+        hits += kill(path, there, way, rng, most=2 * left // (chosen.kills - number + 1))
     left = len(episodes(there))
     finish(path, there, way)
     wrong = differing(folder / "whole", there)
@@ -96,19 +99,14 @@ def check(path: Path, folder: Path, way: Sequence[str], chosen: argparse.Namespa
 
 
 def kill(
-    path: Path,
-    folder: Path,
-    way: Sequence[str],
-    rng: np.random.Generator,
-    chosen: argparse.Namespace,
+    path: Path, folder: Path, way: Sequence[str], rng: np.random.Generator, *, most: int
 ) -> bool:
     """Start the run and kill it; returns whether it still lived.
 
-    One kill in five comes while models are loaded, the others after some episodes.
+    One kill in five comes while models are loaded, the others after up to `most` more episodes.
     """
     early = rng.random() < _EARLY
-    most = int(chosen.tasks * 4 / chosen.kills / (1 - _EARLY) * 2) + 1
-    wanted = len(episodes(folder)) + (0 if early else int(rng.integers(0, most)))
+    wanted = len(episodes(folder)) + (0 if early else int(rng.integers(0, most + 1)))
     process = start(path, folder, way)
     while process.poll() is None and len(episodes(folder)) < wanted:
         time.sleep(0.002)
