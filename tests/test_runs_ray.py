@@ -3,7 +3,10 @@
 pip install 'karma-offline[ray]' && pytest tests/test_runs_ray.py
 """
 
+import os
+import signal
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from test_runs import ONLY, files, write_experiment
@@ -36,7 +39,24 @@ def cluster():
     made.shutdown()
 
 
-def test_cluster_of_two_nodes_leaves_the_same_bytes_as_one_process(cluster, planner, tmp_path):
+def workers_of(cluster):
+    """The processes that do episodes on a cluster: children of its raylets."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            title = (place / "cmdline").read_bytes()
+            parent = (place / "stat").read_text().rpartition(")")[2].split()[1]
+            above = (place.parent / parent / "cmdline").read_bytes()
+        except OSError:  # it has just ended
+            continue
+        if title.startswith(b"ray::NodeWorker") and cluster.encode() in above:
+            found.append(int(place.name))
+    return found
+
+
+def test_cluster_of_two_nodes_leaves_the_same_bytes_as_one_process(
+    cluster, planner, tmp_path, caplog
+):
     path = write_experiment(tmp_path / "x.toml", planner, only=ONLY[:2])
     assert len(list(Run(path, tmp_path / "one").episodes())) == 8
     run = Run(path, tmp_path / "ray")
@@ -44,7 +64,12 @@ def test_cluster_of_two_nodes_leaves_the_same_bytes_as_one_process(cluster, plan
     next(going)
     going.close()  # stopped amid the work
     assert len(Run(path, tmp_path / "ray").records) == 1
-    assert len(list(Run(path, tmp_path / "ray").episodes(0, ray=cluster))) == 7
+    going = Run(path, tmp_path / "ray").episodes(0, ray=cluster)
+    next(going)
+    for process in workers_of(cluster):
+        os.kill(process, signal.SIGKILL)
+    assert len(list(going)) == 6
+    assert "a worker was lost with its node or killed" in caplog.text
     assert files(tmp_path / "ray") == files(tmp_path / "one")
 
 
