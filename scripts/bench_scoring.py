@@ -243,7 +243,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--prompts", type=int, default=200)
     parser.add_argument("--candidates", type=int, default=200)
-    parser.add_argument("--random-candidates", type=int, default=200, help="parity, random model")
+    parser.add_argument("--parity-candidates", type=int, default=200, help="spread over the list")
     parser.add_argument("--skip-parity", action="store_true")
     parser.add_argument("--skip-speed", action="store_true")
     parser.add_argument("--skip-random", action="store_true")
@@ -258,9 +258,9 @@ def main() -> None:
             model = LlamaModel(path, n_threads=1)
             print(f"{name}: F16 weights, 1 thread")
             texts = (steps if name == "random" else lines)(options.candidates)
-            few = options.random_candidates if name == "random" else len(texts)
+            spread = texts[:: max(1, len(texts) // options.parity_candidates)]
             if not options.skip_parity:
-                parity(model, options.prompts, texts[:few])
+                parity(model, options.prompts, spread)
             if not options.skip_speed:
                 speed(model, texts)
             model.close()
