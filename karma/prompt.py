@@ -124,15 +124,26 @@ def short_names(units: Sequence[MemoryUnit], held: tuple[str, str] | None) -> di
 
 
 def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
-    """Return short-term memory for the compact profile: `Apple cleaned sliced @Fridge *`."""
+    """Return short-term memory for the compact profile: ` @Fridge cleaned sliced *Apple`.
+
+    What is said of a thing stands before its name: a small model that has found the words it looks
+    for reads the name next. `*` is before what was handled, `-` before what was only seen.
+    """
     name_of = {object_id: name for name, object_id in names.items()}
-    lines = ["#memory"]
+    lines = ["#memory\n"]
     for unit in units:
-        words = [name_of[unit.object_id], *(state.replace(" ", "_") for state in unit.states)]
         if unit.place_id is not None:
-            words.append(f"@{name_of.get(unit.place_id, unit.place_id)}")
-        lines.append(" ".join([*words, *(["*"] if unit.handled else [])]))
-    return "\n".join(lines) + "\n"
+            lines.append(f" @{name_of.get(unit.place_id, unit.place_id)}")
+        lines += [f" {state.replace(' ', '_')}" for state in unit.states]
+        lines.append(f" {'*' if unit.handled else '-'}{name_of[unit.object_id]}\n")
+    return "".join(lines)
+
+
+def _compact_last(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
+    """Return the line that says what was handled last, which is mostly what "it" means."""
+    name_of = {object_id: name for name, object_id in names.items()}
+    last = next((unit for unit in reversed(units) if unit.handled), None)
+    return f"#last {name_of[last.object_id]}\n" if last is not None else ""
 
 
 def compact(facts: Facts) -> Rendered:
@@ -146,6 +157,7 @@ def compact(facts: Facts) -> Rendered:
     if facts.error:
         lines.append(f"#error {_ID_REST.sub('', ' '.join(facts.error.split()))[:120]}\n")
     lines.append(compact_memory(facts.units, names))
+    lines.append(_compact_last(facts.units, names))
     if held is not None:
         lines.append(f"#held {base_type(held[1])}\n")
     lines.append("#program\n")

@@ -118,7 +118,7 @@ def test_slicing_leaves_one_slice_that_is_clean_as_the_whole_was(start):
     assert types(apples) == ["AppleSliced"]
     assert {"cleaned", "sliced"} <= set(apples[0].states)
     assert apples[0].object_id.startswith(f"{kitchen_id('Apple')}|")
-    assert "Apple cleaned sliced" in model.prompts[2].changing
+    assert "cleaned sliced *Apple\n" in model.prompts[2].changing
     assert world.last_event.get_object(apples[0].object_id)
 
 
@@ -163,7 +163,7 @@ def test_prompt_names_what_an_earlier_instruction_handled(start):
     method, model, _ = start([TAKE_APPLE + WASH, "GoToObject(robot, 'Apple')\n"])
     do(method, "wash the apple")
     plan, result, outcome = do(method, "go to the clean fruit")
-    assert "Apple cleaned @SinkBasin *" in model.prompts[1].changing
+    assert " @SinkBasin cleaned *Apple\n" in model.prompts[1].changing
     assert result.ok
     assert result.explorations == 0
     assert plan.names["Apple"] == result.object_ids[0] == kitchen_id("Apple")
@@ -225,7 +225,7 @@ def test_failed_program_is_asked_for_again_with_the_reason_and_what_is_new(start
     assert "#error" not in model.prompts[0].changing
     assert "could not find Unicorn" in model.prompts[1].changing
     assert "#held Apple\n" in model.prompts[2].changing
-    assert "Apple @hand *" in model.prompts[2].changing
+    assert " @hand *Apple\n" in model.prompts[2].changing
 
 
 def test_do_gives_up_after_its_attempts(start):

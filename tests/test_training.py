@@ -89,7 +89,7 @@ def said_names(example):
                 names.add(line.split()[1])
         elif part == "#memory":
             words = line.split()
-            names |= {words[0], *(word[1:] for word in words if word[0] == "@")}
+            names |= {words[-1][1:], *(word[1:] for word in words if word[0] == "@")}
     return names - {"hand"}
 
 

@@ -2,7 +2,7 @@
 
 from karma.infer.gguf_export import export_llama_gguf, new_tokenizer
 
-CORPUS = ["#task put the apple in the fridge\n#memory\nApple @Fridge *\n#program\n"]
+CORPUS = ["#task put the apple in the fridge\n#memory\n @Fridge *Apple\n#program\n"]
 
 
 def export_tiny(path):
