@@ -126,6 +126,7 @@ def test_units_of_tasks_in_alfreds_form(tmp_path):
         (gzip.compress(b"{}" * 99)[:-5], "not ALFRED"),
         (b"{}", "not ALFRED"),
     ],
+    ids=["empty", "no fields", "second line", "no plan", "torn", "plain text"],  # gzip has a clock
 )
 def test_files_that_are_not_alfreds_are_refused(tmp_path, data, says):
     path = tmp_path / "t.jsonl.gz"
