@@ -218,7 +218,7 @@ def test_eval_prints_the_table_and_writes_figures(experiment, tmp_path):
 
 def test_eval_in_another_run_s_folder_names_the_way_out(experiment):
     karma("eval", experiment)
-    experiment.write_text(experiment.read_text().replace("simple-03", "simple-04"))
+    experiment.write_text(experiment.read_text().replace("simple-12", "simple-04"))
     text = refused("eval", experiment)
     assert f"karma eval {experiment} --fresh" in text
     assert "1/1" in karma("eval", experiment, "--fresh")
