@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from karma.cli import app
+from karma.cli import app, shared
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
 from karma.lab.claims import CellResults, claims_of, claims_text
@@ -546,7 +546,9 @@ def test_all_four_figures_are_there():
 
 
 def trace_command(*words):
-    return CliRunner().invoke(app, ["trace", *map(str, words)], env={"COLUMNS": "200"})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shared.console, "width", 200)
+        return CliRunner().invoke(app, ["trace", *map(str, words)])
 
 
 def test_trace_shows_every_policy_beside_the_bound(tmp_path):

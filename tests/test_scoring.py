@@ -101,7 +101,8 @@ class _Plain:
 
 def test_scores_are_the_sums_of_the_definition(model, scorer):
     values = scorer.scores(PROMPT, SKILLS).values
-    assert values == pytest.approx(naive(model, PROMPT, SKILLS), abs=1e-4)
+    # in one batch other kernels add up in another order, which long sums show
+    assert values == pytest.approx(naive(model, PROMPT, SKILLS), abs=1e-4, rel=2e-5)
     assert (values < 0).all()
 
 

@@ -254,7 +254,7 @@ def slug(text: str) -> str:
     >>> slug("simple-04")
     'simple-04'
     >>> slug("KARMA (w/o short term memory)")
-    'karma-w-o-short-term-memory-32ba5c'
+    'karma-w-o-short-term-memory-93c17b'
     """
     plain = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
     if plain == text:
