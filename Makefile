@@ -42,7 +42,7 @@ format: setup ## write what `check` asks for where ruff can
 scenes: setup ## draw the rooms in karma/world/scenes again; equal seeds give equal bytes
 	@$(PY) scripts/make_scenes.py --seed $(SEED)
 
-planner: setup ## train the nano planner again, about an hour on 2 cores; resumes
+planner: setup ## train the nano planner again, some hours on 2 cores; resumes
 	@$(PY) scripts/train_planner.py train --steps $(STEPS)
 	@$(PY) scripts/train_planner.py export models/nano/planner.gguf
 	@echo "planner: now put size and SHA-256 of models/nano/planner.gguf into models/manifest.toml"

@@ -1,6 +1,6 @@
 """Train the nano planner: tokenizer, weights, GGUF and held-out figures; resumes where it stopped.
 
-    python scripts/train_planner.py train --steps 5500        # about an hour on 2 cores
+    python scripts/train_planner.py train                     # some hours on 2 cores, less with --half
     python scripts/train_planner.py export models/nano/planner.gguf
     python scripts/train_planner.py evaluate models/nano/planner.gguf
 
@@ -159,15 +159,17 @@ def gather_embeddings(folder: Path, recipe: Recipe, tokenizer: Any) -> Any:
 @app.command("train")
 def train_command(
     folder: Folder = FOLDER,
-    steps: int = 8000,
+    steps: int = Recipe().steps,
     seed: int = 0,
     device: str = "cpu",
     workers: Annotated[int, typer.Option(help="Processes of one thread each.")] = 2,
     generated: int = 300,
     half: Annotated[bool, typer.Option(help="bfloat16, where the processor has it.")] = False,
-    rate: Annotated[float, typer.Option(help="Learning rate.")] = 1.5e-3,
-    decay: Annotated[float, typer.Option(help="Share of the steps in which it falls.")] = 0.3,
-    packs: Annotated[int, typer.Option(help="Packs per step.")] = 16,
+    rate: Annotated[float, typer.Option(help="Learning rate.")] = Recipe().learning_rate,
+    decay: Annotated[
+        float, typer.Option(help="Share of the steps in which it falls.")
+    ] = Recipe().decay,
+    packs: Annotated[int, typer.Option(help="Packs per step.")] = Recipe().packs,
 ) -> None:
     """Train, or go on training from the last checkpoint."""
     import torch

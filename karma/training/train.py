@@ -54,12 +54,12 @@ class Recipe:
     heads: int = 5
     feed_forward: int = 896
     context: int = 2048
-    packs: int = 16  # per step
+    packs: int = 20  # per step
     examples: int = 4  # per pack with long-term memory; half as many more without it
-    steps: int = 8000
+    steps: int = 9000
     warmup: int = 200
-    decay: float = 0.3  # share of the steps in which the learning rate falls to zero
-    learning_rate: float = 1.5e-3
+    decay: float = 0.4  # share of the steps in which the learning rate falls to zero
+    learning_rate: float = 1.2e-3
     weight_decay: float = 0.05
     mapped: float = 0.6  # share of packs with long-term memory
     alfred: tuple[float, float] = (0.4, 0.5)  # share of ALFRED's goals without and with it
