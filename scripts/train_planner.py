@@ -1,8 +1,8 @@
 """Train the nano planner: tokenizer, weights, GGUF and held-out figures; resumes where it stopped.
 
-    python scripts/train_planner.py train                     # some hours on 2 cores, less with --half
+    python scripts/train_planner.py train                # some hours on 2 cores, less with --half
     python scripts/train_planner.py export models/nano/planner.gguf
-    python scripts/train_planner.py evaluate models/nano/planner.gguf
+    python scripts/train_planner.py evaluate
 
 Rooms come from the generator (seeds of their own) and, where the reference data lies beside the
 project, from AI2-THOR floor plans; phrasing from our phrase book and ALFRED's annotators. The test

@@ -1,7 +1,7 @@
 """Train the nano VLM: crops of generated rooms, weights, files and held-out figures; resumes.
 
-    python scripts/train_vlm.py draw                       # crops of 640 rooms, once
-    python scripts/train_vlm.py train                      # about 50 minutes on 2 cores
+    python scripts/train_vlm.py draw                       # crops of 960 rooms, once
+    python scripts/train_vlm.py train                      # about 67 minutes on 2 cores
     python scripts/train_vlm.py export models/nano-vlm
     python scripts/train_vlm.py evaluate models/nano-vlm   # macro-F1 in rooms it never saw
 
