@@ -146,7 +146,7 @@ def draw_alfred(
 ) -> Example | None:
     """Draw one example with a sentence of ALFRED's annotators, None where the room has no place.
 
-    Mostly nothing is remembered short-term: the prompt holds the sentence, and the map if there is one.
+    Short-term memory is mostly empty: the prompt holds the sentence, and the map if there is one.
 
     Args:
         rng: the example's own stream.
