@@ -38,6 +38,9 @@ class KarmaSettings:
     short_term: bool = True
     policy: str = "wtinylfu-karma[9,1]"  # of short-term memory (§4.4: the best at 10 units)
     recall_k: int = 10  # units in the prompt, 1 to the whole memory
+    by_name: bool = (
+        True  # look a program's names up in all of memory, not in the recalled units only
+    )
     query: Literal["instruction", "subtask"] = "instruction"  # the user's whole text is the paper's
     attempts: int = 3  # programs per instruction; later ones quote what failed
     witnesses: int = 2  # things only seen that are remembered per instruction
@@ -111,7 +114,8 @@ class KarmaMethod:
             raise RuntimeError("begin an episode first")
         resident = self.short_term.units()
         recalled = self._recalled(subtask)
-        turn = _Turn(self._world, recalled, self.graph)
+        known = resident if self.settings.short_term and self.settings.by_name else ()
+        turn = _Turn(self._world, recalled, self.graph, known=known)
         error, finished = "", False
         for _ in range(self.settings.attempts):
             plan = None
@@ -189,18 +193,30 @@ class KarmaMethod:
 
 
 class _Turn:
-    """One instruction being carried out: the skills' log, and memory as skills may ask it."""
+    """One instruction being carried out: the skills' log, and memory as skills may ask it.
+
+    Args:
+        world: where.
+        recalled: units in the prompt.
+        graph: long-term memory.
+        known: units that are found by their names only.
+    """
 
     def __init__(
-        self, world: World, recalled: Sequence[MemoryUnit], graph: SceneGraph | None
+        self,
+        world: World,
+        recalled: Sequence[MemoryUnit],
+        graph: SceneGraph | None,
+        *,
+        known: Sequence[MemoryUnit] = (),
     ) -> None:
         self._world, self._graph = world, graph
-        self.recalled = tuple(recalled)
+        self.recalled, self._known = tuple(recalled), tuple(known)
         self.skills = Skills(world, self)
 
     def where(self, name: str) -> Known | None:
-        """Return the best known place of a name: recalled units first, then the map."""
-        for unit in reversed(self.recalled):
+        """Return the best known place of a name: recalled units, others, then the map."""
+        for unit in (*reversed(self.recalled), *reversed(self._known)):
             if name in (unit.object_id, unit.object_type, base_type(unit.object_type)):
                 return Known(
                     object_id=unit.object_id,
