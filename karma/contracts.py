@@ -17,6 +17,7 @@ Frame = NDArray[np.uint8]  # (H, W, 3) RGB
 Vectors = NDArray[np.float32]  # (n, d), rows of length 1
 Region = tuple[float, float, float, float]  # left, top, right, bottom; pixels of a frame
 Point = tuple[float, float]  # x, y; pixels of a frame
+Kind = Literal["simple", "composite", "complex", "sequence"]  # of tasks
 
 State = Literal[
     "heated", "cooked", "sliced", "cleaned", "dirty", "filled",
@@ -89,6 +90,7 @@ class MemoryUnit:
     place_id: str | None = None  # the receptacle it was last seen in or on; "hand" when held
     handled: bool = False  # manipulated by the agent, not only seen
     image: str | None = None  # path below the run folder
+    scene: str = ""  # name of the room it belongs to; "" where there is but one
     vector: NDArray[np.float32] | None = field(default=None, compare=False, repr=False)  # length 1
 
 
@@ -249,17 +251,31 @@ class SubTask:
     instruction: str
     goals: tuple[Goal, ...] = ()
     whole: str = ""  # the user's whole text, of which this is a part
+    scene: str = ""  # the room it plays in; "" is the task's
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is all that the user said: a task by itself, as in ALFRED."""
+        return self.whole == self.instruction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A sequence of instructions in one scene; it succeeds when every sub-task does."""
+    """A sequence of instructions in one home; it succeeds when every sub-task does.
+
+    Of a "sequence" every sub-task is a task by itself, in a room of its own choice.
+    """
 
     id: str
-    kind: Literal["simple", "composite", "complex"]
+    kind: Kind
     scene: str
     subtasks: tuple[SubTask, ...]
     notes: tuple[str, ...] = field(default=())  # what a loader could not resolve
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """The rooms it plays in, in the order in which they are first needed."""
+        return tuple(dict.fromkeys(sub.scene or self.scene for sub in self.subtasks))
 
 
 # ----------------------------------------------------------------- the roles
@@ -407,6 +423,13 @@ class Method(Protocol):
         """Start an episode: volatile memory emptied, long-term memory loaded or built.
 
         `folder` takes what the episode leaves behind (images).
+        """
+
+    def enter(self, scene: str) -> None:
+        """Note that the agent, and its world, are now in that room of the home.
+
+        What is remembered of other rooms stays, and short-term memory goes on. A room's first visit
+        may be used to get to know it; then the world is reset to that room's start.
         """
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:

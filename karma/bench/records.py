@@ -14,7 +14,7 @@ from karma.errors import FileError
 from karma.files import append_line, decode_json, read_bytes, to_json
 from karma.infer.hosted_cost import Spent, total
 
-KINDS = ("simple", "composite", "complex")
+KINDS = ("simple", "composite", "complex", "sequence")
 Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
 T = TypeVar("T")
 

@@ -33,6 +33,7 @@ class Unit(msgspec.Struct, frozen=True, kw_only=True):
     handled: bool
     position_m: Vec3
     image: str | None
+    scene: str = ""  # the room it belongs to; "" where there is but one
 
     @classmethod
     def of(cls, unit: MemoryUnit) -> "Unit":
@@ -45,6 +46,7 @@ class Unit(msgspec.Struct, frozen=True, kw_only=True):
             handled=unit.handled,
             position_m=unit.position_m,
             image=unit.image,
+            scene=unit.scene,
         )
 
 
@@ -53,6 +55,15 @@ class Start(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="st
 
     scene: str  # one of ours, or the name of a file in the run folder's `scenes`
     seed: int
+
+
+class Enter(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="enter"):
+    """The agent has gone into another room of the home; the actions after it are there.
+
+    What the hand held was put down in the room that it left: see `karma.world.home`.
+    """
+
+    scene: str  # as in `Start`
 
 
 class Instruction(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="subtask"):
@@ -105,7 +116,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="ou
     unmet: tuple[str, ...]  # goals that do not hold
 
 
-Step = Start | Instruction | Map | Asked | Action | Skill | Ended
+Step = Start | Enter | Instruction | Map | Asked | Action | Skill | Ended
 
 
 _ASK_ONLY = frozenset(("GetReachablePositions", "GetInteractablePoses", "GetShortestPath"))

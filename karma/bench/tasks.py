@@ -2,30 +2,35 @@
 
 {"id": "c07", "kind": "composite", "scene": "kitchen_2", "subtasks": [
     {"instruction": "Wash the apple.", "goals": ["INSIDE(Apple, Sink)", "STATE(Apple, clean)"]}]}
+
+A sub-task of the kind "sequence" may name another room of the home: "scene": "bedroom_1".
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
-from karma.contracts import Goal, SubTask, Task
+from karma.contracts import Goal, Kind, SubTask, Task
 from karma.errors import FileError, KarmaError
-from karma.files import read_bytes
+from karma.files import read_bytes, to_json, write_atomic
 from karma.goals import alternatives, is_position, object_names, parse_goal
 from karma.world import scene
 from karma.world.types import object_type, object_types
 
 
-class _SubTask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _SubTask(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True
+):
     instruction: str
     goals: tuple[str, ...]
+    scene: str = ""
 
 
 class _Task(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     id: str
-    kind: Literal["simple", "composite", "complex"]
+    kind: Kind
     scene: str
     subtasks: tuple[_SubTask, ...]
 
@@ -66,18 +71,59 @@ def required_types(subtask: SubTask) -> tuple[str, ...]:
 def _task(row: _Task) -> Task:
     if not row.subtasks:
         raise KarmaError("subtasks: there are none")
-    try:
-        scene.find(row.scene)
-    except FileError as error:
-        raise KarmaError(f"scene: {error.reason}") from error
+    _check_scene(row.scene, "scene")
     subtasks = tuple(_subtask(sub, f"subtasks[{i}]") for i, sub in enumerate(row.subtasks))
-    return Task(id=row.id, kind=row.kind, scene=row.scene, subtasks=with_whole(subtasks))
+    _check_rooms(row)
+    return with_whole(Task(id=row.id, kind=row.kind, scene=row.scene, subtasks=subtasks))
 
 
-def with_whole(subtasks: tuple[SubTask, ...]) -> tuple[SubTask, ...]:
-    """Tell every sub-task the whole text that it is a part of."""
-    whole = " ".join(sub.instruction for sub in subtasks)
-    return tuple(replace(sub, whole=whole) for sub in subtasks)
+def with_whole(task: Task) -> Task:
+    """Tell every sub-task the whole text that it is a part of: its own in a sequence."""
+    whole = " ".join(sub.instruction for sub in task.subtasks)
+    alone = task.kind == "sequence"
+    told = (replace(sub, whole=sub.instruction if alone else whole) for sub in task.subtasks)
+    return replace(task, subtasks=tuple(told))
+
+
+def write_tasks(path: str | Path, tasks: Iterable[Task]) -> None:
+    """Write a task file, whole or not at all.
+
+    Raises:
+        FileError: the disk is full, or the place is no file.
+    """
+    write_atomic(Path(path), b"".join(to_json(_row(task)) for task in tasks))
+
+
+def _row(task: Task) -> _Task:
+    subtasks = (
+        _SubTask(
+            instruction=sub.instruction,
+            goals=tuple(f"{g.predicate}({', '.join(g.arguments)})" for g in sub.goals),
+            scene="" if sub.scene == task.scene else sub.scene,
+        )
+        for sub in task.subtasks
+    )
+    return _Task(id=task.id, kind=task.kind, scene=task.scene, subtasks=tuple(subtasks))
+
+
+def _check_scene(name: str, where: str) -> None:
+    try:
+        scene.find(name)
+    except FileError as error:
+        raise KarmaError(f"{where}: {error.reason}") from error
+
+
+def _check_rooms(row: _Task) -> None:
+    """Raise KarmaError where a sub-task names a room that is not there, or may not name one."""
+    rooms = {sub.scene: number for number, sub in enumerate(row.subtasks) if sub.scene}
+    for room, number in rooms.items():
+        where = f"subtasks[{number}].scene"
+        if row.kind != "sequence":
+            raise KarmaError(f"{where}: only the kind 'sequence' goes from room to room")
+        _check_scene(room, where)
+    stems = [Path(room).stem for room in {*rooms, row.scene}]
+    if twice := [stem for stem in stems if stems.count(stem) > 1]:
+        raise KarmaError(f"subtasks: two rooms have the name {twice[0]!r}")
 
 
 def _subtask(row: _SubTask, where: str) -> SubTask:
@@ -86,7 +132,7 @@ def _subtask(row: _SubTask, where: str) -> SubTask:
     if not row.goals:
         raise KarmaError(f"{where}.goals: there are none")
     goals = tuple(_goal(text, f"{where}.goals[{i}]") for i, text in enumerate(row.goals))
-    return SubTask(instruction=row.instruction, goals=goals)
+    return SubTask(instruction=row.instruction, goals=goals, scene=row.scene)
 
 
 def _goal(text: str, where: str) -> Goal:
