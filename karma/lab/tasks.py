@@ -5,7 +5,8 @@ A task is written down as two lists of object types, in the order of its plan:
 - R4: the object, the movable receptacle, the thing to switch on, and the receptacle.
 - M: what can be carried only: the object, the movable receptacle, and the knife if one is used.
 
-Slices count as what they were cut from.
+Slices count as what they were cut from. To be asked for in a world, a task also has its sentences
+and its goals; access traces need neither.
 """
 
 import gzip
@@ -15,12 +16,19 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import msgspec
 
+from karma.contracts import Goal
 from karma.errors import FileError, KarmaError
+from karma.goals import parse_goal
 from karma.seeds import stream
+
+if TYPE_CHECKING:
+    from karma.training.phrases import Book
+    from karma.training.recollections import Room
+    from karma.world.scene import Scene
 
 UnitSet = Literal["r4", "m"]
 UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
@@ -29,6 +37,7 @@ KNIVES = ("Knife", "ButterKnife")
 SMOOTHING = 0.5  # added to each count of where things were found
 GRAMMAR_SCENES = 10  # generated rooms of each kind
 GRAMMAR_TASKS = 40  # requests drawn in each
+TWO = "two"  # what `karma.training.alfred` calls ALFRED's tasks about two things of a type
 _FLOOR_PLANS = {0: "kitchen", 2: "living", 3: "bedroom", 4: "bathroom"}  # by the hundred
 
 
@@ -42,6 +51,9 @@ class Errand:
         r4: types of all units.
         m: types of those that can be carried, and of the knife.
         subjects: the object and the movable receptacle.
+        kind: what sort of task it is.
+        sentences: ways to ask for it.
+        goals: what is to hold then; () where goals of ours cannot say it.
     """
 
     scene: str
@@ -49,6 +61,9 @@ class Errand:
     r4: tuple[str, ...]
     m: tuple[str, ...]
     subjects: tuple[str, ...]
+    kind: str = ""
+    sentences: tuple[str, ...] = ()
+    goals: tuple[Goal, ...] = ()
 
     def units(self, unit_set: UnitSet) -> tuple[str, ...]:
         """Return the types of one of the two sets."""
@@ -157,10 +172,17 @@ class _Plan(msgspec.Struct, frozen=True):
     high_pddl: tuple[_Step, ...]
 
 
+class _Annotation(msgspec.Struct, frozen=True):
+    task_desc: str
+    votes: tuple[int, ...] = ()
+
+
 class _Trial(msgspec.Struct, frozen=True):
     pddl_params: _Targets
     scene: _Scene
     plan: _Plan
+    task_type: str = ""
+    turk_annotations: tuple[_Annotation, ...] = ()
 
 
 def alfred_pool(paths: Iterable[Path]) -> Pool:
@@ -228,13 +250,41 @@ def _errand(trial: _Trial, path: Path) -> Errand:
         if wanted.object_sliced and step.planner_action.action == "PickupObject"
         if (kind := step.planner_action.object_id.split("|")[0]) in KNIVES
     ]
+    kind, goals = _asked(trial)
     return Errand(
         scene=plan,
         room=room,
         r4=_distinct((*subjects, wanted.toggle_target, wanted.parent_target)),
         m=_distinct((*subjects, *knives)),
         subjects=subjects,
+        kind=kind,
+        sentences=_sentences(trial.turk_annotations),
+        goals=goals,
     )
+
+
+def _asked(trial: _Trial) -> tuple[str, tuple[Goal, ...]]:
+    """Return the kind of task and its goals; none for two things of a type, which ours cannot say.
+
+    As in ALFRED, "heat" is met by heat, be the sentence about cooking.
+    """
+    from karma.training.alfred import goals_of, truth_of
+
+    if not trial.task_type:
+        return "", ()
+    facts = truth_of(
+        {"task_type": trial.task_type, "pddl_params": msgspec.structs.asdict(trial.pddl_params)}
+    )
+    if facts.task == TWO:
+        return facts.task, ()
+    return facts.task, tuple(parse_goal(str(goal)) for goal in goals_of(facts, facts.thing, ""))
+
+
+def _sentences(annotations: Iterable[_Annotation]) -> tuple[str, ...]:
+    """Return the goal sentences that every voter found right; all if there is none."""
+    told = [one for one in annotations if one.task_desc.strip()]
+    agreed = [one for one in told if all(one.votes)]
+    return tuple(" ".join(one.task_desc.split()) for one in agreed or told)
 
 
 def _distinct(names: Iterable[str]) -> tuple[str, ...]:
@@ -256,31 +306,59 @@ def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMA
     from karma.training.rooms import room_of
     from karma.world.generate import build_scene
 
-    book = our_book()
+    rooms = (
+        (kind, f"{kind}_{number}", build_scene(kind, 2000 + number, seed))
+        for kind in ROOMS
+        for number in range(scenes)
+    )
+    known = ((kind, scene, room_of(scene, name, seed=seed)) for kind, name, scene in rooms)
+    return _grammar(known, our_book(), seed, tasks, f"our task grammar, seed {seed}")
+
+
+def shipped_pool(seed: int, *, tasks: int = GRAMMAR_TASKS) -> Pool:
+    """Return requests of our task grammar in the rooms that ship with the project.
+
+    Sentences have forms that the nano planner never saw in training.
+
+    Args:
+        seed: of the requests.
+        tasks: requests in each room.
+    """
+    from karma.training.phrases import our_book
+    from karma.training.rooms import room_of
+    from karma.world.scene import SCENES, load
+
+    names = sorted(path.stem for path in SCENES.glob("*.json"))
+    rooms = ((name.partition("_")[0], load(name)) for name in names)
+    known = ((kind, scene, room_of(scene, scene.name, keep=1.0)) for kind, scene in rooms)
+    book = our_book().part(held_out=True)
+    return _grammar(known, book, seed, tasks, f"our task grammar in our rooms, seed {seed}")
+
+
+def _grammar(
+    rooms: Iterable[tuple[str, "Scene", "Room"]], book: "Book", seed: int, tasks: int, source: str
+) -> Pool:
+    """Return requests in some rooms, each given as its kind, itself and what is known of it."""
     errands: list[Errand] = []
     places: dict[str, Counter[str]] = {}
     found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
-    for kind in ROOMS:
-        for number in range(scenes):
-            name = f"{kind}_{number}"
-            scene = build_scene(kind, 2000 + number, seed)
-            types = {thing.id: thing.type for thing in scene.objects}
-            movable = {t.id for t in scene.objects if "pickupable" in t.capabilities}
-            places[name] = Counter()
-            for thing in scene.objects:
-                if "receptacle" in thing.capabilities and thing.id not in movable:
-                    places[name][thing.type] += 1
-                if thing.id in movable and thing.parents and thing.parents[0] not in movable:
-                    found[kind, thing.type][types[thing.parents[0]]] += 1
-            room = room_of(scene, name, seed=seed)
-            errands += _requests(room, book, kind, seed, tasks)
+    for kind, scene, room in rooms:
+        types = {thing.id: thing.type for thing in scene.objects}
+        movable = {t.id for t in scene.objects if "pickupable" in t.capabilities}
+        here = places[room.name] = Counter()
+        for thing in scene.objects:
+            if "receptacle" in thing.capabilities and thing.id not in movable:
+                here[thing.type] += 1
+            if thing.id in movable and thing.parents and thing.parents[0] not in movable:
+                found[kind, thing.type][types[thing.parents[0]]] += 1
+        errands += _requests(room, book, kind, seed, tasks)
     if not errands:
         raise KarmaError("the rooms give no task; draw more of them")
     finds = Finds(places=places, found=found)
-    return Pool(source=f"our task grammar, seed {seed}", errands=tuple(errands), finds=finds)
+    return Pool(source=source, errands=tuple(errands), finds=finds)
 
 
-def _requests(room: Any, book: Any, kind: str, seed: int, count: int) -> Iterator[Errand]:
+def _requests(room: "Room", book: "Book", kind: str, seed: int, count: int) -> Iterator[Errand]:
     """Yield requests about something to carry."""
     from karma.training.stories import draw_story
 
@@ -290,12 +368,20 @@ def _requests(room: Any, book: Any, kind: str, seed: int, count: int) -> Iterato
         steps = draw_story(rng, room, book, "simple")
         if not steps:
             continue
-        goals = steps[0].goals
+        text, goals = steps[0].text, steps[0].goals
         named = [word for goal in goals for word in goal.arguments if word[:1].isupper()]
         r4 = _distinct(named)
         carried = tuple(name for name in r4 if name in movable)
         cuts = any(goal.arguments[-1] == "sliced" for goal in goals)
         knives = [one for one in KNIVES if one in room.movables][: int(cuts)]
         if carried:
-            m = _distinct((*carried, *knives))
-            yield Errand(scene=room.name, room=kind, r4=r4, m=m, subjects=carried)
+            yield Errand(
+                scene=room.name,
+                room=kind,
+                r4=r4,
+                m=_distinct((*carried, *knives)),
+                subjects=carried,
+                kind=steps[0].kind,
+                sentences=(f"{text[0].upper()}{text[1:]}.",),
+                goals=tuple(parse_goal(str(goal)) for goal in goals),
+            )

@@ -13,7 +13,9 @@ house (a kitchen, a living room, a bedroom, a bathroom) and come closer to how h
 """  # noqa: E501
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from functools import partial
+from itertools import islice
 from typing import Literal, get_args
 
 import numpy as np
@@ -32,8 +34,10 @@ DAYS = 20  # until some habits change
 CHANGED = 0.2  # of the ranks then
 CHAINED = 0.5  # chance that a task is about a thing of the last ones
 LAST = 3  # of them
+TRIES = 50  # draws of one task that nobody takes, until the next is drawn
 
 Rng = np.random.Generator
+Draws = Generator[Errand, bool | None, None]  # is told whether a task is taken; None = it is
 House = dict[str, tuple[Errand, ...]]  # room -> its tasks
 
 
@@ -52,12 +56,21 @@ def draw_errands(
     Raises:
         KarmaError: the pool has no task in some kind of room.
     """
+    return list(islice(draws(pool, workload, seed, number), length))
+
+
+def draws(pool: Pool, workload: Workload, seed: int, number: int) -> Draws:
+    """Yield the tasks of one sequence without end.
+
+    One that is sent False is drawn anew: from the same room, habits, or thing to be about.
+
+    Raises:
+        KarmaError: the pool has no task in some kind of room.
+    """
     rng = stream(seed, "lab", workload, str(number))
     if workload == "type":
-        drawn: Iterator[Errand] = _uniform(rng, pool.errands)
-    else:
-        drawn = _DRAWS[workload](rng, _house(rng, pool))
-    return [errand for errand, _ in zip(drawn, range(length), strict=False)]
+        return _uniform(rng, pool.errands)
+    return _DRAWS[workload](rng, _house(rng, pool))
 
 
 def trace_of(errands: Sequence[Errand], workload: Workload, unit_set: UnitSet) -> Trace:
@@ -88,41 +101,59 @@ def _all(house: House) -> tuple[Errand, ...]:
     return tuple(errand for room in ROOMS for errand in house[room])
 
 
-def _uniform(rng: Rng, errands: Sequence[Errand]) -> Iterator[Errand]:
+def _taken(draw: Callable[[], Errand]) -> Generator[Errand, bool | None, Errand | None]:
+    """Yield draws until one is taken, and return it; None if `TRIES` were not."""
+    for _ in range(TRIES):
+        errand = draw()
+        if (yield errand) is not False:
+            return errand
+    return None
+
+
+def _one_of(rng: Rng, errands: Sequence[Errand]) -> Errand:
+    return errands[int(rng.integers(len(errands)))]
+
+
+def _uniform(rng: Rng, errands: Sequence[Errand]) -> Draws:
     while True:
-        yield errands[int(rng.integers(len(errands)))]
+        yield from _taken(partial(_one_of, rng, errands))
 
 
-def _any_of_house(rng: Rng, house: House) -> Iterator[Errand]:
+def _any_of_house(rng: Rng, house: House) -> Draws:
     return _uniform(rng, _all(house))
 
 
-def _in_phases(rng: Rng, house: House) -> Iterator[Errand]:
+def _in_phases(rng: Rng, house: House) -> Draws:
     room = ROOMS[int(rng.integers(len(ROOMS)))]
     while True:
+        tasks = house[room]
         for _ in range(int(rng.geometric(1 / STAY))):
-            yield house[room][int(rng.integers(len(house[room])))]
+            yield from _taken(partial(_one_of, rng, tasks))
         others = [other for other in ROOMS if other != room]
         room = others[int(rng.integers(len(others)))]
 
 
-def _by_habit(rng: Rng, house: House) -> Iterator[Errand]:
+def _by_habit(rng: Rng, house: House) -> Draws:
     more = [ROOMS[int(rng.integers(len(ROOMS)))] for _ in range(DAY - len(ROOMS))]
     hours = [(*ROOMS, *more)[int(place)] for place in rng.permutation(DAY)]
     ranks = {room: rng.permutation(len(house[room])) for room in ROOMS}
     odds = {room: np.cumsum(1 / np.arange(1, len(house[room]) + 1)) for room in ROOMS}
+
+    def usual(room: str) -> Errand:
+        rank = int(np.searchsorted(odds[room], rng.random() * odds[room][-1], "right"))
+        return house[room][ranks[room][rank]]
+
     while True:
         for _ in range(DAYS):
             for room in hours:
-                rank = int(np.searchsorted(odds[room], rng.random() * odds[room][-1], "right"))
-                yield house[room][ranks[room][rank]]
+                yield from _taken(partial(usual, room))
         for room in ROOMS:
             order = ranks[room]
             moved = rng.choice(len(order), size=round(CHANGED * len(order)), replace=False)
             order[moved] = order[rng.permutation(moved)]
 
 
-def _in_chains(rng: Rng, house: House) -> Iterator[Errand]:
+def _in_chains(rng: Rng, house: House) -> Draws:
     every = _all(house)
     about: dict[tuple[str, str], list[Errand]] = defaultdict(list)
     for errand in every:
@@ -131,17 +162,17 @@ def _in_chains(rng: Rng, house: House) -> Iterator[Errand]:
     last: list[Errand] = []
     while True:
         if last and rng.random() < CHAINED:
-            before = last[int(rng.integers(len(last)))]
+            before = _one_of(rng, last)
             name = before.subjects[int(rng.integers(len(before.subjects)))]
             choices: Sequence[Errand] = about[before.scene, name]
         else:
             choices = every
-        errand = choices[int(rng.integers(len(choices)))]
-        last = [*last, errand][-LAST:]
-        yield errand
+        taken = yield from _taken(partial(_one_of, rng, choices))
+        if taken is not None:
+            last = [*last, taken][-LAST:]
 
 
-_DRAWS: dict[str, Callable[[Rng, House], Iterator[Errand]]] = {
+_DRAWS: dict[str, Callable[[Rng, House], Draws]] = {
     "house": _any_of_house,
     "rooms": _in_phases,
     "habit": _by_habit,
