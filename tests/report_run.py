@@ -69,7 +69,7 @@ ANSWERS = {"t1": [AWAY, BACK], "t2": [MUG, POURED, POURED, POURED]}  # then the 
 
 def make_run(folder):
     """Write the run into a folder and return it."""
-    files = RunFolder(folder, KEYS, steps=True)
+    files = RunFolder(folder, steps=True)
     machine = Machine(platform="x", cpu="y", cores=1, memory_mb=None, threads=1)
     header = Header(
         name="small <i>run</i>", experiment="e" * 64, tasks="t" * 64, versions={"karma": "0"},
@@ -84,7 +84,7 @@ def make_run(folder):
             row=row, seed=seed, folder=folder, steps=steps, times=times,
         )  # fmt: skip
         files.commit(Finished(record=record, timing=times.of(record), steps=steps.data()))
-    files.finish()
+    files.finish(KEYS)
     return folder
 
 

@@ -375,13 +375,13 @@ ORDER = [("r", f"t{number}", 0) for number in range(4)]
 
 def complete(folder, order=range(4)):
     """Do what is missing."""
-    files = RunFolder(folder, ORDER, steps=True)
+    files = RunFolder(folder, steps=True)
     with files.locked():
         done = {record.key for record in files.done()[0]}
         for number in order:
             if ORDER[number] not in done:
                 files.commit(finished(number))
-        files.finish()
+        files.finish(ORDER)
 
 
 @settings(max_examples=30)
@@ -398,7 +398,7 @@ def test_run_killed_at_any_byte_ends_in_the_same_bytes(
     complete(base / "whole")
     folder = base / "killed"
     folder.mkdir()
-    run = RunFolder(folder, ORDER, steps=True)
+    run = RunFolder(folder, steps=True)
     for number in order[:whole_episodes]:
         run.commit(finished(number))
     before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}

@@ -10,6 +10,7 @@ import msgspec
 
 from karma import registry
 from karma.bench.authors import load_authors_tasks, resolve
+from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.tasks import load_tasks
 from karma.contracts import LanguageModel, Task
 from karma.errors import FileError
@@ -73,7 +74,29 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     world: str = "embedded"
     models: Models = Models()
     seeds: tuple[int, ...] = (0,)
+    half_width: float | None = None  # more seeds until success rates are as sure as that
+    max_seeds: int = MAX_SEEDS  # with it, the listed ones counted
     run: RunOptions = RunOptions()
+
+    def __post_init__(self) -> None:
+        """Refuse what there is nothing to do for, or what would be done twice."""
+        names = tuple(row.name for row in self.rows)
+        listed: tuple[object, ...]
+        for what, listed in (("rows", names), ("seeds", self.seeds), ("only", self.only)):
+            if twice := [one for one in listed if listed.count(one) > 1]:
+                raise ValueError(f"{what}: {twice[0]!r} stands twice")
+        if not names:
+            raise ValueError("rows: there is none; an experiment has a [[rows]] or more")
+        if not self.seeds or min(self.seeds) < 0:
+            raise ValueError(f"seeds = {list(self.seeds)}: one or more, each 0 or above")
+        _ = self.precision
+
+    @property
+    def precision(self) -> Precision | None:
+        """How sure success rates are wanted to be; None: the listed seeds, whatever they show."""
+        if self.half_width is None:
+            return None
+        return Precision(half_width=self.half_width, max_seeds=self.max_seeds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,13 +111,9 @@ def read_experiment(path: Path) -> Experiment:
     """Read an experiment.
 
     Raises:
-        FileError: it is damaged, a key is unknown, or two rows have one name.
+        FileError: it is damaged, a key is unknown, or something stands twice.
     """
-    experiment = read_toml(path, Experiment)
-    names = [row.name for row in experiment.rows]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise FileError(path, f"rows: the name {twice[0]!r} stands twice")
-    return experiment
+    return read_toml(path, Experiment)
 
 
 def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:

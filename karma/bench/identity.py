@@ -44,7 +44,9 @@ def header_of(
         UnknownNameError: there is no such model.
     """
     listed = [replace(task, scene=Path(task.scene).stem) for task in tasks]
-    plain = msgspec.structs.replace(experiment, run=RunOptions())
+    plain = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
+    for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
+        del plain[name]
     return Header(
         name=experiment.name,
         experiment=_sha(to_json(plain)),

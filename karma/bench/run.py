@@ -1,13 +1,14 @@
 """A run: an experiment in its folder, begun, gone on with, and finished."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import msgspec
 
 from karma.bench.experiment import load, read_experiment, scene_path
 from karma.bench.identity import header_of
-from karma.bench.records import EpisodeRecord
+from karma.bench.precision import Precision, takes_another
+from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import EPISODES, Finished, RunFolder
 from karma.bench.workers import (
     Job,
@@ -17,6 +18,7 @@ from karma.bench.workers import (
     perform_in_processes,
     suggest_workers,
 )
+from karma.contracts import Task
 from karma.errors import KarmaError
 from karma.files import write_atomic
 from karma.infer.cassette import Cassette
@@ -33,10 +35,11 @@ class Run:
         cassette: records hosted models or stands for them, and is the run's clock.
         base_url: of all hosted models, in place of the experiment's.
         steps: whether to keep step logs; None leaves it to the experiment.
+        precision: how sure to be, with more seeds; None leaves it to the experiment.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
-        KarmaError: another run is at work in the folder.
+        KarmaError: another run is at work in the folder, or its tasks have one seed only.
     """
 
     def __init__(
@@ -48,6 +51,7 @@ class Run:
         cassette: Cassette | None = None,
         base_url: str = "",
         steps: bool | None = None,
+        precision: Precision | None = None,
     ) -> None:
         self.path, self.folder = path, folder
         self.experiment = read_experiment(path)
@@ -58,9 +62,15 @@ class Run:
         loaded = load(self.experiment, path, folder)
         self.tasks = loaded.tasks
         self._steps = self.experiment.run.steps if steps is None else steps
-        self._files = RunFolder(folder, [job.key for job in self._jobs()], steps=self._steps)
+        self.precision = precision or self.experiment.precision
+        if self.precision is not None:
+            _check_seeds_differ(self.tasks)
+        self.seeds = self.experiment.seeds
+        self._files = RunFolder(folder, steps=self._steps)
         self._scenes = loaded.scenes
         self.header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
+        self.records: list[EpisodeRecord] = []
+        self.timings: dict[Key, EpisodeTiming] = {}
         with self._files.locked():
             if fresh:
                 self._files.clear()
@@ -68,7 +78,7 @@ class Run:
             self._files.claim(self.header, fix=fix)
             for name, data in loaded.scenes.items():
                 write_atomic(scene_path(folder, name), data)
-            self.records, self.timings = self._files.done()
+            self._go_on()
         self._stage = Stage(
             rows=self.experiment.rows,
             models=models,
@@ -85,7 +95,7 @@ class Run:
 
     @property
     def total(self) -> int:
-        """How many episodes the experiment has."""
+        """How many episodes the seeds come to that have been begun."""
         return len(self._jobs())
 
     @property
@@ -103,7 +113,8 @@ class Run:
         """Do what is missing; each record is on the disk before it is yielded.
 
         When the last is done, all lines are in the order of seeds, rows and tasks, whoever did
-        them in whatever order.
+        them in whatever order. Where success rates are not yet as sure as they are wanted, one seed
+        after the other is begun.
 
         Args:
             workers: processes to use, each with models of its own.
@@ -117,22 +128,38 @@ class Run:
         if workers > 1 or ray:
             self._check_alone()
         with self._files.locked():
-            self.records, self.timings = self._files.done()
-            done = {record.key for record in self.records}
-            todo = [job for job in self._jobs() if job.key not in done]
-            for one in self._perform(todo, workers, ray):
-                self._files.commit(one)
-                self.records.append(one.record)
-                self.timings[one.timing.key] = one.timing
-                yield one.record
-            self._files.finish()
+            self._go_on()
+            while todo := self._todo():
+                for one in self._perform(todo, workers, ray):
+                    self._files.commit(one)
+                    self.records.append(one.record)
+                    self.timings[one.timing.key] = one.timing
+                    yield one.record
+                self._begin_another()
+            self._files.finish([job.key for job in self._jobs()])
             self.records, self.timings = self._files.done()
 
     # ------------------------------------------------------------- parts
 
+    def _go_on(self) -> None:
+        """Look at what is done, and at what is to be done next."""
+        self.records, self.timings = self._files.done()
+        listed = self.experiment.seeds
+        last = max((record.seed for record in self.records), default=0)
+        self.seeds = (*listed, *range(max(listed) + 1, last + 1))  # who begins a seed finishes it
+        if not self.left:
+            self._begin_another()
+
+    def _begin_another(self) -> None:
+        """Begin the next seed where a success rate is not sure enough; all others are complete."""
+        if self.precision and takes_another(self.records, self.precision, len(self.seeds)):
+            self.seeds = (*self.seeds, max(self.seeds) + 1)
+
+    def _todo(self) -> list[Job]:
+        done = {record.key for record in self.records}
+        return [job for job in self._jobs() if job.key not in done]
+
     def _perform(self, todo: list[Job], workers: int, ray: str) -> Iterator[Finished]:
-        if not todo:
-            return iter(())
         if ray:
             from karma.bench.ray_workers import perform_on_ray
 
@@ -152,7 +179,7 @@ class Run:
         """Return all episodes in their final order."""
         return [
             Job(row=row.name, task=task, seed=seed)
-            for seed in self.experiment.seeds
+            for seed in self.seeds
             for row in self.experiment.rows
             for task in self.tasks
         ]
@@ -168,3 +195,12 @@ class Run:
             raise KarmaError(
                 "a cassette is for one process only\n  To fix: leave out --workers and --ray"
             )
+
+
+def _check_seeds_differ(tasks: Iterable[Task]) -> None:
+    """Raise KarmaError where another seed would be the same episode again."""
+    if alike := [task.id for task in tasks if task.kind == "sequence"]:
+        raise KarmaError(
+            f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
+            "  To fix: leave out the half-width, and draw more sequences: karma sequences"
+        )

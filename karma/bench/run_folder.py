@@ -152,14 +152,11 @@ class RunFolder:
 
     Args:
         path: of the folder.
-        order: the keys of all episodes, in the order in which they stand at the end.
         steps: whether episodes leave step logs.
     """
 
-    def __init__(self, path: Path, order: Sequence[Key], *, steps: bool) -> None:
-        self.path = path
-        self._rank = {key: number for number, key in enumerate(order)}
-        self._steps = steps
+    def __init__(self, path: Path, *, steps: bool) -> None:
+        self.path, self._steps = path, steps
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -243,10 +240,15 @@ class RunFolder:
         write_record(self.path / TIMINGS, one.timing)
         write_record(self.path / EPISODES, one.record)
 
-    def finish(self) -> None:
-        """Put all lines in their final order, and write what they add up to."""
+    def finish(self, order: Sequence[Key]) -> None:
+        """Put all lines in their final order, and write what they add up to.
+
+        Args:
+            order: the keys of all episodes, as they stand at the end.
+        """
         records, timings = self.done()
-        order = sorted((record.key for record in records), key=self._rank.__getitem__)
+        rank = {key: number for number, key in enumerate(order)}
+        order = sorted((record.key for record in records), key=rank.__getitem__)
         by_key = {record.key: record for record in records}
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
         lines = summarise([by_key[key] for key in order])  # without seconds: no run repeats them

@@ -1,0 +1,98 @@
+"""Whether a run has seeds enough: how wide the intervals of its success rates still are.
+
+Everything follows from the records of complete seeds, so a run that was killed, or done by several
+workers, begins the same seeds as one that was not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from karma.bench.records import KINDS, EpisodeRecord
+from karma.bench.statistics import Estimate, more_seeds, rate
+
+MAX_SEEDS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Precision:
+    """How sure every success rate is wanted to be, and what that may cost.
+
+    Raises:
+        ValueError: a half-width that no rate can have, or no seed at all.
+    """
+
+    half_width: float
+    max_seeds: int = MAX_SEEDS
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        if not 0 < self.half_width < 0.5:
+            raise ValueError(f"half-width {self.half_width:g}: it is between 0 and 0.5")
+        if self.max_seeds < 1:
+            raise ValueError(f"{self.max_seeds} seeds at most: it is 1 or more")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reached:
+    """How sure the success rate of a row and kind of task is."""
+
+    row: str
+    kind: str
+    tasks: int
+    seeds: int
+    success: Estimate
+    more_seeds: int | None  # to the half-width that was wanted; None: no number of them, or unknown
+
+    @property
+    def reached(self) -> bool:
+        """Whether the interval is narrow enough."""
+        return self.more_seeds == 0
+
+    @property
+    def takes_tasks(self) -> bool:
+        """Whether no number of seeds will do: tasks differ too much, or too few are there."""
+        return self.more_seeds is None and self.seeds > 1
+
+
+def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reached, ...]:
+    """Return how sure each row is of each kind of task, in the order of rows and kinds.
+
+    Args:
+        records: of complete seeds; their order changes no figure.
+        wanted: what they are held against.
+    """
+    groups: dict[tuple[str, str], dict[str, list[float]]] = {}
+    for one in sorted(records, key=lambda record: record.key):
+        tasks = groups.setdefault((one.row, one.kind), {})
+        tasks.setdefault(one.task, []).append(float(one.success))
+    rows = list(dict.fromkeys(record.row for record in records))
+    return tuple(
+        _reached(row, kind, list(groups[row, kind].values()), wanted.half_width)
+        for row in rows
+        for kind in KINDS
+        if (row, kind) in groups
+    )
+
+
+def _reached(row: str, kind: str, groups: Sequence[Sequence[float]], half_width: float) -> Reached:
+    return Reached(
+        row=row,
+        kind=kind,
+        tasks=len(groups),
+        seeds=max(map(len, groups)),
+        success=rate(groups),
+        more_seeds=more_seeds(groups, half_width),
+    )
+
+
+def takes_another(records: Sequence[EpisodeRecord], wanted: Precision, seeds: int) -> bool:
+    """Return whether one seed more is wanted, allowed, and of use.
+
+    Args:
+        records: of complete seeds.
+        wanted: how sure to be.
+        seeds: that are done.
+    """
+    if seeds >= wanted.max_seeds:
+        return False
+    return any(not one.reached and not one.takes_tasks for one in reached(records, wanted))
