@@ -116,12 +116,13 @@ def program_spec(facts: Facts, names: Mapping[str, str]) -> ProgramSpec:
     """Return the language of programs: what memory names, and types that can be searched for.
 
     Furniture that the map does not show is not there: a robot that has seen the room once has seen
-    its sofa, though perhaps not its light switch.
+    its sofa, though perhaps not its light switch. Nor is what was just searched for in vain.
     """
     known = {kind for area in facts.areas for kind in area.contains}
     searchable = {name for name, kind in object_types().items() if not kind.made_by_slicing}
     if known:
         searchable -= landmark_types() - known - OVERLOOKED
+    searchable -= set(facts.missing)
     return ProgramSpec(
         skills=SKILLS,
         objects=tuple(sorted(known | searchable | set(names))),

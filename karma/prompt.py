@@ -42,6 +42,7 @@ class Facts:
     held_type: str | None = None
     error: str = ""  # why the last answer was refused or failed
     examples: Sequence[Example] = ()  # chosen for the instruction; the compact profile has no room
+    missing: Sequence[str] = ()  # types that were searched for in vain: not in the prompt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

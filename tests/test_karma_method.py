@@ -236,6 +236,17 @@ def test_do_gives_up_after_its_attempts(start):
     assert [event.ok for event in events if isinstance(event, SkillResult)] == [False] * 3
 
 
+def test_second_program_may_not_search_for_what_is_not_there(start):
+    missing = "Explore(robot, 'Laptop', ['node_3'])\n"
+    method, model, _ = start([missing, TAKE_APPLE])
+    plans = [p for p in do(method, "switch it on") if isinstance(p, Plan)]
+    offered = [spec.objects for spec in model.specs]
+    assert len(plans) == 2
+    assert "Laptop" in offered[0]
+    assert "Laptop" not in offered[1]
+    assert "Apple" in offered[1]
+
+
 def test_do_of_an_answer_that_never_parses_ends_unfinished(start):
     method, _, _ = start(["I would rather not."])
     plan, outcome = do(method, "go")

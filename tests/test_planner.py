@@ -106,6 +106,13 @@ GOALS = (
 )  # fmt: skip
 
 
+def test_what_was_searched_for_in_vain_is_not_offered_again_unless_memory_has_it():
+    facts = Facts(instruction="go", missing=("Laptop", "Mug"))
+    objects = program_spec(facts, {"Mug": "Mug|+00.10|+01.00|+00.20"}).objects
+    assert "Laptop" not in objects
+    assert "Mug" in objects
+
+
 @given(
     texts=st.lists(st.sampled_from(GOALS), min_size=1, max_size=4, unique=True),
     units=st.lists(st.sampled_from(UNITS), unique=True),
