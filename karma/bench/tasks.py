@@ -138,14 +138,19 @@ def _subtask(row: _SubTask, where: str) -> SubTask:
 def _goal(text: str, where: str) -> Goal:
     try:
         goal = parse_goal(text)
-        for name in object_names(goal):
-            for part in alternatives(name):
-                object_type(part.split("|")[0])
-        if goal.predicate in ("ON", "INSIDE") and not is_position(goal.arguments[1]):
-            check_placement(goal)
+        check_goal(goal)
     except KarmaError as error:
         raise KarmaError(f"{where}: {error}") from error
     return goal
+
+
+def check_goal(goal: Goal) -> None:
+    """Raise KarmaError for a type that is not there, or what AI2-THOR lets nobody put together."""
+    for name in object_names(goal):
+        for part in alternatives(name):
+            object_type(part.split("|")[0])
+    if goal.predicate in ("ON", "INSIDE") and not is_position(goal.arguments[1]):
+        check_placement(goal)
 
 
 def check_placement(goal: Goal) -> None:

@@ -141,7 +141,7 @@ def _by_habit(rng: Rng, house: House) -> Draws:
 
     def usual(room: str) -> Errand:
         rank = int(np.searchsorted(odds[room], rng.random() * odds[room][-1], "right"))
-        return house[room][ranks[room][rank]]
+        return house[room][int(ranks[room][rank])]
 
     while True:
         for _ in range(DAYS):

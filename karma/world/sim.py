@@ -120,6 +120,10 @@ class EmbeddedWorld:
         self._event = WorldEvent(state=state, action="Initialize", value=planes, first=True)
         return self._event
 
+    def back_to(self, event: WorldEvent) -> None:
+        """Make an earlier event of this world its last one: what came after it never happened."""
+        self._event = event
+
     def step(self, action: str | Mapping[str, Any], **arguments: Any) -> WorldEvent:
         """Do one action, as AI2-THOR's Controller does.
 
