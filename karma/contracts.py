@@ -90,7 +90,7 @@ class MemoryUnit:
     place_id: str | None = None  # the receptacle it was last seen in or on; "hand" when held
     handled: bool = False  # manipulated by the agent, not only seen
     image: str | None = None  # path below the run folder
-    scene: str = ""  # name of the room it belongs to; "" where there is but one
+    scene: str = ""  # name of the room that the object is in
     vector: NDArray[np.float32] | None = field(default=None, compare=False, repr=False)  # length 1
 
 

@@ -11,6 +11,7 @@ import msgspec
 from karma import registry
 from karma.bench.authors import load_authors_tasks, resolve
 from karma.bench.precision import MAX_SEEDS, Precision
+from karma.bench.starts import check_seeds
 from karma.bench.tasks import load_tasks
 from karma.contracts import LanguageModel, Task
 from karma.errors import FileError
@@ -126,6 +127,7 @@ def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
 
     Raises:
         FileError: the task file is damaged, or a task of `only` is not in it.
+        KarmaError: a task has no start for one of the seeds.
     """
     if bool(experiment.tasks) == bool(experiment.authors):
         raise FileError(path, "give either `tasks` or `authors`")
@@ -137,18 +139,19 @@ def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
     if missing := [name for name in experiment.only if name not in known]:
         raise FileError(path, f"only: no task {missing[0]!r}; there are {known}")
     chosen = tuple(t for t in loaded.tasks if not experiment.only or t.id in experiment.only)
+    check_seeds(chosen, experiment.seeds)
     return Loaded(tasks=chosen, scenes=_brought(chosen, loaded.scenes))
 
 
 def _brought(tasks: tuple[Task, ...], imported: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the rooms of some tasks that are none of ours."""
     found = {}
-    for task in tasks:
-        name = Path(task.scene).stem
+    for scene in dict.fromkeys(scene for task in tasks for scene in task.scenes):
+        name = Path(scene).stem
         if name in imported:
             found[name] = imported[name]
-        elif task.scene.endswith(".json"):
-            found[name] = read_bytes(task.scene)
+        elif scene.endswith(".json"):
+            found[name] = read_bytes(scene)
     return found
 
 

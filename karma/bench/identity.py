@@ -4,7 +4,6 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import msgspec
 from karma import __version__
 from karma.bench.experiment import OPENAI, Experiment, Models, RunOptions
 from karma.bench.run_folder import FORMAT, Header, Machine
+from karma.bench.tasks import in_rooms
 from karma.contracts import Task
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.files import read_bytes, to_json
@@ -43,7 +43,7 @@ def header_of(
         ModelError: a model's file is missing.
         UnknownNameError: there is no such model.
     """
-    listed = [replace(task, scene=Path(task.scene).stem) for task in tasks]
+    listed = [in_rooms(task, lambda scene: Path(scene).stem) for task in tasks]
     plain = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
     for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
         del plain[name]
@@ -54,7 +54,7 @@ def header_of(
         versions=versions(),
         models=model_hashes(experiment.models),
         prompts=prompt_hashes(),
-        scenes=scene_hashes({task.scene for task in tasks}, scenes),
+        scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
         network=network_allowed(),
         steps=steps,
         format=FORMAT,

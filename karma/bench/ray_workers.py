@@ -20,6 +20,7 @@ from karma.bench.experiment import Models, scene_path
 from karma.bench.identity import model_hashes, prompt_hashes, scene_hashes, versions
 from karma.bench.records import Key
 from karma.bench.run_folder import Finished, Header, differences
+from karma.bench.tasks import in_rooms
 from karma.bench.workers import (
     LIVES,
     Failure,
@@ -226,15 +227,18 @@ class NodeWorker:
         """Do one episode; what it leaves goes with it."""
         if self._performer is None:
             raise RuntimeError("load first")
-        imported = scene_path(self._here, Path(job.task.scene).stem)
-        if imported.exists():
-            job = replace(job, task=replace(job.task, scene=str(imported)))
+        job = replace(job, task=in_rooms(job.task, self._place))
         try:
             one = self._performer.do(job)
         except Exception as error:  # noqa: BLE001  it is raised where the run is
             return Failure.of(_at_node(error))
         said = one.record.error.replace(str(self._here), str(self._there))
         return replace(one, record=replace(one.record, error=said), files=self._new_files())
+
+    def _place(self, scene: str) -> str:
+        """Return where a room lies on this node; the name of one of ours."""
+        imported = scene_path(self._here, Path(scene).stem)
+        return str(imported) if imported.exists() else scene
 
     def _new_files(self) -> dict[str, bytes]:
         found = {}

@@ -66,6 +66,7 @@ class SubTaskRecord:
     recalled: tuple[str, ...]  # object ids in the prompt
     queries: int  # things that can be carried which the goals mention
     hits: int  # of those, in short-term memory when the instruction came
+    scene: str = ""  # name of the room; "" is the episode's
     hosted: tuple[Spent, ...] = ()  # what hosted models of all roles cost, without its seconds
 
     @property
@@ -79,6 +80,7 @@ class EpisodeRecord:
     """One task done once by one row."""
 
     row: str
+    method: str = ""  # its own name, which tells its form too; "" where none came to act
     task: str
     kind: str
     scene: str
@@ -210,6 +212,7 @@ def _summary(
     taken = [timings[record.key].seconds for record in records if record.key in timings]
     successes = sum(record.success for record in records)
     asked = any(sub.answers for sub in parts)
+    remembers = any(sub.hits or sub.recalled for sub in parts)
     spent = [one for record in records for one in record.spent()]
     tokens = total(n for one in spent for n in (one.prompt_tokens, one.completion_tokens))
     cost = total(one.cost for one in spent)
@@ -223,7 +226,7 @@ def _summary(
         actions=_ratio(sum(call.actions for sub in parts for call in sub.calls), number),
         planner_calls=_ratio(sum(len(sub.answers) for sub in parts), number) if asked else None,
         seconds=_ratio(sum(taken), number) if len(taken) == number else None,
-        memory_hit_rate=_ratio(sum(sub.hits for sub in parts), queries) if asked else None,
+        memory_hit_rate=_ratio(sum(sub.hits for sub in parts), queries) if remembers else None,
         hosted_requests=sum(one.requests for one in spent),
         hosted_tokens=None if tokens is None else _ratio(tokens, number),
         cost=None if cost is None else _ratio(cost, number),

@@ -6,6 +6,7 @@ seed begin alike. A start is drawn again while the symbolic teacher cannot do in
 in the scene as it is, or while something is done in it before it was asked for.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,22 @@ _SPARED = ("GarbageCan",)  # nobody begins a day by searching the bin
 _TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 
 Faults = frozenset[tuple[str, int]]  # what is wrong with a start, and in which sub-task
+
+
+def check_seeds(tasks: Iterable[Task], seeds: Iterable[int]) -> None:
+    """See that every task has a start for every seed.
+
+    Raises:
+        KarmaError: a sequence is to begin on another day; its requests were drawn for the scenes as
+            they are.
+    """
+    other = [seed for seed in seeds if seed]
+    alone = next((task.id for task in tasks if task.kind == "sequence"), "")
+    if other and alone:
+        raise KarmaError(
+            f"seeds: {other[0]}: the sequence {alone!r} has no other days, only seed 0\n"
+            "  To fix: draw other sequences: karma sequences OUT.jsonl --number N --seed S"
+        )
 
 
 class Starts:

@@ -33,7 +33,7 @@ class Unit(msgspec.Struct, frozen=True, kw_only=True):
     handled: bool
     position_m: Vec3
     image: str | None
-    scene: str = ""  # the room it belongs to; "" where there is but one
+    scene: str = ""  # name of the room that the object is in
 
     @classmethod
     def of(cls, unit: MemoryUnit) -> "Unit":

@@ -6,7 +6,7 @@
 A sub-task of the kind "sequence" may name another room of the home: "scene": "bedroom_1".
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -83,6 +83,17 @@ def with_whole(task: Task) -> Task:
     alone = task.kind == "sequence"
     told = (replace(sub, whole=sub.instruction if alone else whole) for sub in task.subtasks)
     return replace(task, subtasks=tuple(told))
+
+
+def in_rooms(task: Task, place: Callable[[str], str]) -> Task:
+    """Return a task whose rooms go by other names.
+
+    Args:
+        task: any.
+        place: turns a room's name or path into another.
+    """
+    subtasks = (replace(sub, scene=place(sub.scene) if sub.scene else "") for sub in task.subtasks)
+    return replace(task, scene=place(task.scene), subtasks=tuple(subtasks))
 
 
 def write_tasks(path: str | Path, tasks: Iterable[Task]) -> None:

@@ -46,7 +46,7 @@ class _Discarding(Protocol):
 
 
 class ShortTermMemory:
-    """Units by object id, over one replacement policy.
+    """Units by room and object id, over one replacement policy.
 
     Args:
         policy: empty; from now on this memory's own.
@@ -74,7 +74,7 @@ class ShortTermMemory:
         Returns:
             The unit that left: an older one, or `unit` itself (merged) when it was refused.
         """
-        key = unit.object_id
+        key = line_key(unit.object_id, unit.scene)
         old = self._units.get(key)
         self._units[key] = merged(old or replace(unit, states=()), unit)
         self._units.move_to_end(key)
@@ -88,39 +88,48 @@ class ShortTermMemory:
         )
         return left
 
-    def query(self, name: str) -> MemoryUnit | None:
+    def query(self, name: str, scene: str = "") -> MemoryUnit | None:
         """Look a required unit up and count whether it was there; changes no line.
 
         Args:
             name: an object id, or a type: then its most recently used unit.
+            scene: the room that it is in.
         """
-        found = self.find(name)
+        found = self.find(name, scene)
         counts = self._statistics
         self._statistics = replace(
             counts, queries=counts.queries + 1, hits=counts.hits + (found is not None)
         )
         return found
 
-    def find(self, name: str) -> MemoryUnit | None:
+    def find(self, name: str, scene: str = "") -> MemoryUnit | None:
         """Look up as `query` does, without counting."""
-        if name in self._units:
-            return self._units[name]
-        of_type = (unit for unit in reversed(self._units.values()) if unit.object_type == name)
-        return next(of_type, None)
+        if (key := line_key(name, scene)) in self._units:
+            return self._units[key]
+        here = (unit for unit in reversed(self._units.values()) if unit.scene == scene)
+        return next((unit for unit in here if unit.object_type == name), None)
 
-    def units(self) -> tuple[MemoryUnit, ...]:
-        """Return all units, least recently used first."""
-        return tuple(self._units.values())
+    def units(self, scene: str | None = None) -> tuple[MemoryUnit, ...]:
+        """Return all units, or those of one room, least recently used first."""
+        units = self._units.values()
+        return tuple(unit for unit in units if scene is None or unit.scene == scene)
 
-    def forget(self, object_id: str) -> bool:
+    def correct(self, unit: MemoryUnit) -> None:
+        """Write the line of an object anew, if there is one; that is no use of it."""
+        key = line_key(unit.object_id, unit.scene)
+        if key in self._units:
+            self._units[key] = unit
+
+    def forget(self, object_id: str, scene: str = "") -> bool:
         """Remove the unit of an object that is no more; return whether there was one.
 
         A policy without `discard` keeps the line reserved until it would have left anyway.
         """
-        if self._units.pop(object_id, None) is None:
+        key = line_key(object_id, scene)
+        if self._units.pop(key, None) is None:
             return False
         if isinstance(self._policy, _Discarding):
-            self._policy.discard(object_id)
+            self._policy.discard(key)
         return True
 
     def clear(self) -> None:
@@ -129,8 +138,8 @@ class ShortTermMemory:
         self._units.clear()
         self._statistics = MemoryStatistics()
 
-    def __contains__(self, object_id: object) -> bool:
-        return object_id in self._units
+    def __contains__(self, key: object) -> bool:
+        return key in self._units
 
     def __len__(self) -> int:
         return len(self._units)
@@ -160,6 +169,15 @@ class ShortTermMemory:
             memory.remember(line.unit())
         memory._statistics = MemoryStatistics()
         return memory
+
+
+def line_key(object_id: str, scene: str) -> str:
+    """Return what the policy calls an object's line: rooms may have equal ids.
+
+    >>> line_key("Mug|1", "kitchen_1"), line_key("Mug|1", "")
+    ('kitchen_1/Mug|1', 'Mug|1')
+    """
+    return f"{scene}/{object_id}" if scene else object_id
 
 
 def merged(old: MemoryUnit, new: MemoryUnit) -> MemoryUnit:
@@ -197,7 +215,7 @@ def listing(unit: MemoryUnit, *, full: bool = False) -> dict[str, Any]:
 
     Args:
         unit: what to write.
-        full: also write what the listing leaves out: states, placeId, handled.
+        full: also write what the listing leaves out: states, placeId, handled, scene.
     """
     x, y, z = unit.position_m
     line: dict[str, Any] = {
@@ -209,6 +227,7 @@ def listing(unit: MemoryUnit, *, full: bool = False) -> dict[str, Any]:
         line["imagePath"] = unit.image
     if full:
         line |= {"states": list(unit.states), "placeId": unit.place_id, "handled": unit.handled}
+        line |= {"scene": unit.scene} if unit.scene else {}
     return line
 
 
@@ -228,6 +247,7 @@ class _Line(msgspec.Struct, frozen=True, rename="camel", forbid_unknown_fields=T
     states: tuple[str, ...] = ()
     place_id: str | None = None
     handled: bool = False
+    scene: str = ""
 
     def unit(self) -> MemoryUnit:
         """Return the unit that the line describes."""
@@ -239,4 +259,5 @@ class _Line(msgspec.Struct, frozen=True, rename="camel", forbid_unknown_fields=T
             place_id=self.place_id,
             handled=self.handled,
             image=self.image_path,
+            scene=self.scene,
         )

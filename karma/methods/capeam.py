@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from karma.contracts import Outcome, Plan, SkillResult, SubTask, World
+from karma.contracts import Area, Outcome, Plan, SkillResult, SubTask, World
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.capeam_frames import read
 from karma.methods.capeam_memory import EnvironmentMemory
@@ -30,6 +30,26 @@ class CapeamSettings:
     failures: int = 10  # of one instruction
     steps: int = 1000  # world actions of one instruction
     furniture: bool = False  # whether the planner is told what furniture was seen; the source's not
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Room:
+    """The map of one room."""
+
+    memory: EnvironmentMemory
+    floor: SceneGraph
+    finer: tuple[Area, ...]
+
+    @classmethod
+    def of(cls, world: World) -> Self:
+        """Return the empty map of the room that the agent is in."""
+        cells, height = cells_of(world), position_of(world)[1]
+        finer = SceneGraph.over(cells, height_m=height, spacing_m=FINER_M).areas()
+        return cls(
+            memory=EnvironmentMemory(here=lambda: position_of(world)),
+            floor=SceneGraph.over(cells, height_m=height),
+            finer=tuple(replace(area, name=f"finer_{area.name}") for area in finer),
+        )
 
 
 class CapeamMethod:
@@ -60,13 +80,20 @@ class CapeamMethod:
 
     def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
         """Start an episode: an empty map."""
-        self._world, self._seed, self._scene = world, seed, Path(scene).stem
+        self._world, self._seed = world, seed
         self._number = 0  # of the instruction
-        self.memory = EnvironmentMemory(here=lambda: position_of(world))
-        cells, height = cells_of(world), position_of(world)[1]
-        self._floor = SceneGraph.over(cells, height_m=height)
-        finer = SceneGraph.over(cells, height_m=height, spacing_m=FINER_M).areas()
-        self._finer = tuple(replace(area, name=f"finer_{area.name}") for area in finer)
+        self._rooms: dict[str, _Room] = {}
+        self.enter(scene)
+
+    def enter(self, scene: str) -> None:
+        """Be in a room: each has a map of its own."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        self._scene = Path(scene).stem
+        if self._scene not in self._rooms:
+            self._rooms[self._scene] = _Room.of(self._world)
+        room = self._rooms[self._scene]
+        self.memory, self._floor, self._finer = room.memory, room.floor, room.finer
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Predict the frames once, then carry them out until one cannot be."""

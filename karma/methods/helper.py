@@ -45,6 +45,25 @@ class HelperSettings:
     furniture: bool = False  # whether the planner is told what furniture was seen; the source's not
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Room:
+    """What is known of one room."""
+
+    memory: ObjectMemory
+    cells: list[Vec3]
+    floor: SceneGraph
+
+    @classmethod
+    def of(cls, world: World) -> Self:
+        """Return the knowledge of somebody who has just come in."""
+        cells, height = sorted(cells_of(world)), position_of(world)[1]
+        return cls(
+            memory=ObjectMemory(here=lambda: position_of(world)),
+            cells=[(x, height, z) for x, z in cells],
+            floor=SceneGraph.over(cells, height_m=height),
+        )
+
+
 class HelperMethod:
     """The `helper` row.
 
@@ -84,21 +103,31 @@ class HelperMethod:
 
     def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
         """Start an episode: no objects known, no examples but the seeds."""
-        self._world, self._seed, self._scene = world, seed, Path(scene).stem
+        self._world, self._seed = world, seed
         self._number = 0  # of the instruction
         self.examples.clear()
-        self.memory = ObjectMemory(here=lambda: position_of(world))
-        cells, height = sorted(cells_of(world)), position_of(world)[1]
-        self._cells: list[Vec3] = [(x, height, z) for x, z in cells]
-        self._floor = SceneGraph.over(cells, height_m=height)
+        self._rooms: dict[str, _Room] = {}
+        self._explored: set[str] = set()
+        self.enter(scene)
+
+    def enter(self, scene: str) -> None:
+        """Be in a room: its objects are remembered apart, examples are for all rooms."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        self._scene = Path(scene).stem
+        if self._scene not in self._rooms:
+            self._rooms[self._scene] = _Room.of(self._world)
+        room = self._rooms[self._scene]
+        self.memory, self._cells, self._floor = room.memory, room.cells, room.floor
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
-        """Explore if the home is new; then plan, act, correct once, and learn the example."""
+        """Explore if the room is new; then plan, act, correct once, and learn the example."""
         if self._world is None:
             raise RuntimeError("begin an episode first")
         self.memory.begin_instruction()
         body = self._executor(self._world)
-        if self._number == 0:
+        if self._scene not in self._explored:
+            self._explored.add(self._scene)
             yield from self._explore(body)
         self._number += 1
         plan = yield from self._ask(body, subtask, self.examples.nearest(*self._query(subtask)), "")

@@ -72,10 +72,10 @@ class KarmaMethod:
         self.settings = settings or KarmaSettings()
         self.name = _name(self.settings)
         self.short_term = ShortTermMemory(make_policy(self.settings.policy))
-        self.graph: SceneGraph | None = None
         self._planner, self._recall, self._vision = planner, recall, vision
         self._maps, self._learn = maps, learn
-        self._map_path: Path | None = None
+        self._graphs: dict[str, SceneGraph] = {}  # by the room's name
+        self._scene = ""  # name of the room that the agent is in
         self._world: World | None = None
         self._folder: Path | None = None
 
@@ -95,18 +95,38 @@ class KarmaMethod:
             learn=kit.learn,
         )
 
+    @property
+    def graph(self) -> SceneGraph | None:
+        """Long-term memory of the room that the agent is in."""
+        return self._graphs.get(self._scene)
+
     # ------------------------------------------------------------- an episode
 
     def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
         """Start an episode: short-term memory empty, long-term memory loaded or explored."""
         self._world, self._folder = world, folder
         self.short_term.clear()
-        self.graph = None
-        if self.settings.long_term:
-            self._map_path = self._maps / f"{Path(scene).stem}.json" if self._maps else None
-            self.graph, is_new = survey(world, scene, self._map_path)
-            if is_new and self._map_path is not None:
-                self.graph.save(self._map_path)
+        self._graphs.clear()
+        self.enter(scene)
+
+    def enter(self, scene: str) -> None:
+        """Be in a room: each has a map of its own; short-term memory is one for all."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        for unit in self.short_term.units():
+            if unit.place_id == HAND:  # it was put down at the door
+                self.short_term.correct(replace(unit, place_id=None))
+        self._scene = Path(scene).stem
+        if self.settings.long_term and self._scene not in self._graphs:
+            saved = self._map_path()
+            graph, is_new = survey(self._world, scene, saved)
+            self._graphs[self._scene] = graph
+            if is_new and saved is not None:
+                graph.save(saved)
+
+    def _map_path(self) -> Path | None:
+        """Return where the map of this room lies."""
+        return self._maps / f"{self._scene}.json" if self._maps else None
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Plan and act until a program succeeds or the attempts are used up; then remember."""
@@ -114,8 +134,9 @@ class KarmaMethod:
             raise RuntimeError("begin an episode first")
         resident = self.short_term.units()
         recalled = self._recalled(subtask)
-        known = resident if self.settings.short_term and self.settings.by_name else ()
-        turn = _Turn(self._world, recalled, self.graph, known=known)
+        by_name = self.settings.short_term and self.settings.by_name
+        known = self.short_term.units(self._scene) if by_name else ()
+        turn = _Turn(self._world, self._scene, recalled, self.graph, known=known)
         error, finished = "", False
         for _ in range(self.settings.attempts):
             plan = None
@@ -129,6 +150,8 @@ class KarmaMethod:
                 yield result
                 if not result.ok:
                     error = f"{result.call}: {result.reason}"
+                    if call.skill == "Explore":
+                        turn.missing.append(call.objects[-1])
                     break
             finished = not error
             if finished:
@@ -144,8 +167,8 @@ class KarmaMethod:
     # ------------------------------------------------------------- memory into the prompt
 
     def _recalled(self, subtask: SubTask) -> tuple[MemoryUnit, ...]:
-        """Return the top K units, least recently used first."""
-        units = self.short_term.units() if self.settings.short_term else ()
+        """Return the top K units of this room, least recently used first."""
+        units = self.short_term.units(self._scene) if self.settings.short_term else ()
         whole = self.settings.query == "instruction" and subtask.whole
         query = whole or subtask.instruction
         if not units:
@@ -167,29 +190,31 @@ class KarmaMethod:
             held_id=held.object_id if held else None,
             held_type=held.object_type if held else None,
             error=error,
+            missing=tuple(turn.missing),
         )
 
     # ------------------------------------------------------------- experience into memory
 
     def _remember(self, turn: "_Turn", subtask: SubTask) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
-        known = self.short_term.units()  # slices inherit from wholes, which are gone
+        known = self.short_term.units(self._scene)  # slices inherit from wholes, which are gone
         for object_id in turn.gone():
-            self.short_term.forget(object_id)
+            self.short_term.forget(object_id, self._scene)
         units = fresh_units(
             turn.skills,
             self._vision,
             subtask.instruction,
             witnesses=self.settings.witnesses,
             folder=self._folder,
+            scene=self._scene,
         )
         if self.settings.short_term:
             for unit in _with_history(units, known, turn.skills.cut):
                 self.short_term.remember(replace(unit, vector=self._recall.vector(unit)))
         if self.graph is not None:
             self.graph.observe(turn.skills.seen.values())
-            if self._learn and self._map_path is not None:
-                self.graph.save(self._map_path)
+            if self._learn and (path := self._map_path()) is not None:
+                self.graph.save(path)
 
 
 class _Turn:
@@ -197,21 +222,24 @@ class _Turn:
 
     Args:
         world: where.
-        recalled: units in the prompt.
-        graph: long-term memory.
-        known: units that are found by their names only.
+        scene: name of the room.
+        recalled: units in the prompt, of this room.
+        graph: long-term memory of it.
+        known: units of this room that are found by their names only.
     """
 
     def __init__(
         self,
         world: World,
+        scene: str,
         recalled: Sequence[MemoryUnit],
         graph: SceneGraph | None,
         *,
         known: Sequence[MemoryUnit] = (),
     ) -> None:
-        self._world, self._graph = world, graph
+        self._world, self._scene, self._graph = world, scene, graph
         self.recalled, self._known = tuple(recalled), tuple(known)
+        self.missing: list[str] = []  # names that were searched for in vain
         self.skills = Skills(world, self)
 
     def where(self, name: str) -> Known | None:
@@ -237,7 +265,7 @@ class _Turn:
 
     def units(self, vision: VisionModel, instruction: str) -> tuple[MemoryUnit, ...]:
         """Return what the next program of the same instruction may build on."""
-        fresh = fresh_units(self.skills, vision, instruction, witnesses=0)
+        fresh = fresh_units(self.skills, vision, instruction, witnesses=0, scene=self._scene)
         fresh = _with_history(fresh, self.recalled, self.skills.cut)
         new = {unit.object_id for unit in fresh} | self.gone()
         return (*(unit for unit in self.recalled if unit.object_id not in new), *fresh)

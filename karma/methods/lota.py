@@ -88,6 +88,7 @@ class LotaScore:
         self._texts = tuple(self._steps)
         self._world: World | None = None
         self._history: list[Past] = []
+        self._floors: dict[str, _Floor] = {}  # by room
 
     @classmethod
     def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
@@ -103,13 +104,26 @@ class LotaScore:
 
     def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
         """Start an episode: no steps taken; only the cells of the floor are known."""
-        self._world, self._history = world, []
-        self._floor = _Floor(world)
+        self._world, self._history, self._floors = world, [], {}
+        self.enter(scene)
 
-    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
-        """Take the likeliest step until that is `done` or the steps are used up."""
+    def enter(self, scene: str) -> None:
+        """Be in a room, whose cells are known."""
         if self._world is None:
             raise RuntimeError("begin an episode first")
+        if scene not in self._floors:
+            self._floors[scene] = _Floor(self._world)
+        self._floor = self._floors[scene]
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Take the likeliest step until that is `done` or the steps are used up.
+
+        A task by itself is asked for without the ones before it, as in the source.
+        """
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        if subtask.is_whole:
+            self._history.clear()
         skills = Skills(self._world, self._floor)
         skills.look()
         begun_with = skills.held
@@ -175,6 +189,7 @@ class LotaGenerate:
         self._planner = Planner(planner.model, planner.profile, decoding)
         self._world: World | None = None
         self._history: list[Past] = []
+        self._floors: dict[str, _Floor] = {}  # by room
 
     @classmethod
     def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
@@ -187,13 +202,26 @@ class LotaGenerate:
 
     def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
         """Start an episode: no plans made; only the cells of the floor are known."""
-        self._world, self._history = world, []
-        self._floor = _Floor(world)
+        self._world, self._history, self._floors = world, [], {}
+        self.enter(scene)
 
-    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
-        """Ask for a plan and carry out all of it; a line that is refused is passed over."""
+    def enter(self, scene: str) -> None:
+        """Be in a room, whose cells are known."""
         if self._world is None:
             raise RuntimeError("begin an episode first")
+        if scene not in self._floors:
+            self._floors[scene] = _Floor(self._world)
+        self._floor = self._floors[scene]
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Ask for a plan and carry out all of it; a line that is refused is passed over.
+
+        A task by itself is asked for without the ones before it, as in the source.
+        """
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        if subtask.is_whole:
+            self._history.clear()
         skills = Skills(self._world, self._floor)
         skills.look()
         plan = self._asked(skills, subtask)

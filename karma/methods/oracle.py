@@ -44,7 +44,8 @@ class OracleMethod:
     def __init__(self) -> None:
         self._world: World | None = None
         self._tracker = GoalTracker()
-        self._used: list[str] = []  # ids, the last used last
+        self._used: list[str] = []  # ids of this room, the last used last
+        self._used_in: dict[str, list[str]] = {}  # by room
 
     @classmethod
     def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
@@ -54,14 +55,22 @@ class OracleMethod:
 
     def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
         """Start an episode; nothing is kept from an earlier one."""
-        watched = WatchedWorld(world, self._tracker)
-        self._world, self._used = watched, []
-        self._tracker.start(world.last_event)
+        self._world, self._used_in = WatchedWorld(world, self._tracker), {}
+        self.enter(scene)
+
+    def enter(self, scene: str) -> None:
+        """Be in a room; what was used in it before is known."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        self._used = self._used_in.setdefault(scene, [])
+        self._tracker.start(self._world.last_event)
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Solve what is not true yet, and again if something went wrong."""
         if self._world is None:
             raise RuntimeError("begin an episode first")
+        if subtask.is_whole:
+            self._tracker.start(self._world.last_event)
         self._tracker.begin_subtask()
         truth = _Truth(self._world)
         skills = Skills(self._world, truth)

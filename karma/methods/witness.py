@@ -1,6 +1,7 @@
 """From what the skills saw and did to units of short-term memory."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from karma.contracts import MemoryUnit, VisionModel
@@ -16,6 +17,7 @@ def fresh_units(
     *,
     witnesses: int,
     folder: Path | None = None,
+    scene: str = "",
 ) -> list[MemoryUnit]:
     """Return the units of an instruction: things seen first, then things handled, in order of use.
 
@@ -28,6 +30,7 @@ def fresh_units(
         instruction: what was asked for.
         witnesses: how many things that were only seen to keep, the last seen ones.
         folder: the run folder, which takes the pictures that were looked at.
+        scene: name of the room.
     """
     handled = _handled(skills)
     others = [
@@ -39,7 +42,7 @@ def fresh_units(
     kept = others[len(others) - witnesses :] if witnesses else []
     sights = [*((sight, False) for sight in kept), *((skills.seen[i], True) for i in handled)]
     looked = look_at(vision, instruction, [sight for sight, _ in sights], skills.views, folder)
-    return [
+    units = (
         to_unit(
             sight,
             (*skills.effects.get(sight.object_id, ()), *looked.states.get(sight.object_id, ())),
@@ -47,7 +50,8 @@ def fresh_units(
             image=looked.images.get(sight.object_id),
         )
         for sight, was_handled in sights
-    ]
+    )
+    return [replace(unit, scene=scene) for unit in units]
 
 
 def _handled(skills: Skills) -> list[str]:
