@@ -201,6 +201,7 @@ class Reach:
             raise RefusedError(_advice(_words(event), target.object_type))
         if in_passing:
             return
+        self.log.changed(target.object_id, target.position_m)
         self.log.handled.extend(touched)
         self.used = [*touched, *self.used]
         self.log.focus[target.object_type] = target.object_id

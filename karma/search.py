@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 from karma.contracts import Known, SeenObject, Vec3
 from karma.reach import Reach, RefusedError
@@ -19,21 +20,22 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
     cover the room); then the closed containers, those that may hold such a thing first; then places
     between, from which what stands in a corner may come into reach of the eye.
 
+    Where the log has it that everything was looked at, for this thing or another, nothing is to be
+    found that it does not know: such places are left out until something is done near them.
+
     Raises:
         RefusedError: it is nowhere.
     """
     found = _in_view(reach, name)
-    visited: list[Vec3] = []
+    if found is None and _is_searched(reach, name):
+        raise RefusedError(f"could not find {name}; everything was searched before")
     for point in _nodes(reach, positions):
         if found is not None:
             return found
-        visited.append(point)
         found = look_from(reach, name, point)
-    opened: set[str] = set()
-    while found is None and (container := _next_container(reach, name, opened)) is not None:
-        opened.add(container.object_id)
+    while found is None and (container := _next_container(reach, name)) is not None:
         found = look_into(reach, name, container)
-    for point in _cover(reach, visited, reach.limits.look_again_m):
+    for point in _cover(reach, reach.limits.look_again_m):
         if found is not None:
             return found
         found = look_from(reach, name, point)
@@ -42,11 +44,27 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
     return found
 
 
+def _is_searched(reach: Reach, name: str) -> bool:
+    """Return whether the log leaves nothing to look at."""
+    if not reach.log.looked_from or _next_container(reach, name) is not None:
+        return False
+    return not _cover(reach, reach.limits.look_again_m)
+
+
 def look_from(reach: Reach, name: str, point: Vec3) -> Known | None:
-    """Walk near a point and look around for a thing; one place is counted as searched."""
+    """Walk near a point and look around for a thing; one place is counted as searched.
+
+    Not if the log has it that everything was looked at from there.
+    """
+    cell = reach.walker.cell_near(point)
+    if cell in reach.log.looked_from:
+        return None
     reach.walker.walk_near(point)
     reach.explorations += 1
-    return look_around(reach, name)
+    found = look_around(reach, name)
+    if found is None:
+        reach.log.looked_from.add(cell)
+    return found
 
 
 def _in_view(reach: Reach, name: str) -> Known | None:
@@ -84,17 +102,17 @@ def _nodes(reach: Reach, positions: Sequence[str | Vec3]) -> Iterator[Vec3]:
             yield place.position_m
     rest = list(areas.values())
     if not reach.knowledge.areas():
-        rest = _cover(reach, [], reach.limits.cover_m)
+        rest = _cover(reach, reach.limits.cover_m)
     while rest:
         rest.sort(key=lambda point: (reach.walker.gap(point), point))
         yield rest.pop(0)
 
 
-def _cover(reach: Reach, visited: Sequence[Vec3], within_m: float) -> list[Vec3]:
-    """Return cells spread evenly so that every cell is near one of them or a visited point."""
+def _cover(reach: Reach, within_m: float) -> list[Vec3]:
+    """Return cells so that every cell is near one of them, or near one looked round from."""
     cells = sorted(reach.walker.cells())
     chosen: list[Vec3] = []
-    near = [(x, z) for x, _, z in visited]
+    near = sorted(reach.log.looked_from)
     if not near:
         near = [reach.walker.position]
         chosen.append((near[0][0], 0.0, near[0][1]))
@@ -106,7 +124,7 @@ def _cover(reach: Reach, visited: Sequence[Vec3], within_m: float) -> list[Vec3]
     return chosen
 
 
-def _next_container(reach: Reach, name: str, opened: set[str]) -> SeenObject | None:
+def _next_container(reach: Reach, name: str) -> SeenObject | None:
     """Return the closed container to open next: one that may hold the thing, and near."""
     types = object_types()
     wanted = types.get(kind_of(name))
@@ -118,7 +136,7 @@ def _next_container(reach: Reach, name: str, opened: set[str]) -> SeenObject | N
     closed = [
         sight
         for object_id, sight in reach.log.seen.items()
-        if object_id not in opened and "closed" in sight.states
+        if object_id not in reach.log.looked_into and "closed" in sight.states
         if (kind := types.get(sight.object_type)) and kind.can("receptacle")
     ]
     return min(closed, key=rank, default=None)
@@ -130,6 +148,7 @@ def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
     try:
         reach.act(target, "OpenObject", in_passing=True)
     except RefusedError:
+        reach.log.looked_into.add(container.object_id)
         return None
     reach.explorations += 1
     found = _in_view(reach, name)
@@ -138,10 +157,9 @@ def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
         if found is None and reach.next_view(target, tried, least_gap_m=least_gap_m):
             found = _in_view(reach, name)
     if found is None:
-        try:
+        reach.log.looked_into.add(container.object_id)
+        with suppress(RefusedError):
             reach.act(target, "CloseObject", in_passing=True)
-        except RefusedError:
-            return None
     else:
         reach.log.handled.append(container.object_id)
         reach.log.focus[container.object_type] = container.object_id

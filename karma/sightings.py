@@ -9,6 +9,7 @@ from karma.contracts import Event, Knowledge, Known, Observation, Pose, SeenObje
 from karma.perceive import HAND, heated, observe, place_of, sight_of, washed
 from karma.world.types import object_types
 
+_CHANGES_M = 2.0  # from so far away a deed may have changed what is seen
 _SAME_PLACE_M = 0.3  # a memory this near to where a thing was missed is the same, stale memory
 
 
@@ -28,6 +29,8 @@ class Sightings:
     within_reach: set[str] = field(default_factory=set)  # in view, and not behind glass
     held: SeenObject | None = None
     focus: dict[str, str] = field(default_factory=dict)  # type -> id that a skill last turned to
+    looked_from: set[tuple[float, float]] = field(default_factory=set)  # cells, x and z
+    looked_into: set[str] = field(default_factory=set)  # containers, by id
 
     def observe(self, event: Event, handled: Iterable[str] = ()) -> Observation:
         """Take note of what is in view, and of ids that are in the agent's hands anyway."""
@@ -84,6 +87,14 @@ class Sightings:
     def miss(self, object_id: str, position: Vec3) -> None:
         """Note that a thing is not where it was believed to be."""
         self.missed[object_id] = position
+
+    def changed(self, object_id: str, position: Vec3) -> None:
+        """Note that something was done to a thing: there may be more to see around it now."""
+        self.looked_into.discard(object_id)
+        x, _, z = position
+        self.looked_from = {
+            cell for cell in self.looked_from if math.dist(cell, (x, z)) > _CHANGES_M
+        }
 
     def gain(self, object_id: str, word: str) -> None:
         """Note a lasting effect on an object, once."""

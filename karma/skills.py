@@ -265,14 +265,19 @@ def _put(reach: Reach, first: tuple[str, ...], name: str) -> str:
 
 
 def _put_into(reach: Reach, held: SeenObject, target: Known) -> None:
-    reach.approach(_basin(reach, target))
-    reach.act(_basin(reach, target), "PutObject", also=held.object_id)
+    reach.approach(_basin(reach, target) or target)
+    tried = [reach.walker.here()]
+    while (place := _basin(reach, target)) is None:
+        if len(tried) > reach.limits.views or not reach.next_view(target, tried):
+            place = target
+            break
+    reach.act(place, "PutObject", also=held.object_id)
 
 
-def _basin(reach: Reach, target: Known) -> Known:
-    """Return the basin of a sink, if it is known: that is where things are put."""
+def _basin(reach: Reach, target: Known) -> Known | None:
+    """Return where things are put: the basin of a sink or bathtub, None if it is not known yet."""
     part = PARTS.get(target.object_type)
-    return (reach.find(f"{target.object_id}|{part}") if part else None) or target
+    return reach.find(f"{target.object_id}|{part}") if part else target
 
 
 def _throw(reach: Reach, name: str) -> str:

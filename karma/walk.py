@@ -149,6 +149,11 @@ class Walker:
         state = (*self._cell({"x": x, "z": z}), round(pose.yaw_deg / 90.0) % 4)
         return View(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
 
+    def cell_near(self, point: Vec3) -> tuple[float, float]:
+        """Return the cell of the map nearest to a point: x, z in metres."""
+        x, _, z = point
+        return min(self._cells.values(), key=lambda cell: (math.dist(cell, (x, z)), cell))
+
     def cells(self) -> Iterable[tuple[float, float]]:
         """Return all cells of the map: x, z in metres."""
         return self._cells.values()

@@ -1,0 +1,118 @@
+"""Looking for things in our own rooms: what was searched in vain is not searched again."""
+
+import pytest
+
+from karma.contracts import SkillCall
+from karma.skills import Limits, Skills
+from karma.world.sim import EmbeddedWorld
+
+
+class Nothing:
+    """Nothing is remembered."""
+
+    def where(self, name):
+        return None
+
+    def areas(self):
+        return ()
+
+
+def explore(skills, name, *positions):
+    return skills.run(SkillCall(skill="Explore", objects=(name,), positions=positions))
+
+
+def do(skills, skill, *objects):
+    result = skills.run(SkillCall(skill=skill, objects=objects))
+    assert result.ok, result.reason
+    return result
+
+
+def of(world, kind):
+    return next(t for t in world.last_event.metadata["objects"] if t["objectType"] == kind)
+
+
+@pytest.fixture
+def world():
+    return EmbeddedWorld("bathroom_1")
+
+
+def searched(world):
+    """Return skills that have searched the whole room in vain."""
+    skills = Skills(world, Nothing())
+    result = explore(skills, "Basketball")
+    assert result.reason == f"could not find Basketball; searched {result.explorations} places"
+    return skills
+
+
+# ----------------------------------------------------------------- in vain
+
+
+def test_a_search_in_vain_is_refused_the_second_time(world):
+    skills = searched(world)
+    for position in ((), ((0.0, 0.0, 0.0),)):
+        again = explore(skills, "Basketball", *position)
+        assert (again.ok, again.actions, again.explorations) == (False, 0, 0)
+        assert again.reason == "could not find Basketball; everything was searched before"
+
+
+def test_what_one_search_saw_spares_the_next_one(world):
+    skills = searched(world)
+    result = explore(skills, "AlarmClock")
+    assert (result.ok, result.actions, result.explorations) == (False, 0, 0)
+    closed = next(t for t in world.last_event.metadata["objects"] if t["objectType"] == "Cabinet")
+    inside = closed["receptacleObjectIds"]
+    for kind in ["SoapBar", *(name.partition("|")[0] for name in inside)]:
+        result = explore(skills, kind)
+        assert result.ok, result.reason
+        objects = world.last_event.metadata["objects"]
+        assert next(t for t in objects if t["objectId"] == result.object_ids[-1])["visible"]
+
+
+def test_after_a_deed_only_its_neighbourhood_is_searched_again(world):
+    skills = searched(world)
+    whole = skills.explorations
+    do(skills, "OpenObject", "Cabinet")
+    do(skills, "CloseObject", "Cabinet")
+    again = explore(skills, "Basketball")
+    assert not again.ok
+    assert 0 < again.explorations < whole
+
+
+def test_a_new_instruction_searches_anew(world):
+    searched(world)
+    assert explore(Skills(world, Nothing()), "Basketball").explorations > 5
+
+
+def test_a_search_that_ran_out_of_actions_is_gone_on_with(world):
+    whole = searched(world).actions
+    world.reset("bathroom_1")
+    skills = Skills(world, Nothing(), limits=Limits(max_actions=whole // 3))
+    reasons = [explore(skills, "Basketball").reason for _ in range(8)]
+    assert reasons[0] == f"gave up after {whole // 3} actions on Basketball"
+    assert reasons[-1] == "could not find Basketball; everything was searched before"
+    assert skills.actions < whole * 1.5
+
+
+# ----------------------------------------------------------------- basins
+
+
+@pytest.mark.parametrize("room", ["bathroom_2", "kitchen_3"])
+def test_a_thing_is_put_into_the_basin_that_was_not_in_view(room):
+    world = EmbeddedWorld(room)
+    sink, basin = of(world, "Sink"), of(world, "SinkBasin")
+    thing = next(
+        t for t in world.last_event.metadata["objects"]
+        if t["objectType"] in ("SoapBar", "Mug")
+    )  # fmt: skip
+    cells = world.step("GetReachablePositions").metadata["actionReturn"]
+    unseen = 0
+    for cell in cells:
+        for yaw in (0.0, 90.0, 180.0, 270.0):
+            here = {"position": cell, "rotation": {"x": 0.0, "y": yaw, "z": 0.0}}
+            world.step("TeleportFull", **here, horizon=0.0, standing=True)
+            if of(world, "Sink")["isInteractable"] and not of(world, "SinkBasin")["visible"]:
+                unseen += 1
+                world.step("PickupObject", objectId=thing["objectId"], forceAction=True)
+                do(Skills(world, Nothing()), "PutObject", thing["objectType"], "Sink")
+                assert basin["objectId"] in of(world, thing["objectType"])["parentReceptacles"]
+    assert unseen > 3, sink["objectId"]
