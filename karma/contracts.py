@@ -275,7 +275,8 @@ class Task:
     @property
     def scenes(self) -> tuple[str, ...]:
         """The rooms it plays in, in the order in which they are first needed."""
-        return tuple(dict.fromkeys(sub.scene or self.scene for sub in self.subtasks))
+        rooms = (sub.scene or self.scene for sub in self.subtasks)
+        return tuple(dict.fromkeys(rooms)) or (self.scene,)
 
 
 # ----------------------------------------------------------------- the roles

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 from karma.bench.metrics import Episode, Need, needs, related_needs, types_of
 from karma.bench.records import Call, SubTaskRecord
-from karma.bench.steps import Ended, Instruction, Step
+from karma.bench.steps import Ended, Enter, Instruction, Start, Step
 
 Cause = Literal["planner", "recall", "evicted", "not stored", "skill", "world", "error"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)
@@ -45,7 +45,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Memory:
-    """Types that short-term memory held: when the sub-task began, and ever before."""
+    """Types of its room that short-term memory held: when the sub-task began, and ever before."""
 
     held: frozenset[str] = frozenset()
     ever: frozenset[str] = frozenset()
@@ -87,11 +87,12 @@ def failures(episode: Episode, steps: Sequence[Step] | None = None) -> tuple[Fai
     memories = _memories(steps) if steps is not None else {}
     found: list[Failure] = []
     tried = [bool(sub.answers or sub.calls or sub.finished) for sub in record.subtasks]
+    begun = max((number for number, one in enumerate(tried, start=1) if one), default=0)
     for number, related in enumerate(related_needs(record)):
         sub = record.subtasks[number]
         if sub.success:
             continue
-        if record.error and not any(tried[number:]):
+        if record.error and number >= begun:
             cause, why = _error(record.error)
         else:
             memory = None if steps is None else memories.get(number, _Memory())
@@ -161,15 +162,18 @@ def _error(text: str) -> tuple[Cause, str]:
 
 
 def _memories(steps: Sequence[Step]) -> dict[int, _Memory]:
-    """Return what memory held at the start of each sub-task, and ever before."""
-    ever: frozenset[str] = frozenset()
+    """Return what memory held at the start of each sub-task, and ever before, of its room."""
+    room = ""
+    ever: dict[str, frozenset[str]] = {}
     found = {}
     for step in steps:
-        if isinstance(step, Instruction | Ended):
-            held = types_of(unit.object_id for unit in step.memory)
-            ever |= held
+        if isinstance(step, Start | Enter):
+            room = step.scene
+        elif isinstance(step, Instruction | Ended):
+            held = types_of(u.object_id for u in step.memory if u.scene in ("", room))
+            ever[room] = ever.get(room, frozenset()) | held
             if isinstance(step, Instruction):
-                found[step.number] = _Memory(held=held, ever=ever)
+                found[step.number] = _Memory(held=held, ever=ever[room])
     return found
 
 

@@ -1,6 +1,6 @@
 """One task, one method, one world -> one record."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from karma.bench.records import (
@@ -14,8 +14,8 @@ from karma.bench.records import (
     untimed,
     waited,
 )
-from karma.bench.starts import Starts
-from karma.bench.steps import LoggedWorld, StepLog
+from karma.bench.starts import Starts, check_seeds
+from karma.bench.steps import Enter, LoggedWorld, StepLog
 from karma.bench.tasks import required_types
 from karma.contracts import MemoryUnit, Method, Outcome, Plan, SkillResult, SubTask, Task, World
 from karma.errors import KarmaError
@@ -23,6 +23,7 @@ from karma.goals import GoalTracker, WatchedWorld
 from karma.infer.cassette import Cassette, CassetteError
 from karma.infer.hosted_cost import Ledger
 from karma.prompt import base_type
+from karma.world.home import Home
 
 
 class TimeLog:
@@ -61,7 +62,7 @@ def run_episode(
 
     Args:
         method: who acts.
-        world: where; reset to the task's scene here.
+        world: where; reset to the task's scene here. A task of several rooms takes a `Home`.
         task: what; goals are checked when each sub-task ends.
         row: name of the table's row.
         seed: of the episode.
@@ -74,24 +75,34 @@ def run_episode(
 
     Raises:
         CassetteError: a replay left its recording, or the recording cannot be written.
+        KarmaError: the task has no start for the seed.
+        TypeError: the task has several rooms and the world is no home.
     """
+    check_seeds((task,), (seed,))
+    home = world if isinstance(world, Home) else None
+    if len(task.scenes) > 1 and home is None:
+        raise TypeError(f"{task.id}: {len(task.scenes)} rooms take a Home, not one world")
     ledger, cassette = ledger or Ledger(), cassette or Cassette()
     steps, times = steps or StepLog(), times or TimeLog()
     cassette.begin(f"{row}/{task.id}/{seed}")
-    scene = Path(task.scene).stem
+    first = Path(task.scenes[0]).stem
     tracker = GoalTracker()
     done: list[SubTaskRecord] = []
     error = ""
     try:
         world = (starts or Starts()).of(LoggedWorld(world, steps), task, seed)
-        world.reset(task.scene)
         watched = WatchedWorld(world, tracker)
-        method.begin(watched, task.scene, seed=seed, folder=folder)
-        steps.start(scene, seed)
+        _walk_through(method, watched, task.scenes, seed=seed, folder=folder)
+        steps.start(first, seed)
         tracker.start(world.last_event)
         part = _Part(method, watched, tracker, ledger, cassette, steps, times)
         for number, subtask in enumerate(task.subtasks):
-            done.append(part.run(number, subtask))
+            scene = subtask.scene or task.scene
+            if task.kind == "sequence":
+                part.go(home, scene)
+            room = Path(scene).stem
+            one = part.run(number, subtask, room)
+            done.append(one if room == first else replace(one, scene=room))
     except CassetteError:
         raise
     except KarmaError as failure:
@@ -100,15 +111,32 @@ def run_episode(
     times.hosted_s = waited(spent)
     return EpisodeRecord(
         row=row,
+        method=method.name,
         task=task.id,
         kind=task.kind,
-        scene=scene,
+        scene=first,
         seed=seed,
         notes=task.notes,
         subtasks=tuple(done),
         error=error,
         hosted=untimed(spent),
     )
+
+
+def _walk_through(
+    method: Method, world: World, scenes: tuple[str, ...], *, seed: int, folder: Path
+) -> None:
+    """Show a method all rooms once; afterwards they are as they were, and it is in the first."""
+    first, *others = scenes
+    world.reset(first)
+    method.begin(world, first, seed=seed, folder=folder)
+    for scene in others:
+        world.reset(scene)
+        method.enter(scene)
+    if others:
+        for scene in (*others, first):
+            world.reset(scene)
+        method.enter(first)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +151,15 @@ class _Part:
     steps: StepLog
     times: TimeLog
 
-    def run(self, number: int, subtask: SubTask) -> SubTaskRecord:
+    def go(self, home: Home | None, scene: str) -> None:
+        """Be in a room for a task by itself: what earlier ones brought about does not count."""
+        if home is not None and home.scene != scene:
+            home.enter(scene)
+            self.steps.add(Enter(scene=Path(scene).stem))
+            self.method.enter(scene)
+        self.tracker.start(self.world.last_event)
+
+    def run(self, number: int, subtask: SubTask, room: str) -> SubTaskRecord:
         """Carry out one instruction."""
         self.tracker.begin_subtask()
         self.steps.instruction(number, subtask)
@@ -154,6 +190,7 @@ class _Part:
             )
         )
         wanted = required_types(subtask)
+        here = tuple(unit for unit in outcome.resident if unit.scene in ("", room))
         return SubTaskRecord(
             instruction=subtask.instruction,
             goals=tuple(str(goal) for goal in subtask.goals),
@@ -163,7 +200,7 @@ class _Part:
             calls=tuple(Call.of(result) for result in results),
             recalled=tuple(unit.object_id for unit in plans[0].recalled) if plans else (),
             queries=len(wanted),
-            hits=sum(_resident(name, outcome.resident) for name in wanted),
+            hits=sum(_resident(name, here) for name in wanted),
             hosted=untimed(spent),
         )
 

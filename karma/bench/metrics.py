@@ -312,13 +312,13 @@ def needs(goals: tuple[str, ...]) -> tuple[Need, ...]:
 
 
 def related_needs(record: EpisodeRecord) -> list[tuple[Need, ...]]:
-    """Return for each sub-task the needs that an earlier one of the episode had too."""
-    spoken: set[str] = set()
+    """Return for each sub-task the needs that an earlier one of the same room had too."""
+    spoken: dict[str, set[str]] = {}
     found = []
     for sub in record.subtasks:
-        mine = needs(sub.goals)
-        found.append(tuple(need for need in mine if need & spoken))
-        spoken.update(*mine)
+        mine, here = needs(sub.goals), spoken.setdefault(sub.scene, set())
+        found.append(tuple(need for need in mine if need & here))
+        here.update(*mine)
     return found
 
 

@@ -11,7 +11,7 @@ import signal
 import threading
 import traceback
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -25,13 +25,14 @@ from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import Finished
 from karma.bench.starts import Starts
 from karma.bench.steps import StepLog
-from karma.contracts import Task
+from karma.contracts import Task, World
 from karma.errors import KarmaError, UnknownNameError
 from karma.infer.hosted_session import Hosted, Session
 from karma.infer.manifest import find_model
 from karma.infer.memory_check import available_mb
 from karma.methods.survey import survey
 from karma.offline import go_offline, settle
+from karma.world.home import Home
 
 MAPS = "maps"  # below the run folder
 LIVES = 2  # workers that an episode may kill before it is recorded as an error
@@ -88,7 +89,8 @@ class Performer:
         kit = make_kit(
             stage.models, maps=stage.folder / MAPS, seed=stage.seed, session=self._session
         )
-        self._world = registry.load("worlds", stage.world)()
+        self._make: Callable[[], World] = registry.load("worlds", stage.world)
+        self._world = self._make()
         self._starts = Starts()
         self._methods = {  # all of them now: a wrong row must not come to light hours later
             row.name: registry.load("methods", row.method).build(kit, row.options)
@@ -98,11 +100,31 @@ class Performer:
     def do(self, job: Job) -> Finished:
         """Do one episode."""
         if job.seed:
-            self._know(job.task.scene)
+            for scene in job.task.scenes:
+                self._know(scene)
         steps, times = StepLog(), TimeLog()
-        record = run_episode(
+        with self._worlds(job.task) as world:
+            record = self._record(job, world, steps, times)
+        settle()
+        data = steps.data() if self._stage.steps else b""
+        return Finished(record=record, timing=times.of(record), steps=data)
+
+    @contextmanager
+    def _worlds(self, task: Task) -> Iterator[World]:
+        """Give the world of a task: a home, for as long as it is needed, where it has rooms."""
+        if len(task.scenes) == 1:
+            yield self._world
+            return
+        home = Home(self._make)
+        try:
+            yield home
+        finally:
+            home.stop()
+
+    def _record(self, job: Job, world: World, steps: StepLog, times: TimeLog) -> EpisodeRecord:
+        return run_episode(
             self._methods[job.row],
-            self._world,
+            world,
             job.task,
             row=job.row,
             seed=job.seed,
@@ -113,9 +135,6 @@ class Performer:
             times=times,
             starts=self._starts,
         )
-        settle()
-        data = steps.data() if self._stage.steps else b""
-        return Finished(record=record, timing=times.of(record), steps=data)
 
     def _know(self, scene: str) -> None:
         """Have a map of a room as it is, before somebody makes one of it on another day."""
@@ -289,7 +308,7 @@ def lost_episode(job: Job, cause: str) -> Finished:
         row=job.row,
         task=job.task.id,
         kind=job.task.kind,
-        scene=Path(job.task.scene).stem,
+        scene=Path(job.task.scenes[0]).stem,
         seed=job.seed,
         notes=job.task.notes,
         subtasks=(),
