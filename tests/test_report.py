@@ -345,7 +345,7 @@ def test_page_has_the_figures_that_the_tables_have(made, run):
         assert span in said
     assert [one.cause for one in found.failures if one.is_first]  # one episode failed ...
     (first,) = (one for one in found.failures if one.is_first)
-    assert f"failed of: {first.cause}" in said  # ... and the page says of what
+    assert f"cause: {first.cause}" in said  # ... and the page says of what
 
 
 def test_page_of_a_replay_that_left_the_log_says_so(made, run):

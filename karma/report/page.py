@@ -13,7 +13,7 @@ from karma.report.episodes import EpisodeReplay, episode_key
 from karma.report.frames import Frames
 from karma.report.html import fill, script_data
 from karma.report.plots import Plot, bar_plot, cause_plot, success_plot
-from karma.report.results import Line, columns, rates, result_lines
+from karma.report.results import Column, Line, columns, rates, result_lines
 from karma.report.room import RoomPlan
 from karma.report.tasks import TaskLine, rows_of, task_lines
 
@@ -27,7 +27,7 @@ class Page:
     seeds: int
     rows: tuple[str, ...]
     caption: str
-    columns: tuple[str, ...]
+    columns: tuple[Column, ...]
     lines: tuple[Line, ...]
     plots: tuple[Plot, ...]
     sheets: tuple[Sheet, ...]  # the tables that stand in papers
@@ -50,6 +50,7 @@ def render(page: Page, frames: Frames) -> str:
     return fill(
         "page.html.j2",
         columns=len(page.rows),
+        letters=min(40, max(len(line.task) for line in page.tasks)),
         page=page,
         data=script_data([_told(one) for one in page.replays.values()]),
         frames=script_data(frames.uris()),
@@ -117,6 +118,7 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
             cause_plot(_causes(result, rows_of(records))),
             bar_plot("Places searched per episode", _over_all(result, "explorations")),
             bar_plot("World steps per episode", _over_all(result, "actions")),
+            bar_plot("Planner calls per episode", _over_all(result, "planner_calls")),
         ),
         sheets=tuple(sheets(result)),
         failures={(one.row, one.task, one.seed): one for one in result.failures if one.is_first},
@@ -145,8 +147,7 @@ def _caption(result: Result) -> str:
     return (
         f"{size_words(lines)}. SR: tasks of which every goal of every instruction held when that "
         "instruction ended; an episode that broke off counts. Small figures: 95 % intervals that "
-        "keep the seeds of a task together. Amounts are means per episode. docs/metrics.md "
-        "defines the rest."
+        "keep the seeds of a task together. Amounts are means per episode."
     )
 
 

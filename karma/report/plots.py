@@ -1,5 +1,6 @@
 """Plots as numbers that the page's template draws: user units of an SVG 360 wide."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -8,7 +9,8 @@ from karma.bench.records import KINDS
 
 LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is
 TOP = 12.0
-LETTERS = 20  # of a row's name that fit
+LINE = 11.0  # apart
+LETTERS = 18  # of a row's name that fit into one of its two lines
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +28,7 @@ class Rate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Text:
-    """A row's name, or a number on the scale."""
+    """A line of a row's name, or a number on the scale."""
 
     x: float = 0.0
     y: float = 0.0
@@ -99,7 +101,9 @@ def success_plot(rates: Sequence[Rate]) -> Plot:
         names=_names(rows, band, middle),
         dots=tuple(dots),
         key=tuple(kinds),
-        note="Whiskers: 95 % intervals." if any(rate.low is not None for rate in rates) else "",
+        note="Share of the tasks. Whiskers: 95 % intervals."
+        if any(rate.low is not None for rate in rates)
+        else "",
     )
 
 
@@ -155,25 +159,34 @@ def cause_plot(counts: Mapping[str, Mapping[Cause, int]]) -> Plot:
                 )
             begin += width
     return Plot(
-        title="What failed episodes failed of",
+        title="Why episodes failed",
         height=TOP + 24.0 * len(counts) + 16.0,
         ticks=_scale(most),
         names=_names(list(counts), 24.0, 8.5),
         bars=tuple(bars),
         key=CAUSES,
-        note="Episodes, by the first instruction that failed.",
+        note="Number of episodes, by the cause of the first instruction that failed.",
     )
 
 
 def _names(rows: Sequence[str], band: float, middle: float) -> tuple[Text, ...]:
-    return tuple(
-        Text(
-            y=TOP + number * band + middle,
-            text=row if len(row) <= LETTERS else row[: LETTERS - 1] + "…",
-            title=row,
-        )
-        for number, row in enumerate(rows)
-    )
+    found = []
+    for number, row in enumerate(rows):
+        lines = _folded(row)
+        top = TOP + number * band + middle - LINE * (len(lines) - 1) / 2
+        found += [Text(y=top + LINE * n, text=text, title=row) for n, text in enumerate(lines)]
+    return tuple(found)
+
+
+def _folded(name: str) -> list[str]:
+    """Return a name in one or two lines that fit.
+
+    >>> _folded("HELPER (furniture in the prompt)")
+    ['HELPER (furniture', 'in the prompt)']
+    >>> _folded("KARMA")
+    ['KARMA']
+    """
+    return textwrap.wrap(name, LETTERS, max_lines=2, placeholder="…")
 
 
 def _scale(most: float) -> tuple[Text, ...]:
