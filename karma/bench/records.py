@@ -212,7 +212,7 @@ def _summary(
     taken = [timings[record.key].seconds for record in records if record.key in timings]
     successes = sum(record.success for record in records)
     asked = any(sub.answers for sub in parts)
-    remembers = any(sub.hits or sub.recalled for sub in parts)
+    remembers = asked and any(sub.hits or sub.recalled for sub in parts)
     spent = [one for record in records for one in record.spent()]
     tokens = total(n for one in spent for n in (one.prompt_tokens, one.completion_tokens))
     cost = total(one.cost for one in spent)

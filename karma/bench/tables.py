@@ -142,11 +142,16 @@ def _main(result: Result, kind: str) -> Sheet:
         if twin
         else "RE and RT need a row without memory. "
     )
+    alone = (
+        "SR asks for every sub-task of a sequence, so read their share in the next table. "
+        if kind == "sequence"
+        else ""
+    )
     return Sheet(
         title=f"{result.name}: {kind} tasks",
         caption=(
             f"{size_words(lines)}; brackets hold 95 % intervals that keep a task's seeds together. "
-            f"{saved}Published: the paper, with GPT-4o on other tasks in other rooms."
+            f"{alone}{saved}Published: the paper, with GPT-4o on other tasks in other rooms."
         ),
         head=tuple(head),
         lines=tuple(rows),

@@ -88,12 +88,12 @@ class ShortTermMemory:
         )
         return left
 
-    def query(self, name: str, scene: str = "") -> MemoryUnit | None:
+    def query(self, name: str, scene: str | None = None) -> MemoryUnit | None:
         """Look a required unit up and count whether it was there; changes no line.
 
         Args:
             name: an object id, or a type: then its most recently used unit.
-            scene: the room that it is in.
+            scene: the room that it is in; None: any.
         """
         found = self.find(name, scene)
         counts = self._statistics
@@ -102,12 +102,11 @@ class ShortTermMemory:
         )
         return found
 
-    def find(self, name: str, scene: str = "") -> MemoryUnit | None:
+    def find(self, name: str, scene: str | None = None) -> MemoryUnit | None:
         """Look up as `query` does, without counting."""
-        if (key := line_key(name, scene)) in self._units:
-            return self._units[key]
-        here = (unit for unit in reversed(self._units.values()) if unit.scene == scene)
-        return next((unit for unit in here if unit.object_type == name), None)
+        units = self.units(scene)[::-1]
+        named = next((unit for unit in units if unit.object_id == name), None)
+        return named or next((unit for unit in units if unit.object_type == name), None)
 
     def units(self, scene: str | None = None) -> tuple[MemoryUnit, ...]:
         """Return all units, or those of one room, least recently used first."""
