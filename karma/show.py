@@ -8,6 +8,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from karma.bench.precision import Precision, Reached
 from karma.bench.records import EpisodeRecord, Summary, by_task
 from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
 from karma.infer.hosted_cost import Ledger, Spent
@@ -157,6 +158,37 @@ def summary_table(lines: Sequence[Summary], title: str) -> Table:
         "hits: needed things found in short-term memory, cold start counted"
     )
     return table
+
+
+def precision_table(lines: Sequence[Reached], wanted: Precision) -> Table:
+    """Return how sure each success rate is, beside how sure it was wanted to be."""
+    table = Table(title=f"success to ± {wanted.half_width:g}", title_justify="left")
+    for name in ("row", "tasks"):
+        table.add_column(name)
+    for name in ("seeds", "rate", "±"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("")
+    for line in lines:
+        interval = line.success.interval
+        table.add_row(
+            escape(line.row),
+            f"{line.tasks} {line.kind}",
+            str(line.seeds),
+            number(line.success.value),
+            number(interval.half_width if interval else None, 3),
+            _reached(line),
+        )
+    return table
+
+
+def _reached(line: Reached) -> str:
+    if line.reached:
+        return "[green]reached[/]"
+    if line.takes_tasks:
+        return "[red]takes more tasks, not seeds[/]"
+    if line.more_seeds is None:
+        return "takes more seeds; how many is not known yet"
+    return f"takes about {count(line.more_seeds)} more seeds"
 
 
 def task_table(records: Sequence[EpisodeRecord]) -> Table:

@@ -87,7 +87,10 @@ def timings(*records):
 
 FAILED = episode(task="t2", subtasks=(part(unmet=("OPEN(Fridge): 1",), hits=0, queries=1),))
 BROKEN = episode(task="t3", kind="complex", subtasks=(part(queries=0, hits=0),), error="broke")
-SILENT = episode(row="oracle", subtasks=(part(answers=(), calls=(call(), call(actions=5))),))
+SILENT = episode(
+    row="oracle",
+    subtasks=(part(answers=(), recalled=(), hits=0, calls=(call(), call(actions=5))),),
+)
 
 
 # ----------------------------------------------------------------- records on disk
@@ -333,7 +336,7 @@ def test_unknown_key_of_a_row_is_refused_by_place(experiment, tmp_path):
 
 
 def test_two_rows_of_one_name_are_refused(experiment, tmp_path):
-    with pytest.raises(FileError, match="rows: the name 'x' stands twice"):
+    with pytest.raises(FileError, match="rows: 'x' stands twice"):
         Run(experiment('name = "x"', 'name = "x"\nmethod = "oracle"'), tmp_path / "run")
 
 

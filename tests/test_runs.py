@@ -7,21 +7,21 @@ import os
 import re
 import shutil
 import signal
-import textwrap
 import time
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started, write_experiment
 from tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.bench.experiment import Models
 from karma.bench.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
 from karma.bench.run import Run
 from karma.bench.run_folder import (
     EPISODES,
+    FORMAT,
     HEADER,
     RESULTS,
     TIMINGS,
@@ -33,34 +33,16 @@ from karma.bench.run_folder import (
     read_run,
 )
 from karma.bench.steps import Action, Ended, Instruction, Start, read_steps, slug, steps_path
-from karma.bench.workers import suggest_workers
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.goals import GoalTracker, WatchedWorld
-from karma.infer.cassette import Cassette
 from karma.seeds import stream
 from karma.world.sim import EmbeddedWorld
-
-ROOT = Path(__file__).parents[1]
-TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
-ONLY = ["simple-11", "simple-14", "composite-14"]
-ROWS = (
-    '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
-    '[[rows]]\nname = "babble (K = 3)"\noptions = { attempts = 1, recall_k = 3 }\n'
-)
 
 
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory):
     return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
-
-
-def write_experiment(path, planner, *, rows=ROWS, only=ONLY, more="seeds = [0, 1]"):
-    path.write_text(
-        f'name = "x"\ntasks = "{TASKS}"\nonly = {list(only)}\n{more}\n{rows}'
-        f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
-    )
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -70,25 +52,6 @@ def whole(planner, tmp_path_factory):
     path = write_experiment(folder / "x.toml", planner)
     assert len(list(Run(path, folder / "run").episodes())) == 12
     return path, folder / "run"
-
-
-def files(folder):
-    """All that must be the same in every run: path -> content; timings by their keys only."""
-    found = {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-    found[TIMINGS] = [
-        (line["row"], line["task"], line["seed"], len(line["subtasks"]))
-        for line in map(json.loads, found[TIMINGS].splitlines())
-    ]
-    return found
-
-
-def copy(folder, to):
-    shutil.copytree(folder, to)
-    return to
 
 
 # ----------------------------------------------------------------- what is in the folder
@@ -109,7 +72,7 @@ def test_finished_run_is_in_the_order_of_seed_row_and_task(whole):
     assert [record.key for record in data.records] == order
     assert list(data.timings) == order
     assert all(timing.seconds > 0 for timing in data.timings.values())
-    assert (data.folder, data.header.name, data.header.format) == (folder, "x", 2)
+    assert (data.folder, data.header.name, data.header.format) == (folder, "x", FORMAT)
     assert all(
         len(sub.answers) == len(taken.answers)
         for record in data.records
@@ -422,33 +385,12 @@ def test_run_killed_at_any_byte_ends_in_the_same_bytes(
 # ----------------------------------------------------------------- killed for real
 
 
-def evaluate(path, folder, workers=1):
-    """`karma eval` in a process of its own."""
-
-    app(["eval", str(path), "--out", str(folder), "--workers", str(workers)])
-
-
-@pytest.fixture(scope="module")
-def server():
-    """Processes that have imported the libraries already."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(
-        ["karma.cli", "karma.bench.run", "llama_cpp", "sentence_transformers"]
-    )
-    return context
-
-
-def lines_in(path):
-    return path.read_bytes().count(b"\n") if path.exists() else 0
-
-
-def test_run_killed_five_times_ends_in_the_same_bytes(whole, server, tmp_path):
+def test_run_killed_five_times_ends_in_the_same_bytes(whole, tmp_path):
     """The long form is scripts/check_kills.py: 100 episodes, 20 kills, 1 and 2 workers."""
     path, folder = whole
     killed, rng, kills = tmp_path / "killed", stream(5, "kills"), 0
     for wanted in sorted(int(n) for n in rng.integers(0, 12, 5)):
-        process = server.Process(target=evaluate, args=(path, killed))
-        process.start()
+        process = started(path, killed)
         while process.is_alive() and lines_in(killed / EPISODES) < wanted:
             time.sleep(0.002)
         process.join(float(rng.uniform(0, 0.5)))
@@ -456,18 +398,16 @@ def test_run_killed_five_times_ends_in_the_same_bytes(whole, server, tmp_path):
         process.kill()
         process.join()
     assert kills > 0
-    process = server.Process(target=evaluate, args=(path, killed))
-    process.start()
+    process = started(path, killed)
     process.join()
     assert process.exitcode == 0
     assert files(killed) == files(folder)
 
 
-def test_interrupted_run_says_how_to_go_on(whole, server, tmp_path):
+def test_interrupted_run_says_how_to_go_on(whole, tmp_path):
     path, folder = whole
     stopped = tmp_path / "stopped"
-    process = server.Process(target=evaluate, args=(path, stopped))
-    process.start()
+    process = started(path, stopped)
     while process.is_alive() and lines_in(stopped / EPISODES) < 2:
         time.sleep(0.002)
     os.kill(process.pid, signal.SIGINT)
@@ -480,44 +420,6 @@ def test_interrupted_run_says_how_to_go_on(whole, server, tmp_path):
     assert len(Run(path, stopped).records) == len(kept)
 
 
-# ----------------------------------------------------------------- workers
-
-
-DEADLY = """
-import os, signal
-from karma.contracts import Outcome
-
-class Deadly:
-    name = "deadly"
-
-    @classmethod
-    def build(cls, kit, options):
-        return cls()
-
-    def begin(self, world, scene, *, seed, folder):
-        self._folder = folder
-
-    def do(self, subtask):
-        mark = self._folder / "once"
-        if "soap" in subtask.instruction or not mark.exists():
-            mark.write_text("a worker was here")
-            os.kill(os.getpid(), signal.SIGKILL)
-        yield Outcome(finished=True, resident=(), handled_ids=())
-"""
-
-
-@pytest.fixture
-def deadly(tmp_path, monkeypatch):
-    """An installed method whose episodes kill their process: those with an apple, and one more."""
-    place = tmp_path / "plugin"
-    info = place / "deadly-1.0.dist-info"
-    info.mkdir(parents=True)
-    (place / "deadly.py").write_text(textwrap.dedent(DEADLY))
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: deadly\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[karma.methods]\ndeadly = deadly:Deadly\n")
-    monkeypatch.syspath_prepend(str(place))
-
-
 def test_two_workers_leave_the_same_bytes_as_one(whole, tmp_path):
     path, folder = whole
     run = Run(path, tmp_path / "run")
@@ -525,69 +427,6 @@ def test_two_workers_leave_the_same_bytes_as_one(whole, tmp_path):
     assert {record.key for record in records} == {r.key for r in read_run(folder).records}
     assert files(tmp_path / "run") == files(folder)
     assert multiprocessing.active_children() == []
-
-
-def test_worker_that_dies_is_replaced_and_its_episode_done_once_more(
-    deadly, planner, tmp_path, caplog
-):
-    rows = '[[rows]]\nname = "deadly"\nmethod = "deadly"\n'
-    path = write_experiment(tmp_path / "x.toml", planner, rows=rows, only=ONLY[:2], more="")
-    run = Run(path, tmp_path / "run")
-    records = {record.task: record for record in run.episodes(workers=2)}
-    lost = [record for record in records.values() if record.error]
-    assert [record.task for record in lost] == ["simple-14"]
-    assert lost[0].error == (
-        "WorkerLost: 2 workers died of it, the last was killed by SIGKILL, as happens when memory "
-        "runs out"
-    )
-    assert (lost[0].subtasks, lost[0].success) == ((), False)
-    assert all(record.subtasks for record in records.values() if not record.error)
-    assert "a worker was killed by SIGKILL" in caplog.text
-    assert list(Run(path, tmp_path / "run").episodes()) == []
-
-
-HOSTED = """
-[models.hosted.planner]
-base_url = "http://127.0.0.1:9/v1"
-model = "m"
-"""
-
-
-def test_hosted_models_and_cassettes_are_for_one_process(planner, tmp_path):
-    path = write_experiment(tmp_path / "x.toml", "openai")
-    path.write_text(path.read_text() + HOSTED)
-    hosted = Run(path, tmp_path / "hosted")
-    assert hosted.suggest().number == 1
-    path = write_experiment(tmp_path / "y.toml", planner)
-    recorded = Run(path, tmp_path / "tape-run", cassette=Cassette(tmp_path / "tape", "record"))
-    assert recorded.suggest().number == 1
-    for run, named in ((hosted, "hosted models are asked by"), (recorded, "a cassette is for")):
-        for how in ({"workers": 2}, {"ray": "127.0.0.1:1"}):
-            with pytest.raises(KarmaError, match=rf"{named} one process.*\n.*leave out --workers"):
-                next(run.episodes(**how))
-
-
-@pytest.mark.parametrize(
-    ("free_mb", "cores", "episodes", "number"),
-    [(100_000, 4, 1000, 4), (100_000, 4, 30, 2), (100_000, 4, 3, 1), (1700, 4, 1000, 2),
-     (300, 4, 1000, 1), (100_000, 1, 1000, 1)],
-)  # fmt: skip
-def test_workers_are_as_many_as_cores_memory_and_episodes_allow(
-    monkeypatch, tmp_path, free_mb, cores, episodes, number
-):
-    (tmp_path / "meminfo").write_text(f"MemAvailable: {free_mb * 1_000_000 // 1024} kB\n")
-    monkeypatch.setattr("karma.infer.memory_check.MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr("karma.infer.memory_check.CGROUP", tmp_path)
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
-    found = suggest_workers(Models(), episodes)
-    assert found.number == number
-    assert f"{cores} cores, {free_mb} MB free, about 650 MB each" in found.reason
-
-
-def test_workers_that_use_more_threads_are_fewer(monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(4)))
-    monkeypatch.setattr("karma.bench.workers.available_mb", lambda: None)
-    assert suggest_workers(Models(threads=2), 1000).number == 2
 
 
 def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_runs import ONLY, files, write_experiment
+from run_files import ONLY, files, write_experiment
 from tiny import export_tiny
 
 from karma.bench.experiment import Models

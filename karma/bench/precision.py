@@ -41,17 +41,13 @@ class Reached:
     tasks: int
     seeds: int
     success: Estimate
-    more_seeds: int | None  # to the half-width that was wanted; None: no number of them, or unknown
+    more_seeds: int | None  # to the half-width that was wanted, as it seems; None: not known
+    takes_tasks: bool  # no number of seeds will do: tasks differ too much, or are too few
 
     @property
     def reached(self) -> bool:
         """Whether the interval is narrow enough."""
         return self.more_seeds == 0
-
-    @property
-    def takes_tasks(self) -> bool:
-        """Whether no number of seeds will do: tasks differ too much, or too few are there."""
-        return self.more_seeds is None and self.seeds > 1
 
 
 def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reached, ...]:
@@ -75,13 +71,15 @@ def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reache
 
 
 def _reached(row: str, kind: str, groups: Sequence[Sequence[float]], half_width: float) -> Reached:
+    seeds = max(map(len, groups))
     return Reached(
         row=row,
         kind=kind,
         tasks=len(groups),
-        seeds=max(map(len, groups)),
+        seeds=seeds,
         success=rate(groups),
         more_seeds=more_seeds(groups, half_width),
+        takes_tasks=seeds > 1 and more_seeds(groups, half_width, at_least=True) is None,
     )
 
 

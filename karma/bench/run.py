@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from karma.bench.experiment import load, read_experiment, scene_path
+from karma.bench.experiment import Experiment, load, read_experiment, scene_path
 from karma.bench.identity import header_of
 from karma.bench.precision import Precision, takes_another
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
@@ -35,7 +35,9 @@ class Run:
         cassette: records hosted models or stands for them, and is the run's clock.
         base_url: of all hosted models, in place of the experiment's.
         steps: whether to keep step logs; None leaves it to the experiment.
-        precision: how sure to be, with more seeds; None leaves it to the experiment.
+        half_width: wanted of every success rate's interval, by more seeds than the experiment
+            lists; None leaves it to the experiment.
+        max_seeds: that may come to, the listed ones counted; None leaves it to the experiment.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
@@ -51,7 +53,8 @@ class Run:
         cassette: Cassette | None = None,
         base_url: str = "",
         steps: bool | None = None,
-        precision: Precision | None = None,
+        half_width: float | None = None,
+        max_seeds: int | None = None,
     ) -> None:
         self.path, self.folder = path, folder
         self.experiment = read_experiment(path)
@@ -62,7 +65,7 @@ class Run:
         loaded = load(self.experiment, path, folder)
         self.tasks = loaded.tasks
         self._steps = self.experiment.run.steps if steps is None else steps
-        self.precision = precision or self.experiment.precision
+        self.precision = _precision(self.experiment, half_width, max_seeds)
         if self.precision is not None:
             _check_seeds_differ(self.tasks)
         self.seeds = self.experiment.seeds
@@ -195,6 +198,25 @@ class Run:
             raise KarmaError(
                 "a cassette is for one process only\n  To fix: leave out --workers and --ray"
             )
+
+
+def _precision(
+    experiment: Experiment, half_width: float | None, max_seeds: int | None
+) -> Precision | None:
+    """Return how sure to be, as a command asks or else the experiment; None: not at all.
+
+    Raises:
+        KarmaError: there is no such half-width, or a number of seeds without one.
+    """
+    width = experiment.half_width if half_width is None else half_width
+    if width is None:
+        if max_seeds is not None:
+            raise KarmaError("--max-seeds is for runs with --half-width, e.g. --half-width 0.05")
+        return None
+    try:
+        return Precision(half_width=width, max_seeds=max_seeds or experiment.max_seeds)
+    except ValueError as error:
+        raise KarmaError(f"{error}\n  To fix: --half-width 0.05") from error
 
 
 def _check_seeds_differ(tasks: Iterable[Task]) -> None:

@@ -122,6 +122,29 @@ def _correlation(groups: Groups) -> float | None:
     return float(min(1.0, max(0.0, (between - within) / scale)))
 
 
+def _least_correlation(groups: Groups, correlation: float) -> float:
+    """Return the lower end of the correlation's interval over resampled tasks.
+
+    Args:
+        groups: zeros and ones, the same number for each task.
+        correlation: of them.
+    """
+    size = sum(len(group) for group in groups) / len(groups)
+    tasks = len(groups)
+    rows = np.array([[sum(group), sum(group) ** 2] for group in groups], dtype=float)
+
+    def of(sums: Floats) -> Floats:
+        ones, squares = sums[:, 0], sums[:, 1] / size
+        between = (squares - ones**2 / (tasks * size)) / (tasks - 1)
+        within = (ones - squares) / (tasks * (size - 1))
+        scale = between + (size - 1) * within
+        alike = np.where(scale > 1e-12, (between - within) / np.maximum(scale, 1e-12), 1.0)
+        return np.asarray(np.clip(alike, 0.0, 1.0))
+
+    interval = bootstrap(rows, of, number=round(tasks * size)).estimate.interval
+    return correlation if interval is None else min(correlation, interval.low)
+
+
 def _design_effect(groups: Groups, correlation: float | None) -> float:
     if correlation is None:  # one group, or one observation each
         return 1.0
@@ -130,12 +153,14 @@ def _design_effect(groups: Groups, correlation: float | None) -> float:
     return 1 + (size - 1) * correlation
 
 
-def more_seeds(groups: Groups, half_width: float) -> int | None:
+def more_seeds(groups: Groups, half_width: float, *, at_least: bool = False) -> int | None:
     """Return how many more seeds bring a rate's interval to a half-width.
 
     Args:
         groups: zeros and ones, the same number for each task.
         half_width: wanted, > 0.
+        at_least: how many even if seeds agree as little as these observations allow; few seeds
+            say little about how they agree.
 
     Returns:
         0 when it is reached; None when no number of seeds reaches it with these tasks, or when
@@ -150,6 +175,8 @@ def more_seeds(groups: Groups, half_width: float) -> int | None:
     correlation = _correlation(groups)
     if correlation is None or now.value is None:
         return None
+    if at_least:
+        correlation = _least_correlation(groups, correlation)
     seeds = round(sum(len(group) for group in groups) / len(groups))
     for wanted in range(seeds + 1, _MOST_SEEDS + 1):
         number = len(groups) * wanted / (1 + (wanted - 1) * correlation)

@@ -144,6 +144,13 @@ def eval_command(
     steps: Annotated[
         bool | None, typer.Option("--steps/--no-steps", help="Keep a step log per episode.")
     ] = None,
+    half_width: Annotated[
+        float | None,
+        typer.Option(help="Add seeds until success rates are as sure as that, e.g. 0.05."),
+    ] = None,
+    max_seeds: Annotated[
+        int | None, typer.Option(min=1, help="With a half-width: seeds at most; default 20.")
+    ] = None,
     cassette: CassetteFolder = None,
     cassette_mode: CassetteMode = "",
     base_url: BaseUrl = "",
@@ -151,6 +158,7 @@ def eval_command(
 ) -> None:
     """Run an experiment; what is done already is not done again."""
     from karma import show
+    from karma.bench.precision import reached
     from karma.bench.records import read_records, spent_by, summarise
     from karma.bench.run import Run
     from karma.lab.figure import is_figure
@@ -166,6 +174,8 @@ def eval_command(
             cassette=_cassette(cassette, cassette_mode),
             base_url=base_url,
             steps=steps,
+            half_width=half_width,
+            max_seeds=max_seeds,
         )
     try:
         _do_episodes(run, workers, ray)
@@ -180,6 +190,8 @@ def eval_command(
         console.print(show.task_table(run.records))
     lines = summarise(run.records, run.timings)
     console.print(show.summary_table(lines, run.experiment.name))
+    if run.precision is not None:
+        console.print(show.precision_table(reached(run.records, run.precision), run.precision))
     spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
     if spent:
         console.print(escape(show.spent_text(spent)), soft_wrap=True)
@@ -202,7 +214,7 @@ def _do_episodes(run: "Run", workers: int, ray: str) -> None:
         for record in run.episodes(workers, ray=ray):
             mark = "[green]✓[/]" if record.success else "[red]✗[/]"
             text = f"{mark} {escape(record.task)} · {escape(record.row)}"
-            bar.update(line, advance=1, description=text)
+            bar.update(line, advance=1, total=run.total, description=text)
         bar.update(line, description="episodes")
 
 

@@ -1,0 +1,64 @@
+"""Small experiments in folders: written, done, killed, and held against each other."""
+
+import json
+import multiprocessing
+import shutil
+from pathlib import Path
+
+from karma.bench.run_folder import TIMINGS
+from karma.cli import app
+
+ROOT = Path(__file__).parents[1]
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+ONLY = ["simple-11", "simple-14", "composite-14"]
+ROWS = (
+    '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    '[[rows]]\nname = "babble (K = 3)"\noptions = { attempts = 1, recall_k = 3 }\n'
+)
+
+
+def write_experiment(path, planner, *, rows=ROWS, only=ONLY, more="seeds = [0, 1]"):
+    path.write_text(
+        f'name = "x"\ntasks = "{TASKS}"\nonly = {list(only)}\n{more}\n{rows}'
+        f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
+    )
+    return path
+
+
+def files(folder):
+    """All that must be the same in every run: path -> content; timings by their keys only."""
+    found = {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+    found[TIMINGS] = [
+        (line["row"], line["task"], line["seed"], len(line["subtasks"]))
+        for line in map(json.loads, found[TIMINGS].splitlines())
+    ]
+    return found
+
+
+def copy(folder, to):
+    shutil.copytree(folder, to)
+    return to
+
+
+def evaluate(path, folder, workers=1):
+    """Do as `karma eval` does."""
+    app(["eval", str(path), "--out", str(folder), "--workers", str(workers)])
+
+
+def started(path, folder):
+    """`karma eval` in a process of its own, which finds the libraries imported."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(
+        ["karma.cli", "karma.bench.run", "llama_cpp", "sentence_transformers"]
+    )
+    process = context.Process(target=evaluate, args=(path, folder))
+    process.start()
+    return process
+
+
+def lines_in(path):
+    return path.read_bytes().count(b"\n") if path.exists() else 0
