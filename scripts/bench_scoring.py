@@ -1,11 +1,12 @@
-"""What skill scoring costs, and that it is exact: naive scoring against one trie and best-first.
+"""What skill scoring costs, and that it is exact: naive scoring against the trie and best-first.
 
     python scripts/bench_scoring.py [--prompts 200] [--skip-parity] [--skip-speed]
 
 Two models with F16 weights: the shipped planner, and a Llama of random weights made here.
 
-Parity: on many short prompts every candidate is scored naively (an empty cache, the prompt in its
-segments, then the candidate; log-probabilities summed in double precision) and by the scorer.
+Parity: on many short prompts every candidate is scored naively (an empty cache, prompt and
+candidate in one run; log-probabilities summed in double precision) and by the scorer: path after
+path (its default), in one batch, and by best-first search.
 
 Speed: one prompt of 2,000 tokens and 200 candidates, one thread, seconds of the processor, so that
 other jobs on the machine matter less. Naive scoring is timed on three
@@ -35,7 +36,6 @@ from karma.seeds import stream
 NANO = Path("models/nano/planner.gguf")
 TASKS = "eval/alfred_l/tasks.jsonl"
 LONG = 2000  # tokens of the prompt that speed is measured on
-SHORT = 64  # tokens of a batch that wants all its logits
 TIMED = 3  # naive candidates
 REPEAT = 5
 THINGS = (
@@ -117,37 +117,39 @@ class Naive:
         """Return the sum of the log-probabilities of a candidate's tokens."""
         import llama_cpp
 
-        tokens = tokens_of(self._model, text)
         llama_cpp.llama_memory_clear(llama_cpp.llama_get_memory(self._context.ctx), True)
-        place, last = 0, np.empty(0, np.float32)
-        for number, part in enumerate(prompt):
-            given = self._model.tokens(part, begins=number == 0)
-            for first in range(0, len(given), self._model.n_batch):
-                piece = given[first : first + self._model.n_batch]
-                last = self._decode(piece, place)[-1:]
-                place += len(piece)
-        rows = [last]
-        if len(tokens) > 1:
-            rows.append(self._decode(tokens, place)[:-1])
-        logits = np.concatenate(rows).astype(np.float64)
+        given = [
+            token
+            for number, part in enumerate(prompt)
+            for token in self._model.tokens(part, begins=number == 0)
+        ]
+        tokens = tokens_of(self._model, text)
+        whole, first = [*given, *tokens], len(given) - 1
+        rows = [
+            self._decode(whole[start : start + self._model.n_batch], start, first)
+            for start in range(0, len(whole), self._model.n_batch)
+        ]
+        logits = np.concatenate(rows)[:-1].astype(np.float64)
         top = logits.max(axis=1)
         total = top + np.log(np.exp(logits - top[:, None]).sum(axis=1))
         return float((logits[np.arange(len(tokens)), tokens] - total).sum())
 
-    def _decode(self, part: Sequence[int], place: int) -> NDArray[np.float32]:
-        """Return the logits after every token, of long parts after the last."""
+    def _decode(self, part: Sequence[int], place: int, first: int) -> NDArray[np.float32]:
+        """Return the logits after every token from a place on."""
         import llama_cpp
 
-        batch, every = self._batch, len(part) < SHORT
+        batch = self._batch
         batch.n_tokens = len(part)
         for i, token in enumerate(part):
             batch.token[i], batch.pos[i] = token, place + i
             batch.n_seq_id[i], batch.seq_id[i][0] = 1, 0
-            batch.logits[i] = every or i == len(part) - 1
+            batch.logits[i] = place + i >= first
         assert llama_cpp.llama_decode(self._context.ctx, batch) == 0
+        count = max(0, min(len(part), place + len(part) - first))
+        if count == 0:
+            return np.empty((0, self._model.vocabulary), np.float32)
         pointer = llama_cpp.llama_get_logits(self._context.ctx)
-        shape = (len(part) if every else 1), self._model.vocabulary
-        return np.ctypeslib.as_array(pointer, shape=shape).copy()
+        return np.ctypeslib.as_array(pointer, shape=(count, self._model.vocabulary)).copy()
 
 
 def tokens_of(model: LlamaModel, text: str) -> list[int]:
@@ -158,27 +160,30 @@ def tokens_of(model: LlamaModel, text: str) -> list[int]:
 def parity(model: LlamaModel, count: int, texts: Sequence[str]) -> None:
     """Compare on many prompts."""
     naive, scorer = Naive(model), SkillScorer(model)
-    gaps: dict[str, list[float]] = {"trie, one batch": [], "trie, one by one": []}
-    equal = dict.fromkeys([*gaps, "best-first"], 0)
+    gaps: dict[str, list[float]] = {"path after path": [], "one batch": [], "best-first": []}
+    equal = dict.fromkeys(gaps, 0)
     leads = []
     for prompt in prompts(count):
         expected = np.array([naive.score(prompt, text) for text in texts])
-        for name in gaps:
-            values = scorer.scores(prompt, texts, one_by_one=name.endswith("one")).values
+        top = int(expected.argmax())
+        for name, one_batch in (("path after path", False), ("one batch", True)):
+            values = scorer.scores(prompt, texts, one_batch=one_batch).values
             gaps[name].append(float(np.abs(values - expected).max()))
-            equal[name] += int(values.argmax() == expected.argmax())
-        equal["best-first"] += int(scorer.best(prompt, texts).number == expected.argmax())
+            equal[name] += int(values.argmax() == top)
+        best = scorer.best(prompt, texts)
+        gaps["best-first"].append(abs(best.score - float(expected[best.number])))
+        equal["best-first"] += int(best.number == top)
         two = np.sort(expected)[-2:]
         leads.append(float(two[1] - two[0]))
     print(f"  parity: {count} prompts x {len(texts)} candidates, smallest lead {min(leads):.1e}")
-    for name, same in equal.items():
-        off = gaps.get(name)
-        words = "" if off is None else (
+    for name, off in gaps.items():
+        print(
+            f"    {name}: argmax equal in {equal[name]}"
             f"; largest difference of a score {max(off):.1e}"
             f" (median of prompts {statistics.median(off):.1e},"
-            f" within 1e-3 in {sum(gap <= 1e-3 for gap in off)})"
-        )  # fmt: skip
-        print(f"    {name}: argmax equal in {same}{words}", flush=True)
+            f" within 1e-3 in {sum(gap <= 1e-3 for gap in off)})",
+            flush=True,
+        )
 
 
 def seconds(work: Callable[[], object], repeat: int) -> float:
@@ -199,22 +204,27 @@ def speed(model: LlamaModel, texts: Sequence[str]) -> None:
     timed = iter(stream(0, "timed").choice(len(texts), TIMED, replace=False).tolist())
     whole = len(texts) * seconds(lambda: naive.score(prompt, texts[next(timed)]), TIMED)
 
-    def all_scores(one_by_one: bool = False) -> Scores:
-        return scorer.scores(prompt, texts, one_by_one=one_by_one)
+    def all_scores(one_batch: bool = False) -> Scores:
+        return scorer.scores(prompt, texts, one_batch=one_batch)
 
-    cold = []
-    for _ in range(TIMED):
-        scorer.best(("#", "other"), texts)  # the long prompt is gone
-        cold.append(seconds(all_scores, 1))
+    def cold(one_batch: bool = False) -> float:
+        found = []
+        for _ in range(TIMED):
+            scorer.best(("#", "other"), texts)  # the long prompt is gone
+            found.append(seconds(lambda: all_scores(one_batch), 1))
+        return statistics.median(found)
+
+    from_nothing, together = cold(), cold(one_batch=True)
     found, best = all_scores(), scorer.best(prompt, texts)
-    careful = all_scores(one_by_one=True)
-    assert best.number == int(found.values.argmax()) == int(careful.values.argmax())
+    assert best.number == int(found.values.argmax())
+    run, asked = found.cost.run, found.cost.prompt + found.cost.run
     rows = [
         ("naive, 3 timed x 200", sum(found.cost.prompt + n - 1 for n in lengths), whole),
-        ("all, prompt included", found.cost.prompt + found.cost.run, statistics.median(cold)),
-        ("all, warm prompt", found.cost.run, seconds(all_scores, REPEAT)),
-        ("all, warm, one by one", careful.cost.run, seconds(lambda: all_scores(True), TIMED)),
+        ("all, prompt included", asked, from_nothing),
+        ("all, warm prompt", run, seconds(all_scores, REPEAT)),
         ("argmax, warm prompt", best.cost.run, seconds(lambda: scorer.best(prompt, texts), 9)),
+        ("all in one batch, prompt included", asked, together),
+        ("all in one batch, warm prompt", run, seconds(lambda: all_scores(True), REPEAT)),
     ]
     print(
         f"  speed: prompt {found.cost.prompt} tokens, {len(texts)} candidates of"

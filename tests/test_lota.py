@@ -281,7 +281,7 @@ def test_score_chooses_what_all_scores_say(world, tmp_path):
     prompt = (plans[0].prompt.stable, plans[0].prompt.changing)
     values = scorer.scores(prompt, texts).values
     chosen = values[texts.index(plans[0].completion.text)]
-    assert chosen == pytest.approx(values.max(), abs=1e-3)
+    assert chosen == pytest.approx(values.max(), abs=1e-6)
     model.close()
 
 

@@ -188,7 +188,8 @@ class LlamaModel:
             raise ModelError(f"{self.name}: keeps no keys and values, so it cannot branch")
         parameters = type(self._llama.context_params).from_buffer_copy(self._llama.context_params)
         parameters.n_ctx, parameters.n_seq_max, parameters.kv_unified = cells, count, True
-        parameters.n_ubatch = self.n_batch
+        # llama.cpp ends the process where a batch cannot hold a token of each sequence
+        parameters.n_batch = parameters.n_ubatch = max(self.n_batch, count)
         try:
             with _utils.suppress_stdout_stderr(disable=False):  # it warns of longer than trained
                 return _internals.LlamaContext(

@@ -1,0 +1,102 @@
+"""The trie of tokens that closed continuations share, and how its nodes are scored.
+
+A node is what some continuations begin with; the root is the prompt alone. A last token is never
+run: the logits after its parent hold its score.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.errors import ModelError
+
+Floats = NDArray[np.float64]
+Logits = NDArray[np.float32]
+
+_ROWS = 16  # of logits turned to log-probabilities at a time
+
+
+@dataclass(slots=True)
+class Node:
+    """What some continuations begin with."""
+
+    token: int
+    depth: int
+    parent: int
+    children: dict[int, int] = field(default_factory=dict)  # token -> node
+    ends: list[int] = field(default_factory=list)  # continuations that end here
+    longest: int = 0  # tokens of the longest continuation through here
+
+
+def trie_of(continuations: Sequence[Sequence[int]]) -> list[Node]:
+    """Return the trie of token lists, parents before children, the root first.
+
+    Raises:
+        ValueError: there is none, or one has no token.
+    """
+    if not continuations:
+        raise ValueError("there is no continuation to score")
+    trie = [Node(token=-1, depth=0, parent=0)]
+    for one, tokens in enumerate(continuations):
+        if not tokens or min(tokens) < 0:
+            raise ValueError(f"continuation {one} has no token")
+        number = 0
+        for token in tokens:
+            trie[number].longest = max(trie[number].longest, len(tokens))
+            if token not in trie[number].children:
+                trie[number].children[token] = len(trie)
+                trie.append(Node(token=token, depth=trie[number].depth + 1, parent=number))
+            number = trie[number].children[token]
+        trie[number].longest = max(trie[number].longest, len(tokens))
+        trie[number].ends.append(one)
+    return trie
+
+
+def path_to(trie: Sequence[Node], number: int) -> tuple[int, ...]:
+    """Return the nodes from below the root down to one."""
+    path = []
+    while number:
+        path.append(number)
+        number = trie[number].parent
+    return tuple(path[::-1])
+
+
+def lowest_run(trie: Sequence[Node]) -> list[int]:
+    """Return the nodes to run that none to run is below; neighbours share most of their paths."""
+    inner = [number for number, node in enumerate(trie) if number and node.children]
+    lowest = [n for n in inner if not any(trie[c].children for c in trie[n].children.values())]
+    return sorted(lowest, key=lambda number: path_to(trie, number))
+
+
+def score_children(
+    trie: Sequence[Node], found: Floats, nodes: Sequence[int], logits: Logits
+) -> None:
+    """Score the children of nodes, whose own scores are known.
+
+    Args:
+        trie: the trie.
+        found: the score of each node so far, added to.
+        nodes: the parents.
+        logits: after each of them, a row per node.
+
+    Raises:
+        ModelError: the logits are not numbers.
+    """
+    for start in range(0, len(nodes), _ROWS):
+        rows = logits[start : start + _ROWS]
+        totals = _log_sum_exp(rows)
+        for row, total, number in zip(rows, totals, nodes[start : start + _ROWS], strict=True):
+            children = trie[number].children
+            chances = row[list(children)].astype(np.float64) - total
+            found[list(children.values())] = found[number] + np.minimum(chances, 0.0)
+
+
+def _log_sum_exp(logits: Logits) -> Floats:
+    top = logits.max(axis=1)
+    if not np.isfinite(top).all():
+        raise ModelError("the model's logits are not numbers: damaged weights")
+    total = np.exp(logits - top[:, None]).sum(axis=1)
+    found: Floats = top.astype(np.float64) + np.log(total.astype(np.float64))
+    return found
