@@ -134,9 +134,10 @@ def _walk_through(
         world.reset(scene)
         method.enter(scene)
     if others:
+        world.reset(first)
+        method.enter(first)
         for scene in (*others, first):
             world.reset(scene)
-        method.enter(first)
 
 
 @dataclass(frozen=True, slots=True)
