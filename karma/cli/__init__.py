@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from karma.cli import agents, bundle, compare, doctor, models, report, trace, vlm, worlds
+from karma.cli import agents, bundle, compare, doctor, models, report, sequences, trace, vlm, worlds
 from karma.cli.shared import clear_errors
 from karma.offline import go_offline
 
@@ -13,6 +13,7 @@ app = typer.Typer(
 )
 agents.add_to(app)
 compare.add_to(app)
+sequences.add_to(app)
 trace.add_to(app)
 report.add_to(app)
 app.add_typer(worlds.app, name="world")

@@ -1,10 +1,12 @@
 """Access traces: which units each task of a sequence needs, and the files that say so.
 
-Three kinds of file, told apart by their names:
+Four kinds of file, told apart by their names:
 
 - `*.json`: ours. `{"trace": [key, ...]}` has one key a request, `{"tasks": [[key, ...], ...]}` the
   keys of each task, `{"sequences": [[[key, ...], ...], ...]}` several sequences of tasks. Keys are
   texts or integers; what else stands there is left alone.
+- `*.jsonl`: a task file, a trace a line; a sub-task's units are the types that can be carried and
+  that its goals speak of, each in its room, which is what hits of an episode are counted over.
 - `*.trace`, `*.trace.gz`: the LIRS authors' form, one block number a line, `*` between phases.
 - anything else: one key a line, as text; `*.gz` is unpacked.
 """
@@ -18,6 +20,8 @@ from pathlib import Path
 
 import msgspec
 
+from karma.bench.tasks import load_tasks, required_types
+from karma.contracts import Task
 from karma.errors import FileError
 from karma.files import decode_json, read_bytes, to_json
 
@@ -80,7 +84,9 @@ def read_traces(path: Path) -> tuple[Trace, ...]:
     """
     name = path.name.removesuffix(".gz")
     data = _unpacked(path) if path.name.endswith(".gz") else read_bytes(path)
-    if name.endswith(".json"):
+    if path.name.endswith(".jsonl"):
+        found = tuple(trace_of_task(task) for task in load_tasks(path))
+    elif name.endswith(".json"):
         found = _from_json(data, path)
     elif name.endswith(".trace"):
         found = (Trace.of((block,) for block in _blocks(data, path)),)
@@ -89,6 +95,14 @@ def read_traces(path: Path) -> tuple[Trace, ...]:
     if not all(trace.requests for trace in found) or not found:
         raise FileError(path, "no requests in it")
     return found
+
+
+def trace_of_task(task: Task) -> Trace:
+    """Return what the sub-tasks of a task ask for, a unit being a type in its room."""
+    return Trace.of(
+        [f"{Path(sub.scene or task.scene).stem}/{name}" for name in required_types(sub)]
+        for sub in task.subtasks
+    )
 
 
 def traces_json(traces: Iterable[Trace]) -> bytes:
