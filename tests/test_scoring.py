@@ -280,10 +280,15 @@ def test_trie_refuses_a_text_without_tokens():
 @pytest.mark.model
 def test_shipped_planner_scores_as_defined_and_knows_the_first_step():
     model = LlamaModel(NANO, n_ctx=2048, n_threads=1)
-    texts = [f"{skill}(robot, '{name}')\n" for skill in ("GoToObject", "OpenObject", "PickupObject")
+    steps = [f"{skill}(robot, '{name}')\n" for skill in ("GoToObject", "OpenObject", "PickupObject")
              for name in ("Apple", "Fridge", "Mug", "Potato", "CounterTop")]  # fmt: skip
+    texts = [END, *steps, "PutObject(robot, 'Apple', 'Fridge')\n", "人参\n"]
     scorer = SkillScorer(model)
-    values = scorer.scores(PROMPT, [END, *texts]).values
-    assert values == pytest.approx(naive(model, PROMPT, [END, *texts]), abs=1e-5)
-    assert [END, *texts][scorer.best(PROMPT, [END, *texts]).number] == texts[0]
+    for prompt in (PROMPT, (*PROMPT, steps[0]), (*PROMPT, "GoToObject")):
+        values = scorer.scores(prompt, texts).values
+        assert values == pytest.approx(naive(model, prompt, texts), abs=1e-5)
+        best = scorer.best(prompt, texts)
+        assert best.number == int(values.argmax())
+        assert best.score == pytest.approx(values.max(), abs=1e-6)
+    assert texts[scorer.best(PROMPT, texts).number] == steps[0]
     model.close()
