@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Make .venv ready, from nothing to `karma` on the command line; called by `make setup`.
 #
-# Does nothing when the stamp fits (lock, pyproject.toml, this file, Python, folder). Can be stopped
+# Does nothing when the stamp fits (locks, pyproject.toml, this file, Python, folder). Can be stopped
 # and started again at any point: the stamp is written last, and each step looks at what is there.
 #
 #   PYTHON=python3.12     the Python to make .venv with; at least 3.11
@@ -13,6 +13,7 @@ root=$(pwd -P)
 py=.venv/bin/python
 stamp=.venv/.karma-setup
 log=.venv/karma-setup.log
+locks="requirements.lock requirements-dev.lock"
 portable="-DGGML_NATIVE=OFF -DLLAVA_BUILD=OFF -DLLAMA_BUILD_TOOLS=OFF -DLLAMA_BUILD_TESTS=OFF"
 portable+=" -DLLAMA_BUILD_EXAMPLES=OFF -DLLAMA_BUILD_SERVER=OFF"
 cmake_args=${CMAKE_ARGS:-$portable}
@@ -26,7 +27,7 @@ die() { printf 'setup: stopped. %s\n' "$1" >&2; shift; printf '       %s\n' "$@"
 # ------------------------------------------------------------------ small questions
 
 fingerprint() { # of all that decides what .venv must hold
-    "$py" - "$root" requirements.lock pyproject.toml scripts/setup.sh <<'PY'
+    "$py" - "$root" $locks pyproject.toml scripts/setup.sh <<'PY'
 import hashlib, pathlib, sys
 digest = hashlib.sha256(f"{sys.version} {sys.argv[1]}".encode())
 for name in sys.argv[2:]:
@@ -187,8 +188,8 @@ torch=torch==$(pinned torch)
 say "installing $torch (a CPU build where the index offers one, else some gigabytes)"
 work "installing torch" pip install --no-deps "$torch" # what it needs comes with the next step
 
-say "installing $(grep -c '^[a-z]' requirements.lock) pinned packages"
-grep -v '^llama-cpp-python' requirements.lock >.venv/karma-setup.txt
+cat $locks | grep -v '^llama-cpp-python' >.venv/karma-setup.txt
+say "installing $(grep -c '^[a-z]' .venv/karma-setup.txt) pinned packages"
 work "installing packages" pip install -r .venv/karma-setup.txt
 
 install_llama

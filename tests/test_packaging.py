@@ -1,6 +1,6 @@
 """The checkout and the installed package: complete, light, and what pyproject.toml says.
 
-Covered: data folders without code, file sizes, entry points, versions, the lock, import without
+Covered: data folders without code, file sizes, entry points, versions, the locks, import without
 side effects. Not covered: `make setup` itself, which is what got the tests here.
 """
 
@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import entry_points, version
+from importlib.metadata import entry_points, metadata, requires, version
 from pathlib import Path
 
 import pytest
@@ -105,12 +105,14 @@ def test_import_is_light_and_leaves_nothing_behind(module, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-# ----------------------------------------------------------------- the lock
+# ----------------------------------------------------------------- the locks
+
+RUNS, DEVELOPS = "requirements.lock", "requirements-dev.lock"
 
 
-def locked() -> dict[str, Requirement]:
-    """The requirements of the lock by canonical name."""
-    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
+def locked(*files: str) -> dict[str, Requirement]:
+    """The requirements of some locks by canonical name."""
+    lines = [line for name in files for line in (ROOT / name).read_text("utf-8").splitlines()]
     found = [Requirement(line) for line in lines if line and not line.startswith("#")]
     names = [canonicalize_name(one.name) for one in found]
     assert len(names) == len(set(names))
@@ -123,24 +125,61 @@ def pinned_version(requirement: Requirement) -> str:
     return specifier.version
 
 
-def test_lock_pins_each_package_to_one_version_and_no_place():
-    for name, requirement in locked().items():
+def needed(texts: list[str]) -> set[str]:
+    """The canonical names of some installed packages and of all that they need here."""
+    todo, seen = [Requirement(text) for text in texts], set()
+    while todo:
+        one = todo.pop()
+        key = canonicalize_name(one.name), frozenset(one.extras)
+        if key in seen:
+            continue
+        seen.add(key)
+        for need in map(Requirement, requires(key[0]) or []):
+            extras = ("", *one.extras)
+            if need.marker is None or any(need.marker.evaluate({"extra": e}) for e in extras):
+                todo.append(need)
+    return {name for name, _ in seen}
+
+
+def test_locks_pin_each_package_to_one_version_and_no_place():
+    for name, requirement in locked(RUNS, DEVELOPS).items():
         assert requirement.url is None, name
         assert re.fullmatch(r"[0-9][0-9a-z.]*", pinned_version(requirement)), name
 
 
 def test_lock_takes_torch_first_and_in_any_build():
-    first = next(iter(locked().values()))
+    first = next(iter(locked(RUNS).values()))
     assert str(first) == "torch==2.13.0"
     (ours,) = (r for r in map(Requirement, PROJECT["dependencies"]) if r.name == "torch")
     assert not any(one.operator in ("==", "===") for one in ours.specifier)
 
 
-def test_lock_covers_every_dependency_within_its_range():
+def test_locks_cover_every_dependency_within_its_range():
     extras = PROJECT["optional-dependencies"]
-    pins = locked()
-    for text in [*PROJECT["dependencies"], *extras["thor"], *extras["hosted"], *extras["dev"]]:
-        wanted = Requirement(text)
-        pin = pins.get(canonicalize_name(wanted.name))
-        assert pin is not None, f"{wanted.name} is not in requirements.lock"
-        assert wanted.specifier.contains(pinned_version(pin)), f"{pin} is outside {wanted}"
+    runs, both = locked(RUNS), locked(RUNS, DEVELOPS)
+    for pins, texts in (
+        (runs, [*PROJECT["dependencies"], *extras["thor"], *extras["hosted"]]),
+        (both, extras["dev"]),
+    ):
+        for wanted in map(Requirement, texts):
+            pin = pins.get(canonicalize_name(wanted.name))
+            assert pin is not None, f"{wanted.name} is not locked"
+            assert wanted.specifier.contains(pinned_version(pin)), f"{pin} is outside {wanted}"
+
+
+def test_lock_of_bundles_holds_nothing_that_only_tests_or_checks_need():
+    """Whatever a bundle's lock pins, running needs; what only `dev` needs is in the other one."""
+    extras = PROJECT["optional-dependencies"]
+    server = "llama-cpp-python[server]"  # docs/hosted.md tries hosted models with it
+    runs = needed([*PROJECT["dependencies"], *extras["thor"], *extras["hosted"], server])
+    here = {name for name, r in locked(RUNS).items() if r.marker is None or r.marker.evaluate()}
+    assert here - runs == set()
+    assert set(locked(DEVELOPS)) & runs == set()
+
+
+def test_no_package_of_bundles_is_under_the_gpl():
+    for name, pin in locked(RUNS).items():
+        if pin.marker is None or pin.marker.evaluate():
+            said = metadata(name)
+            lines = [said.get("License-Expression") or "", *said.get_all("Classifier", [])]
+            assert not [line for line in lines if re.search(r"\bA?GPL|GNU (Affero )?General", line)]
