@@ -37,23 +37,14 @@ from karma.seeds import stream
 from karma.training import rooms
 from karma.training.alfred import Facts as ReadFacts
 from karma.training.alfred import Sentence, StepSentence, facts_of, read_sentences, read_steps
+from karma.training.checkpoints import last_step, load_weights
+from karma.training.network import first_embeddings
+from karma.training.packs import END, PAD, Data, Recipe, make_tokenizer, plain
 from karma.training.phrases import Book, our_book, with_alfred
 from karma.training.recollections import Room
 from karma.training.samples import Example, draw
 from karma.training.stories import Kind, Step, draw_story
-from karma.training.train import (
-    END,
-    PAD,
-    Data,
-    Recipe,
-    exact_share,
-    first_embeddings,
-    last_step,
-    load_weights,
-    make_tokenizer,
-    plain,
-    train,
-)
+from karma.training.train import exact_share, train
 from karma.world.generate import build_scene
 from karma.world.importers import import_dump
 

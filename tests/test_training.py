@@ -19,7 +19,7 @@ from karma.planner import program_spec
 from karma.program import parse_program
 from karma.prompt import Facts, base_type
 from karma.seeds import stream
-from karma.training import phrases
+from karma.training import checkpoints, network, packs, phrases, train
 from karma.training.phrases import make_template, our_book
 from karma.training.recollections import Room
 from karma.training.rooms import asked_pairs, room_of
@@ -222,24 +222,23 @@ def test_mined_templates_have_slots_and_come_in_kinds_of_requests(shared):
 @pytest.fixture(scope="module")
 def tiny(rooms):
     """A recipe, its data and tokenizer, and packs that were held out."""
-    train = pytest.importorskip("karma.training.train")
-    recipe = train.Recipe(
+    recipe = packs.Recipe(
         vocabulary=480, hidden=32, layers=2, heads=2, feed_forward=48, packs=2, examples=3,
         steps=4, warmup=1,
     )  # fmt: skip
-    data = train.Data(rooms=rooms, book=BOOK.part(held_out=False), excluded=frozenset())
-    tokenizer = train.make_tokenizer(recipe, data, 20)
+    data = packs.Data(rooms=rooms, book=BOOK.part(held_out=False), excluded=frozenset())
+    tokenizer = packs.make_tokenizer(recipe, data, 20)
     recipe = replace(recipe, vocabulary=tokenizer.get_vocab_size())
-    held_out = [train.draw_pack(recipe, data, "held-out", "0")]
-    return train, recipe, data, tokenizer, held_out
+    held_out = [packs.draw_pack(recipe, data, "held-out", "0")]
+    return recipe, data, tokenizer, held_out
 
 
-def losses(train, model, packs, tokenizer):
+def losses(model, drawn, tokenizer):
     """The loss of every program token, in order."""
     import torch
 
     with torch.no_grad():
-        logits, targets = train.forward(model, train.collate(packs, tokenizer))
+        logits, targets = network.forward(model, network.collate(drawn, tokenizer))
         found = torch.nn.functional.cross_entropy(logits, targets, reduction="none")
     return targets.tolist(), found
 
@@ -247,12 +246,12 @@ def losses(train, model, packs, tokenizer):
 def test_packed_loss_equals_the_loss_of_each_example_alone(tiny):
     import torch
 
-    train, recipe, data, tokenizer, _ = tiny
-    model = train.new_model(recipe).eval()
-    packs = [train.draw_pack(recipe, data, "test", str(number)) for number in range(3)]
-    targets, packed = losses(train, model, packs, tokenizer)
-    singles = [[example] for pack in packs for example in pack]
-    alone = [losses(train, model, [single], tokenizer) for single in singles]
+    recipe, data, tokenizer, _ = tiny
+    model = network.new_model(recipe).eval()
+    drawn = [packs.draw_pack(recipe, data, "test", str(number)) for number in range(3)]
+    targets, packed = losses(model, drawn, tokenizer)
+    singles = [[example] for pack in drawn for example in pack]
+    alone = [losses(model, [single], tokenizer) for single in singles]
     assert targets == [target for one, _ in alone for target in one]
     assert torch.allclose(packed, torch.cat([loss for _, loss in alone]), atol=1e-4)
     assert len(targets) > 100
@@ -262,10 +261,10 @@ def test_loss_of_a_pack_row_is_that_of_the_plain_prompt(tiny):
     """Without mask and positions of our own: what inference does."""
     import torch
 
-    train, recipe, data, tokenizer, _ = tiny
-    model = train.new_model(recipe).eval()
-    pack = train.draw_pack(recipe, data, "test", "plain")
-    _, packed = losses(train, model, [pack], tokenizer)
+    recipe, data, tokenizer, _ = tiny
+    model = network.new_model(recipe).eval()
+    pack = packs.draw_pack(recipe, data, "test", "plain")
+    _, packed = losses(model, [pack], tokenizer)
     last = pack[-1]
     texts = (last.stable, last.changing, last.program)
     parts = [tokenizer.encode(text, add_special_tokens=False).ids for text in texts]
@@ -277,37 +276,37 @@ def test_loss_of_a_pack_row_is_that_of_the_plain_prompt(tiny):
 
 
 def test_tokens_end_with_the_end_and_decode_to_the_text(tiny):
-    train, _, data, tokenizer, held_out = tiny
+    _, data, tokenizer, held_out = tiny
     example = held_out[0][0]
     for text in (example.stable, example.changing, example.program):
         ids = tokenizer.encode(text, add_special_tokens=False).ids
         assert tokenizer.decode(ids, skip_special_tokens=False) == text
-    assert tokenizer.token_to_id(train.END) == 0
-    assert tokenizer.token_to_id(train.PAD) == 1
+    assert tokenizer.token_to_id(packs.END) == 0
+    assert tokenizer.token_to_id(packs.PAD) == 1
     assert len(tokenizer.encode("GoToObject(robot, '").ids) == 1
     assert data.rooms
 
 
 def test_draw_pack_of_a_name_is_one_scene_and_always_the_same(tiny):
-    train, recipe, data, _, _ = tiny
-    pack = train.draw_pack(recipe, data, "train", "3", "1")
-    assert pack == train.draw_pack(recipe, data, "train", "3", "1")
-    assert pack != train.draw_pack(recipe, data, "train", "3", "0")
+    recipe, data, _, _ = tiny
+    pack = packs.draw_pack(recipe, data, "train", "3", "1")
+    assert pack == packs.draw_pack(recipe, data, "train", "3", "1")
+    assert pack != packs.draw_pack(recipe, data, "train", "3", "0")
     assert len({example.stable for example in pack}) == 1
     assert len(pack) in (recipe.examples, recipe.examples * 3 // 2)
 
 
 def test_no_drawn_sentence_is_one_of_the_tests(tiny):
-    train, recipe, data, _, _ = tiny
+    recipe, data, _, _ = tiny
     said = [
-        train.plain(train._task(e))
+        packs.plain(packs._task(e))
         for n in range(30)
-        for e in train.draw_pack(recipe, data, str(n))
+        for e in packs.draw_pack(recipe, data, str(n))
     ]
     forbidden = frozenset(Counter(said))
     closed = replace(data, forbidden=forbidden)
-    packs = [train.draw_pack(recipe, closed, str(n)) for n in range(30)]
-    assert not forbidden & {train.plain(train._task(e)) for pack in packs for e in pack}
+    drawn = [packs.draw_pack(recipe, closed, str(n)) for n in range(30)]
+    assert not forbidden & {packs.plain(packs._task(e)) for pack in drawn for e in pack}
 
 
 def test_phrase_book_holds_no_sentence_of_the_test_tasks():
@@ -319,7 +318,7 @@ def test_phrase_book_holds_no_sentence_of_the_test_tasks():
 def test_interrupted_training_ends_in_the_same_weights(tiny, tmp_path):
     import torch
 
-    train, recipe, data, tokenizer, held_out = tiny
+    recipe, data, tokenizer, held_out = tiny
 
     def run(folder):
         return train.train(recipe, data, held_out, tokenizer, folder, every=2)
@@ -328,19 +327,19 @@ def test_interrupted_training_ends_in_the_same_weights(tiny, tmp_path):
     assert [line.step for line in whole] == [2, 4]
     first = next(run(tmp_path / "cut"))
     assert first == whole[0]
-    assert train.last_step(tmp_path / "cut") == 2
+    assert checkpoints.last_step(tmp_path / "cut") == 2
     assert list(run(tmp_path / "cut")) == whole[1:]
     assert list(run(tmp_path / "cut")) == []  # it is done
-    one, other = (train.load_weights(tmp_path / name, recipe) for name in ("whole", "cut"))
-    start = train.new_model(recipe)
+    one, other = (checkpoints.load_weights(tmp_path / name, recipe) for name in ("whole", "cut"))
+    start = network.new_model(recipe)
     for name, value in one.state_dict().items():
         assert torch.equal(value, other.state_dict()[name]), name
     assert not torch.equal(one.model.norm.weight, start.model.norm.weight)
 
 
 def test_torn_progress_counts_as_none_and_missing_weights_are_named(tiny, tmp_path):
-    train, recipe, *_ = tiny
+    recipe, *_ = tiny
     (tmp_path / "progress.json").write_text('{"ste')
-    assert train.last_step(tmp_path) == 0
+    assert checkpoints.last_step(tmp_path) == 0
     with pytest.raises(FileError, match=r"no checkpoint\n.*train_planner"):
-        train.load_weights(tmp_path, recipe)
+        checkpoints.load_weights(tmp_path, recipe)
