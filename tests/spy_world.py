@@ -37,6 +37,7 @@ class SpyWorld:
 
     def __init__(self, world, *, lies):
         self._world, self._lies = world, lies
+        self._rooms = {}  # room -> `_shown`: what was seen in one is not known in another
         self._shown = {}  # id -> its record when it was last in view
         self._touched = frozenset()
         self.offences = []
@@ -49,9 +50,14 @@ class SpyWorld:
         return self._event
 
     def reset(self, scene):
-        self._shown, self._touched = {}, frozenset()
+        self._rooms.pop(scene, None)
         self._world.reset(scene)
+        self.enter(scene)
         return self.last_event
+
+    def enter(self, scene):
+        """Note that the true world is another room."""
+        self._shown, self._touched = self._rooms.setdefault(scene, {}), frozenset()
 
     def step(self, action, **arguments):
         held = []
@@ -148,7 +154,12 @@ class Spied:
 
     def begin(self, world, scene, *, seed, folder: Path):
         self.spy = SpyWorld(world, lies=self._lies)
+        self.spy.enter(scene)
         self._method.begin(self.spy, scene, seed=seed, folder=folder)
+
+    def enter(self, scene):
+        self.spy.enter(scene)
+        self._method.enter(scene)
 
     def do(self, subtask):
         yield from self._method.do(subtask)

@@ -1,5 +1,6 @@
 """What every method must do, whatever row it is: to be registered is to be tested."""
 
+import shutil
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,8 @@ from karma.infer.metadata_vision import MetadataVision
 from karma.infer.scripted import ScriptedModel
 from karma.methods.kit import Kit
 from karma.planner import Planner
+from karma.world.home import Home
+from karma.world.scene import SCENES
 from karma.world.sim import EmbeddedWorld
 
 METHODS = registry.names("methods")
@@ -173,6 +176,84 @@ def test_what_is_out_of_view_changes_nothing_but_for_the_oracle(name, tmp_path):
     lied, offences = spied_record(build(name), TASK, tmp_path / "b", lies=True)
     assert (honest == lied) == (name != "oracle")
     assert offences == [] or name == "oracle"
+
+
+# ----------------------------------------------------------------- from room to room
+
+
+@pytest.fixture
+def twin(tmp_path):
+    """Another room whose things have the ids of the first."""
+    path = tmp_path / "twin.json"
+    shutil.copy(SCENES / f"{SCENE}.json", path)
+    return str(path)
+
+
+BRING = "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\n"
+
+
+def apples(*rooms):
+    """A sequence that has the apple put away in one room after the other; in the last, fetched."""
+    last = len(rooms) - 1
+    asked = [
+        SubTask(instruction=text, whole=text, goals=(parse_goal(goal),), scene=room)
+        for number, room in enumerate(rooms)
+        for text, goal in [
+            ("Bring the apple.", "HOLDON(robot, Apple)")
+            if number == last
+            else ("Put the apple away.", GOALS[0])
+        ]
+    ]
+    return Task(id="s1", kind="sequence", scene=SCENE, subtasks=tuple(asked))
+
+
+def test_enter_before_begin_is_refused(name):
+    with pytest.raises(RuntimeError, match="begin"):
+        build(name).enter(SCENE)
+
+
+def test_who_has_been_in_another_room_meanwhile_goes_on_as_if_he_had_not(name, tmp_path, twin):
+    told = []
+    for away in (False, True):
+        method, home = build(name), Home(EmbeddedWorld)
+        home.reset(SCENE)
+        method.begin(home, SCENE, seed=0, folder=tmp_path)
+        first, second = TASK.subtasks
+        told.append([[timeless(moment) for moment in method.do(first)]])
+        if away:
+            for room in (twin, SCENE):
+                home.enter(room)
+                method.enter(room)
+        told[-1].append([timeless(moment) for moment in method.do(second)])
+    assert told[0] == told[1]
+
+
+def test_memory_of_a_room_outlasts_work_in_another(name, tmp_path, twin):
+    """Who finds the apple again at once without leaving the room does so after it too."""
+    searches = []
+    for rooms in ((SCENE, SCENE), (SCENE, twin, SCENE)):
+        method = build(name, answers=[*[FETCH] * (len(rooms) - 1), *[BRING] * 40])
+        record = run_episode(
+            method, Home(EmbeddedWorld), apples(*rooms), row=name, seed=0, folder=tmp_path
+        )
+        assert not record.error
+        assert name.startswith("lota") or record.success
+        searches.append(sum(call.explorations for call in record.subtasks[-1].calls))
+    assert searches[0] == searches[1]
+    assert name.startswith("lota") or searches[1] == 0
+
+
+def test_no_room_is_acted_in_on_what_was_seen_in_another(name, tmp_path, twin):
+    """The rooms have equal ids: who mixes them up reaches for what he has not seen."""
+    told = []
+    for lies in (False, True):
+        spied = Spied(build(name, answers=[*[FETCH] * 3, *[BRING] * 40]), lies=lies)
+        task = apples(SCENE, twin, SCENE, twin)
+        home = Home(EmbeddedWorld)
+        record = run_episode(spied, home, task, row=name, seed=0, folder=tmp_path)
+        told.append((to_json(record), spied.spy.offences))
+    assert (told[0][0] == told[1][0]) == (name != "oracle")
+    assert told[1][1] == [] or name == "oracle"
 
 
 # ----------------------------------------------------------------- an episode's borders

@@ -126,9 +126,10 @@ class StepLog:
     """Collects one episode's steps; `data` are the lines."""
 
     def __init__(self) -> None:
-        self._steps: list[Step] = []
+        self._written = bytearray()  # lines of what is over
+        self._steps: list[Step] = []  # since the last instruction came to its end
         self._open = False
-        self._given = 0  # where the last instruction stands
+        self._given = 0  # where the last instruction stands among them
         self._map: str | None = None
         self._memory: tuple[Unit, ...] = ()
 
@@ -188,9 +189,14 @@ class StepLog:
             self._steps[self._given] = msgspec.structs.replace(given, memory=before)
         self._memory = tuple(Unit.of(unit) for unit in outcome.kept)
         self.add(Ended(finished=outcome.finished, memory=self._memory, unmet=tuple(unmet)))
+        self._written += self._lines()
+        self._steps.clear()
 
     def data(self) -> bytes:
         """Return the lines so far."""
+        return bytes(self._written) + self._lines()
+
+    def _lines(self) -> bytes:
         return b"".join(to_json(step) for step in self._steps if self._open)
 
 
