@@ -15,6 +15,7 @@ from karma.memory.recall import CosineRecall
 from karma.methods.karma import KarmaMethod, KarmaSettings
 from karma.methods.oracle import OracleMethod
 from karma.planner import Planner
+from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 
 AGENT, TEACHER = "KARMA <b>&amp;", "oracle"  # a row may be called anything
@@ -29,7 +30,9 @@ BACK = (
     "CloseObject(robot, 'Fridge')\n"
 )
 POURED = "</script><script>document.title = 'owned'</script>"  # no program
+DISC = "Explore(robot, 'CD')\nGoToObject(robot, 'CD')\nPickupObject(robot, 'CD')\n"
 MUG = "Explore(robot, 'Mug')\nGoToObject(robot, 'Mug')\n"
+SEQUENCE_KEYS = ((AGENT, "s4", 0), (TEACHER, "s4", 0), (TEACHER, "s16", 0))
 KEYS = ((AGENT, "t1", 0), (AGENT, "t2", 0), (TEACHER, "t1", 0), (TEACHER, "t1", 1))
 
 
@@ -64,11 +67,42 @@ TASKS = {
     ),
     "t2": task("t2", ("Look for the mug.", "HOLDON(robot, Mug)"), ("Bring it.", "ON(Mug, Sink)")),
 }
-ANSWERS = {"t1": [AWAY, BACK], "t2": [MUG, POURED, POURED, POURED]}  # then the script has run out
+ANSWERS = {
+    "t1": [AWAY, BACK],
+    "t2": [MUG, POURED, POURED, POURED],  # then the script has run out
+    "s4": [AWAY, DISC, BACK, DISC],
+}
 
 
-def make_run(folder):
-    """Write the run into a folder and return it."""
+def sequence(name, *parts):
+    """Return a sequence in the kitchen and the bedroom: each part is a room, words and goals."""
+    subtasks = tuple(
+        SubTask(instruction=words, whole=words, scene=scene, goals=tuple(map(parse_goal, goals)))
+        for scene, words, *goals in parts
+    )
+    return Task(id=name, kind="sequence", scene="kitchen_1", subtasks=subtasks)
+
+
+FRIDGE = (
+    ("kitchen_1", "Open the fridge.", "OPEN(Fridge)"),
+    ("kitchen_1", "Shut it.", "CLOSED(Fridge)"),
+)
+PEN = (
+    ("bedroom_1", "Fetch the pen.", "HOLDON(robot, Pen)"),
+    ("bedroom_1", "Put the pen on the bed.", "ON(Pen, Bed)"),
+)
+TASKS["s4"] = sequence(
+    "s4",
+    ("kitchen_1", "Put the apple away.", "INSIDE(Apple, Fridge)"),
+    ("bedroom_1", "Fetch the disc.", "HOLDON(robot, CD)"),
+    ("kitchen_1", "Fetch the apple.", "HOLDON(robot, Apple)"),
+    ("bedroom_1", "Put the disc on the bed.", "ON(CD, Bed)"),
+)
+TASKS["s16"] = sequence("s16", *4 * (*FRIDGE, *PEN))
+
+
+def make_run(folder, keys=KEYS):
+    """Write the run of some episodes into a folder and return it."""
     files = RunFolder(folder, steps=True)
     machine = Machine(platform="x", cpu="y", cores=1, memory_mb=None, threads=1)
     header = Header(
@@ -76,15 +110,15 @@ def make_run(folder):
         models={"planner": "scripted"}, prompts={}, scenes={}, format=FORMAT, machine=machine,
     )  # fmt: skip
     files.claim(header, fix="")
-    world = EmbeddedWorld()
-    for row, name, seed in KEYS:
+    for row, name, seed in keys:
+        world = Home(EmbeddedWorld) if len(TASKS[name].scenes) > 1 else EmbeddedWorld()
         steps, times = StepLog(), TimeLog()
         record = run_episode(
             _method(row, name, folder), world, TASKS[name],
             row=row, seed=seed, folder=folder, steps=steps, times=times,
         )  # fmt: skip
         files.commit(Finished(record=record, timing=times.of(record), steps=steps.data()))
-    files.finish(KEYS)
+    files.finish(keys)
     return folder
 
 

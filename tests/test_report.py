@@ -4,6 +4,7 @@ The browser's tests need Chromium, and skip without it.
 """
 
 import base64
+import gzip
 import hashlib
 import html
 import json
@@ -27,19 +28,27 @@ from typer.testing import CliRunner
 from karma.bench.records import EpisodeRecord
 from karma.bench.results import result_of
 from karma.bench.run_folder import read_run
-from karma.bench.steps import Action, Ended, Instruction, Start, Unit, read_steps, steps_path
+from karma.bench.steps import (
+    Action,
+    Ended,
+    Instruction,
+    Start,
+    Unit,
+    packed,
+    read_steps,
+    steps_path,
+)
 from karma.cli import app
 from karma.errors import KarmaError
-from karma.report.choice import choose
-from karma.report.episodes import Replayer, episode_key
+from karma.report.choice import choose, episode_key
+from karma.report.episodes import Replayer
 from karma.report.frames import Frames
 from karma.report.page import page_of, render
 from karma.report.plots import LEFT, WIDTH, Rate, success_plot
-from karma.report.replay import SIZE_PX, frame_choice, replay
+from karma.report.replay import SIZE_PX, Rooms, frame_choice, replay
 from karma.report.room import plan_of
 from karma.report.story import changes, told
 from karma.world import scene as scenes
-from karma.world.sim import EmbeddedWorld
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +72,15 @@ def made(run):
 def data_of(page, name="data"):
     found = re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
     return json.loads(found[1])
+
+
+def moments_of(episode):
+    columns = episode["moments"]
+    count = len(columns["kind"]["at"])
+    return [
+        {name: one["values"][one["at"][row]] for name, one in columns.items()}
+        for row in range(count)
+    ]
 
 
 def blocks(page, tag):
@@ -171,13 +189,13 @@ def test_replay_says_which_action_did_not_go_as_logged(run):
     number = next(n for n, m in enumerate(story.moments) if m.text == "OpenObject Fridge")
     wrong = replace(story.moments[number], ok=False)
     story = replace(story, moments=(*story.moments[:number], wrong, *story.moments[number + 1 :]))
-    found = replay(story, EmbeddedWorld("kitchen_1"), Frames(), "none")
+    found = replay(story, Rooms(), Frames(), "none")
     assert found.differing == (number,)
 
 
 def test_replay_ends_where_the_episode_ended(run):
     story = told(read_steps(steps_path(run.folder, TEACHER, "t1", 0)))
-    found = replay(story, EmbeddedWorld("kitchen_1"), Frames(), "none")
+    found = replay(story, Rooms(), Frames(), "none")
     assert found.sights[-1].held.startswith("Apple|")
     assert all(sight.frame == -1 for sight in found.sights)
     (closing,) = (
@@ -196,24 +214,27 @@ def test_replay_ends_where_the_episode_ended(run):
 def test_replay_takes_the_scene_that_a_run_brought_along(run, tmp_path):
     (record,) = (one for one in run.records if one.key == (TEACHER, "t1", 0))
     elsewhere = replace(record, scene="FloorPlan999")
-    for source, place in (
-        (scenes.find("kitchen_1"), tmp_path / "scenes" / "FloorPlan999.json"),
-        (steps_path(run.folder, *record.key), steps_path(tmp_path, *record.key)),
+    log = gzip.decompress(steps_path(run.folder, *record.key).read_bytes())
+    for data, place in (
+        (scenes.find("kitchen_1").read_bytes(), tmp_path / "scenes" / "FloorPlan999.json"),
+        (packed(log.replace(b"kitchen_1", b"FloorPlan999")), steps_path(tmp_path, *record.key)),
     ):
         place.parent.mkdir(parents=True)
-        place.write_bytes(source.read_bytes())
+        place.write_bytes(data)
     moved = replace(run, folder=tmp_path, records=(elsewhere,))
     (one,) = Replayer(moved, Frames(), "none").episodes(moved.records)
     assert one.replay.actions > 20
     assert one.replay.differing == ()
-    assert one.areas == ()  # this run has left no map
+    (room,) = one.rooms.values()
+    assert room.scene == "FloorPlan999"
+    assert room.areas == ()  # this run has left no map
 
 
 def test_pictures_of_every_action_are_more_than_those_of_calls(run):
     story = told(read_steps(steps_path(run.folder, TEACHER, "t1", 0)))
     every, calls = Frames(), Frames()
-    replay(story, EmbeddedWorld("kitchen_1"), every, "every")
-    replay(story, EmbeddedWorld("kitchen_1"), calls, "calls")
+    replay(story, Rooms(), every, "every")
+    replay(story, Rooms(), calls, "calls")
     assert len(every) > len(calls) > 4
 
 
@@ -230,7 +251,7 @@ def test_frames_keep_each_different_picture_once(run):
 
 def test_frame_choice_refuses_what_it_does_not_know():
     assert frame_choice("calls") == "calls"
-    with pytest.raises(KarmaError, match="auto, every, calls, none"):
+    with pytest.raises(KarmaError, match="auto, every, calls, ends, none"):
         frame_choice("some")
 
 
@@ -275,7 +296,7 @@ def test_choice_takes_failures_first_from_the_rows_in_turn(wanted, keys):
 
 def test_choice_takes_all_episodes_of_a_task_and_refuses_what_is_none(run):
     assert [one.key for one in choose(run.records, "t1")] == [k for k in KEYS if k[1] == "t1"]
-    with pytest.raises(KarmaError, match="all, a number, or one of t1, t2"):
+    with pytest.raises(KarmaError, match="all, a number, ROW/TASK/SEED, or one of t1, t2"):
         choose(run.records, "t9")
 
 
@@ -331,7 +352,7 @@ def test_page_says_without_scripts_what_was_asked_written_and_done(made, run):
             assert all(" ".join(a.program.split()) in said for a in part.answers)
     assert said.count("✗ HOLDON(robot, Mug): 1") == 1
     assert "the script has run out" in said
-    actions = sum(one["kind"] == "action" for e in data_of(page) for one in e["moments"])
+    actions = sum(one["kind"] == "action" for e in data_of(page) for one in moments_of(e))
     assert f"{actions} of {actions} actions, done again in the embedded world" in said
 
 
@@ -355,7 +376,7 @@ def test_page_of_a_replay_that_left_the_log_says_so(made, run):
     (told_,) = data_of(page)
     assert "1 of" in told_["trouble"]
     assert "step 6" in told_["trouble"]
-    assert [m["differs"] for m in told_["moments"]].index(True) == 5
+    assert [m["differs"] for m in moments_of(told_)].index(True) == 5
     assert "1 did not; the episodes say where" in page
 
 
@@ -410,8 +431,8 @@ def test_command_writes_the_page(folder, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--episodes", "t9"], "To fix: all, a number, or one of t1, t2"),
-        (["--frames", "most"], "To fix: auto, every, calls, none"),
+        (["--episodes", "t9"], "To fix: all, a number, ROW/TASK/SEED, or one of t1, t2"),
+        (["--frames", "most"], "To fix: auto, every, calls, ends, none"),
     ],
 )
 def test_command_refuses_what_it_does_not_know(folder, tmp_path, arguments, words):

@@ -21,13 +21,21 @@ def report_command(
     run: Annotated[Path, typer.Argument(help="A run folder, made by `karma eval`.")],
     out: Annotated[Path | None, typer.Option(help="The page; default RUN/report.html.")] = None,
     episodes: Annotated[
-        str, typer.Option(help="Which can be stepped through: all, a number, or a task's id.")
+        str,
+        typer.Option(help="Which can be stepped through: all, a number, a task, ROW/TASK/SEED."),
     ] = "8",
+    instructions: Annotated[
+        str,
+        typer.Option(
+            help='Of those, which instructions: all, numbers such as 1-40,77, or "auto": of long '
+            "sequences those that failed first."
+        ),
+    ] = "auto",
     frames: Annotated[
         str,
         typer.Option(
-            help='First-person pictures: "every" action, "calls" only, "none", or "auto": every '
-            "action in episodes of up to 300."
+            help='First-person pictures: "every" action, "calls" only, their "ends", "none", or '
+            '"auto": the less the more there is to show.'
         ),
     ] = "auto",
     published: Annotated[
@@ -43,7 +51,8 @@ def report_command(
     if is_figure_folder(run):
         _write_figure(run, out or run / "report.html")
     else:
-        _write_run(run, out or run / "report.html", episodes, frames, published, rerun)
+        choice = (episodes, instructions, frames)
+        _write_run(run, out or run / "report.html", choice, published, rerun)
 
 
 def _write_figure(run: Path, path: Path) -> None:
@@ -54,7 +63,7 @@ def _write_figure(run: Path, path: Path) -> None:
 
 
 def _write_run(
-    run: Path, path: Path, episodes: str, frames: str, published: Path, rerun: Path | None
+    run: Path, path: Path, choice: tuple[str, str, str], published: Path, rerun: Path | None
 ) -> None:
     from rich.progress import track
 
@@ -70,13 +79,14 @@ def _write_run(
     found = read_run(run)
     if not found.records:
         raise KarmaError(f"{run}: no episode is done yet\n  To fix: karma eval FILE --out {run}")
+    episodes, instructions, frames = choice
     pictures = Frames()
     replayer = Replayer(found, pictures, frame_choice(frames))
     chosen = choose(found.records, episodes)
     shown = list(
         track(
-            replayer.episodes(chosen), "replaying", total=len(chosen), console=console,
-            transient=True, disable=not console.is_terminal,
+            replayer.episodes(chosen, instructions), "replaying", total=len(chosen),
+            console=console, transient=True, disable=not console.is_terminal,
         )
     )  # fmt: skip
     paper = load_published(published) if published.exists() else {}

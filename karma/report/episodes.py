@@ -1,20 +1,20 @@
 """Episodes of a run made ready to be stepped through."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 from karma.bench.records import EpisodeRecord
 from karma.bench.run_folder import RunData
 from karma.bench.steps import read_steps, steps_path
 from karma.memory.scene_graph import SceneGraph
+from karma.report.choice import choose_instructions
 from karma.report.frames import Frames
-from karma.report.replay import SIZE_PX, FrameChoice, Replay, replay
-from karma.report.room import AreaMark, RoomPlan, plan_of
+from karma.report.replay import FrameChoice, Replay, Rooms, replay
+from karma.report.room import RoomPlan, plan_of
 from karma.report.story import Story, told
 from karma.world import scene as scenes
-from karma.world.sim import EmbeddedWorld
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,12 +24,15 @@ class EpisodeReplay:
     record: EpisodeRecord
     story: Story
     replay: Replay
-    room: RoomPlan
+    rooms: Mapping[str, RoomPlan]  # by scene, in the order in which they are entered
+    shown: frozenset[int]  # numbers of the instructions that can be stepped through
 
     @property
-    def areas(self) -> tuple[AreaMark, ...]:
-        """Long-term memory of the room; () when the run left none."""
-        return self.room.areas
+    def steps(self) -> tuple[int, ...]:
+        """Numbers of the moments that can be stepped through."""
+        parts = {-1, *self.shown}
+        moments = self.story.moments[: len(self.replay.sights)]
+        return tuple(number for number, moment in enumerate(moments) if moment.part in parts)
 
     @property
     def trouble(self) -> str:
@@ -37,15 +40,11 @@ class EpisodeReplay:
         count = len(self.replay.differing)
         if not count:
             return ""
+        first = bisect_left(self.steps, self.replay.differing[0]) + 1
         return (
             f"In the replay {count} of {self.replay.actions} actions did not go as logged, the "
-            f"first at step {self.replay.differing[0] + 1}: what is drawn after it may be wrong."
+            f"first at step {first}: what is drawn after it may be wrong."
         )
-
-
-def episode_key(record: EpisodeRecord) -> str:
-    """Return what names an episode on the page and in its address."""
-    return f"{record.row}/{record.task}/{record.seed}"
 
 
 class Replayer:
@@ -61,23 +60,31 @@ class Replayer:
         self._run, self._frames, self._choice = run, frames, choice
         self._room: Callable[[str], RoomPlan] = cache(self._load_room)
 
-    def episodes(self, records: Sequence[EpisodeRecord]) -> Iterator[EpisodeReplay]:
+    def episodes(
+        self, records: Sequence[EpisodeRecord], instructions: str = "all"
+    ) -> Iterator[EpisodeReplay]:
         """Yield those of the episodes that have a step log.
+
+        Args:
+            records: of the episodes.
+            instructions: which of them, see `choose_instructions`.
 
         Raises:
             FileError: a log, a scene or a map is damaged.
+            KarmaError: there are no such instructions.
         """
-        for record in records:
-            path = steps_path(self._run.folder, *record.key)
-            if path.exists():
-                yield self._one(record, path)
+        there = [r for r in records if steps_path(self._run.folder, *r.key).exists()]
+        chosen = choose_instructions(there, instructions)
+        for record, numbers in zip(there, chosen, strict=True):
+            yield self._one(record, frozenset(numbers))
 
-    def _one(self, record: EpisodeRecord, path: Path) -> EpisodeReplay:
-        story = told(read_steps(path))
-        world = EmbeddedWorld(width=SIZE_PX, height=SIZE_PX)
-        world.reset(self._place(record.scene))  # the log's first actions set the day up
-        done = replay(story, world, self._frames, self._choice)
-        return EpisodeReplay(record=record, story=story, replay=done, room=self._room(record.scene))
+    def _one(self, record: EpisodeRecord, numbers: frozenset[int]) -> EpisodeReplay:
+        story = told(read_steps(steps_path(self._run.folder, *record.key)))
+        shown = numbers & frozenset(range(len(story.parts)))
+        # the log's first actions set the day up
+        done = replay(story, Rooms(self._place), self._frames, self._choice, shown)
+        rooms = {name: self._room(name) for name in story.scenes}
+        return EpisodeReplay(record=record, story=story, replay=done, rooms=rooms, shown=shown)
 
     def _place(self, name: str) -> str:
         """Return the scene's file in the run folder, or its name if it is one of ours."""
@@ -87,4 +94,4 @@ class Replayer:
     def _load_room(self, name: str) -> RoomPlan:
         path = self._run.folder / "maps" / f"{name}.json"
         graph = SceneGraph.load(path) if path.exists() else None
-        return plan_of(scenes.load(self._place(name)), graph)
+        return replace(plan_of(scenes.load(self._place(name)), graph), scene=name)

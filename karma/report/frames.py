@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from karma.contracts import Frame
 from karma.report.html import data_uri
@@ -14,7 +15,8 @@ class Frames:
 
     def __init__(self) -> None:
         self._numbers: dict[bytes, int] = {}
-        self._webp: list[bytes] = []
+        self._webp: list[Future[bytes]] = []
+        self._packing = ThreadPoolExecutor(1)  # while the next one is drawn
 
     def add(self, frame: Frame) -> int:
         """Keep a picture; returns its number.
@@ -25,25 +27,20 @@ class Frames:
         key = hashlib.blake2b(frame.tobytes(), digest_size=16).digest()
         if key not in self._numbers:
             self._numbers[key] = len(self._webp)
-            self._webp.append(webp(frame))
+            self._webp.append(self._packing.submit(webp, frame.copy()))
         return self._numbers[key]
 
     def __len__(self) -> int:
         """Return the number of different pictures."""
         return len(self._webp)
 
-    @property
-    def size_bytes(self) -> int:
-        """What they take as files."""
-        return sum(map(len, self._webp))
-
     def webp(self, number: int) -> bytes:
         """Return one as a WebP file."""
-        return self._webp[number]
+        return self._webp[number].result()
 
     def uris(self) -> list[str]:
         """Return each as a data URI."""
-        return [data_uri("image/webp", one) for one in self._webp]
+        return [data_uri("image/webp", one.result()) for one in self._webp]
 
 
 def webp(frame: Frame) -> bytes:

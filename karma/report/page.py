@@ -9,7 +9,8 @@ import msgspec
 from karma.bench.causes import Cause, Failure, count
 from karma.bench.run_folder import RunData
 from karma.bench.tables import Result, Sheet, figure_text, sheets, size_words
-from karma.report.episodes import EpisodeReplay, episode_key
+from karma.report.choice import episode_key
+from karma.report.episodes import EpisodeReplay
 from karma.report.frames import Frames
 from karma.report.html import fill, script_data
 from karma.report.plots import Plot, bar_plot, cause_plot, success_plot
@@ -33,9 +34,11 @@ class Page:
     sheets: tuple[Sheet, ...]  # the tables that stand in papers
     failures: Mapping[tuple[str, str, int], Failure]  # the first of each failed episode
     tasks: tuple[TaskLine, ...]
+    has_long: bool  # whether a task has too many instructions to tell them all
     facts: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]  # groups of names and values
     replays: Mapping[str, EpisodeReplay]
     rooms: tuple[RoomPlan, ...]
+    cut: tuple[EpisodeReplay, ...]  # of which not all instructions can be stepped through
     actions: int  # that were done again
     same: int  # of those, as logged
 
@@ -61,22 +64,15 @@ def render(page: Page, frames: Frames) -> str:
 
 def _told(one: EpisodeReplay) -> dict[str, Any]:
     """Return one replay as the script reads it."""
-    goals = [part.goals for part in one.record.subtasks]
-    parts = [
-        {
-            **msgspec.to_builtins(part),
-            "changes": part.changes,
-            "goals": goals[number] if number < len(goals) else (),
-        }
-        for number, part in enumerate(one.story.parts)
-    ]
+    steps = one.steps
+    differing = frozenset(one.replay.differing)
+    maps = list(dict.fromkeys(part.map_text for part in one.story.parts))
     moments = []
-    for number, (moment, sight) in enumerate(
-        zip(one.story.moments, one.replay.sights, strict=True)
-    ):
-        told = {**msgspec.to_builtins(moment), **msgspec.to_builtins(sight)}
+    for number in steps:
+        told = msgspec.to_builtins(one.story.moments[number])
+        told |= msgspec.to_builtins(one.replay.sights[number])
         del told["action"]
-        moments.append(told | {"differs": number in one.replay.differing})
+        moments.append(told | {"differs": number in differing})
     return {
         "key": episode_key(one.record),
         "row": one.record.row,
@@ -85,10 +81,47 @@ def _told(one: EpisodeReplay) -> dict[str, Any]:
         "success": one.record.success,
         "error": one.record.error,
         "trouble": one.trouble,
-        "room": one.room.scene,
-        "areas": msgspec.to_builtins(one.areas),
-        "parts": parts,
-        "moments": moments,
+        "room": one.story.scene,
+        "areas": {name: msgspec.to_builtins(room.areas) for name, room in one.rooms.items()},
+        "maps": maps,
+        "parts": [_told_part(one, number, maps) for number in range(len(one.story.parts))],
+        "moments": columns_of(moments),
+    }
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[Any]]]:
+    """Return rows as columns: each different value once, and for each row which it has.
+
+    >>> columns_of([{"ok": True}, {"ok": False}, {"ok": True}])
+    {'ok': {'values': [True, False], 'at': [0, 1, 0]}}
+    """
+    packed: dict[str, dict[str, list[Any]]] = {}
+    for name in rows[0] if rows else ():
+        values: dict[str, Any] = {repr(row[name]): row[name] for row in rows}
+        number = {text: n for n, text in enumerate(values)}
+        at = [number[repr(row[name])] for row in rows]
+        packed[name] = {"values": list(values.values()), "at": at}
+    return packed
+
+
+def _told_part(one: EpisodeReplay, number: int, maps: list[str]) -> dict[str, Any]:
+    """Return one instruction as the script reads it; in few words where it is not shown."""
+    part = one.story.parts[number]
+    said = {
+        "instruction": part.instruction,
+        "scene": part.scene,
+        "met": part.after is not None and not part.unmet,
+        "shown": number in one.shown,
+    }
+    if number not in one.shown:
+        return said
+    records = one.record.subtasks
+    return {
+        **msgspec.to_builtins(part),
+        **said,
+        "map_text": maps.index(part.map_text),
+        "changes": part.changes,
+        "goals": records[number].goals if number < len(records) else (),
     }
 
 
@@ -104,6 +137,7 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         replays: the episodes that can be stepped through.
     """
     records = run.records
+    lines = task_lines(records)
     actions = sum(one.replay.actions for one in replays)
     return Page(
         title=run.header.name,
@@ -122,10 +156,12 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         ),
         sheets=tuple(sheets(result)),
         failures={(one.row, one.task, one.seed): one for one in result.failures if one.is_first},
-        tasks=task_lines(records),
+        tasks=lines,
+        has_long=any(cell.is_long for line in lines for cell in line.cells),
         facts=tuple(_facts(run)),
         replays={episode_key(one.record): one for one in replays},
-        rooms=tuple({one.room.scene: one.room for one in replays}.values()),
+        rooms=tuple({name: room for one in replays for name, room in one.rooms.items()}.values()),
+        cut=tuple(one for one in replays if len(one.shown) < len(one.story.parts)),
         actions=actions,
         same=actions - sum(len(one.replay.differing) for one in replays),
     )

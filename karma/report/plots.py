@@ -94,6 +94,11 @@ def success_plot(rates: Sequence[Rate]) -> Plot:
         if rate.rate is not None and rate.kind in kinds
     ]
     middle = 11.0 * len(kinds) / 2
+    notes = ["Share of the tasks; of sequences, of their instructions."]
+    if "sequence" not in kinds:
+        notes = ["Share of the tasks."]
+    if any(rate.low is not None for rate in rates):
+        notes.append("Whiskers: 95 % intervals.")
     return Plot(
         title="Tasks solved",
         height=TOP + band * len(rows) + 16.0,
@@ -101,9 +106,7 @@ def success_plot(rates: Sequence[Rate]) -> Plot:
         names=_names(rows, band, middle),
         dots=tuple(dots),
         key=tuple(kinds),
-        note="Share of the tasks. Whiskers: 95 % intervals."
-        if any(rate.low is not None for rate in rates)
-        else "",
+        note=" ".join(notes),
     )
 
 

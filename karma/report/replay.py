@@ -1,5 +1,6 @@
 """Logged actions done again in the embedded world: where the agent stood and what it saw."""
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
@@ -7,11 +8,12 @@ from karma.contracts import Vec3
 from karma.errors import KarmaError
 from karma.report.frames import Frames
 from karma.report.story import Moment, Story
+from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 from karma.world.state import WorldState
 
-FrameChoice = Literal["auto", "every", "calls", "none"]
-LONG = 300  # actions of an episode from which on "auto" is "calls"
+FrameChoice = Literal["auto", "every", "calls", "ends", "none"]
+LONG, VERY_LONG = 300, 1000  # actions that are shown from which on "auto" is "calls", "ends"
 APART = 10  # moments between two pictures, at most, in "calls"
 SIZE_PX = 300
 _WALKING = (
@@ -32,6 +34,38 @@ def frame_choice(text: str) -> FrameChoice:
     raise KarmaError(f"--frames {text!r}\n  To fix: {', '.join(get_args(FrameChoice))}")
 
 
+class Rooms:
+    """The rooms of one episode's home, each as it was left; made when they are first entered.
+
+    Args:
+        place: returns where the scene of that name lies.
+    """
+
+    def __init__(self, place: Callable[[str], str] = str) -> None:
+        self._place = place
+        self._worlds: dict[str, EmbeddedWorld] = {}
+        self._made: list[EmbeddedWorld] = []
+        self.home = Home(self._make)
+
+    def enter(self, scene: str) -> None:
+        """Go into a room.
+
+        Raises:
+            FileError: there is no such scene, or it is damaged.
+        """
+        self.home.enter(self._place(scene))
+        self._worlds.setdefault(self.home.scene, self._made[-1])
+
+    @property
+    def state(self) -> WorldState:
+        """The room that the agent is in."""
+        return self._worlds[self.home.scene].state
+
+    def _make(self) -> EmbeddedWorld:
+        self._made.append(EmbeddedWorld(width=SIZE_PX, height=SIZE_PX))
+        return self._made[-1]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sight:
     """The world after one moment."""
@@ -48,49 +82,69 @@ class Sight:
 class Replay:
     """One story with what was to be seen."""
 
-    sights: tuple[Sight, ...]  # one a moment
+    sights: tuple[Sight, ...]  # one a moment, up to the last that is shown
     actions: int  # replayed
     differing: tuple[int, ...]  # numbers of the moments whose action did not go as logged
 
 
-def replay(story: Story, world: EmbeddedWorld, frames: Frames, choice: FrameChoice) -> Replay:
-    """Do a story's actions again, exactly as logged.
+def replay(
+    story: Story,
+    rooms: Rooms,
+    frames: Frames,
+    choice: FrameChoice,
+    shown: Collection[int] | None = None,
+) -> Replay:
+    """Do a story's actions again, exactly as logged, up to the last instruction that is shown.
 
     Args:
         story: what happened.
-        world: where; at the episode's start.
+        rooms: where; none entered yet.
         frames: takes the pictures.
         choice: a picture after "every" action; after those that do more than walk, at the end of
-            "calls", and now and then between; or "none". "auto" is "every" in an episode that is
-            not long.
+            "calls", and now and then between; at the "ends" of calls only; or "none". "auto" is
+            the first of these that does not get too much.
+        shown: numbers of the instructions of which pictures are taken, None for all.
+
+    Raises:
+        FileError: a scene is missing or damaged.
     """
+    parts = set(range(-1, len(story.parts)) if shown is None else (-1, *shown))
+    last_part = max(parts)
+    moments = [moment for moment in story.moments if moment.part <= last_part]
     if choice == "auto":
-        choice = "calls" if _actions(story) >= LONG else "every"
+        choice = _automatic(sum(one.action is not None for one in moments if one.part in parts))
     sights: list[Sight] = []
     differing: list[int] = []
     seen: WorldState | None = None
     frame, last = -1, 0
-    for number, moment in enumerate(story.moments):
-        if not _happens(world, moment):
+    rooms.enter(story.scene)
+    for number, moment in enumerate(moments):
+        if not _happens(rooms, moment):
             differing.append(number)
-        if world.state is not seen and _wanted(moment, choice, number - last):
-            picture = world.last_event.frame
+        here = moment.part in parts
+        if here and rooms.state is not seen and _wanted(moment, choice, number - last):
+            picture = rooms.home.last_event.frame
             frame = frame if picture is None else frames.add(picture)
-            seen, last = world.state, number
-        sights.append(_sight(world.state, moment, story, frame))
-    return Replay(sights=tuple(sights), actions=_actions(story), differing=tuple(differing))
+            seen, last = rooms.state, number
+        sights.append(_sight(rooms.state, moment, story, frame))
+    actions = sum(moment.action is not None for moment in moments)
+    return Replay(sights=tuple(sights), actions=actions, differing=tuple(differing))
 
 
-def _actions(story: Story) -> int:
-    return sum(moment.action is not None for moment in story.moments)
+def _automatic(actions: int) -> FrameChoice:
+    if actions < LONG:
+        return "every"
+    return "calls" if actions < VERY_LONG else "ends"
 
 
-def _happens(world: EmbeddedWorld, moment: Moment) -> bool:
-    """Do a moment's action, if it has one; returns whether it went as logged."""
+def _happens(rooms: Rooms, moment: Moment) -> bool:
+    """Do a moment's action, or go to its room; returns whether it went as logged."""
+    if moment.kind == "enter":
+        rooms.enter(moment.text)
     if moment.action is None:
         return True
     try:
-        event = world.step(moment.action.action, **moment.action.arguments)
+        event = rooms.home.step(moment.action.action, **moment.action.arguments)
     except ValueError:  # misuse; the event says so, and the log too
         return not moment.ok
     return bool(event) == moment.ok
@@ -99,9 +153,11 @@ def _happens(world: EmbeddedWorld, moment: Moment) -> bool:
 def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
     if choice == "none":
         return False
-    if choice == "every" or moment.action is None or since >= APART:
+    if choice == "every" or moment.action is None:
         return True
-    return moment.action.action not in _WALKING
+    if choice == "ends":
+        return False
+    return since >= APART or moment.action.action not in _WALKING
 
 
 def _sight(state: WorldState, moment: Moment, story: Story, frame: int) -> Sight:

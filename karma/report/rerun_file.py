@@ -1,14 +1,16 @@
 """Replays as a recording for the Rerun viewer; needs the extra `rerun`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from karma.errors import FileError, KarmaError
-from karma.report.episodes import EpisodeReplay, episode_key
+from karma.report.choice import episode_key
+from karma.report.episodes import EpisodeReplay
 from karma.report.frames import Frames
 from karma.report.replay import Sight
-from karma.report.story import Moment, Part
+from karma.report.room import RoomPlan
+from karma.report.story import Moment, Part, unit_key
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -59,12 +61,41 @@ class _Branch:
         self._at = "/".join(_name(part) for part in episode_key(episode.record).split("/"))
 
     def write(self) -> None:
-        """Write what stays, then a step per moment."""
+        """Write what stays, then a step per moment that is shown."""
         import rerun
 
-        room = self._episode.room
+        steps, sights = self._episode.steps, self._episode.replay.sights
+        moments = [self._episode.story.moments[number] for number in steps]
+        rooms = list(self._rooms(moments))
+        for room in self._episode.rooms.values():
+            path = [_point(sights[n]) for n, here in zip(steps, rooms, strict=True) if here is room]
+            self._furnish(room, path)
+        for number, (step, moment, room) in enumerate(zip(steps, moments, rooms, strict=True)):
+            self._recording.set_time(TIMELINE, sequence=number)
+            self._log("log", rerun.TextLog(_said(moment), level="INFO" if moment.ok else "WARN"))
+            if number and room is not rooms[number - 1]:
+                self._log(f"{self._map(rooms[number - 1])}/agent", rerun.Clear(recursive=False))
+            self._log(f"{self._map(room)}/agent", rerun.Points2D([_point(sights[step])], radii=8.0))
+            self._see(sights[step].frame, sights[steps[number - 1]].frame if number else -1)
+            if moment.part >= 0:
+                self._know(moment, self._episode.story.parts[moment.part])
+
+    def _rooms(self, moments: Sequence[Moment]) -> Iterator[RoomPlan]:
+        """Yield the room that each moment is in."""
+        story, rooms = self._episode.story, self._episode.rooms
+        for moment in moments:
+            yield rooms[story.scene_of(moment)]
+
+    def _map(self, room: RoomPlan) -> str:
+        """Return where a room stands in the branch; the only one is simply the map."""
+        return "map" if len(self._episode.rooms) == 1 else f"map/{_name(room.scene)}"
+
+    def _furnish(self, room: RoomPlan, path: Sequence[tuple[float, float]]) -> None:
+        """Write what stays in a room, and the path through it."""
+        import rerun
+
         self._log(
-            "map/furniture",
+            f"{self._map(room)}/furniture",
             rerun.Boxes2D(
                 array=[[one.x, one.y, one.width, one.height] for one in room.shapes],
                 array_format=rerun.Box2DFormat.XYWH,
@@ -75,7 +106,7 @@ class _Branch:
         )
         if room.areas:
             self._log(
-                "map/areas",
+                f"{self._map(room)}/areas",
                 rerun.Points2D(
                     [[one.x, one.y] for one in room.areas],
                     labels=[f"{one.name}: {', '.join(one.contains)}" for one in room.areas],
@@ -83,22 +114,12 @@ class _Branch:
                 ),
                 static=True,
             )
-        sights = self._episode.replay.sights
-        path = [_point(sight) for sight in sights]
-        self._log("map/path", rerun.LineStrips2D([path]), static=True)
-        for number, moment in enumerate(self._episode.story.moments):
-            self._recording.set_time(TIMELINE, sequence=number)
-            self._log("log", rerun.TextLog(_said(moment), level="INFO" if moment.ok else "WARN"))
-            self._log("map/agent", rerun.Points2D([path[number]], radii=8.0))
-            self._see(sights, number)
-            if moment.part >= 0:
-                self._know(moment, self._episode.story.parts[moment.part])
+        self._log(f"{self._map(room)}/path", rerun.LineStrips2D([path]), static=True)
 
-    def _see(self, sights: Sequence[Sight], number: int) -> None:
+    def _see(self, frame: int, last: int) -> None:
         import rerun
 
-        frame = sights[number].frame
-        if frame >= 0 and (not number or frame != sights[number - 1].frame):
+        if frame >= 0 and frame != last:
             picture = rerun.EncodedImage(contents=self._frames.webp(frame), media_type="image/webp")
             self._log("first_person", picture)
 
@@ -124,11 +145,11 @@ def _memory(moment: Moment, part: Part) -> str:
         units, changes = part.after or (), dict(part.changes)
     lines = [
         " ".join(
-            filter(None, (changes.get(one.object_id), one.object_id, *one.states, one.place_id))
+            filter(None, (changes.get(unit_key(one)), unit_key(one), *one.states, one.place_id))
         )
         for one in units
     ]
-    lines += [f"left {object_id}" for object_id, how in changes.items() if how == "left"]
+    lines += [f"left {key}" for key, how in changes.items() if how == "left"]
     return "\n".join(lines) or "empty"
 
 

@@ -61,8 +61,11 @@ def columns(result: Result) -> tuple[Column, ...]:
 
 
 def rates(result: Result) -> tuple[Rate, ...]:
-    """Return the success rates of a run, in the order of its figures."""
-    return tuple(_rate(line) for line in result.figures)
+    """Return the success rates of a run; those of sequences are of their instructions."""
+    return tuple(
+        _rate(line, "subtasks_done" if line.kind == "sequence" else "success")
+        for line in result.figures
+    )
 
 
 def result_lines(result: Result) -> tuple[Line, ...]:
@@ -118,12 +121,12 @@ def _signed(text: str) -> str:
     return text.replace("-", "−" if any(digit in text for digit in "123456789") else "")
 
 
-def _rate(line: Figures) -> Rate:
-    found = line.values["success"]
+def _rate(line: Figures, key: str = "success") -> Rate:
+    found = line.values[key]
     return Rate(
         row=line.row,
         kind=line.kind,
-        episodes=line.episodes,
+        episodes=line.episodes if key == "success" else found.number,
         successes=round((found.value or 0.0) * found.number),
         rate=found.value,
         low=found.interval.low if found.interval else None,

@@ -5,9 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from karma.bench import steps
+from karma.memory.short_term import line_key
 from karma.prompt import type_of
 
 Change = Literal["added", "changed", "left"]
+MomentKind = Literal["start", "enter", "subtask", "plan", "action", "skill", "outcome"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,6 +38,7 @@ class Part:
     """One instruction: what was known, asked, answered and done."""
 
     instruction: str
+    scene: str  # the room that it plays in
     before: tuple[steps.Unit, ...]  # short-term memory when it came
     after: tuple[steps.Unit, ...] | None = None  # None when the episode broke off
     finished: bool = False
@@ -46,7 +49,7 @@ class Part:
 
     @property
     def changes(self) -> Mapping[str, Change]:
-        """What the instruction did to short-term memory, by object id."""
+        """What the instruction did to short-term memory, by the key of its lines."""
         return changes(self.before, self.before if self.after is None else self.after)
 
 
@@ -54,11 +57,11 @@ class Part:
 class Moment:
     """One thing that happened."""
 
-    kind: Literal["start", "subtask", "plan", "action", "skill", "outcome"]
+    kind: MomentKind
     text: str = ""
     ok: bool = True
     error: str = ""
-    part: int = -1  # number of the instruction; -1 before the first
+    part: int = -1  # number of the instruction, also of the one that a room is entered for
     plan: int = -1  # the last program of it so far
     call: int = -1  # the skill call that is being carried out
     action: steps.Action | None = None
@@ -68,22 +71,39 @@ class Moment:
 class Story:
     """One episode as its step log tells it."""
 
-    scene: str
+    scene: str  # where it begins
     parts: tuple[Part, ...]
     moments: tuple[Moment, ...]
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """The rooms in the order in which they are entered."""
+        entered = (moment.text for moment in self.moments if moment.kind == "enter")
+        return tuple(dict.fromkeys((self.scene, *entered)))
+
+    def scene_of(self, moment: Moment) -> str:
+        """Return the room that the agent is in after a moment."""
+        if moment.kind == "enter":
+            return moment.text
+        return self.parts[moment.part].scene if moment.part >= 0 else self.scene
 
 
 def changes(before: Sequence[steps.Unit], after: Sequence[steps.Unit]) -> dict[str, Change]:
     """Return what became of each unit that is not as it was; those that left come last."""
-    old, new = ({unit.object_id: unit for unit in units} for units in (before, after))
+    old, new = ({unit_key(unit): unit for unit in units} for units in (before, after))
     found: dict[str, Change] = {}
-    for object_id, unit in new.items():
-        if object_id not in old:
-            found[object_id] = "added"
-        elif unit != old[object_id]:
-            found[object_id] = "changed"
-    found.update({object_id: "left" for object_id in old if object_id not in new})
+    for key, unit in new.items():
+        if key not in old:
+            found[key] = "added"
+        elif unit != old[key]:
+            found[key] = "changed"
+    found.update({key: "left" for key in old if key not in new})
     return found
+
+
+def unit_key(unit: steps.Unit) -> str:
+    """Return what names a unit among those of all rooms."""
+    return line_key(unit.object_id, unit.scene)
 
 
 def told(lines: Iterable[steps.Step]) -> Story:
@@ -98,7 +118,7 @@ class _Teller:
     """The story so far."""
 
     def __init__(self) -> None:
-        self.scene = ""
+        self.scene = self._here = ""
         self.parts: list[Part] = []
         self.moments: list[Moment] = []
         self._map = ""
@@ -107,11 +127,20 @@ class _Teller:
         """Take in one line."""
         match line:
             case steps.Start():
-                self.scene = line.scene
+                self.scene = self._here = line.scene
                 self._moment("start", line.scene)
+            case steps.Enter():
+                self._here = line.scene
+                self._moment("enter", line.scene)
             case steps.Instruction():
-                part = Part(instruction=line.instruction, before=line.memory, map_text=self._map)
-                self.parts.append(part)
+                self.parts.append(
+                    Part(
+                        instruction=line.instruction,
+                        scene=self._here,
+                        before=line.memory,
+                        map_text=self._map,
+                    )
+                )
                 self._moment("subtask", line.instruction)
             case steps.Map():
                 self._map = line.text
@@ -127,14 +156,17 @@ class _Teller:
                 self._moment("outcome", "", not line.unmet, "; ".join(line.unmet))
 
     def attributed(self) -> list[Moment]:
-        """Return the moments; each action knows the skill call that it belongs to."""
+        """Return the moments; each action knows its skill call, each door its instruction."""
         found: list[Moment] = []
-        call = -1
+        call, part = -1, len(self.parts) - 1
         for moment in reversed(self.moments):
             if moment.kind == "skill":
                 call = moment.call
             elif moment.kind != "action":
                 call = -1
+            if moment.kind == "enter":
+                moment = replace(moment, part=part, plan=-1)
+            part = moment.part
             found.append(replace(moment, call=call))
         return found[::-1]
 
@@ -156,7 +188,7 @@ class _Teller:
     @property
     def _part(self) -> Part:
         if not self.parts:
-            self.parts.append(Part(instruction="", before=()))
+            self.parts.append(Part(instruction="", scene=self._here, before=()))
         return self.parts[-1]
 
     def _change(self, **fields: Any) -> None:
@@ -165,7 +197,7 @@ class _Teller:
 
     def _moment(
         self,
-        kind: Literal["start", "subtask", "plan", "action", "skill", "outcome"],
+        kind: MomentKind,
         text: str,
         ok: bool = True,
         error: str = "",

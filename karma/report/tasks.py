@@ -1,9 +1,10 @@
 """What the page says of each task: who solved it, and one episode of each row to look into."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from karma.bench.records import KINDS, EpisodeRecord
+from karma.report.choice import SHORT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,6 +15,18 @@ class Cell:
     episodes: int
     successes: int
     shown: EpisodeRecord | None  # the first that failed, else the first; None when there is none
+    parts: tuple[int, ...] = ()  # instructions of that one which are told: of many, failed ones
+
+    @property
+    def failed(self) -> tuple[int, ...]:
+        """Numbers of all instructions of the shown episode that failed, from 0."""
+        parts = self.shown.subtasks if self.shown else ()
+        return tuple(number for number, part in enumerate(parts) if not part.success)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether the shown episode has too many instructions to tell them all."""
+        return self.shown is not None and len(self.shown.subtasks) > SHORT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,6 +38,13 @@ class TaskLine:
     scene: str
     instructions: tuple[str, ...]
     cells: tuple[Cell, ...]  # one a row
+
+    @property
+    def words(self) -> str:
+        """What is asked for; of a long sequence how it begins."""
+        if len(self.instructions) <= SHORT:
+            return " ".join(self.instructions)
+        return f"{len(self.instructions)} instructions: {' '.join(self.instructions[:SHORT])} …"
 
 
 def rows_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:
@@ -56,9 +76,9 @@ def _task_line(task: str, mine: Sequence[EpisodeRecord], rows: Sequence[str]) ->
 
 def _cell(row: str, mine: Sequence[EpisodeRecord]) -> Cell:
     failed = [record for record in mine if not record.success]
-    return Cell(
-        row=row,
-        episodes=len(mine),
-        successes=len(mine) - len(failed),
-        shown=next(iter(failed or mine), None),
-    )
+    shown = next(iter(failed or mine), None)
+    cell = Cell(row=row, episodes=len(mine), successes=len(mine) - len(failed), shown=shown)
+    if shown is None:
+        return cell
+    parts = cell.failed[:SHORT] if cell.is_long else tuple(range(len(shown.subtasks)))
+    return replace(cell, parts=parts)
