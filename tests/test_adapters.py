@@ -265,13 +265,13 @@ def test_pickled_weights_are_not_opened(kind, copies, folders):
 
 
 @pytest.mark.parametrize("kind", SAVE)
-@pytest.mark.parametrize("damage", ["cut", "empty", "text", "flipped header"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "text", "flipped header", "list"])
 def test_damaged_weights_are_an_error_that_names_them(kind, damage, copies, folders):
     path = copies[kind] / "model.safetensors"
     data = path.read_bytes()
     path.write_bytes({
         "cut": data[:-1], "empty": b"", "text": b"not safetensors at all",
-        "flipped header": data[:60] + b"\xff\xff" + data[62:],
+        "flipped header": data[:60] + b"\xff\xff" + data[62:], "list": b"\2" + b"\0" * 7 + b"[]",
     }[damage])  # fmt: skip
     with pytest.raises(ModelError, match=r"model\.safetensors: damaged or not safetensors"):
         opened(kind, copies[kind], folders)
@@ -305,6 +305,7 @@ def test_too_little_memory_is_told_before_anything_is_loaded(
     ("dino", "config.json", "max_text_len"), ("dino", "config.json", "backbone_config"),
     ("sam", "config.json", "vision_config"), ("dino", "preprocessor_config.json", "size"),
     ("clip", "preprocessor_config.json", "image_processor_type"),
+    ("sam", "config.json", "architectures"),
 ])  # fmt: skip
 @pytest.mark.parametrize("value", ["many", [1], -3])
 def test_nonsense_in_a_configuration_is_a_model_error(kind, file, key, value, copies, folders):

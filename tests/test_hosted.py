@@ -432,6 +432,8 @@ def test_what_is_no_key_is_refused_without_being_shown(value, monkeypatch):
         ({"base_url": f"http://me:{KEY}@127.0.0.1/v1"}, "keys belong into the environment"),
         ({"base_url": f"http://127.0.0.1/v1?key={KEY}"}, "keys belong into the environment"),
         ({"base_url": "127.0.0.1:8000"}, "is no http"),
+        ({"base_url": "http://127.0.0.1:abc/v1"}, "Port could not be cast"),
+        ({"base_url": "http://127.0.0.1:99999/v1"}, "Port out of range"),
         ({"base_url": f"{KEY}@127.0.0.1:8000"}, "is no http"),
         ({"model": ""}, "model is empty"),
         ({"timeout_s": 0}, "timeout_s"),

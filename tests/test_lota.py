@@ -358,6 +358,12 @@ def test_scripted_model_passes_over_what_is_not_on_the_list():
         model.best(("p",), ["b"])
 
 
+def test_scripted_model_passes_over_what_is_no_longer_on_the_list():
+    model = ScriptedModel(["a\nb\nc\n"])
+    assert model.best(("p",), ["a\n", "b\n", "c\n"]).number == 0
+    assert model.best(("p",), ["a\n", "c\n"]).number == 1
+
+
 def test_scripted_model_without_a_line_on_the_list_says_so():
-    with pytest.raises(ModelError, match="no line that could be chosen"):
+    with pytest.raises(ModelError, match="no line to choose: 'z'"):
         ScriptedModel(["z"]).best(("p",), ["b"])

@@ -313,11 +313,51 @@ def test_file_too_big_for_the_free_memory_is_refused_before_it_is_opened(
 ):
     (tmp_path / "meminfo").write_text("MemAvailable: 1000 kB\n")
     monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr(llama, "_open", None)  # not reached
+    monkeypatch.setattr(llama, "open_gguf", None)  # not reached
     with pytest.raises(ModelError, match=r"tiny\.gguf: needs about .* 1 MB are free") as caught:
         opened(gguf)
     assert "a context of 512 tokens" in str(caught.value)
     assert "karma models list" in str(caught.value)
+
+
+def test_second_cache_too_big_for_the_free_memory_is_refused(gguf, tmp_path, monkeypatch):
+    model = opened(gguf)
+    (tmp_path / "meminfo").write_text("MemAvailable: 100 kB\n")
+    monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
+    with pytest.raises(ModelError, match=r"tiny: needs about 1 MB .*a second cache, of 5000 tok"):
+        model.sequences(2, cells=5000)
+
+
+def test_keys_and_values_of_32_bits_are_counted_as_such(gguf, tmp_path, monkeypatch):
+    parts = {"context": 512, "batch": 512}
+    half, whole = (
+        memory_check.gguf_parts_mb(gguf, check_gguf(gguf), **parts, bytes_each=size)
+        for size in (2, 4)
+    )
+    assert whole - half == pytest.approx(2 * 512 * 2 * (2 * 2 * 16) / 1e6)
+    monkeypatch.setattr(memory_check, "available_mb", lambda: (half + whole) / 2)
+    assert opened(gguf, kv="f16").name == "tiny"
+    with pytest.raises(ModelError, match="needs about"):
+        opened(gguf, kv="f32")
+
+
+def test_model_that_was_closed_fails_in_python_and_closing_again_does_nothing(gguf):
+    model = opened(gguf)
+    model.close()
+    model.close()
+    with pytest.raises(AttributeError):
+        model.complete(SCENE)
+
+
+@pytest.mark.parametrize("spec", [None, SPEC])
+@pytest.mark.parametrize("temperature", [0.0, 1.0])
+def test_damaged_weights_are_a_model_error_not_an_answer(tmp_path, spec, temperature):
+    weights = random_llama()
+    weights.model.norm.weight.data[:] = np.nan
+    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
+    export_llama_gguf(weights, tokenizer, tmp_path / "nan.gguf", name="nan", eos_token="<|eos|>")
+    with pytest.raises(ModelError, match="best score of a token is nan: damaged weights"):
+        opened(tmp_path / "nan.gguf").complete(SCENE, spec=spec, temperature=temperature)
 
 
 def test_machine_that_does_not_tell_its_memory_refuses_nothing(gguf, tmp_path, monkeypatch):

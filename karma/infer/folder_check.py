@@ -73,6 +73,8 @@ def check_folder(
             f"{folder / 'config.json'}: model_type is {model_type!r}, this adapter opens {wanted}"
         )
     named = config.get("architectures") or ()
+    if not isinstance(named, list | tuple) or not all(isinstance(one, str) for one in named):
+        raise ModelError(f"{folder / 'config.json'}: architectures is {named!r}, not a list")
     if named and families[model_type] and not set(named) & set(families[model_type]):
         wanted = ", ".join(sorted(families[model_type]))
         raise ModelError(
@@ -163,6 +165,8 @@ def check_safetensors(path: Path) -> Mapping[str, int]:
 
 
 def _sizes(header: Any, room: int) -> Mapping[str, int]:
+    if not isinstance(header, dict):
+        raise ValueError("its header is no JSON object")
     found: dict[str, int] = {}
     for name, tensor in header.items():
         if name == "__metadata__":

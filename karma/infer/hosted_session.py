@@ -83,6 +83,7 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         parts = urlsplit(self.base_url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ValueError("base_url is no http(s) address such as http://127.0.0.1:8000/v1")
+        _ = parts.port  # raises ValueError where it is no port
         if parts.username or parts.password or parts.query or parts.fragment:
             raise ValueError("base_url holds more than a place: keys belong into the environment")
         if not self.model:

@@ -5,15 +5,11 @@ how a prompt is cut into calls changes the last bits of the logits, so only then
 answers identical bit for bit. One stable part is kept at a time.
 """
 
-import ctypes
 import os
-import subprocess
-import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,17 +21,22 @@ from karma.infer.constrain import (
     Logits,
     ProgramAutomaton,
     State,
-    TokenTable,
     choose_token,
     gumbel,
 )
 from karma.infer.gguf_check import check_gguf
+from karma.infer.llama_open import (
+    chat_renderer,
+    check_room,
+    open_gguf,
+    token_table,
+    try_in_own_process,
+)
 from karma.infer.manifest import check_file
-from karma.infer.memory_check import check_memory, gguf_parts_mb
+from karma.infer.memory_check import check_memory, kept_mb
 from karma.seeds import stream
 
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
-_PIECE_BYTES = 256
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
 
 
@@ -56,7 +57,7 @@ class LlamaModel:
         path: the file; any GGUF that llama.cpp can run.
         n_ctx: context in tokens; never more than the model was trained for.
         n_threads: by default two, or one where there is only one core; results do not depend on
-            it. Never more than there are free cores.
+            it. More than there are free cores is slower.
         kv: type of the kept keys and values.
         name: by default the file's name.
         sha256: if given, the file is refused unless it has this hash; a file without is first
@@ -93,14 +94,16 @@ class LlamaModel:
         trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
         self.name = name or path.stem
         self.n_ctx = min(n_ctx, trained)
-        self.n_threads = n_threads or min(2, os.cpu_count() or 1)
+        self.n_threads = n_threads or min(2, len(os.sched_getaffinity(0)))
         self.n_batch = min(_N_BATCH, self.n_ctx)
-        _check_room(path, metadata, self.n_ctx, self.n_batch)
+        each = 2 if kv == "f16" else 4
+        check_room(path, metadata, n_ctx=self.n_ctx, n_batch=self.n_batch, bytes_each=each)
+        self._kept_mb = partial(kept_mb, metadata, bytes_each=each)
         if sha256 is None:
-            _try_in_own_process(path)
-        self._llama = _open(path, self.n_ctx, self.n_threads, self.n_batch, kv)
-        self._table = _token_table(self._llama)
-        self._template: Any = _template(self._llama, path) if chat else None
+            try_in_own_process(path)
+        self._llama: Any = open_gguf(path, self.n_ctx, self.n_threads, self.n_batch, kv)
+        self._table = token_table(self._llama)
+        self._template: Any = chat_renderer(self._llama, path) if chat else None
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
         self._keeps = not (self._llama._is_recurrent or self._llama._is_hybrid)
 
@@ -186,6 +189,10 @@ class LlamaModel:
 
         if not self._keeps:
             raise ModelError(f"{self.name}: keeps no keys and values, so it cannot branch")
+        check_memory(
+            self.name, self._kept_mb(cells), parts=f"a second cache, of {cells} tokens",
+            fix="take a smaller model (`karma models list`) or a shorter context",
+        )  # fmt: skip
         parameters = type(self._llama.context_params).from_buffer_copy(self._llama.context_params)
         parameters.n_ctx, parameters.n_seq_max, parameters.kv_unified = cells, count, True
         # llama.cpp ends the process where a batch cannot hold a token of each sequence
@@ -200,7 +207,9 @@ class LlamaModel:
 
     def close(self) -> None:
         """Free the model's memory; it cannot be used afterwards."""
-        self._llama.close()
+        if self._llama is not None:
+            self._llama.close()
+            self._llama = None  # what is used after all fails in Python, not in llama.cpp
 
     def _cut(self, prompt: Prompt) -> tuple[list[int], list[int]]:
         """Return the tokens of the two segments; the second is never empty."""
@@ -245,14 +254,17 @@ class LlamaModel:
         self._kept = []  # while decoding, nothing is certain
         self._llama.reset()
         self._llama.n_tokens = reused
-        try:
-            if reused == 0 and stable:
-                self._llama.eval(stable)
-            self._llama.eval(changing)
-        except RuntimeError as error:
-            raise ModelError(f"{self.name}: llama.cpp cannot decode the prompt: {error}") from error
+        if reused == 0 and stable:
+            self._eval(stable)
+        self._eval(changing)
         self._kept = list(stable)
         return reused
+
+    def _eval(self, tokens: Sequence[int]) -> None:
+        try:
+            self._llama.eval(tokens)
+        except RuntimeError as error:
+            raise ModelError(f"{self.name}: llama.cpp cannot decode: {error}") from error
 
     def _decode(
         self,
@@ -275,7 +287,7 @@ class LlamaModel:
             if automaton is not None and state is not None and not automaton.next_bytes(state):
                 return _Decoded(b"".join(pieces), "stop", len(pieces), first_token_s)
             if len(pieces) < room:
-                self._llama.eval([token])
+                self._eval([token])
         return _Decoded(b"".join(pieces), "length", len(pieces), first_token_s)
 
     def _next(
@@ -289,7 +301,10 @@ class LlamaModel:
         if rng is not None:
             scores = gumbel(scores, temperature, rng)
         if automaton is None or state is None:
-            return int(np.argmax(scores)), None
+            top = int(np.argmax(scores))
+            if not np.isfinite(scores[top]):
+                raise ModelError(f"the best score of a token is {scores[top]}: damaged weights")
+            return top, None
         return choose_token(scores, automaton, state, self._table)
 
     def _last_logits(self) -> Logits:
@@ -302,95 +317,3 @@ class LlamaModel:
 @lru_cache(maxsize=8)
 def _automaton(spec: ProgramSpec) -> ProgramAutomaton:
     return ProgramAutomaton(spec)
-
-
-# Loads a file and decodes one token, as `_open` will; sys.argv[1] is the file.
-_TRIAL = (
-    "import sys, llama_cpp\n"
-    "llama_cpp.Llama(sys.argv[1], n_ctx=32, n_threads=1, verbose=False).eval([0])\n"
-)
-
-
-def _try_in_own_process(path: Path) -> None:
-    """Try a file that nobody vouches for where it may kill nothing but the trial.
-
-    llama.cpp aborts on some damaged files whose header looks right.
-    """
-    result = subprocess.run(
-        [sys.executable, "-c", _TRIAL, str(path)], capture_output=True, check=False
-    )
-    if result.returncode != 0:
-        said = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
-        code = result.returncode
-        raise ModelError(f"{path}: llama.cpp cannot run it (code {code}): {said[-1]}")
-
-
-def _check_room(path: Path, metadata: Mapping[str, Any], n_ctx: int, n_batch: int) -> None:
-    """Refuse a file that would not fit into memory, before llama.cpp sees it."""
-    needed = gguf_parts_mb(path, metadata, context=n_ctx, batch=n_batch)
-    parts = f"{path.stat().st_size / 1e6:.0f} MB of file, and a context of {n_ctx} tokens"
-    fix = "take a smaller model (`karma models list`) or a shorter context"
-    check_memory(str(path), needed, parts=parts, fix=fix)
-
-
-def _open(path: Path, n_ctx: int, threads: int, n_batch: int, kv: str) -> Any:
-    """Load the file, turning llama.cpp's failures into one that names it."""
-    import llama_cpp
-
-    kind = {"f16": llama_cpp.GGML_TYPE_F16, "f32": llama_cpp.GGML_TYPE_F32}[kv]
-    try:
-        return llama_cpp.Llama(
-            str(path),
-            n_ctx=n_ctx,
-            n_threads=threads,
-            n_threads_batch=threads,
-            n_batch=n_batch,
-            n_gpu_layers=0,
-            type_k=kind,
-            type_v=kind,
-            verbose=False,
-        )
-    except Exception as error:  # ValueError, RuntimeError, Jinja's: all mean an unusable file
-        raise ModelError(f"{path}: llama.cpp cannot load it: {error}") from error
-
-
-def _token_table(llama: Any) -> TokenTable:
-    """Return the vocabulary as bytes; control tokens and the unused say nothing."""
-    import llama_cpp
-
-    vocab = llama._model.vocab
-    buffer = ctypes.create_string_buffer(_PIECE_BYTES)
-
-    def piece(token: int) -> bytes:
-        size = llama_cpp.llama_token_to_piece(vocab, token, buffer, _PIECE_BYTES, 0, False)
-        if size >= 0:
-            return buffer.raw[:size]
-        longer = ctypes.create_string_buffer(-size)  # llama.cpp answers with the size it needs
-        llama_cpp.llama_token_to_piece(vocab, token, longer, -size, 0, False)
-        return longer.raw
-
-    tokens = range(llama.n_vocab())
-    ends = [token for token in tokens if llama_cpp.llama_vocab_is_eog(vocab, token)]
-    return TokenTable([piece(token) for token in tokens], ends)
-
-
-def _template(llama: Any, path: Path) -> Any:
-    """Return the renderer of the GGUF's chat template; its date never changes."""
-    from llama_cpp.llama_chat_format import Jinja2ChatFormatter
-
-    text = llama.metadata.get("tokenizer.chat_template")
-    if text is None:
-        raise ModelError(f"{path}: has no chat template; open it with chat=False")
-
-    class Formatter(Jinja2ChatFormatter):  # type: ignore[misc]
-        @staticmethod
-        def strftime_now(form: str) -> str:
-            return datetime(2025, 1, 1).strftime(form)
-
-    word = llama._model.token_get_text
-    bos, eos = llama.token_bos(), llama.token_eos()
-    return Formatter(
-        template=text,
-        bos_token=word(bos) if bos >= 0 else "",
-        eos_token=word(eos) if eos >= 0 else "",
-    )

@@ -40,13 +40,22 @@ def check_memory(name: str, needed_mb: float, *, parts: str, fix: str) -> None:
         )
 
 
-def gguf_parts_mb(path: Path, metadata: Mapping[str, Any], *, context: int, batch: int) -> float:
+def gguf_parts_mb(
+    path: Path, metadata: Mapping[str, Any], *, context: int, batch: int, bytes_each: int = 2
+) -> float:
     """Estimate what a GGUF takes under llama.cpp, in MB.
 
-    The file, keys and values of `context` tokens in 16 bits, and one row of logits per token of a
-    batch. Weights are mapped from the file, so a model can be squeezed into less, at the price of
-    reading it from disk for every token.
+    The file, keys and values of `context` tokens, of so many bytes each, and one row of logits per
+    token of a batch. Weights are mapped from the file, so a model can be squeezed into less, at the
+    price of reading it from disk for every token.
     """
+    logits = 4 * batch * int(metadata.get("tokenizer.ggml.tokens") or 0)
+    cache_mb = kept_mb(metadata, context, bytes_each=bytes_each)
+    return (path.stat().st_size + logits) / 1e6 + cache_mb + _SPARE_MB
+
+
+def kept_mb(metadata: Mapping[str, Any], tokens: int, *, bytes_each: int = 2) -> float:
+    """Estimate what the keys and values of so many tokens take under llama.cpp, in MB."""
     architecture = metadata["general.architecture"]
 
     def number(key: str, default: int) -> int:
@@ -58,9 +67,7 @@ def gguf_parts_mb(path: Path, metadata: Mapping[str, Any], *, context: int, batc
     row = number("attention.key_length", per_head) + number("attention.value_length", per_head)
     # an array (heads that differ by layer) is read as its length, so never more than all heads
     groups = min(number("attention.head_count_kv", heads), heads)
-    cache = 2 * number("block_count", 1) * groups * row * context
-    logits = 4 * batch * int(metadata.get("tokenizer.ggml.tokens") or 0)
-    return (path.stat().st_size + cache + logits) / 1e6 + _SPARE_MB
+    return bytes_each * number("block_count", 1) * groups * row * tokens / 1e6
 
 
 def weights_mb(parameters: int, *, bytes_each: int = 4) -> float:

@@ -64,14 +64,21 @@ class ScriptedModel:
         Raises:
             ModelError: the script has run out.
         """
+        self._pass_over(continuations)
         if not self._lines:
             whole = Prompt(stable=prompt[0], changing="".join(prompt[1:]))
             text = self.complete(whole).text
-            lines = [one for line in text.splitlines() for one in (f"{line}\n", line)]
-            self._lines = [line for line in (*lines, END) if line in continuations]
-        if not self._lines:
-            raise ModelError(f"the script's answer holds no line that could be chosen: {text!r}")
+            self._lines = [one for line in text.splitlines() for one in (f"{line}\n", line)]
+            self._lines.append(END)
+            self._pass_over(continuations)
+            if not self._lines:
+                raise ModelError(f"the script's answer holds no line to choose: {text!r}")
         line = self._lines.pop(0)
         cost = Cost(prompt=len("".join(prompt).split()), reused=0, run=0)
         number = continuations.index(line)
         return Best(number=number, score=0.0, tokens=len(line.split()), cost=cost, seconds=0.0)
+
+    def _pass_over(self, continuations: Sequence[str]) -> None:
+        """Drop the lines before the first that can be chosen."""
+        while self._lines and self._lines[0] not in continuations:
+            del self._lines[0]

@@ -108,6 +108,7 @@ class SequenceCache:
             llama_cpp.llama_batch_free(self._tokens)
             self._tokens = None
             self._context.close()
+            self._memory = None  # what is used after all fails in Python, not in llama.cpp
 
     def _set(
         self, number: int, token: int, position: int, sequences: Sequence[int], *, wanted: bool
