@@ -12,10 +12,11 @@ from typer.testing import CliRunner
 
 from karma.cli import app
 from karma.errors import FileError, ModelError
-from karma.infer import local_models
+from karma.infer import local_entry, local_models
 from karma.infer.clip import ClipEmbedder
 from karma.infer.llama import LlamaModel
-from karma.infer.local_models import Wishes, add_model, remove_model
+from karma.infer.local_entry import Wishes
+from karma.infer.local_models import add_model, remove_model
 from karma.infer.manifest import (
     check,
     find_model,
@@ -172,7 +173,7 @@ def test_file_that_is_not_the_manifest_s_is_refused_by_name_before_it_is_parsed(
     known(manifest, clip, wrong="config.json")
     before = everything(manifest.parent)
     for part in ("check_weights", "read_config", "check_gguf"):
-        monkeypatch.setattr(local_models, part, None)  # a call would be another error
+        monkeypatch.setattr(local_entry, part, None)  # a call would be another error
     with pytest.raises(ModelError, match=r"config\.json: not the file of model 'clip'") as caught:
         add_model(clip, Wishes(name="clip"), manifest=manifest)
     for part in (hashlib.sha256(b"other").hexdigest(), "https://example.org/clip", "revision abc"):

@@ -123,7 +123,8 @@ def models_add(
     Files of a model of the manifest are recognised, and refused by name if they are not what it
     says; anything else becomes a model of its own. Nothing is ever fetched.
     """
-    from karma.infer.local_models import Wishes, add_model
+    from karma.infer.local_entry import Wishes
+    from karma.infer.local_models import add_model
 
     wishes = Wishes(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
