@@ -24,10 +24,11 @@ from karma.world.event import WorldEvent
 from karma.world.home import Home
 from karma.world.scene import Scene
 from karma.world.sim import EmbeddedWorld
+from karma.world.types import object_type
 
 NO_GOALS = "two of a kind to one place"
 NO_ROOM = "its room is not there"
-NO_SENSE = "AI2-THOR 5.0.0 does not allow it"
+NO_SENSE = "AI2-THOR 5.0.0 does not allow it"  # to put such a thing there, or has no such type
 NOT_THERE = "not in its room"
 DONE = "done already"
 TOO_HARD = "the teacher cannot"
@@ -93,12 +94,19 @@ def askable(pool: Pool, rooms: Mapping[str, Scene], folder: Path | None = None) 
 def _flaw(errand: Errand, rooms: Mapping[str, Scene]) -> str:
     if not errand.goals or not errand.sentences:
         return NO_GOALS
-    try:
-        for goal in errand.goals:
-            check_goal(goal)
-    except KarmaError:
+    if not all(map(_sensible, errand.goals)):
         return NO_SENSE
     return "" if errand.scene in rooms else NO_ROOM
+
+
+def _sensible(goal: Goal) -> bool:
+    """Return whether the types are there, and what is put somewhere is put into a receptacle."""
+    try:
+        check_goal(goal)
+    except KarmaError:
+        return False
+    place = object_type(goal.arguments[-1]) if goal.predicate in ("ON", "INSIDE") else None
+    return place is None or place.can("receptacle")
 
 
 def draw_sequence(
@@ -193,7 +201,7 @@ class Walk:
             self._refused[key] = self._tried(errand)
         reason = self._refused[key]
         if not reason:
-            self._refused.clear()
+            self._refused = {key: DONE}  # nobody asks for the same twice running
         return reason
 
     def _tried(self, errand: Errand) -> str:
