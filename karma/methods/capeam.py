@@ -99,6 +99,8 @@ class CapeamMethod:
         """Predict the frames once, then carry them out until one cannot be."""
         if self._world is None:
             raise RuntimeError("begin an episode first")
+        if subtask.is_whole:  # what it put where is to be passed over within one task only
+            self.memory.put.clear()
         rng = stream(self._seed, "capeam", self._scene, str(self._number))
         self._number += 1
         skills = Skills(self._world, self.memory)
