@@ -9,7 +9,6 @@ import gzip
 import json
 from collections import Counter
 from dataclasses import replace
-from itertools import islice
 
 import pytest
 from typer.testing import CliRunner
@@ -19,8 +18,18 @@ from karma.bench.tasks import load_tasks, required_types, write_tasks
 from karma.cli import app
 from karma.errors import KarmaError
 from karma.goals import GoalTracker, parse_goal
-from karma.lab.sequences import DONE, NO_GOALS, NO_ROOM, NO_SENSE, NOT_THERE, TOO_HARD, Walk
-from karma.lab.sequences import Askable, askable, draw_sequence
+from karma.lab.sequences import (
+    DONE,
+    NO_GOALS,
+    NO_ROOM,
+    NO_SENSE,
+    NOT_THERE,
+    TOO_HARD,
+    Askable,
+    Walk,
+    askable,
+    draw_sequence,
+)
 from karma.lab.tasks import Errand, Finds, Pool, alfred_pool, shipped_pool
 from karma.lab.trace import read_traces
 from karma.lab.workloads import TRIES, WORKLOADS, draw_errands, draws

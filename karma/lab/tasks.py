@@ -42,7 +42,6 @@ NOT_ALFREDS = (
     "hold",
     "break",
 )  # kinds that none of ALFRED's seven is like: nothing ends in a place
-TWO = "two"  # what `karma.training.alfred` calls ALFRED's tasks about two things of a type
 _FLOOR_PLANS = {0: "kitchen", 2: "living", 3: "bedroom", 4: "bathroom"}  # by the hundred
 
 
@@ -282,9 +281,8 @@ def _asked(trial: _Trial) -> tuple[str, tuple[Goal, ...]]:
     facts = truth_of(
         {"task_type": trial.task_type, "pddl_params": msgspec.structs.asdict(trial.pddl_params)}
     )
-    if facts.task == TWO:
-        return facts.task, ()
-    return facts.task, tuple(parse_goal(str(goal)) for goal in goals_of(facts, facts.thing, ""))
+    goals = () if facts.task == "two" else goals_of(facts, facts.thing, "")
+    return facts.task, tuple(parse_goal(str(goal)) for goal in goals)
 
 
 def _sentences(annotations: Iterable[_Annotation]) -> tuple[str, ...]:
