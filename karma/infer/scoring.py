@@ -7,9 +7,9 @@ continuations share what they begin with in a trie of tokens.
 
 A prompt is given in segments, and each is always decoded by itself, also when nothing is kept: so
 what was kept from an earlier prompt changes no bit of a score (see `karma.infer.llama`). With
-weights of 32 or 16 bits the scores are those of the naive way but for the last digits of the
-logarithm (measured: 1e-6), however prompt and continuation are cut there. Quantised weights are
-more sensitive: compare such scores only with each other.
+weights in F32, F16, BF16 or Q8_0 the scores are those of the naive way but for the last digits of
+the logarithm (measured: 1e-6), however prompt and continuation are cut there. With Q4_K, whose
+bits depend on the cut, they are off by some hundredths: compare them with each other only.
 
 A continuation that another begins with, token by token, never scores less than that one under
 "sum", and the search cannot choose the longer: let continuations end in something that none goes
