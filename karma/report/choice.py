@@ -1,5 +1,6 @@
 """Which episodes of a run can be stepped through, and which instructions of long ones."""
 
+import re
 from collections.abc import Sequence
 
 from karma.bench.records import EpisodeRecord
@@ -103,15 +104,13 @@ def _spread(numbers: Sequence[int], most: int) -> list[int]:
 def _numbers(wanted: str, most: int) -> list[int]:
     """Return the numbers from 0 that a text names from 1."""
     found: set[int] = set()
-    for piece in wanted.split(","):
-        first, _, last = piece.strip().partition("-")
-        ends = (first, last or first)
-        if not all(end.isdecimal() for end in ends) or not 1 <= int(first) <= min(
-            int(ends[1]), most
-        ):
+    for piece in map(str.strip, wanted.split(",")):
+        span = re.fullmatch(r"(\d+)(?:-(\d+))?", piece, re.ASCII)
+        first, last = (int(span[1]), int(span[2] or span[1])) if span else (0, 0)
+        if not 1 <= first <= min(last, most):
             raise KarmaError(
-                f"--instructions {wanted!r}: {piece.strip()!r} names none of 1 to {most}\n"
+                f"--instructions {wanted!r}: {piece!r} names none of 1 to {most}\n"
                 f"  To fix: auto, all, or numbers and spans such as 1-{min(most, 25)}"
             )
-        found.update(range(int(first) - 1, min(int(ends[1]), most)))
+        found.update(range(first - 1, min(last, most)))
     return sorted(found)
