@@ -2,7 +2,7 @@
 
 import mmap
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +14,21 @@ _SCALARS = {
 }  # fmt: skip
 _STRING, _ARRAY = 8, 9
 _MAX_DIMENSIONS = 4
-_POSITIVE = (
-    "context_length", "embedding_length", "block_count", "attention.head_count",
-)  # fmt: skip
+LANGUAGE = ("context_length", "embedding_length", "block_count", "attention.head_count")
+PROJECTOR = ("vision.embedding_length", "vision.block_count", "vision.attention.head_count")
 
 
 class _TornError(Exception):
     """The file says something impossible, at a byte."""
 
 
-def check_gguf(path: Path) -> Mapping[str, Any]:
+def check_gguf(path: Path, *, sizes: Sequence[str] = LANGUAGE) -> Mapping[str, Any]:
     """Read the header of a GGUF and check that every tensor lies inside the file.
+
+    Args:
+        path: the file.
+        sizes: keys of its architecture that hold a positive number: `LANGUAGE` for a language
+            model, `PROJECTOR` for a picture projector.
 
     Returns:
         Its metadata: numbers and strings by key; arrays as their length.
@@ -35,7 +39,7 @@ def check_gguf(path: Path) -> Mapping[str, Any]:
     """
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
-            metadata = _Reader(data).read()
+            metadata = _Reader(data, sizes).read()
     except (_TornError, struct.error, UnicodeDecodeError) as error:
         raise ModelError(f"{path}: damaged or not a GGUF model: {error}") from error
     except (OSError, ValueError) as error:  # ValueError: an empty file cannot be mapped
@@ -52,8 +56,9 @@ def check_gguf(path: Path) -> Mapping[str, Any]:
 class _Reader:
     """Reads forward; every length is checked against the file's end before use."""
 
-    def __init__(self, data: mmap.mmap) -> None:
+    def __init__(self, data: mmap.mmap, sizes: Sequence[str]) -> None:
         self._data, self._at, self._end = data, 0, len(data)
+        self._sizes = sizes
 
     def read(self) -> Mapping[str, Any]:
         if self._data[:4] != b"GGUF":
@@ -68,7 +73,7 @@ class _Reader:
         for _ in range(pairs):
             key = self._string()
             metadata[key] = self._value(self._one("<I"))
-        _check_metadata(metadata)
+        _check_metadata(metadata, self._sizes)
         ends = [self._tensor_end() for _ in range(tensors)]
         alignment = metadata.get("general.alignment", 32)
         if not isinstance(alignment, int) or alignment < 1 or alignment & (alignment - 1):
@@ -142,12 +147,12 @@ class _Reader:
         return int(offset + count // block * size)
 
 
-def _check_metadata(metadata: Mapping[str, Any]) -> None:
+def _check_metadata(metadata: Mapping[str, Any], sizes: Sequence[str]) -> None:
     """Refuse sizes that would make llama.cpp divide by zero."""
     architecture = metadata.get("general.architecture")
     if not isinstance(architecture, str):
         raise _TornError("general.architecture is missing")
-    for key in _POSITIVE:
+    for key in sizes:
         value = metadata.get(f"{architecture}.{key}")
         if not isinstance(value, int) or value < 1:
             raise _TornError(f"{architecture}.{key} is {value!r}")

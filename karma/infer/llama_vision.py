@@ -13,7 +13,7 @@ from typing import Any
 
 from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
-from karma.infer.gguf_check import check_gguf
+from karma.infer.gguf_check import LANGUAGE, PROJECTOR, check_gguf
 from karma.infer.memory_check import check_memory, gguf_parts_mb
 from karma.infer.vision_text import question, read_answer
 
@@ -22,8 +22,8 @@ BUILD = (
     'CMAKE_ARGS="-DLLAVA_BUILD=ON" pip install --force-reinstall --no-deps --no-binary '
     "llama-cpp-python llama-cpp-python=={version}"
 )
-_CLASSES = {
-    "qwen2.5-vl": "Qwen25VLChatHandler", "llava-1.5": "Llava15ChatHandler",
+_CLASSES = {  # Qwen's by the file's own template: Qwen25VLChatHandler loses its last line break
+    "qwen2.5-vl": "MTMDChatHandler", "llava-1.5": "Llava15ChatHandler",
     "llava-1.6": "Llava16ChatHandler", "minicpm-v-2.6": "MiniCPMv26ChatHandler",
     "moondream2": "MoondreamChatHandler",
 }  # fmt: skip
@@ -60,8 +60,8 @@ class LlamaVision:
             raise ModelError(f"no family {family!r}; there are {', '.join(HANDLERS)}")
         require_pictures()
         needed = 0.0
-        for path in (Path(model), Path(projector)):
-            metadata = check_gguf(path)
+        for path, sizes in ((Path(model), LANGUAGE), (Path(projector), PROJECTOR)):
+            metadata = check_gguf(path, sizes=sizes)
             needed += gguf_parts_mb(path, metadata, context=n_ctx, batch=_BATCH)
         check_memory(
             str(model), needed, parts="both files, the context and a batch",
@@ -82,7 +82,8 @@ class LlamaVision:
             objects: of interest.
 
         Raises:
-            ModelError: there is no picture.
+            ModelError: there is no picture, or llama.cpp cannot answer, e.g. since the question is
+                longer than the context.
         """
         if not objects:
             return {}
@@ -90,14 +91,16 @@ class LlamaVision:
             raise ModelError(f"{self.name} reads pictures, and there is none: nothing was rendered")
         role, text = question("full", instruction, objects)
         picture = {"type": "image_url", "image_url": {"url": _address(image)}}
-        answer = self._llama.create_chat_completion(
-            messages=[
-                {"role": "system", "content": role},
-                {"role": "user", "content": [picture, {"type": "text", "text": text}]},
-            ],
-            temperature=0.0,
-            max_tokens=self._max_tokens,
-        )
+        messages = [
+            {"role": "system", "content": role},
+            {"role": "user", "content": [picture, {"type": "text", "text": text}]},
+        ]
+        try:
+            answer = self._llama.create_chat_completion(
+                messages=messages, temperature=0.0, max_tokens=self._max_tokens
+            )
+        except (ValueError, RuntimeError) as error:
+            raise ModelError(f"{self.name}: llama.cpp cannot answer: {error}") from error
         said = answer["choices"][0]["message"]["content"] or ""
         return read_answer(said, objects).states
 
@@ -137,14 +140,14 @@ def _open(model: Path, projector: Path, family: str, n_ctx: int) -> Any:
     import llama_cpp
     from llama_cpp import llama_chat_format
 
-    handler = getattr(llama_chat_format, _CLASSES[family])(
-        clip_model_path=str(projector), verbose=False
-    )
     try:
+        handler = getattr(llama_chat_format, _CLASSES[family])(
+            clip_model_path=str(projector), verbose=False
+        )
         return llama_cpp.Llama(
             model_path=str(model), chat_handler=handler, n_ctx=n_ctx, n_batch=_BATCH, verbose=False
         )
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise ModelError(f"{model}: llama.cpp does not open it: {error}") from error
 
 
