@@ -7,7 +7,17 @@ import pytest
 
 from karma import registry
 from karma.bench.episode import run_episode
-from karma.bench.steps import Action, Ended, Enter, Instruction, Start, StepLog, packed, read_steps
+from karma.bench.steps import (
+    Action,
+    Asked,
+    Ended,
+    Enter,
+    Instruction,
+    Start,
+    StepLog,
+    packed,
+    read_steps,
+)
 from karma.bench.tasks import load_tasks, with_whole, write_tasks
 from karma.contracts import MemoryUnit, Outcome, SubTask, Task
 from karma.errors import FileError, KarmaError
@@ -18,6 +28,7 @@ from karma.memory.policies import make_policy
 from karma.memory.recall import CosineRecall
 from karma.memory.short_term import ShortTermMemory
 from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.methods.lota import LotaGenerate
 from karma.methods.oracle import OracleMethod
 from karma.planner import Planner
 from karma.world.home import Home
@@ -254,6 +265,18 @@ def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
     assert method.graph is not None
     method.enter(BEDROOM)
     assert {unit.place_id for unit in method.short_term.units(KITCHEN)} == {None}
+
+
+@pytest.mark.parametrize(("kind", "told"), [("sequence", False), ("composite", True)])
+def test_lota_is_told_earlier_instructions_of_its_task_only(tmp_path, kind, told):
+    model = ScriptedModel([STILL, STILL])
+    method = LotaGenerate(Planner(model, "full"))
+    first, second = ((KITCHEN, text, "OPEN(Fridge)") for text in ("Go east.", "Go west."))
+    steps = StepLog()
+    run(method, sequence(first, second, kind=kind), tmp_path, steps)
+    (tmp_path / "log.gz").write_bytes(packed(steps.data()))
+    asked = [step.prompt for step in read_steps(tmp_path / "log.gz") if isinstance(step, Asked)]
+    assert ["Go east." in prompt for prompt in asked] == [True, told]
 
 
 class Looker:

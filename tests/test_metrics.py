@@ -1,5 +1,8 @@
 """Metrics of hand-made records, reductions against twins, and the causes of failures."""
 
+from dataclasses import replace
+
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -7,9 +10,17 @@ from made_records import APPLE, KNIFE, MUG, answer, call, episode, plain, runs, 
 
 from karma.bench.causes import CAUSES, count, failures
 from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
-from karma.bench.metrics import ACTIONS, EXPLORATIONS, METRICS, episodes_of, figures, needs
+from karma.bench.metrics import (
+    ACTIONS,
+    EXPLORATIONS,
+    METRICS,
+    episodes_of,
+    figures,
+    needs,
+    related_needs,
+)
 from karma.bench.records import AnswerTiming, EpisodeTiming, SubTaskTiming
-from karma.bench.steps import Ended, Instruction, Unit
+from karma.bench.steps import Ended, Enter, Instruction, Start, Unit
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
 HOLD = "HOLDON(robot, Mug): 1"
@@ -289,6 +300,34 @@ def test_cause_of_a_thing_that_memory_lost_is_that_and_the_log_tells_whether_it_
     assert cause(sub(CUT), NEVER_NAMED) == ["evicted"]
     assert cause(sub(CUT), NEVER_NAMED, steps=log(([], [APPLE]), ([KNIFE], []))) == ["evicted"]
     assert cause(sub(CUT), NEVER_NAMED, steps=log(([], [KNIFE]), ([KNIFE], []))) == ["not stored"]
+
+
+def in_room(scene, *object_ids):
+    return tuple(msgspec.structs.replace(unit(one), scene=scene) for one in object_ids)
+
+
+@pytest.mark.parametrize(("room", "expected"), [("kitchen", "recall"), ("bedroom", "evicted")])
+def test_only_what_memory_held_of_the_room_concerned_was_held(room, expected):
+    """Apple and knife have the same ids in both rooms."""
+    before, after = in_room("kitchen", APPLE), in_room(room, APPLE)
+    steps = [
+        Start(scene="kitchen", seed=0),
+        Instruction(number=0, instruction="", memory=()),
+        Ended(finished=True, memory=before, unmet=()),
+        Enter(scene="bedroom"),
+        Instruction(number=1, instruction="", memory=before),
+        Ended(finished=True, memory=after, unmet=()),
+        Enter(scene="kitchen"),
+        Instruction(number=2, instruction="", memory=after),
+    ]
+    elsewhere = replace(sub(KEEP), scene="bedroom")
+    assert cause(sub(CUT), elsewhere, NEVER_NAMED, steps=steps) == [expected]
+
+
+def test_nothing_is_come_back_to_in_another_room():
+    elsewhere = replace(sub(CUT), scene="bedroom")
+    assert related_needs(episode(elsewhere, NEVER_NAMED)) == [(), ()]
+    assert related_needs(episode(sub(CUT), elsewhere, NEVER_NAMED)) == [(), (), ({"Apple"},)]
 
 
 def test_cause_of_a_recalled_or_named_thing_is_not_memory():
