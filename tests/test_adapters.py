@@ -366,9 +366,10 @@ def test_modules_json_cannot_have_other_code_imported(copies):
     path.write_text(json.dumps([{**modules[0], "path": "../elsewhere"}]))
     with pytest.raises(ModelError, match="leaves the model's folder"):
         SentenceEmbedder(copies["sentence"])
-    path.write_text("{")
-    with pytest.raises(ModelError, match="not a list of modules"):
-        SentenceEmbedder(copies["sentence"])
+    for text in ("{", "[" * 100_000, "5"):
+        path.write_text(text)
+        with pytest.raises(ModelError, match="not a list of modules"):
+            SentenceEmbedder(copies["sentence"])
 
 
 def test_module_with_pickled_weights_of_its_own_is_not_opened(copies):

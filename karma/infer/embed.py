@@ -116,7 +116,7 @@ def _check_modules(folder: Path, fix: str) -> str:
     try:
         modules = json.loads(path.read_bytes())
         kinds = [(str(module["type"]), str(module["path"])) for module in modules]
-    except (ValueError, TypeError, KeyError, OSError) as error:
+    except (ValueError, TypeError, KeyError, OSError, RecursionError) as error:
         raise ModelError(f"{path}: not a list of modules: {error}\n  To fix: {fix}") from error
     for kind, inside in kinds:
         if not kind.startswith("sentence_transformers."):
