@@ -91,6 +91,12 @@ def test_nothing_is_guessed(text, fault):
         assert reading.faults[0].startswith("line ")
 
 
+@pytest.mark.parametrize("babble", ["Mug", "Mug: dirty: filled", "Mug:" + "* " * 50_000 + "x:"])
+def test_lines_without_exactly_one_colon_are_left_however_long(babble):
+    reading = read_answer(f"Mug: dirty\n{babble}", [MUG])
+    assert (reading.states, reading.faults) == ({"Mug|1": ("dirty",)}, ())
+
+
 def test_only_objects_of_interest_are_read():
     assert set(read_answer("Mug: dirty\nPlate: dirty\nApple: sliced", [MUG]).states) == {"Mug|1"}
 

@@ -1,6 +1,5 @@
 """What a vision model is asked and how its answer is read (KARMA §3.4, Fig. 10, appendix F)."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -15,7 +14,7 @@ ROLE = (
     "through step-by-step reasoning."
 )
 _CUT = ("Sliced", "Cracked")
-_LINE = re.compile(r"^[\s>*-]*(?P<name>[^:]{1,60}?)[\s*]*:[\s*]*(?P<words>[^:]*?)[\s*.]*$")
+_SPACES = "".join(one for one in map(chr, range(0x3001)) if one.isspace())
 
 
 class AnswerError(KarmaError):
@@ -105,11 +104,11 @@ def read_answer(text: str, objects: Sequence[SeenObject]) -> Reading:
     states: dict[str, tuple[str, ...]] = {}
     faults = []
     for number, line in enumerate(text.splitlines(), start=1):
-        found = _LINE.match(line)
-        object_id = by_name.get(_squeezed(found["name"])) if found else None
-        if found is None or object_id is None:
+        name, colon, words = line.partition(":")
+        object_id = by_name.get(_squeezed(name.lstrip(f"{_SPACES}>*-")))
+        if object_id is None or not colon or ":" in words:
             continue
-        given = [_squeezed(word) for word in found["words"].split(",")]
+        given = [_squeezed(word) for word in words.rstrip(f"{_SPACES}*.").split(",")]
         wrong = [word for word in given if word not in STATES]
         if wrong:
             faults.append(f"line {number}: {wrong[0]!r} is not a state: {line.strip()[:80]}")
