@@ -618,6 +618,29 @@ def test_browser_shows_no_sideways_scrolling_on_a_small_screen(tab):
         tab.send("Emulation.clearDeviceMetricsOverride")
 
 
+def test_browser_prints_tables_and_plots_without_the_replay(tab):
+    shown = "(e) => e.checkVisibility()"
+    unfolded = f"[...document.querySelectorAll('.sheet table')].filter({shown}).length"
+    assert tab.value(unfolded) == 0
+    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+    tab.send("Emulation.setEmulatedMedia", media="print", features=dark)
+    tab.send(
+        "Emulation.setDeviceMetricsOverride", width=1000, height=700, deviceScaleFactor=1,
+        mobile=False,
+    )  # fmt: skip
+    try:
+        tables = tab.value("document.querySelectorAll('.sheet table').length")
+        assert tab.value(unfolded) == tables > 2
+        assert tab.value("document.getElementById('replay').checkVisibility()") is False
+        assert tab.value("document.querySelectorAll('#plots svg').length") == 5
+        assert tab.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+        wide = "[...document.querySelectorAll('table')].filter((e) => e.scrollWidth > 1000).length"
+        assert tab.value(wide) == 0
+    finally:
+        tab.send("Emulation.setEmulatedMedia", media="", features=[])
+        tab.send("Emulation.clearDeviceMetricsOverride")
+
+
 # ----------------------------------------------------------------- the same bytes everywhere
 
 

@@ -9,6 +9,15 @@ from karma.lab.figure import Results, caption_of, draw_figure, read_figure
 from karma.lab.intervals import Interval
 from karma.report.html import data_uri, fill
 
+READS = {
+    "curves": (
+        "Belady: the most that any policy can hit. A vertical line: from there on 95 % of the "
+        "units are taken. Bands: 95 % intervals."
+    ),
+    "exploration": "A dot per sequence, and the straight line through them.",
+}
+UNITS = "Units: M is what can be carried; R4 also what it is put in or on and what is switched."
+
 
 def is_figure_folder(folder: Path) -> bool:
     """Return whether a run folder is of a figure: `karma eval` of a file with kind = "trace"."""
@@ -32,6 +41,7 @@ def figure_page(folder: Path) -> str:
         "figure.html.j2",
         title=results.figure.name,
         caption=caption_of(results),
+        reads=(READS[results.figure.shows], UNITS),
         pictures=pictures,
         sheets=[*_claims(results), *_rates(results)],
     )
