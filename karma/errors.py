@@ -21,6 +21,10 @@ class FileError(KarmaError):
         self.path, self.reason, self.fix = Path(path), reason, fix
 
 
+class UnwritableError(FileError):
+    """A file cannot be written: the disk is full or read-only; nobody's fault but the machine's."""
+
+
 class UnknownNameError(KarmaError):
     """A name that nothing is registered under; the message suggests the nearest."""
 

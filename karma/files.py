@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from karma.errors import FileError
+from karma.errors import FileError, UnwritableError
 
 T = TypeVar("T")
 
@@ -60,7 +60,7 @@ def append_line(path: str | Path, data: bytes) -> None:
     """Add one line to a file and see it to the disk before returning.
 
     Raises:
-        FileError: it cannot be written; a torn last line is for the reader to drop.
+        UnwritableError: it cannot be written; a torn last line is for the reader to drop.
     """
     path = Path(path)
     try:
@@ -71,7 +71,7 @@ def append_line(path: str | Path, data: bytes) -> None:
             os.fsync(file.fileno())
     except OSError as error:
         fix = "free some space there, or choose another folder"
-        raise FileError(path, f"cannot write: {error.strerror or error}", fix=fix) from error
+        raise UnwritableError(path, f"cannot write: {error.strerror or error}", fix=fix) from error
 
 
 @cache
@@ -85,7 +85,7 @@ def write_atomic(path: str | Path, data: bytes) -> None:
     """Replace `path` by `data`, or leave it as it was.
 
     Raises:
-        FileError: the disk is full or the folder cannot be written; nothing half-written stays.
+        UnwritableError: the disk is full, or the folder read-only; nothing half-written stays.
     """
     path = Path(path)
     temporary: str | None = None
@@ -101,7 +101,7 @@ def write_atomic(path: str | Path, data: bytes) -> None:
         temporary = None
     except OSError as error:
         fix = "free some space there, or choose another folder"
-        raise FileError(path, f"cannot write: {error.strerror or error}", fix=fix) from error
+        raise UnwritableError(path, f"cannot write: {error.strerror or error}", fix=fix) from error
     finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)

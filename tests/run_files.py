@@ -2,6 +2,8 @@
 
 import json
 import multiprocessing
+import os
+import resource
 import shutil
 from pathlib import Path
 
@@ -44,18 +46,23 @@ def copy(folder, to):
     return to
 
 
-def evaluate(path, folder, workers=1):
-    """Do as `karma eval` does."""
+def evaluate(path, folder, workers=1, most_bytes=None):
+    """Do as `karma eval` does, on a disk that has room for no larger files."""
+    if most_bytes is not None:
+        with Path(os.devnull).open("w") as nowhere:  # what it prints may be in a file too
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(nowhere.fileno(), 2)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
     app(["eval", str(path), "--out", str(folder), "--workers", str(workers)])
 
 
-def started(path, folder):
+def started(path, folder, **how):
     """`karma eval` in a process of its own, which finds the libraries imported."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
         ["karma.cli", "karma.bench.run", "llama_cpp", "sentence_transformers"]
     )
-    process = context.Process(target=evaluate, args=(path, folder))
+    process = context.Process(target=evaluate, args=(path, folder), kwargs=how)
     process.start()
     return process
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from karma.bench.compare import Arm, compare, compare_kinds
 from karma.bench.metrics import episodes_of
 from karma.bench.records import EpisodeTiming, SubTaskTiming
+from karma.bench.run_folder import RESULTS
 from karma.cli import app
 from karma.errors import KarmaError
 
@@ -238,6 +239,13 @@ def test_compare_command_names_what_sets_the_runs_apart_and_refuses_other_rooms(
     refused = karma("compare", tmp_path / "a", tmp_path / "c", code=1)
     assert "kitchen_1 is not the same room" in refused
     assert "To fix: karma eval" in refused
+
+
+def test_compare_command_says_which_run_is_not_finished(folders):
+    (folders / "hosted" / RESULTS).write_text("[]")
+    text = karma("compare", folders / "local", folders / "hosted")
+    assert "local: not finished, the figures are of the 32 episodes that are done" in text
+    assert "hosted: not finished" not in text
 
 
 def test_compare_command_refuses_a_half_width_that_is_none(folders):

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 from tiny import export_tiny
+from typer.testing import CliRunner
 
 from karma import show
 from karma.bench.records import (
@@ -31,6 +32,7 @@ from karma.bench.records import (
     write_record,
 )
 from karma.bench.run import Run
+from karma.cli import app
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import decode_json, to_json
 from karma.infer.hosted_cost import Spent
@@ -162,7 +164,7 @@ def test_costs_and_their_seconds_come_together_again():
 def test_damaged_line_before_the_last_is_refused_with_its_number(tmp_path):
     path = tmp_path / "episodes.jsonl"
     path.write_bytes(to_json(episode()) + b'{"row": 1}\n' + to_json(FAILED))
-    with pytest.raises(FileError, match=r"episodes\.jsonl: line 2: .*\n.*--fresh"):
+    with pytest.raises(FileError, match=r"episodes\.jsonl: line 2: .*\n.*take line 2 out"):
         read_records(path)
 
 
@@ -318,6 +320,10 @@ def test_run_started_afresh_forgets_the_earlier_one(two_rows, tmp_path, experime
     ("more", "named"),
     [
         ("colour = 1", "unknown field `colour`"),
+        ("seeds = []", r"seeds = \[\]: one or more"),
+        ("seeds = [2, 2]", "seeds: 2 stands twice"),
+        ("seeds = [-1]", "each 0 or above"),
+        ('world = "thorr"', "world: no worlds named 'thorr'. Did you mean 'thor'"),
         ('seeds = "many"', r"Expected `array`, got `str` - at `\$\.seeds`"),
         ('authors = ["x.json"]', "give either `tasks` or `authors`"),
         ("= 1", "Invalid"),
@@ -333,6 +339,46 @@ def test_unknown_key_of_a_row_is_refused_by_place(experiment, tmp_path):
     path = experiment('name = "x"\nmodel = "y"')
     with pytest.raises(FileError, match=r"unknown field `model` - at `\$\.rows\[0\]`"):
         Run(path, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fix"),
+    [
+        ("only = ", "onyl = ", "write 'only'"),
+        ("profile = ", "profil = ", "write 'profile'"),
+        ("attempts", "attempts = 1 }\nmethud = { x", "write 'method'"),
+        ("only = ", "zzz = ", "known here: name, rows, tasks, "),
+    ],
+)
+def test_misspelt_key_is_refused_with_the_one_that_was_meant(experiment, tmp_path, old, new, fix):
+    path = experiment(BABBLE)
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(FileError, match=rf"x\.toml: .*unknown field .*\n  To fix: {fix}"):
+        Run(path, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("models", "named"),
+    [
+        ('vision = "nanovlm"', r"models\.vision: .*Did you mean 'nano-vlm'"),
+        ('recall = "cosinus"', r"models\.recall: .*Did you mean 'cosine'"),
+        ('embedder = "sentense:bge-small-en"', r"models\.embedder: .*Did you mean 'sentence'"),
+    ],
+)
+def test_misspelt_name_is_refused_before_any_model_is_loaded(experiment, tmp_path, models, named):
+    path = experiment()
+    path.write_text(path.read_text() + models + "\n")
+    with pytest.raises(FileError, match=rf"x\.toml: {named}"):
+        Run(path, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_missing_experiment_is_refused_with_where_they_lie(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    result = CliRunner().invoke(app, ["eval", str(tmp_path / "none.toml")])
+    assert result.exit_code == 1
+    assert "none.toml: No such file or directory" in result.output
+    assert "To fix: karma eval eval/demo.toml" in result.output
 
 
 def test_two_rows_of_one_name_are_refused(experiment, tmp_path):
@@ -358,13 +404,27 @@ def test_missing_task_file_is_named(experiment, tmp_path):
         ('name = "x"\noptions = { colour = "red" }', "unknown option 'colour'; known options: lo"),
         ('name = "x"\nmethod = "oracle"\noptions = { k = 1 }', "unknown option 'k'"),
         ('name = "x"\nmethod = "orakel"', "Did you mean 'oracle'"),
+        ('name = "x"\noptions = { recall_k = "three" }', "Expected `int`.*recall_k"),
     ],
 )
-def test_wrong_row_is_refused_by_option_before_any_row_runs(experiment, tmp_path, row, named):
-    run = Run(experiment('name = "oracle"\nmethod = "oracle"', row), tmp_path / "run")
-    with pytest.raises(KarmaError, match=named):
-        list(run.episodes())
-    assert not run.records_path.exists()
+def test_wrong_row_is_refused_by_name_before_any_row_runs_and_mended_in_place(
+    experiment, tmp_path, row, named
+):
+    folder, right = tmp_path / "run", 'name = "oracle"\nmethod = "oracle"'
+    with pytest.raises(KarmaError, match=f"row 'x': .*{named}"):
+        list(Run(experiment(right, row), folder).episodes())
+    assert not (folder / "episodes.jsonl").exists()
+    mended = Run(experiment(right, only=["simple-04"]), folder)  # though it is another one now
+    assert [record.success for record in mended.episodes()] == [True]
+
+
+def test_folder_that_another_run_has_taken_meanwhile_is_not_written(experiment, tmp_path):
+    oracle = 'name = "oracle"\nmethod = "oracle"'
+    first = Run(experiment(oracle), tmp_path / "run")
+    second = Run(experiment(oracle, only=["simple-04"]), tmp_path / "run")
+    assert len(list(second.episodes())) == 1
+    with pytest.raises(FileError, match="this folder holds a run of something else"):
+        next(first.episodes())
 
 
 def test_unknown_planner_is_refused_with_the_known_ones(experiment, tmp_path):

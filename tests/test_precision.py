@@ -16,7 +16,7 @@ from karma.bench.metrics import figures
 from karma.bench.precision import Precision, reached, takes_another
 from karma.bench.records import read_records
 from karma.bench.run import Run
-from karma.bench.run_folder import EPISODES, RESULTS
+from karma.bench.run_folder import EPISODES, RESULTS, read_run
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.seeds import stream
@@ -232,6 +232,7 @@ def test_folder_of_listed_seeds_is_gone_on_with_and_nothing_is_thrown_away(whole
     going = more.episodes()
     next(going)
     going.close()
+    assert not read_run(tmp_path / "run").finished
     begun = Run(listed, tmp_path / "run")  # without: what was begun is finished, and no more
     assert (begun.seeds, begun.left) == ((0, 1), 7)
     list(Run(listed, tmp_path / "run", half_width=WIDTH, max_seeds=MOST).episodes())

@@ -404,6 +404,20 @@ def test_run_killed_five_times_ends_in_the_same_bytes(whole, tmp_path):
     assert files(killed) == files(folder)
 
 
+def test_full_disk_ends_the_run_and_counts_as_nobody_s_failure(whole, tmp_path):
+    """No file may grow beyond 6,000 bytes: a map of a room does, which the second row makes."""
+    path, folder = whole
+    full = tmp_path / "full"
+    process = started(path, full, most_bytes=6_000)
+    process.join()
+    assert process.exitcode == 1
+    kept = read_run(full)
+    assert not kept.finished
+    assert kept.records == read_run(folder).records[: len(ONLY)]
+    assert len(list(Run(path, full).episodes())) == 12 - len(ONLY)
+    assert files(full) == files(folder)
+
+
 def test_interrupted_run_says_how_to_go_on(whole, tmp_path):
     path, folder = whole
     stopped = tmp_path / "stopped"

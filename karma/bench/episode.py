@@ -18,7 +18,7 @@ from karma.bench.starts import Starts, check_seeds
 from karma.bench.steps import Enter, LoggedWorld, StepLog
 from karma.bench.tasks import required_types
 from karma.contracts import MemoryUnit, Method, Outcome, Plan, SkillResult, SubTask, Task, World
-from karma.errors import KarmaError
+from karma.errors import KarmaError, UnwritableError
 from karma.goals import GoalTracker, WatchedWorld
 from karma.infer.cassette import Cassette, CassetteError
 from karma.infer.hosted_cost import Ledger
@@ -75,6 +75,7 @@ def run_episode(
 
     Raises:
         CassetteError: a replay left its recording, or the recording cannot be written.
+        UnwritableError: the disk is full.
         KarmaError: the task has no start for the seed.
         TypeError: the task has several rooms and the world is no home.
     """
@@ -103,8 +104,8 @@ def run_episode(
             room = Path(scene).stem
             one = part.run(number, subtask, room)
             done.append(one if room == first else replace(one, scene=room))
-    except CassetteError:
-        raise
+    except (CassetteError, UnwritableError):
+        raise  # nothing that the agent did
     except KarmaError as failure:
         error = f"{type(failure).__name__}: {failure}"
     spent = ledger.take()

@@ -1,8 +1,10 @@
 """An experiment is a TOML file: tasks, models, and one row per method."""
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.starts import check_seeds
 from karma.bench.tasks import load_tasks
 from karma.contracts import LanguageModel, Task
-from karma.errors import FileError
+from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted_session import Endpoint, Hosted, Session
 from karma.infer.manifest import resolve_planner
@@ -112,9 +114,45 @@ def read_experiment(path: Path) -> Experiment:
     """Read an experiment.
 
     Raises:
-        FileError: it is damaged, a key is unknown, or something stands twice.
+        FileError: it is damaged, a key is unknown, something stands twice, or a name in it is
+            nobody's.
     """
-    return read_toml(path, Experiment)
+    fix = "karma eval eval/demo.toml; experiments lie in eval/"
+    try:
+        experiment = read_toml(path, Experiment, fix=None if path.is_file() else fix)
+    except FileError as error:
+        raise FileError(path, error.reason, fix=error.fix or _meant(error.reason)) from error
+    models = experiment.models
+    named = [("methods", row.method, f"row {row.name!r}") for row in experiment.rows]
+    named += [("worlds", experiment.world, "world"), ("recalls", models.recall, "models.recall")]
+    named += [
+        ("embedders", models.embedder.partition(":")[0], "models.embedder"),
+        ("vision_models", models.vision.partition(":")[0], "models.vision"),
+    ]
+    for role, name, where in named:
+        try:
+            registry.load(role, name)
+        except UnknownNameError as error:
+            raise FileError(path, f"{where}: {error}") from error
+    return experiment
+
+
+def _meant(reason: str) -> str | None:
+    """Return what helps where a key is unknown: the nearest known one, or all that are known."""
+    found = re.search(r"unknown field `(.+?)`(?: - at `\$\.(\w+))?", reason)
+    if found is None:
+        return None
+    kinds: dict[str | None, type[msgspec.Struct]] = {
+        None: Experiment,
+        "rows": Row,
+        "models": Models,
+        "run": RunOptions,
+    }
+    if found[2] not in kinds:
+        return None
+    known = [field.name for field in msgspec.structs.fields(kinds[found[2]])]
+    near = get_close_matches(found[1], known, n=1)
+    return f"write {near[0]!r}" if near else f"known here: {', '.join(known)}"
 
 
 def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:

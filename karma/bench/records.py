@@ -264,9 +264,11 @@ def _read_lines(path: Path, kind: type[T]) -> list[T]:
         try:
             found.append(decode_json(line, kind, path=path))
         except FileError as error:
-            raise FileError(
-                path, f"line {number}: {error.reason}", fix="karma eval ... --fresh"
-            ) from error
+            fix = (
+                f"take line {number} out; the same karma eval then does that episode again "
+                "(--fresh does all of them)"
+            )
+            raise FileError(path, f"line {number}: {error.reason}", fix=fix) from error
     return found
 
 

@@ -123,6 +123,17 @@ def set_apart(names: list[str]) -> list[str]:
     ]
 
 
+def unfinished(names: list[str]) -> list[str]:
+    """Return in words which of some runs are not done to their end."""
+    runs = {run.folder: run for run in (read_run(_split(name)[0]) for name in names)}
+    return [
+        f"{folder}: not finished, the figures are of the {len(run.records)} episodes that are "
+        "done; karma eval goes on with it"
+        for folder, run in runs.items()
+        if not run.finished
+    ]
+
+
 def _split(name: str) -> tuple[Path, str]:
     """Return the folder and the row of RUN:ROW; a folder may have a colon in its name."""
     if Path(name).is_dir():

@@ -77,10 +77,7 @@ class Run:
         with self._files.locked():
             if fresh:
                 self._files.clear()
-            fix = f"karma eval {path} --fresh, or --out another folder"
-            self._files.claim(self.header, fix=fix)
-            for name, data in loaded.scenes.items():
-                write_atomic(scene_path(folder, name), data)
+            self._claim()
             self._go_on()
         self._stage = Stage(
             rows=self.experiment.rows,
@@ -131,7 +128,10 @@ class Run:
         if workers > 1 or ray:
             self._check_alone()
         with self._files.locked():
+            self._claim()
             self._go_on()
+            if self.left:
+                self._files.reopen()
             while todo := self._todo():
                 for one in self._perform(todo, workers, ray):
                     self._files.commit(one)
@@ -143,6 +143,14 @@ class Run:
             self.records, self.timings = self._files.done()
 
     # ------------------------------------------------------------- parts
+
+    def _claim(self) -> None:
+        fix = f"karma eval {self.path} --fresh, or --out another folder"
+        self._files.claim(self.header, fix=fix)
+        for name, data in self._scenes.items():
+            place = scene_path(self.folder, name)
+            if not place.exists() or place.read_bytes() != data:
+                write_atomic(place, data)
 
     def _go_on(self) -> None:
         """Look at what is done, and at what is to be done next."""

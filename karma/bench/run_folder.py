@@ -82,6 +82,7 @@ class RunData:
     header: Header
     records: tuple[EpisodeRecord, ...]  # in canonical order once it is finished
     timings: Mapping[Key, EpisodeTiming]
+    finished: bool  # all episodes that were asked for are there
 
 
 def read_run(folder: str | Path) -> RunData:
@@ -97,6 +98,7 @@ def read_run(folder: str | Path) -> RunData:
         header=header,
         records=tuple({r.key: r for r in read_records(folder / EPISODES)}.values()),
         timings={timing.key: timing for timing in read_timings(folder / TIMINGS)},
+        finished=(folder / RESULTS).exists(),
     )
 
 
@@ -196,17 +198,18 @@ class RunFolder:
                 place.unlink(missing_ok=True)
 
     def claim(self, header: Header, *, fix: str) -> None:
-        """Make the folder that run's, or see that it is.
+        """Make the folder that run's, or see that it is; a run without an episode is no obstacle.
 
         Raises:
             FileError: it holds another run; names what differs.
         """
         path = self.path / HEADER
+        found = differences(read_header(path), header) if path.exists() else []
+        if found and not read_records(self.path / EPISODES):
+            self.clear()
         if not path.exists():
             write_atomic(path, to_json(header, indent=2))
-            return
-        found = differences(read_header(path), header)
-        if found:
+        elif found:
             reason = "this folder holds a run of something else:\n  " + "\n  ".join(found)
             raise FileError(path, reason, fix=fix)
 
@@ -225,6 +228,10 @@ class RunFolder:
         timings = {key: timings[key] for key in kept}
         self._rewrite(kept, timings)
         return list(kept.values()), timings
+
+    def reopen(self) -> None:
+        """Take back what says that the run is finished, as more is to be done."""
+        (self.path / RESULTS).unlink(missing_ok=True)
 
     def commit(self, one: Finished) -> None:
         """See an episode to the disk; it is done when this returns.

@@ -25,11 +25,12 @@ from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import Finished
 from karma.bench.starts import Starts
 from karma.bench.steps import StepLog
-from karma.contracts import Task, World
+from karma.contracts import Method, Task, World
 from karma.errors import KarmaError, UnknownNameError
 from karma.infer.hosted_session import Hosted, Session
 from karma.infer.manifest import find_model
 from karma.infer.memory_check import available_mb
+from karma.methods.kit import Kit
 from karma.methods.survey import survey
 from karma.offline import go_offline, settle
 from karma.world.home import Home
@@ -93,8 +94,7 @@ class Performer:
         self._world = self._make()
         self._starts = Starts()
         self._methods = {  # all of them now: a wrong row must not come to light hours later
-            row.name: registry.load("methods", row.method).build(kit, row.options)
-            for row in stage.rows
+            row.name: _built(row, kit) for row in stage.rows
         }
 
     def do(self, job: Job) -> Finished:
@@ -141,10 +141,25 @@ class Performer:
         path = self._stage.folder / MAPS / f"{Path(scene).stem}.json"
         if path.exists():
             return
-        with suppress(KarmaError):  # the episode will record why
+        try:
             self._world.reset(scene)
             graph, _ = survey(self._world, scene, None)
-            graph.save(path)
+        except KarmaError:  # the episode will record why
+            return
+        graph.save(path)
+
+
+def _built(row: Row, kit: Kit) -> Method:
+    """Return the method of a row.
+
+    Raises:
+        KarmaError: it has an option that the method does not know, or of the wrong type.
+    """
+    try:
+        method: Method = registry.load("methods", row.method).build(kit, row.options)
+    except KarmaError as error:
+        raise KarmaError(f"row {row.name!r}: {error}") from error
+    return method
 
 
 def perform_here(

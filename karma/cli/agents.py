@@ -159,7 +159,7 @@ def eval_command(
     """Run an experiment; what is done already is not done again."""
     from karma import show
     from karma.bench.precision import reached
-    from karma.bench.records import read_records, spent_by, summarise
+    from karma.bench.records import spent_by, summarise
     from karma.bench.run import Run
     from karma.lab.figure import is_figure
 
@@ -180,12 +180,12 @@ def eval_command(
     try:
         _do_episodes(run, workers, ray)
     except KeyboardInterrupt:
-        done = len(read_records(run.records_path))
-        console.print(
-            f"stopped after {done} of {run.total} episodes; "
-            "the same command (without --fresh) goes on"
-        )
+        console.print(f"stopped after {_kept(run)}")
         raise typer.Exit(130) from None
+    except KarmaError as error:
+        if not run.records:
+            raise
+        raise KarmaError(f"{error}\n  Kept: {_kept(run)}") from error
     if tasks or run.experiment.authors:
         console.print(show.task_table(run.records))
     lines = summarise(run.records, run.timings)
@@ -198,6 +198,14 @@ def eval_command(
     console.print(escape(f"records: {run.records_path}"))
     if json is not None:
         write_atomic(json, to_json(lines, indent=2))
+
+
+def _kept(run: "Run") -> str:
+    """Return how far a run is that has ended early, and how it goes on."""
+    from karma.bench.records import read_records
+
+    done = len(read_records(run.records_path))
+    return f"{done} of {run.total} episodes; the same command (without --fresh) goes on"
 
 
 def _do_episodes(run: "Run", workers: int, ray: str) -> None:

@@ -33,10 +33,12 @@ def compare_command(
 ) -> None:
     """Compare runs or rows over the same tasks and seeds; the first with each of the others."""
     from karma.bench.compare import compare_kinds
-    from karma.bench.results import arms_named, set_apart
+    from karma.bench.results import arms_named, set_apart, unfinished
 
     if not 0 < half_width < 0.5:
         raise KarmaError(f"--half-width {half_width}: it is between 0 and 0.5")
+    for words in unfinished(runs):
+        console.print(escape(words), soft_wrap=True, highlight=False)
     found = [
         compare_kinds(group[0], other, half_width=half_width)
         for group in arms_named(runs)
@@ -69,7 +71,7 @@ def table_command(
     from karma.bench import tables
     from karma.bench.claims import claim_sheet, claims
     from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
-    from karma.bench.results import result_of
+    from karma.bench.results import result_of, unfinished
     from karma.bench.run_folder import read_run
 
     data = read_run(run)
@@ -89,6 +91,8 @@ def table_command(
     sheets = [*tables.sheets(result), *claimed]
     for sheet in (*sheets[: len(tables.kinds(result))], *claimed):
         console.print(_rich(sheet))
+    for words in unfinished([str(run)]):
+        console.print(escape(words), soft_wrap=True, highlight=False)
     folder = out or run
     write_atomic(folder / "table.md", tables.to_markdown(sheets).encode())
     write_atomic(folder / "table.tex", tables.to_latex(sheets).encode())
