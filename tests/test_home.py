@@ -28,6 +28,7 @@ from karma.memory.policies import make_policy
 from karma.memory.recall import CosineRecall
 from karma.memory.short_term import ShortTermMemory
 from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.methods.kit import Kit
 from karma.methods.lota import LotaGenerate
 from karma.methods.oracle import OracleMethod
 from karma.planner import Planner
@@ -262,8 +263,9 @@ def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
     record = run(method, task, tmp_path)
     assert [sub.success for sub in record.subtasks] == [True, True, True]
     assert sum(call.explorations for call in record.subtasks[2].calls) == 0
-    assert method.graph is not None
+    assert "Fridge" in {node.type for node in method.graph.objects()}
     method.enter(BEDROOM)
+    assert "Bed" in {node.type for node in method.graph.objects()}
     assert {unit.place_id for unit in method.short_term.units(KITCHEN)} == {None}
 
 
@@ -277,6 +279,24 @@ def test_lota_is_told_earlier_instructions_of_its_task_only(tmp_path, kind, told
     (tmp_path / "log.gz").write_bytes(packed(steps.data()))
     asked = [step.prompt for step in read_steps(tmp_path / "log.gz") if isinstance(step, Asked)]
     assert ["Go east." in prompt for prompt in asked] == [True, told]
+
+
+@pytest.mark.parametrize("name", ["helper", "capeam"])
+def test_object_memory_of_helper_and_capeam_is_one_a_room(recall, twin, tmp_path, name):
+    planner = Planner(ScriptedModel([AWAY]), "compact")
+    kit = Kit(planner=planner, recall=recall, vision=MetadataVision(),
+              embedder=registry.load("embedders", "minilm")())  # fmt: skip
+    method, home = registry.load("methods", name).build(kit, {}), Home(EmbeddedWorld)
+    home.reset(KITCHEN)
+    method.begin(home, KITCHEN, seed=0, folder=tmp_path)
+    list(method.do(SubTask(instruction="Put the apple away.")))
+    known = {room: None for room in (KITCHEN, twin)}
+    for room in (twin, KITCHEN):
+        home.enter(room)
+        method.enter(room)
+        known[room] = method.memory.where("Fridge")
+    assert known[twin] is None
+    assert known[KITCHEN] is not None
 
 
 class Looker:
