@@ -300,7 +300,7 @@ def test_object_memory_of_helper_and_capeam_is_one_a_room(recall, twin, tmp_path
 
 
 class Looker:
-    """A method that notes what it is shown, and where."""
+    """A method that opens everything when it gets to know a room, and tells what is open later."""
 
     name = "looker"
 
@@ -313,7 +313,7 @@ class Looker:
 
     def enter(self, scene):
         self.visits.append(scene)
-        for kind in ("Fridge", "Drawer"):
+        for kind in ("Fridge", "Drawer") if self.visits.count(scene) == 1 else ():
             for thing in self._world.last_event.metadata["objects"]:
                 if thing["objectType"] == kind:
                     self._world.step("OpenObject", objectId=thing["objectId"], forceAction=True)
@@ -329,11 +329,9 @@ def test_all_rooms_are_shown_before_and_begin_as_they_were(tmp_path):
     task = sequence((KITCHEN, "a", "OPEN(Fridge)"), (BEDROOM, "b", "OPEN(Drawer)"))
     record = run(method, task, tmp_path, steps)
     assert method.visits == [KITCHEN, BEDROOM, KITCHEN, BEDROOM]
-    assert record.subtasks[0].finished
-    entered = steps.data().split(b'"kind":"enter"')
-    assert len(entered) == 2
-    assert b'"action":"OpenObject"' not in entered[0]  # what was done to get to know the home
-    assert b'"action":"OpenObject"' in entered[1]
+    assert [sub.finished for sub in record.subtasks] == [True, True]  # nothing is open
+    assert b'"kind":"enter"' in steps.data()
+    assert b'"action":"OpenObject"' not in steps.data()
 
 
 def test_sequence_has_no_other_days_and_rooms_need_a_home(tmp_path):
