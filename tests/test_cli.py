@@ -1,10 +1,12 @@
 """The `karma` command: what it prints and writes, and how it says that something is wrong."""
 
 import json
+import re
 import struct
 from pathlib import Path
 
 import pytest
+import typer
 from tiny import export_tiny
 from typer.testing import CliRunner
 
@@ -237,3 +239,41 @@ def test_shipped_experiments_are_read_by_the_shipped_planner(monkeypatch, tmp_pa
     for name in ("alfred_l", "demo"):
         run = Run(Path("eval") / f"{name}.toml", tmp_path / name)
         assert run.total == len(run.experiment.rows) * len(run.tasks)
+
+
+# ----------------------------------------------------------------- help
+
+
+def commands(group, above="karma"):
+    """Every command, with its whole name."""
+    for name, one in group.commands.items():
+        yield f"{above} {name}", one
+        if hasattr(one, "commands"):
+            yield from commands(one, f"{above} {name}")
+
+
+COMMANDS = dict(commands(typer.main.get_command(app)))
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_command_says_in_one_line_what_it_does_and_what_each_option_is(name):
+    command = COMMANDS[name]
+    line = command.get_short_help_str(limit=200)
+    assert re.fullmatch(r"[A-Z].*\.", line), line
+    assert len(line) <= 92  # what fits beside the names in 110 columns
+    unsaid = [one.name for one in command.params if one.name != "help" and not one.help]
+    assert unsaid == []
+
+
+def test_help_leads_with_the_agent_and_groups_the_rest():
+    text = karma("--help")
+    heads = ["The agent at work", "What runs show", "What runs are made of", "Parts by themselves",
+             "This machine"]  # fmt: skip
+    places = [text.index(head) for head in heads]
+    assert places == sorted(places)
+    assert text.index(" run ") < text.index(" eval ") < places[1]
+    assert "Begin with: karma run" in text
+
+
+def test_misspelt_command_is_answered_with_the_one_that_was_meant():
+    assert "'eval'" in karma("evla", code=2)

@@ -145,15 +145,25 @@ def _models() -> Iterator[Finding]:
     except KarmaError as error:
         yield Finding(name="models", status="problem", found=str(error), fix="see the message")
         return
+    absent = []
     for entry in entries:
         found = check(entry)
+        if found.state == "absent" and entry.name not in NEEDED:
+            absent.append(entry.name)
+            continue
         good = found.state == "ok"
-        bad = found.state == "wrong" or entry.name in NEEDED
         yield Finding(
             name=f"model {entry.name}",
-            status="ok" if good else "problem" if bad else "note",
+            status="ok" if good else "problem",
             found=found.detail if good else found.state,
             fix="" if good else found.detail,
+        )
+    if absent:
+        yield Finding(
+            name="models that may be brought",
+            status="note",
+            found=f"not here: {', '.join(absent)}",
+            fix="`karma models show NAME` says where one is from; only runs that name it need it",
         )
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.shared import Json, clear_errors, console
+from karma.cli.shared import ACTING, Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
@@ -28,8 +28,8 @@ BaseUrl = Annotated[str, typer.Option(help="Of hosted models, e.g. http://127.0.
 
 def add_to(app: typer.Typer) -> None:
     """Add the commands to the top level."""
-    app.command("run")(run_command)
-    app.command("eval")(eval_command)
+    app.command("run", rich_help_panel=ACTING)(run_command)
+    app.command("eval", rich_help_panel=ACTING)(eval_command)
 
 
 @clear_errors
@@ -53,10 +53,10 @@ def run_command(
     api: Annotated[str, typer.Option(help='"chat" or "completions" of it.')] = "chat",
     cassette: CassetteFolder = None,
     cassette_mode: CassetteMode = "",
-    seed: int = 0,
+    seed: Annotated[int, typer.Option(help="Of the planner's sampling.")] = 0,
     json: Json = None,
 ) -> None:
-    """Carry out an instruction while you watch; sub-tasks are split at commas and "then"."""
+    """Carry out an instruction in a room, while you watch; commas and "then" part sub-tasks."""
     from rich.live import Live
 
     from karma import registry, show
@@ -156,7 +156,7 @@ def eval_command(
     base_url: BaseUrl = "",
     json: Json = None,
 ) -> None:
-    """Run an experiment; what is done already is not done again."""
+    """Do an experiment: every row on every task. Stopped or killed, the same command goes on."""
     from karma import show
     from karma.bench.precision import reached
     from karma.bench.records import spent_by, summarise

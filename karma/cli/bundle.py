@@ -10,7 +10,7 @@ from rich.markup import escape
 from karma.cli.shared import Json, clear_errors, console
 from karma.files import to_json, write_atomic
 
-app = typer.Typer(no_args_is_help=True, help="One archive for a machine without a network.")
+app = typer.Typer(no_args_is_help=True, help="All in one archive, for a machine without a network.")
 
 File = Annotated[Path, typer.Argument(help="The bundle.")]
 Sha256 = Annotated[str, typer.Option(help="Of the bundle, as `build` said; refused otherwise.")]

@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from karma.cli.shared import Json, clear_errors, console
+from karma.cli.shared import SHOWN, Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
@@ -19,19 +19,22 @@ if TYPE_CHECKING:
 
 def add_to(app: typer.Typer) -> None:
     """Add the commands to the top level."""
-    app.command("compare")(compare_command)
-    app.command("table")(table_command)
+    app.command("table", rich_help_panel=SHOWN)(table_command)
+    app.command("compare", rich_help_panel=SHOWN)(compare_command)
 
 
 @clear_errors
 def compare_command(
-    runs: Annotated[list[str], typer.Argument(help="Run folders, or RUN:ROW for one row of one.")],
+    runs: Annotated[
+        list[str],
+        typer.Argument(help="Run folders, or RUN:ROW for one row; the first with each other."),
+    ],
     half_width: Annotated[
         float, typer.Option(help="Wanted of a success rate's interval: how many seeds it takes.")
     ] = 0.05,
     json: Json = None,
 ) -> None:
-    """Compare runs or rows over the same tasks and seeds; the first with each of the others."""
+    """Say how runs or rows differ on the same tasks and seeds, and how sure that is."""
     from karma.bench.compare import compare_kinds
     from karma.bench.results import arms_named, set_apart, unfinished
 

@@ -12,7 +12,7 @@ from karma.cli.shared import Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
-app = typer.Typer(help="What is missing here, and what mends it.")
+app = typer.Typer()
 
 MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]problem[/]"}
 
@@ -22,17 +22,16 @@ MARKS = {"ok": "[green]ok[/]", "note": "[yellow]note[/]", "problem": "[red]probl
 def doctor(
     context: typer.Context,
     offline: Annotated[
-        bool, typer.Option("--offline", help="What a run without a network needs.")
+        bool, typer.Option("--offline", help="That is what is looked at anyway.")
     ] = False,
     json: Json = None,
 ) -> None:
-    """Look at what a backend needs, or with --offline at what a run without a network needs."""
+    """See what a run needs on this machine, what is missing, and what mends it."""
     if context.invoked_subcommand is not None:
         return
-    if not offline:
-        console.print(context.get_help())
-        raise typer.Exit(2)
     _offline(json)
+    if not offline:
+        console.print("for the real AI2-THOR: karma doctor thor")
 
 
 @app.command("offline")
@@ -44,13 +43,18 @@ def offline_command(json: Json = None) -> None:
 
 def _offline(json: Path | None) -> None:
     from karma.bundle import conditions
+    from karma.offline import DEFAULTS, SWITCHES
 
     with console.status("looking; models are hashed ..."):
         findings = conditions.examine()
     good = conditions.holds(findings)
     table = Table("", "what", "found", title="a run without a network", title_justify="left")
+    switches = [one for one in findings if one.name in {**SWITCHES, **DEFAULTS}]
+    right = [one for one in switches if one.status == "ok"]
     for one in findings:
-        table.add_row(MARKS[one.status], escape(one.name), escape(one.found))
+        if one not in right:
+            table.add_row(MARKS[one.status], escape(one.name), escape(one.found))
+    table.add_row(MARKS["ok"], "switches of libraries", f"{len(right)} of {len(switches)} are set")
     console.print(table)
     for one in findings:
         if one.fix and one.status != "ok":

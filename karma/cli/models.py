@@ -15,7 +15,9 @@ from karma.files import to_json, write_atomic
 if TYPE_CHECKING:
     from karma.infer.manifest import ModelEntry
 
-app = typer.Typer(no_args_is_help=True, help="Models: list, look at, verify, bring in, take out.")
+app = typer.Typer(
+    no_args_is_help=True, help="Models: list, show, verify, add your own, remove them."
+)
 
 _OPEN = "hash not known: fill with karma models add PATH"
 _MARKS = {

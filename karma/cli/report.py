@@ -6,14 +6,14 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.shared import clear_errors, console
+from karma.cli.shared import SHOWN, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import write_atomic
 
 
 def add_to(app: typer.Typer) -> None:
     """Add the command to the top level."""
-    app.command("report")(report_command)
+    app.command("report", rich_help_panel=SHOWN)(report_command)
 
 
 @clear_errors

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
-from karma.cli.shared import clear_errors, console
+from karma.cli.shared import MATERIAL, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
@@ -25,7 +25,7 @@ ROOMS_FIX = "--scenes ../shared/data/thor5/scenes.jsonl.gz"
 
 def add_to(app: typer.Typer) -> None:
     """Add the command to the top level."""
-    app.command("sequences")(sequences_command)
+    app.command("sequences", rich_help_panel=MATERIAL)(sequences_command)
 
 
 @clear_errors
@@ -37,7 +37,7 @@ def sequences_command(
     ] = None,
     length: Annotated[int, typer.Option(help="Tasks in each.", min=1)] = 25,
     number: Annotated[int, typer.Option(help="Sequences of each workload.", min=1)] = 8,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 0,
     tasks: Annotated[
         list[Path] | None, typer.Option(help="ALFRED's *.jsonl.gz; default: our task grammar.")
     ] = None,
@@ -47,7 +47,7 @@ def sequences_command(
     layouts: Annotated[Path | None, typer.Option(help="Reachable cells for those.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUT.")] = False,
 ) -> None:
-    """Draw sequences of tasks in one home, each done once by the symbolic teacher.
+    """Draw a task file of long sequences in one home, done once by the symbolic teacher.
 
     A task that is done already at its turn, or that the teacher cannot do, is drawn anew.
     """

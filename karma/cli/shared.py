@@ -14,6 +14,12 @@ from karma.offline import settle
 
 console = Console()
 
+ACTING = "The agent at work"  # panels of `karma --help`
+SHOWN = "What runs show"
+MATERIAL = "What runs are made of"
+PARTS = "Parts by themselves"
+MACHINES = "This machine, and one without a network"
+
 Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.shared import Json, clear_errors, console
+from karma.cli.shared import PARTS, Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def add_to(app: typer.Typer) -> None:
     """Add the command to the top level."""
-    app.command("trace")(trace_command)
+    app.command("trace", rich_help_panel=PARTS)(trace_command)
 
 
 @clear_errors
@@ -43,12 +43,12 @@ def trace_command(
         str, typer.Option(help='Between ";", e.g. "lru; wtinylfu-karma[9,1] W=200"; default: all.')
     ] = "",
     sizes: Annotated[str, typer.Option(help="Units of policies without a size.")] = "5,10,25",
-    seed: int = 0,
+    seed: Annotated[int, typer.Option(help="Of what is drawn.")] = 0,
     json: Json = None,
     plot: Annotated[Path | None, typer.Option(help="Draw hit rates by size here.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write the trace here, as our JSON.")] = None,
 ) -> None:
-    """Show the hit rates of replacement policies next to the best there could be."""
+    """Try short-term memory's replacement policies on an access trace, beside the best possible."""
     from karma.lab.sweep import registered, run_rows, size_of, sized, sweep_of
     from karma.lab.trace import traces_json
 

@@ -10,7 +10,9 @@ from rich.table import Table
 from karma.cli.shared import Json, clear_errors, console
 from karma.files import to_json, write_atomic
 
-app = typer.Typer(no_args_is_help=True, help="Models that read states out of pictures.")
+app = typer.Typer(
+    no_args_is_help=True, help="Score models that read states (open, dirty ...) out of pictures."
+)
 
 
 @app.callback()
@@ -29,7 +31,7 @@ def eval_command(
         list[str] | None,
         typer.Option(help='Scenes or scene files, or "fresh"; all that ship and fresh ones.'),
     ] = None,
-    seed: int = 0,
+    seed: Annotated[int, typer.Option(help="Of what is drawn.")] = 0,
     json: Json = None,
     html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
 ) -> None:

@@ -30,7 +30,10 @@ Receptacles = Annotated[str | None, typer.Option(help=f"Their receptacles; {_OR_
 Spots = Annotated[str | None, typer.Option(help=f"Labelled positions in them; {_OR_NONE}")]
 Only = Annotated[list[str] | None, typer.Option(help="Names to take: FloorPlan1, or a trial's id.")]
 
-app = typer.Typer(no_args_is_help=True, help="Rooms: import, list, draw; replay what was recorded.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Rooms: list, draw, import from AI2-THOR or ALFRED; replay recordings.",
+)
 
 
 @app.command("list")
