@@ -28,7 +28,8 @@ def add_to(app: typer.Typer) -> None:
 @clear_errors
 def trace_command(
     file: Annotated[
-        Path | None, typer.Argument(help="A trace: our *.json, LIRS *.trace.gz, or a key a line.")
+        Path | None,
+        typer.Argument(help="Our *.json, a task file *.jsonl, LIRS *.trace.gz, a key a line."),
     ] = None,
     workload: Annotated[
         str, typer.Option(help="Instead of a file: type, house, rooms, habit or chain.")
