@@ -320,7 +320,8 @@ class Looker:
 
     def do(self, subtask):
         things = self._world.last_event.metadata["objects"]
-        opened = sum(thing["isOpen"] for thing in things)
+        doors = [thing for thing in things if thing["objectType"] in ("Fridge", "Drawer")]
+        opened = sum(thing["isOpen"] for thing in doors)
         yield Outcome(finished=not opened, resident=(), handled_ids=())
 
 
