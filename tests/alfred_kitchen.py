@@ -9,6 +9,7 @@ import json
 
 from household import kitchen
 
+from karma.world.alfred.facts import Files
 from karma.world.alfred.trial import read_trials
 from karma.world.sim import EmbeddedWorld
 
@@ -139,3 +140,11 @@ def read(folder, given):
     """The record of one trial, by way of a file."""
     (found,) = read_trials(write(folder / "trial.jsonl", given))
     return found
+
+
+def beside(folder):
+    """All that is known of the kitchen beside the trial."""
+    return Files(
+        dumps=write(folder / "dump.jsonl.gz", dump()),
+        layouts=write(folder / "layouts.json", layout()),
+    )

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
@@ -21,9 +22,22 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import gguf
+import msgspec
 import pytest
 from gguf.scripts.gguf_new_metadata import MetadataDetails, copy_with_new_metadata
 
+from karma.contracts import Prompt
+from karma.errors import KarmaError, ModelError
+from karma.infer.hosted_session import Endpoint
+from karma.infer.manifest import find_model, verify
+
+KEY = "sk-planted-4f1c9be2d7"
+PROMPT = Prompt(
+    stable="#areas\nnode_1 CounterTop Fridge\nnode_2 DiningTable\n",
+    changing="#task put the apple in the fridge\n#memory\nApple @CounterTop *\n#program\n",
+)
+PRICES = {"input": 2.0, "output": 8.0}
+REMOTE = "https://models.example.com/v1"
 NANO = Path(__file__).parents[1] / "models" / "nano" / "planner.gguf"
 PLAIN = "{% for m in messages %}{{ m.content }}{% endfor %}"
 _STARTS_S = 180
@@ -166,3 +180,44 @@ def chat(text, **more):
     }
     answer = {"id": "x-1", "created": 1, "model": "wire-1", "choices": [choice], **more}
     return 200, {}, json.dumps(answer).encode()
+
+
+def plant_key(monkeypatch):
+    """Put the key into the environment, and no other setting of the client."""
+    for name in list(os.environ):
+        if name.startswith("OPENAI_"):
+            monkeypatch.delenv(name)
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+
+
+def need_nano():
+    try:
+        verify(find_model("karma-nano"))
+    except KarmaError as error:
+        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
+
+
+def endpoint(url, model="nano-chat", **more):
+    return msgspec.convert({"base_url": url, "model": model, "retries": 0, **more}, Endpoint)
+
+
+def whole_story(error):
+    """All that a traceback with local variables and all causes would show."""
+    story = traceback.TracebackException.from_exception(error, capture_locals=True)
+    return "".join(story.format()) + repr(error) + repr(error.args)
+
+
+def answer_or_story(model):
+    try:
+        return repr(model.complete(PROMPT))
+    except ModelError as error:
+        return whole_story(error)
+
+
+def echo(status, data):
+    """A server that says the key back, in its body and in a header."""
+    return lambda path, body, headers: (
+        status,
+        {"X-Echo": headers["authorization"]},
+        data.replace(b"KEY", headers["authorization"].removeprefix("Bearer ").encode()),
+    )

@@ -1,68 +1,50 @@
 """Hosted models: against llama-cpp-python's own server with the nano planner, and a naughty one.
 
-Covered: planner and embedder, the bill, keys on every path, what comes back wrong, who may be
-reached, and whole runs that are recorded, then replayed with the server stopped.
+Covered: planner and embedder, the bill, what comes back wrong, who may be reached.
 """
 
-import http.client
 import json
-import logging
 import os
-import re
 import shutil
 import subprocess
 import sys
 import threading
-import traceback
-import urllib.parse
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
-from hosted_server import chat, free_port, llama_server, need_loopback, wire_server
-from typer.testing import CliRunner
+from hosted_server import (
+    KEY,
+    PRICES,
+    PROMPT,
+    REMOTE,
+    answer_or_story,
+    chat,
+    endpoint,
+    free_port,
+    llama_server,
+    need_loopback,
+    need_nano,
+    plant_key,
+    wire_server,
+)
 
 from karma import registry
-from karma.bench.experiment import Models
-from karma.bench.records import read_records
-from karma.bench.run import Run
-from karma.bench.run_folder import read_run
-from karma.cli import app
 from karma.contracts import ProgramSpec, Prompt
-from karma.errors import FileError, KarmaError, ModelError
-from karma.files import to_json
+from karma.errors import KarmaError, ModelError
 from karma.infer.cassette import Cassette
 from karma.infer.hosted import HostedEmbedder, HostedLanguageModel
-from karma.infer.hosted_session import Endpoint, Hosted, Key, Session
-from karma.infer.manifest import find_model, verify
+from karma.infer.hosted_session import Session
 from karma.program import SKILLS, parse_program
 
 ROOT = Path(__file__).parents[1]
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 DEMO = ROOT / "eval" / "hosted_demo.toml"
-KEY = "sk-planted-4f1c9be2d7"
-PROMPT = Prompt(
-    stable="#areas\nnode_1 CounterTop Fridge\nnode_2 DiningTable\n",
-    changing="#task put the apple in the fridge\n#memory\nApple @CounterTop *\n#program\n",
-)
-PRICES = {"input": 2.0, "output": 8.0}
 
 
 @pytest.fixture(autouse=True)
 def planted_key(monkeypatch):
-    """The key is in the environment; no other setting of the client is."""
-    for name in list(os.environ):
-        if name.startswith("OPENAI_"):
-            monkeypatch.delenv(name)
-    monkeypatch.setenv("OPENAI_API_KEY", KEY)
-
-
-def need_nano():
-    try:
-        verify(find_model("karma-nano"))
-    except KarmaError as error:
-        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
+    plant_key(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -71,14 +53,6 @@ def server(tmp_path_factory):
     need_nano()
     with llama_server(tmp_path_factory.mktemp("server"), key=KEY) as url:
         yield url
-
-
-def endpoint(url, model="nano-chat", **more):
-    return msgspec.convert({"base_url": url, "model": model, "retries": 0, **more}, Endpoint)
-
-
-def files_below(folder):
-    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 # ----------------------------------------------------------------- the roles, on the real server
@@ -342,116 +316,7 @@ def test_failed_request_is_counted_and_costs_no_tokens():
     assert (spent.model, spent.requests, spent.failures, spent.cost) == ("m", 1, 1, 0.0)
 
 
-# ----------------------------------------------------------------- keys
-
-
-def whole_story(error):
-    """All that a traceback with local variables and all causes would show."""
-    story = traceback.TracebackException.from_exception(error, capture_locals=True)
-    return "".join(story.format()) + repr(error) + repr(error.args)
-
-
-def answer_or_story(model):
-    try:
-        return repr(model.complete(PROMPT))
-    except ModelError as error:
-        return whole_story(error)
-
-
-def echo(status, data):
-    """A server that says the key back, in its body and in a header."""
-    return lambda path, body, headers: (
-        status,
-        {"X-Echo": headers["authorization"]},
-        data.replace(b"KEY", headers["authorization"].removeprefix("Bearer ").encode()),
-    )
-
-
-LEAKS = {
-    "in the text": (200, chat("your key is KEY")[2]),
-    "as a name": (200, chat("x", KEY={"KEY": ["KEY"]})[2]),
-    "unauthorized": (401, b'{"error": {"message": "Incorrect API key provided: KEY."}}'),
-    "bad request": (400, b'{"error": "KEY"}'),
-    "server error as text": (500, b"<html>KEY</html>"),
-    "not JSON": (200, b'{"KEY": '),
-    "no object": (200, b'["KEY"]'),
-    "another form": (200, b'{"choices": [{"message": {"content": ["KEY"]}}]}'),
-    "elsewhere": (302, b"KEY"),
-    "hanging up": (None, b""),
-}
-
-
-@pytest.mark.parametrize("how", LEAKS)
-def test_key_said_back_reaches_no_answer_error_cassette_or_log(how, tmp_path, caplog, capfd):
-    caplog.set_level(logging.DEBUG)
-    session = Session(Cassette(tmp_path, "record"))
-    with wire_server(echo(*LEAKS[how])) as (url, seen):
-        shown = answer_or_story(HostedLanguageModel(endpoint(url), session=session))
-    assert seen[0][2]["authorization"] == f"Bearer {KEY}"
-    kept = (tmp_path / "exchanges.jsonl").read_text()
-    assert kept.count("\n") == 1
-    logged = "\n".join([caplog.text, *(repr(record.__dict__) for record in caplog.records)])
-    out, err = capfd.readouterr()
-    for text in (shown, kept, logged, out, err, repr(session.ledger.take())):
-        assert KEY not in text
-    if how == "in the text":
-        assert "your key is [key]" in shown
-        assert "your key is [key]" in kept
-
-
-def test_key_in_the_prompt_itself_is_not_kept(tmp_path):
-    with wire_server(lambda *_: chat("x")) as (url, _):
-        session = Session(Cassette(tmp_path, "record"))
-        model = HostedLanguageModel(endpoint(url), session=session)
-        model.complete(Prompt(stable="", changing=f"use {KEY}"))
-    kept = (tmp_path / "exchanges.jsonl").read_text()
-    assert KEY not in kept
-    assert "use [key]" in kept
-
-
-def test_key_shows_itself_to_nobody():
-    key = Key(KEY)
-    assert KEY not in f"{key!r} {key} {[key]} {{'k': {key!r}}}"
-    assert key.out_of({KEY: [KEY, {"a": (1, f"x{KEY}")}]}) == {
-        "[key]": ["[key]", {"a": [1, "x[key]"]}]
-    }
-    assert Key().out_of("none") == "none"
-
-
-@pytest.mark.parametrize("value", ["short", "with space 123", "line\nbreak-123", "schlüssel-123"])
-def test_what_is_no_key_is_refused_without_being_shown(value, monkeypatch):
-    monkeypatch.setenv("MY_KEY", value)
-    with pytest.raises(ModelError, match=r"what \$MY_KEY holds is no key") as caught:
-        HostedLanguageModel(endpoint("http://127.0.0.1:9/v1", key_variable="MY_KEY"))
-    assert value not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"base_url": f"http://me:{KEY}@127.0.0.1/v1"}, "keys belong into the environment"),
-        ({"base_url": f"http://127.0.0.1/v1?key={KEY}"}, "keys belong into the environment"),
-        ({"base_url": "127.0.0.1:8000"}, "is no http"),
-        ({"base_url": "http://127.0.0.1:abc/v1"}, "Port could not be cast"),
-        ({"base_url": "http://127.0.0.1:99999/v1"}, "Port out of range"),
-        ({"base_url": f"{KEY}@127.0.0.1:8000"}, "is no http"),
-        ({"model": ""}, "model is empty"),
-        ({"timeout_s": 0}, "timeout_s"),
-        ({"extra": {"messages": []}}, "extra: 'messages' is set by karma"),
-        ({"api_key": KEY}, "unknown field `api_key`"),
-    ],
-)
-def test_endpoint_that_could_not_work_or_holds_a_key_is_refused(change, named):
-    given = {"base_url": "http://127.0.0.1/v1", "model": "m", **change}
-    with pytest.raises(msgspec.ValidationError, match=named) as caught:
-        msgspec.convert(given, Endpoint)
-    assert KEY not in str(caught.value)
-
-
 # ----------------------------------------------------------------- who may be reached
-
-
-REMOTE = "https://models.example.com/v1"
 
 
 def test_remote_host_needs_leave_unless_it_is_replayed(tmp_path):
@@ -525,194 +390,3 @@ def test_replay_needs_no_key(tmp_path, monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", "no key")
     replayed = HostedLanguageModel(place, session=Session(Cassette(tmp_path, "replay")))
     assert replayed.complete(PROMPT).text == "x"
-
-
-# ----------------------------------------------------------------- whole runs
-
-
-def karma(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    assert KEY not in result.output
-    return result.output
-
-
-@pytest.fixture
-def experiment(tmp_path, server):
-    """A function that writes a small hosted experiment and returns its path."""
-
-    def write(*, only=("simple-12", "simple-04"), role="", url=server):
-        path = tmp_path / "x.toml"
-        path.write_text(
-            f'name = "x"\ntasks = "{TASKS}"\nonly = {list(only)}\n[[rows]]\nname = "hosted"\n'
-            "options = { attempts = 1 }\n"
-            '[models]\nplanner = "openai"\nprofile = "compact"\n' + (role or "")
-            + f'[models.hosted.planner]\nbase_url = "{url}"\nmodel = "nano-chat"\n'
-            "prices = { input = 2.0, output = 8.0 }\n"
-        )  # fmt: skip
-        return path
-
-    return write
-
-
-@pytest.mark.model
-def test_recorded_run_replays_the_same_bytes_with_the_server_stopped(tmp_path, monkeypatch):
-    """Must show 5, with the experiment that the documents name."""
-    need_nano()
-    monkeypatch.chdir(ROOT)
-    (tmp_path / "server").mkdir()
-    recorded, replayed, cassette = (tmp_path / name for name in ("recorded", "replayed", "tape"))
-    with llama_server(tmp_path / "server", key=KEY) as url:
-        demo = tmp_path / "hosted_demo.toml"
-        demo.write_text(DEMO.read_text().replace('model = "karma-nano"', 'model = "nano"'))
-        karma("eval", demo, "--out", recorded, "--cassette", cassette,
-              "--cassette-mode", "record", "--base-url", url)  # fmt: skip
-    place = urllib.parse.urlsplit(url)
-    with pytest.raises(OSError, match="refused"):
-        http.client.HTTPConnection(place.hostname, place.port, timeout=5).connect()
-    monkeypatch.delenv("OPENAI_API_KEY")
-    before = files_below(cassette)
-    said = karma("eval", demo, "--out", replayed, "--cassette", cassette)
-    assert "planner nano: " in said
-    assert "cost –" in said
-    assert files_below(recorded) == files_below(replayed)
-    assert files_below(cassette) == before
-    records = read_records(replayed / "episodes.jsonl")
-    assert len(records) == 3
-    assert all(record.error == "" for record in records)
-    assert all(part.answers for record in records for part in record.subtasks)
-    timings = read_run(replayed).timings
-    assert all(part.seconds > 0 for record in records for part in timings[record.key].subtasks)
-    assert not any(KEY.encode() in data for data in files_below(tmp_path / "recorded").values())
-    assert KEY.encode() not in before[Path("exchanges.jsonl")]
-
-
-@pytest.mark.model
-def test_recording_that_was_killed_goes_on_and_replays_from_the_start(experiment, tmp_path):
-    role = 'embedder = "openai"\n'
-    path = experiment(role=role)
-    server = re.search(r'base_url = "(.*)"', path.read_text())[1]
-    path.write_text(
-        path.read_text() + f'[models.hosted.embedder]\nbase_url = "{server}"\nmodel = "nano-rows"\n'
-    )
-    folder, tape = tmp_path / "run", tmp_path / "tape"
-    run = Run(path, folder, cassette=Cassette(tape, "record"))
-    next(run.episodes())
-    first = (folder / "episodes.jsonl").read_bytes()
-    whole = (tape / "exchanges.jsonl").read_bytes()
-    (folder / "episodes.jsonl").write_bytes(first)
-    (tape / "exchanges.jsonl").write_bytes(  # the second episode was begun, its first line is torn
-        whole + b'{"scope":"hosted/simple-12/0","type":"Begin"}\n{"count":0,"key":"d9c2'
-    )
-    resumed = Run(path, folder, cassette=Cassette(tape, "record"))
-    assert len(list(resumed.episodes())) == 1
-    replayed = Run(path, tmp_path / "again", cassette=Cassette(tape, "replay"))
-    list(replayed.episodes())
-    assert files_below(tmp_path / "again") == files_below(folder)
-    spent = [one for record in replayed.records for one in record.spent()]
-    assert {one.role for one in spent} == {"planner", "embedder"}
-    planner = [one for one in spent if one.role == "planner"]
-    assert sum(one.cost for one in planner) > 0
-
-
-@pytest.mark.model
-def test_run_with_local_models_replays_the_same_bytes_too(experiment, tmp_path):
-    path = experiment(only=["simple-12"])
-    path.write_text(path.read_text().partition("[models]")[0])
-    names = ("record", "replay")
-    for mode in names:
-        run = Run(path, tmp_path / mode, cassette=Cassette(tmp_path / "tape", mode))
-        assert all(part.answers for record in run.episodes() for part in record.subtasks)
-    assert files_below(tmp_path / "record") == files_below(tmp_path / "replay")
-
-
-@pytest.mark.model
-def test_replay_of_another_experiment_ends_the_run_and_shows_the_difference(experiment, tmp_path):
-    tape = tmp_path / "tape"
-    list(Run(experiment(), tmp_path / "run", cassette=Cassette(tape, "record")).episodes())
-    other = tmp_path / "tasks.jsonl"
-    other.write_text(TASKS.read_text().replace("fridge", "freezer"))
-    path = experiment()
-    path.write_text(path.read_text().replace(str(TASKS), str(other)))
-    said = karma("eval", path, "--out", tmp_path / "other", "--cassette", tape, code=1)
-    assert "the nearest differs:" in said
-    assert "freezer" in said
-    assert not (tmp_path / "other" / "episodes.jsonl").exists()
-
-
-@pytest.mark.model
-def test_failing_server_is_recorded_as_the_episode_s_error_and_replayed(experiment, tmp_path):
-    tape = tmp_path / "tape"
-    shutil.rmtree(tape, ignore_errors=True)
-    with wire_server(echo(*LEAKS["unauthorized"])) as (url, _):
-        run = Run(experiment(only=["simple-12"], url=url), tmp_path / "run",
-                  cassette=Cassette(tape, "record"))  # fmt: skip
-        (record,) = run.episodes()
-    assert "HTTP 401" in record.error
-    assert KEY not in to_json(record).decode()
-    assert [one.failures for one in record.hosted] == [1]
-    replayed = Run(experiment(only=["simple-12"], url=url), tmp_path / "again",
-                   cassette=Cassette(tape, "replay"))  # fmt: skip
-    assert list(replayed.episodes()) == [record]
-
-
-@pytest.mark.model
-def test_run_command_takes_a_hosted_planner_and_prints_its_bill(server, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    shared = ("run", "Open the fridge.", "--planner", "openai", "--model", "nano-chat",
-              "--profile", "compact", "--cassette", "tape")  # fmt: skip
-    recorded = karma(*shared, "--base-url", server, "--cassette-mode", "record",
-                     "--maps", "maps-1", "--json", "1.json")  # fmt: skip
-    assert re.search(r"planner nano-chat: \d+ requests \(0 failed\), \d+ \+ \d+ tokens", recorded)
-    karma(*shared, "--base-url", "http://127.0.0.1:9/v1", "--maps", "maps-2", "--json", "2.json")
-    assert Path("1.json").read_bytes() == Path("2.json").read_bytes()
-    assert json.loads(Path("1.json").read_text())["hosted"][0]["requests"] >= 1
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        (("--planner", "openai"), "--planner openai, --base-url and --model go together"),
-        (("--model", "x"), "go together"),
-        (("--planner", "openai", "--base-url", "x", "--model", "y"), "is no http"),
-        (
-            ("--planner", "openai", "--base-url", REMOTE, "--model", "y"),
-            "--allow-network",
-        ),
-        (("--cassette-mode", "play"), "no cassette mode 'play'; there are record, replay, off"),
-        (("--cassette-mode", "record"), "add --cassette DIR"),
-        (("--cassette", "none"), "there is no such cassette"),
-    ],
-)
-def test_run_command_refuses_half_of_a_hosted_model(options, named, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert named in karma("run", "Open the fridge.", *options, code=1)
-
-
-def test_eval_refuses_a_role_without_a_place_and_a_place_without_a_role(tmp_path):
-    path = tmp_path / "x.toml"
-    start = f'name = "x"\ntasks = "{TASKS}"\n[[rows]]\nname = "x"\n'
-    for models in (
-        '[models]\nplanner = "openai"\n',
-        '[models.hosted.embedder]\nbase_url = "http://127.0.0.1/v1"\nmodel = "m"\n',
-    ):
-        path.write_text(start + models)
-        with pytest.raises(FileError, match=r"\[models\.hosted\.\w+\] go together"):
-            Run(path, tmp_path / "run")
-    path.write_text(start)
-    with pytest.raises(KarmaError, match="no role has a hosted model"):
-        Run(path, tmp_path / "run", base_url="http://127.0.0.1/v1")
-
-
-def test_hosted_models_can_be_moved_but_not_to_where_none_is():
-    here = Hosted(planner=endpoint("http://127.0.0.1:1/v1"))
-    models = Models(planner="openai", hosted=here.at("http://127.0.0.1:2/v1"))
-    assert models.hosted.planner.base_url == "http://127.0.0.1:2/v1"
-    with pytest.raises(KarmaError, match="is no http"):
-        here.at("elsewhere")
-
-
-def test_documents_name_every_field_of_an_endpoint():
-    text = (ROOT / "docs" / "hosted.md").read_text()
-    fields = [field.name for field in msgspec.structs.fields(Endpoint)]
-    assert [name for name in fields if not re.search(rf"(`|^){name}(`| = )", text, re.M)] == []

@@ -54,7 +54,7 @@ def test_missing_model_is_a_problem(tmp_path, monkeypatch):
 
 @pytest.mark.model
 def test_command_lists_all_and_writes_figures(tmp_path):
-    for words in (["doctor", "--offline"], ["doctor", "offline"]):
+    for words in (["doctor"], ["doctor", "--offline"], ["doctor", "offline"]):
         done = CliRunner().invoke(app, [*words, "--json", str(tmp_path / "x.json")])
         assert done.exit_code == 0, done.stdout
         said = json.loads((tmp_path / "x.json").read_text())
@@ -62,6 +62,16 @@ def test_command_lists_all_and_writes_figures(tmp_path):
         assert {"guard", "packages", "model karma-nano"} <= {
             one["name"] for one in said["findings"]
         }
+
+
+@pytest.mark.model
+def test_command_says_in_one_line_which_models_may_be_brought_and_which_switches_are_right():
+    done = CliRunner().invoke(app, ["doctor"], env={"COLUMNS": "200"})
+    (line,) = [line for line in done.output.splitlines() if "models that may be brought: " in line]
+    assert "karma models show NAME" in line
+    number = len({**offline.SWITCHES, **offline.DEFAULTS})
+    assert f"{number} of {number} are set" in done.output
+    assert "karma doctor thor" in done.output
 
 
 def test_command_with_a_spoilt_model_exits_with_one(tmp_path, monkeypatch):

@@ -138,6 +138,27 @@ def test_more_seeds_reach_the_half_width_that_was_asked_for():
     assert rate(longer).interval.half_width == pytest.approx(0.06, abs=0.015)
 
 
+@settings(max_examples=30)
+@given(rng=st.randoms(use_true_random=False), tasks=st.integers(3, 20), seeds=st.integers(2, 5))
+def test_more_seeds_at_least_are_never_more_than_those_that_seem_needed(rng, tasks, seeds):
+    groups = [[float(rng.random() < 0.5) for _ in range(seeds)] for _ in range(tasks)]
+    seem, least = more_seeds(groups, 0.1), more_seeds(groups, 0.1, at_least=True)
+    if seem is not None:
+        assert least is not None
+        assert least <= seem
+
+
+def test_two_seeds_of_coins_seldom_seem_to_be_of_no_use():
+    """Ten coins: by the correlation as it seems one draw in three is given up, else hardly one."""
+    random, seem, least = Random(7), 0, 0
+    for _ in range(60):
+        groups = [[float(random.random() < 0.5) for _ in range(2)] for _ in range(10)]
+        seem += more_seeds(groups, 0.1) is None
+        least += more_seeds(groups, 0.1, at_least=True) is None
+    assert least <= 1
+    assert seem >= 10
+
+
 def test_more_seeds_of_tasks_that_never_change_reach_nothing():
     assert more_seeds([[1.0] * 3, [0.0] * 3] * 5, 0.05) is None  # only more tasks would help
     assert more_seeds([[1.0], [0.0]] * 5, 0.05) is None  # one seed: nobody knows
