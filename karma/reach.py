@@ -1,9 +1,10 @@
 """Getting a known thing within reach and acting on it, with the world's refusals as words."""
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from karma.contracts import Event, Knowledge, Known, World
+from karma.contracts import Event, Knowledge, Known, SeenObject, Vec3, World
 from karma.sightings import Sightings
 from karma.walk import Target, View, Walker
 from karma.world.types import object_types
@@ -106,10 +107,13 @@ class Reach:
         while len(tried) < views and self.next_view(target, tried):
             if self._at_hand(target):
                 return True
-            if self._in_closed(target):
-                return self._closed(target, closed_will_do)
+            place = self.log.in_view.get(target.place_id or "")
+            if place is not None and "closed" in place.states:
+                return self._closed(target, place, closed_will_do)
         if not movable:
             raise RefusedError(f"could not get {target.object_type} into view and reach")
+        if (place := self.shut_in(target)) is not None:
+            return self._closed(target, place, closed_will_do)
         self.log.miss(target.object_id, target.position_m)
         raise RefusedError(
             f"{target.object_type} is not at its remembered place; "
@@ -119,12 +123,18 @@ class Reach:
     def _at_hand(self, target: Known) -> bool:
         return target.object_id == self.log.held_id or target.object_id in self.log.within_reach
 
-    def _in_closed(self, target: Known) -> bool:
-        place = self.log.in_view.get(target.place_id or "")
-        return place is not None and "closed" in place.states
+    def shut_in(self, target: Known) -> SeenObject | None:
+        """Return the closed container that a thing is believed to be in, if any.
 
-    def _closed(self, target: Known, closed_will_do: bool) -> bool:
-        place = self.log.in_view[target.place_id or ""]
+        The one it was last seen in; else the one around it, as where it lies in a bowl in there.
+        """
+        place = self.log.seen.get(target.place_id or "")
+        if place is not None and "closed" in place.states:
+            return place
+        around = (sight for sight in self.log.seen.values() if _shuts_in(sight, target.position_m))
+        return min(around, key=lambda sight: sight.object_id, default=None)
+
+    def _closed(self, target: Known, place: SeenObject, closed_will_do: bool) -> bool:
         self.log.focus[place.object_type] = place.object_id
         if closed_will_do:
             self.used.append(place.object_id)
@@ -134,20 +144,31 @@ class Reach:
             f"OpenObject(robot, '{place.object_type}') first"
         )
 
-    def next_view(self, target: Known, tried: list[View], *, least_gap_m: float = 0.0) -> bool:
+    def next_view(
+        self, target: Known, tried: list[View], *, least_gap_m: float = 0.0, aside_deg: float = 0.0
+    ) -> bool:
         """Go to the best place not yet tried to see a thing from, and look.
+
+        Args:
+            target: the thing, where it is believed to be.
+            tried: places and looks so far.
+            least_gap_m: nearer places come later.
+            aside_deg: places from which the thing lies in the direction that it had from one
+                before, or nearly so, come later.
 
         Returns:
             False when there is no such place left; otherwise `tried` has one more.
         """
-        for view in self._untried(target, tried, least_gap_m):
+        for view in self._untried(target, tried, least_gap_m, aside_deg):
             tried.append(view)
             if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
                 self.look()
                 return True
         return False
 
-    def _untried(self, target: Known, tried: list[View], least_gap_m: float) -> list[View]:
+    def _untried(
+        self, target: Known, tried: list[View], least_gap_m: float, aside_deg: float
+    ) -> list[View]:
         """Return the views to try next: after a failure, the one it was last seen from first."""
         sight = self.log.seen.get(target.object_id)
         box = Target(center_m=target.position_m)
@@ -160,7 +181,13 @@ class Reach:
         ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
         used = {(view.state, view.horizon_deg) for view in tried}
         fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
-        return sorted(fresh, key=lambda view: any(_alike(view, other) for other in tried))
+        fresh.sort(key=lambda view: any(_alike(view, other) for other in tried))
+        if aside_deg:
+            known = [self.walker.bearing_deg(view, box.center_m) for view in tried]
+            fresh.sort(
+                key=lambda v: _turn(self.walker.bearing_deg(v, box.center_m), known) < aside_deg
+            )
+        return fresh
 
     def act(
         self, target: Known, action: str, *, also: str | None = None, in_passing: bool = False
@@ -229,6 +256,19 @@ def _advice(words: str, kind: str) -> str:
         if sign in words.lower():
             return f"{words} Do {skill}(robot, '{kind}') first."
     return words
+
+
+def _shuts_in(container: SeenObject, point: Vec3) -> bool:
+    """Return whether a point is in the box of something closed that things are put into."""
+    kind = object_types().get(container.object_type)
+    box = zip(point, container.box_center_m, container.box_size_m, strict=True)
+    inside = all(abs(at - center) <= size / 2 for at, center, size in box)
+    return inside and "closed" in container.states and bool(kind and kind.can("receptacle"))
+
+
+def _turn(bearing_deg: float, others_deg: Iterable[float]) -> float:
+    """Return the least angle between one direction and the others."""
+    return min(abs((bearing_deg - other + 180.0) % 360.0 - 180.0) for other in others_deg)
 
 
 def _alike(one: View, other: View) -> bool:

@@ -9,7 +9,7 @@ from karma.reach import Reach, RefusedError
 from karma.sightings import kind_of, known, means
 from karma.world.types import object_types
 
-_LOOKS_INSIDE_M = (0.85, 0.0)  # how far away to stand to look again into what was opened
+_LOOKS_INSIDE = ((0.85, 0.0), (0.0, 20.0))  # from how far away, and how far aside, degrees
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
@@ -29,19 +29,26 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
     found = _in_view(reach, name)
     if found is None and _is_searched(reach, name):
         raise RefusedError(f"could not find {name}; everything was searched before")
-    for point in _nodes(reach, positions):
+    for place in _places(reach, name, positions):
         if found is not None:
             return found
-        found = look_from(reach, name, point)
-    while found is None and (container := _next_container(reach, name)) is not None:
-        found = look_into(reach, name, container)
-    for point in _cover(reach, reach.limits.look_again_m):
-        if found is not None:
-            return found
-        found = look_from(reach, name, point)
+        if isinstance(place, SeenObject):
+            found = look_into(reach, name, place)
+        else:
+            found = look_from(reach, name, place)
     if found is None:
         raise RefusedError(f"could not find {name}; searched {reach.explorations} places")
     return found
+
+
+def _places(
+    reach: Reach, name: str, positions: Sequence[str | Vec3]
+) -> Iterator[Vec3 | SeenObject]:
+    """Yield where to look next, until everything was looked at."""
+    yield from _nodes(reach, positions)
+    yield from _containers(reach, name)
+    yield from _cover(reach, reach.limits.look_again_m)
+    yield from _containers(reach, name)  # those that were seen from there for the first time
 
 
 def _is_searched(reach: Reach, name: str) -> bool:
@@ -124,42 +131,55 @@ def _cover(reach: Reach, within_m: float) -> list[Vec3]:
     return chosen
 
 
+def _containers(reach: Reach, name: str) -> Iterator[SeenObject]:
+    """Yield the containers that were not looked into, one that may hold the thing first."""
+    while (container := _next_container(reach, name)) is not None:
+        yield container
+
+
 def _next_container(reach: Reach, name: str) -> SeenObject | None:
-    """Return the closed container to open next: one that may hold the thing, and near."""
+    """Return the container to look into next: a closed one, that may hold the thing, and near."""
     types = object_types()
     wanted = types.get(kind_of(name))
 
-    def rank(sight: SeenObject) -> tuple[bool, float, str]:
+    def rank(sight: SeenObject) -> tuple[bool, bool, float, str]:
         fits = wanted is not None and wanted.fits(types[sight.object_type])
-        return not fits, reach.walker.gap(sight.box_center_m), sight.object_id
+        gap = reach.walker.gap(sight.box_center_m)
+        return "opened" in sight.states, not fits, gap, sight.object_id
 
-    closed = [
+    containers = [
         sight
         for object_id, sight in reach.log.seen.items()
-        if object_id not in reach.log.looked_into and "closed" in sight.states
+        if object_id not in reach.log.looked_into
+        if {"closed", "opened"} & set(sight.states)
         if (kind := types.get(sight.object_type)) and kind.can("receptacle")
     ]
-    return min(closed, key=rank, default=None)
+    return min(containers, key=rank, default=None)
 
 
 def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
-    """Open a container and look; it stays open if the thing is there, and is closed otherwise."""
+    """Open a container and look; what was closed is closed again if the thing is not there."""
     target = known(container, "seen")
+    shut = "closed" in container.states
     try:
-        reach.act(target, "OpenObject", in_passing=True)
+        if shut:
+            reach.act(target, "OpenObject", in_passing=True)
+        else:
+            reach.approach(target)
     except RefusedError:
         reach.log.looked_into.add(container.object_id)
         return None
     reach.explorations += 1
     found = _in_view(reach, name)
     tried = [reach.walker.here()]
-    for least_gap_m in _LOOKS_INSIDE_M:
-        if found is None and reach.next_view(target, tried, least_gap_m=least_gap_m):
+    for gap_m, aside_deg in _LOOKS_INSIDE:
+        if found is None and reach.next_view(target, tried, least_gap_m=gap_m, aside_deg=aside_deg):
             found = _in_view(reach, name)
     if found is None:
         reach.log.looked_into.add(container.object_id)
-        with suppress(RefusedError):
-            reach.act(target, "CloseObject", in_passing=True)
+        if shut:
+            with suppress(RefusedError):
+                reach.act(target, "CloseObject", in_passing=True)
     else:
         reach.log.handled.append(container.object_id)
         reach.log.focus[container.object_type] = container.object_id

@@ -390,9 +390,10 @@ def _knobs(reach: Reach) -> list[SeenObject]:
 
 def _open_round(reach: Reach, target: Known) -> None:
     """Open the closed container that a thing is remembered in, and look for it there."""
-    place = reach.log.in_view[target.place_id or ""]
-    reach.act(known(place, "seen"), "OpenObject")
-    reach.explorations += 1
+    place = reach.shut_in(target)
+    if place is not None:
+        reach.act(known(place, "seen"), "OpenObject")
+        reach.explorations += 1
     reach.approach(target)
 
 

@@ -149,6 +149,11 @@ class Walker:
         state = (*self._cell({"x": x, "z": z}), round(pose.yaw_deg / 90.0) % 4)
         return View(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
 
+    def bearing_deg(self, view: View, point: Vec3) -> float:
+        """Return in which direction a point lies from a view, 0 = +z, 90 = +x."""
+        x, z = self._metres(view.state)
+        return math.degrees(math.atan2(point[0] - x, point[2] - z))
+
     def cell_near(self, point: Vec3) -> tuple[float, float]:
         """Return the cell of the map nearest to a point: x, z in metres."""
         x, _, z = point

@@ -2,19 +2,24 @@
 
 import pytest
 
-from karma.contracts import SkillCall
+from karma.contracts import Known, SkillCall
+from karma.memory.scene_graph import SceneGraph
+from karma.methods.survey import cells_of, position_of
 from karma.skills import Limits, Skills
 from karma.world.sim import EmbeddedWorld
 
 
 class Nothing:
-    """Nothing is remembered."""
+    """No thing is remembered."""
+
+    def __init__(self, areas=()):
+        self.nodes = areas
 
     def where(self, name):
         return None
 
     def areas(self):
-        return ()
+        return self.nodes
 
 
 def explore(skills, name, *positions):
@@ -116,3 +121,75 @@ def test_a_thing_is_put_into_the_basin_that_was_not_in_view(room):
                 do(Skills(world, Nothing()), "PutObject", thing["objectType"], "Sink")
                 assert basin["objectId"] in of(world, thing["objectType"])["parentReceptacles"]
     assert unseen > 3, sink["objectId"]
+
+
+# ----------------------------------------------------------------- what is in the way
+
+
+def shut_away(world, kind, container):
+    """Put the first of a type into a container and close it."""
+    world.step("PickupObject", objectId=of(world, kind)["objectId"], forceAction=True)
+    world.step("OpenObject", objectId=container, forceAction=True)
+    world.step("PutObject", objectId=container, forceAction=True)
+    world.step("CloseObject", objectId=container, forceAction=True)
+    assert container in of(world, kind)["parentReceptacles"]
+
+
+@pytest.mark.parametrize(
+    "room, kind, container",
+    [
+        ("kitchen_2", "Apple", "Cabinet|+00.04|+00.48|-01.56"),  # at the other end of it
+        ("bedroom_1", "KeyChain", "Drawer|+01.61|+00.47|-02.12"),  # in a corner of the room
+    ],
+)
+def test_a_thing_is_found_that_is_hard_to_see(room, kind, container):
+    world = EmbeddedWorld(room)
+    areas = SceneGraph.over(cells_of(world), height_m=position_of(world)[1]).areas()
+    shut_away(world, kind, container)
+    result = explore(Skills(world, Nothing(areas)), kind)
+    assert result.ok, result.reason
+    assert result.object_ids == (of(world, kind)["objectId"],)
+
+
+def test_a_container_that_stands_open_is_looked_into(world):
+    kind = "ToiletPaper"
+    cabinet = of(world, "Cabinet")["objectId"]
+    shut_away(world, kind, cabinet)
+    world.step("OpenObject", objectId=cabinet, forceAction=True)
+    result = explore(Skills(world, Nothing()), kind)
+    assert result.ok, result.reason
+    assert of(world, "Cabinet")["isOpen"]
+
+
+class Remembers(Nothing):
+    """One thing is remembered, and what it lay in."""
+
+    def __init__(self, known):
+        super().__init__()
+        self.known = known
+
+    def where(self, name):
+        return self.known if name in (self.known.object_id, self.known.object_type) else None
+
+
+def test_what_lies_in_a_bowl_in_a_closed_container_is_not_missed():
+    world = EmbeddedWorld("kitchen_1")
+    cabinet, bowl, egg = (of(world, kind)["objectId"] for kind in ("Fridge", "Bowl", "Egg"))
+    for thing, place in ((egg, bowl), (bowl, cabinet)):
+        world.step("PickupObject", objectId=thing, forceAction=True)
+        world.step("OpenObject", objectId=cabinet, forceAction=True)
+        world.step("PutObject", objectId=place, forceAction=True)
+    world.step("CloseObject", objectId=cabinet, forceAction=True)
+    at = of(world, "Egg")["position"]
+    known = Known(
+        object_id=egg,
+        object_type="Egg",
+        position_m=(at["x"], at["y"], at["z"]),
+        place_id=bowl,
+        source="memory",
+    )
+    skills = Skills(world, Remembers(known))
+    result = skills.run(SkillCall(skill="PickupObject", objects=("Egg",)))
+    assert result.reason == "Egg is in the closed Fridge; OpenObject(robot, 'Fridge') first"
+    do(skills, "OpenObject", "Fridge")
+    do(skills, "PickupObject", "Egg")
