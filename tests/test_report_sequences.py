@@ -204,6 +204,8 @@ def test_page_of_a_long_sequence_marks_which_instructions_failed(run):
     records = (*run.records[:2], replace(long, subtasks=tuple(parts)))
     page = render(page_of(run, result_of(run, {}), []), Frames())
     assert "16 of 16" in page
+    assert "Memory hits, % (MHR steady)" in page
+    assert "--episodes 'ROW/s16/0'" in page
     changed = replace(run, records=records)
     page = render(page_of(changed, result_of(changed, {}), []), Frames())
     assert "14 of 16" in page
@@ -279,6 +281,7 @@ def test_browser_steps_from_room_to_room(tab, made):
             assert path.count("L") == number - begun
         tab.press("ArrowRight")
     assert begun > 0
+    assert tab.value("document.getElementById('eye').checkVisibility()")
 
 
 def test_browser_shows_units_of_other_rooms_apart(tab, made):

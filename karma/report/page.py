@@ -152,12 +152,12 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
             cause_plot(_causes(result, rows_of(records))),
             bar_plot("Places searched per episode", _over_all(result, "explorations")),
             bar_plot("World steps per episode", _over_all(result, "actions")),
-            bar_plot("Planner calls per episode", _over_all(result, "planner_calls")),
+            _last_plot(result),
         ),
         sheets=tuple(sheets(result)),
         failures={(one.row, one.task, one.seed): one for one in result.failures if one.is_first},
         tasks=lines,
-        has_long=any(cell.is_long for line in lines for cell in line.cells),
+        has_long=any(line.is_long for line in lines),
         facts=tuple(_facts(run)),
         replays={episode_key(one.record): one for one in replays},
         rooms=tuple({name: room for one in replays for name, room in one.rooms.items()}.values()),
@@ -165,6 +165,15 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         actions=actions,
         same=actions - sum(len(one.replay.differing) for one in replays),
     )
+
+
+def _last_plot(result: Result) -> Plot:
+    """Return what tells memories apart in sequences, and else what answers were asked for."""
+    if all(line.kind in ("sequence", "all") for line in result.figures):
+        hits = _over_all(result, "hits_later")
+        percent = [(row, None if share is None else 100 * share) for row, share in hits]
+        return bar_plot("Memory hits, % (MHR steady)", percent)
+    return bar_plot("Planner calls per episode", _over_all(result, "planner_calls"))
 
 
 def _causes(result: Result, rows: Sequence[str]) -> dict[str, Mapping[Cause, int]]:

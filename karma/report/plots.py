@@ -95,7 +95,9 @@ def success_plot(rates: Sequence[Rate]) -> Plot:
     ]
     middle = 11.0 * len(kinds) / 2
     notes = ["Share of the tasks; of sequences, of their instructions."]
-    if "sequence" not in kinds:
+    if set(kinds) == {"sequence"}:
+        notes = ["Share of the sequences' instructions."]
+    elif "sequence" not in kinds:
         notes = ["Share of the tasks."]
     if any(rate.low is not None for rate in rates):
         notes.append("Whiskers: 95 % intervals.")

@@ -1,5 +1,6 @@
 """The table of results: a line per row and kind, in words."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -75,7 +76,10 @@ def result_lines(result: Result) -> tuple[Line, ...]:
 
 def _lines(result: Result) -> Iterator[Line]:
     keys, last = _keys(result), ""
+    kinds = Counter(line.row for line in result.figures)  # "all" among them
     for line in result.figures:
+        if line.kind == "all" and kinds[line.row] == 2:
+            continue  # it says the same again
         yield Line(
             row=line.row,
             kind=line.kind,

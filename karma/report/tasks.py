@@ -40,9 +40,14 @@ class TaskLine:
     cells: tuple[Cell, ...]  # one a row
 
     @property
+    def is_long(self) -> bool:
+        """Whether it has too many instructions to tell them all."""
+        return len(self.instructions) > SHORT
+
+    @property
     def words(self) -> str:
         """What is asked for; of a long sequence how it begins."""
-        if len(self.instructions) <= SHORT:
+        if not self.is_long:
             return " ".join(self.instructions)
         return f"{len(self.instructions)} instructions: {' '.join(self.instructions[:SHORT])} …"
 
