@@ -75,6 +75,10 @@ def test_room_stays_as_it_was_left_and_the_hand_is_emptied_at_the_door(twin):
     assert apple["parentReceptacles"]
     assert not apple["isPickedUp"]
     assert apple["position"] != one_of(EmbeddedWorld(KITCHEN), "Apple")["position"]
+    assert home.step("PickupObject", objectId=apple["objectId"], forceAction=True)
+    for room in (twin, KITCHEN):  # both are known by now
+        home.enter(room)
+        assert home.last_event.metadata["inventoryObjects"] == []
 
 
 def test_reset_brings_back_one_room_and_is_in_it(twin):
