@@ -249,6 +249,22 @@ def test_frames_keep_each_different_picture_once(run):
     assert frames.uris()[0].startswith("data:image/webp;base64,UklGR")  # RIFF
 
 
+def test_frames_of_equal_moments_are_drawn_once_and_are_what_would_have_been_drawn(run):
+    story = told(read_steps(steps_path(run.folder, TEACHER, "t1", 0)))
+    frames = Frames()
+    first = replay(story, Rooms(), frames, "every")
+    count = len(frames)
+    assert replay(story, Rooms(), frames, "every") == first
+    assert len(frames) == count
+    alone, rooms = Frames(), Rooms()
+    rooms.enter("kitchen_1")
+    actions = [moment.action for moment in story.moments if moment.action is not None]
+    for action in actions:
+        event = rooms.home.step(action.action, **action.arguments)
+        alone.add(event.frame)
+    assert set(alone.uris()) <= set(frames.uris())
+
+
 def test_frame_choice_refuses_what_it_does_not_know():
     assert frame_choice("calls") == "calls"
     with pytest.raises(KarmaError, match="auto, every, calls, ends, none"):

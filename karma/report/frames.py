@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from karma.contracts import Frame
@@ -15,8 +16,16 @@ class Frames:
 
     def __init__(self) -> None:
         self._numbers: dict[bytes, int] = {}
+        self._seen: dict[Hashable, int] = {}
         self._webp: list[Future[bytes]] = []
         self._packing = ThreadPoolExecutor(1)  # while the next one is drawn
+
+    def of(self, moment: Hashable, draw: Callable[[], Frame | None]) -> int:
+        """Return the number of a moment's picture, drawn if no equal moment was; -1 without one."""
+        if moment not in self._seen:
+            frame = draw()
+            self._seen[moment] = -1 if frame is None else self.add(frame)
+        return self._seen[moment]
 
     def add(self, frame: Frame) -> int:
         """Keep a picture; returns its number.

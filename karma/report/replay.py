@@ -1,6 +1,6 @@
 """Logged actions done again in the embedded world: where the agent stood and what it saw."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Hashable
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
@@ -123,12 +123,18 @@ def replay(
             differing.append(number)
         here = moment.part in parts
         if here and rooms.state is not seen and _wanted(moment, choice, number - last):
-            picture = rooms.home.last_event.frame
-            frame = frame if picture is None else frames.add(picture)
+            frame = frames.of(_looks(rooms.state), lambda: rooms.home.last_event.frame)
             seen, last = rooms.state, number
         sights.append(_sight(rooms.state, moment, story, frame))
     actions = sum(moment.action is not None for moment in moments)
     return Replay(sights=tuple(sights), actions=actions, differing=tuple(differing))
+
+
+def _looks(state: WorldState) -> Hashable:
+    """Return all that decides what the agent sees; equal in episodes that have come to the same."""
+    objects = tuple(state.objects.values())
+    hand = (state.held, state.hand_m, state.hand_turn_deg)
+    return state.room.name, state.pose, hand, objects
 
 
 def _automatic(actions: int) -> FrameChoice:
