@@ -32,7 +32,7 @@ from karma.methods.kit import Kit
 from karma.methods.lota import LotaGenerate
 from karma.methods.oracle import OracleMethod
 from karma.planner import Planner
-from karma.world.home import Home
+from karma.world.home import SURFACES, Home
 from karma.world.scene import SCENES
 from karma.world.sim import EmbeddedWorld
 
@@ -79,6 +79,20 @@ def test_room_stays_as_it_was_left_and_the_hand_is_emptied_at_the_door(twin):
     for room in (twin, KITCHEN):  # both are known by now
         home.enter(room)
         assert home.last_event.metadata["inventoryObjects"] == []
+
+
+def test_what_is_in_the_hand_is_put_onto_a_surface_and_not_in_the_way(twin):
+    home = Home(EmbeddedWorld)
+    home.reset(KITCHEN)
+    cells = home.step("GetReachablePositions").metadata["actionReturn"]
+    for kind in ("Pot", "Apple", "Knife"):
+        thing = one_of(home, kind)["objectId"]
+        assert home.step("PickupObject", objectId=thing, forceAction=True)
+        home.enter(twin)
+        home.enter(KITCHEN)
+        (parent,) = {name.split("|")[0] for name in one_of(home, kind)["parentReceptacles"]}
+        assert parent in SURFACES
+    assert home.step("GetReachablePositions").metadata["actionReturn"] == cells
 
 
 def test_reset_brings_back_one_room_and_is_in_it(twin):

@@ -1,7 +1,7 @@
 """Several rooms as one home: each is a world of its own, and stays as it was left.
 
-A door costs nothing, and nothing goes through it: what is in the hand is put down first, as
-AI2-THOR's DropHandObject does. Time stands still in a room that nobody is in.
+A door costs nothing, and nothing goes through it: what is in the hand is put onto the nearest open
+surface first, or dropped where none takes it. Time stands still in a room that nobody is in.
 """
 
 from collections.abc import Callable
@@ -9,6 +9,11 @@ from typing import Any
 
 from karma.contracts import Event, World
 from karma.errors import KarmaError
+
+SURFACES = (
+    "ArmChair", "Bed", "CoffeeTable", "CounterTop", "Desk", "DiningTable", "Dresser", "Ottoman",
+    "Shelf", "ShelvingUnit", "SideTable", "Sofa", "TVStand",
+)  # fmt: skip
 
 
 class Home:
@@ -80,9 +85,23 @@ class Home:
         return self._rooms[self._here]
 
     def _leave(self) -> None:
-        """Put down what is in the hand."""
-        if self._here and self.last_event.metadata["inventoryObjects"]:
-            event = self.step("DropHandObject", forceAction=True)
-            if not event:
-                reason = event.metadata["errorMessage"]
-                raise KarmaError(f"{self._here}: the hand is not free to leave: {reason}")
+        """Put down what is in the hand: on the floor it would soon be in the agent's way."""
+        if not self._here or not self.last_event.metadata["inventoryObjects"]:
+            return
+        for place in _surfaces(self.last_event):
+            if self.step("PutObject", objectId=place, forceAction=True):
+                return
+        event = self.step("DropHandObject", forceAction=True)
+        if not event:
+            reason = event.metadata["errorMessage"]
+            raise KarmaError(f"{self._here}: the hand is not free to leave: {reason}")
+
+
+def _surfaces(event: Event) -> list[str]:
+    """Return the ids of what things can be put onto without opening it, the nearest first."""
+    things = (thing for thing in event.metadata["objects"] if thing["objectType"] in SURFACES)
+    return [
+        thing["objectId"]
+        for thing in sorted(things, key=lambda thing: (thing["distance"], thing["objectId"]))
+        if thing["receptacle"] and not thing["openable"]
+    ]
