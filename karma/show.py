@@ -187,7 +187,9 @@ def _reached(line: Reached) -> str:
     if line.takes_tasks:
         return "[red]takes more tasks, not seeds[/]"
     if line.more_seeds is None:
-        return "takes more seeds; how many is not known yet"
+        return "not known what it takes" + (
+            "" if line.seeds == 1 else "; tasks seem to differ much"
+        )
     return f"takes about {count(line.more_seeds)} more seeds"
 
 

@@ -261,7 +261,7 @@ def test_changed_input_is_refused_by_name_and_with_the_fix(whole, tmp_path, what
     with pytest.raises(FileError, match=named) as caught:
         Run(other, run)
     assert f"{run / HEADER}: this folder holds a run of something else" in str(caught.value)
-    assert f"karma eval {other} --fresh" in str(caught.value)
+    assert f"--out another folder, or karma eval {other} --fresh, which throws" in str(caught.value)
     assert files(run) == files(folder)
 
 
@@ -449,7 +449,10 @@ def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
         'kind = "trace"\nname = "x"\npolicies = ["fifo-merge[3]"]\nworkloads = ["type"]\n'
         'unit_sets = ["m"]\nsequences = 2\nlength = 10\ncheckpoints = [5, 10]\n'
     )
-    result = CliRunner().invoke(app, ["eval", str(path), "--out", str(tmp_path / "run")])
+    arguments = ["eval", str(path), "--out", str(tmp_path / "run")]
+    refused = CliRunner().invoke(app, [*arguments, "--half-width", "0.1"])
+    assert (refused.exit_code, "has no seeds to add" in refused.output) == (1, True)
+    result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     assert f"results: {tmp_path / 'run' / 'results.json'}" in result.output.replace("\n", "")
     assert json.loads((tmp_path / "run" / RESULTS).read_text())["cells"]

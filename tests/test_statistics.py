@@ -149,14 +149,14 @@ def test_more_seeds_at_least_are_never_more_than_those_that_seem_needed(rng, tas
 
 
 def test_two_seeds_of_coins_seldom_seem_to_be_of_no_use():
-    """Ten coins: by the correlation as it seems one draw in three is given up, else hardly one."""
+    """Ten coins: by the correlation as it seems more than one draw in three is given up."""
     random, seem, least = Random(7), 0, 0
     for _ in range(60):
         groups = [[float(random.random() < 0.5) for _ in range(2)] for _ in range(10)]
         seem += more_seeds(groups, 0.1) is None
         least += more_seeds(groups, 0.1, at_least=True) is None
-    assert least <= 1
-    assert seem >= 10
+    assert least <= 8
+    assert seem >= 20
 
 
 def test_more_seeds_of_tasks_that_never_change_reach_nothing():

@@ -145,7 +145,7 @@ class Run:
     # ------------------------------------------------------------- parts
 
     def _claim(self) -> None:
-        fix = f"karma eval {self.path} --fresh, or --out another folder"
+        fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
         self._files.claim(self.header, fix=fix)
         for name, data in self._scenes.items():
             place = scene_path(self.folder, name)

@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 Statistic = Callable[[Floats], Floats]  # sums, shape (n, columns) -> values, shape (n,); nan = none
 
 LEVEL = 0.95  # of every interval
+DOUBT = 0.6  # level of the interval of a correlation; one in five lies below it
 POWER = 0.8  # of the minimum detectable effect
 RESAMPLES = 10_000
 _MOST_SEEDS = 1_000
@@ -141,7 +142,7 @@ def _least_correlation(groups: Groups, correlation: float) -> float:
         alike = np.where(scale > 1e-12, (between - within) / np.maximum(scale, 1e-12), 1.0)
         return np.asarray(np.clip(alike, 0.0, 1.0))
 
-    interval = bootstrap(rows, of, number=round(tasks * size)).estimate.interval
+    interval = bootstrap(rows, of, number=round(tasks * size), level=DOUBT).estimate.interval
     return correlation if interval is None else min(correlation, interval.low)
 
 
@@ -159,8 +160,8 @@ def more_seeds(groups: Groups, half_width: float, *, at_least: bool = False) -> 
     Args:
         groups: zeros and ones, the same number for each task.
         half_width: wanted, > 0.
-        at_least: how many even if seeds agree as little as these observations allow; few seeds
-            say little about how they agree.
+        at_least: how many if seeds agree as little as they may well do; few seeds say little
+            about how they agree.
 
     Returns:
         0 when it is reached; None when no number of seeds reaches it with these tasks, or when
@@ -207,7 +208,9 @@ class Resampled:
     deviation: float | None  # standard error; None where nothing varies or one task is all
 
 
-def bootstrap(sums: Floats, statistic: Statistic, *, number: int) -> Resampled:
+def bootstrap(
+    sums: Floats, statistic: Statistic, *, number: int, level: float = LEVEL
+) -> Resampled:
     """Return a statistic of sums over tasks, with its percentile interval over resampled tasks.
 
     All seeds and both arms of a task stay together. The interval is drawn from a stream of its own,
@@ -217,6 +220,7 @@ def bootstrap(sums: Floats, statistic: Statistic, *, number: int) -> Resampled:
         sums: shape (tasks, columns); the order of tasks does not matter.
         statistic: of the sums over tasks.
         number: of observations behind it.
+        level: of the interval.
     """
     if not len(sums):
         return Resampled(estimate=Estimate(value=None), deviation=None)
@@ -231,7 +235,7 @@ def bootstrap(sums: Floats, statistic: Statistic, *, number: int) -> Resampled:
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) < RESAMPLES / 2:
         return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
-    tail = (1 - LEVEL) / 2
+    tail = (1 - level) / 2
     low, high = (float(edge) for edge in np.quantile(drawn, [tail, 1 - tail]))
     deviation = float(drawn.std())
     return Resampled(

@@ -164,6 +164,8 @@ def eval_command(
     from karma.lab.figure import is_figure
 
     if is_figure(file):
+        if half_width is not None or max_seeds is not None:
+            raise KarmaError(f"{file}: a figure has no seeds to add; leave out the half-width")
         _do_figure(file, out or Path("runs") / file.stem, fresh)
         return
     with console.status(escape(f"reading {file} ...")):
