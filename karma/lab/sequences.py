@@ -19,6 +19,7 @@ from karma.goals import GoalTracker, WatchedWorld, alternatives, object_names
 from karma.lab.tasks import Errand, Pool
 from karma.lab.workloads import TRIES, Draws, Workload, draws
 from karma.methods.oracle import OracleMethod
+from karma.reach import PARTS
 from karma.seeds import stream
 from karma.world.event import WorldEvent
 from karma.world.home import Home
@@ -100,13 +101,14 @@ def _flaw(errand: Errand, rooms: Mapping[str, Scene]) -> str:
 
 
 def _sensible(goal: Goal) -> bool:
-    """Return whether the types are there, and what is put somewhere is put into a receptacle."""
+    """Return whether the types are there, and a thing that is put somewhere fits what takes it."""
+    placed = goal.predicate in ("ON", "INSIDE")
+    place = PARTS.get(goal.arguments[-1], goal.arguments[-1])  # a tub itself holds nothing
     try:
-        check_goal(goal)
+        check_goal(replace(goal, arguments=(goal.arguments[0], place)) if placed else goal)
     except KarmaError:
         return False
-    place = object_type(goal.arguments[-1]) if goal.predicate in ("ON", "INSIDE") else None
-    return place is None or place.can("receptacle")
+    return not placed or object_type(place).can("receptacle")
 
 
 def draw_sequence(
