@@ -9,7 +9,7 @@ from tiny import export_tiny
 
 from karma.bench.experiment import Models
 from karma.bench.run import Run
-from karma.bench.workers import suggest_workers
+from karma.bench.worker_count import suggest_workers
 from karma.errors import KarmaError
 from karma.infer.cassette import Cassette
 
@@ -113,5 +113,5 @@ def test_workers_are_as_many_as_cores_memory_and_episodes_allow(
 
 def test_workers_that_use_more_threads_are_fewer(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(4)))
-    monkeypatch.setattr("karma.bench.workers.available_mb", lambda: None)
+    monkeypatch.setattr("karma.bench.worker_count.available_mb", lambda: None)
     assert suggest_workers(Models(threads=2), 1000).number == 2

@@ -21,6 +21,7 @@ from karma.bench.identity import model_hashes, prompt_hashes, scene_hashes, vers
 from karma.bench.records import Key
 from karma.bench.run_folder import Finished, Header, differences
 from karma.bench.tasks import in_rooms
+from karma.bench.worker_count import worker_mb
 from karma.bench.workers import (
     LIVES,
     Failure,
@@ -28,7 +29,6 @@ from karma.bench.workers import (
     Performer,
     Stage,
     lost_episode,
-    worker_mb,
 )
 from karma.errors import KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic

@@ -10,13 +10,12 @@ from karma.bench.identity import header_of
 from karma.bench.precision import Precision, takes_another
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import EPISODES, Finished, RunFolder
+from karma.bench.worker_count import Suggestion, suggest_workers
 from karma.bench.workers import (
     Job,
     Stage,
-    Suggestion,
     perform_here,
     perform_in_processes,
-    suggest_workers,
 )
 from karma.contracts import Task
 from karma.errors import KarmaError

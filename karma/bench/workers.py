@@ -26,10 +26,8 @@ from karma.bench.run_folder import Finished
 from karma.bench.starts import Starts
 from karma.bench.steps import StepLog
 from karma.contracts import Method, Task, World
-from karma.errors import KarmaError, UnknownNameError
-from karma.infer.hosted_session import Hosted, Session
-from karma.infer.manifest import find_model
-from karma.infer.memory_check import available_mb
+from karma.errors import KarmaError
+from karma.infer.hosted_session import Session
 from karma.methods.kit import Kit
 from karma.methods.survey import survey
 from karma.offline import go_offline, settle
@@ -37,11 +35,8 @@ from karma.world.home import Home
 
 MAPS = "maps"  # below the run folder
 LIVES = 2  # workers that an episode may kill before it is recorded as an error
-_BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
 _IMPORTED = ("karma.bench.workers", "llama_cpp", "sentence_transformers")  # once, for all workers
 _LEAVE_S = 10.0  # that a worker has to put things away
-_SHARE = 0.8  # of the free memory, for all workers together
-_WORTH = 12  # episodes that make up for starting one worker more
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
 
 
@@ -369,51 +364,3 @@ def _follow_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-# ----------------------------------------------------------------- how many
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Suggestion:
-    """How many workers to use, and why."""
-
-    number: int
-    reason: str
-
-
-def suggest_workers(models: Models, episodes: int) -> Suggestion:
-    """Return as many workers as there are cores and memory for; few episodes need but one.
-
-    Args:
-        models: of the run; hosted ones are asked by one process only.
-        episodes: that are left to do.
-    """
-    if models.hosted != Hosted():
-        return Suggestion(number=1, reason="hosted models")
-    cores = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
-    each, free = worker_mb(models), available_mb()
-    fitting = cores if free is None else max(1, int(free * _SHARE // each))
-    worth = max(1, episodes // _WORTH)
-    number = min(cores, fitting, worth)
-    memory = "memory not known" if free is None else f"{free:.0f} MB free"
-    reason = f"{cores} cores, {memory}, about {each:.0f} MB each, {episodes} episodes to do"
-    return Suggestion(number=number, reason=reason)
-
-
-def worker_mb(models: Models) -> float:
-    """Return about how much memory one worker takes, in MB."""
-    named = [models.planner, models.embedder.partition(":")[2], models.vision.partition(":")[2]]
-    named += ["minilm"] if models.embedder == "minilm" else []
-    named += ["karma-nano-vlm"] if models.vision == "nano-vlm" else []
-    return _BASE_MB + sum(_model_mb(name) for name in named if name)
-
-
-def _model_mb(name: str) -> float:
-    path = Path(name)
-    if path.is_file():
-        return path.stat().st_size * 1.2 / 1e6 + 100
-    try:
-        return float(find_model(name).memory_mb or 0)
-    except UnknownNameError:
-        return 0.0

@@ -1,0 +1,60 @@
+"""How many workers a run can use: by cores, free memory, models and the episodes that are left."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from karma.bench.experiment import Models
+from karma.errors import UnknownNameError
+from karma.infer.hosted_session import Hosted
+from karma.infer.manifest import find_model
+from karma.infer.memory_check import available_mb
+
+_BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
+_SHARE = 0.8  # of the free memory, for all workers together
+_WORTH = 12  # episodes that make up for starting one worker more
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suggestion:
+    """How many workers to use, and why."""
+
+    number: int
+    reason: str
+
+
+def suggest_workers(models: Models, episodes: int) -> Suggestion:
+    """Return as many workers as there are cores and memory for; few episodes need but one.
+
+    Args:
+        models: of the run; hosted ones are asked by one process only.
+        episodes: that are left to do.
+    """
+    if models.hosted != Hosted():
+        return Suggestion(number=1, reason="hosted models")
+    cores = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
+    each, free = worker_mb(models), available_mb()
+    fitting = cores if free is None else max(1, int(free * _SHARE // each))
+    worth = max(1, episodes // _WORTH)
+    number = min(cores, fitting, worth)
+    memory = "memory not known" if free is None else f"{free:.0f} MB free"
+    reason = f"{cores} cores, {memory}, about {each:.0f} MB each, {episodes} episodes to do"
+    return Suggestion(number=number, reason=reason)
+
+
+def worker_mb(models: Models) -> float:
+    """Return about how much memory one worker takes, in MB."""
+    named = [models.planner, models.embedder.partition(":")[2], models.vision.partition(":")[2]]
+    named += ["minilm"] if models.embedder == "minilm" else []
+    named += ["karma-nano-vlm"] if models.vision == "nano-vlm" else []
+    return _BASE_MB + sum(_model_mb(name) for name in named if name)
+
+
+def _model_mb(name: str) -> float:
+    path = Path(name)
+    if path.is_file():
+        return path.stat().st_size * 1.2 / 1e6 + 100
+    try:
+        return float(find_model(name).memory_mb or 0)
+    except UnknownNameError:
+        return 0.0
