@@ -3,12 +3,13 @@
 import json
 import textwrap
 import time
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_records import plain
-from run_files import files, lines_in, started, write_experiment
+from run_files import TASKS, files, lines_in, started, write_experiment
 from tiny import export_tiny
 from typer.testing import CliRunner
 
@@ -17,6 +18,7 @@ from karma.bench.precision import Precision, reached, takes_another
 from karma.bench.records import read_records
 from karma.bench.run import Run
 from karma.bench.run_folder import EPISODES, RESULTS, read_run
+from karma.bench.tasks import load_tasks, write_tasks
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.seeds import stream
@@ -286,3 +288,17 @@ def test_maximum_without_a_half_width_is_refused(whole, tmp_path):
     with pytest.raises(FileError, match=r"wrong\.toml: half-width 0\.9: it is between"):
         Run(path.with_name("wrong.toml"), tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_sequences_have_one_seed_so_a_half_width_is_refused(whole, tmp_path):
+    path, *_ = whole
+    one = next(task for task in load_tasks(TASKS) if task.id == ONLY[0])
+    write_tasks(tmp_path / "tasks.jsonl", [replace(one, kind="sequence")])
+    rows = '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    other = write_experiment(
+        tmp_path / "x.toml", path.with_name("tiny.gguf"), rows=rows, only=ONLY[:1], more=""
+    )
+    other.write_text(other.read_text().replace(str(TASKS), str(tmp_path / "tasks.jsonl")))
+    with pytest.raises(KarmaError, match=r"is a sequence, which has one seed.*\n.*karma sequences"):
+        Run(other, tmp_path / "run", half_width=0.1)
+    assert len(list(Run(other, tmp_path / "run").episodes())) == 1
