@@ -148,7 +148,7 @@ def test_table_of_an_unfinished_run_says_what_stands_behind_each_row(tmp_path):
     result = result_of(read_run(write_run(tmp_path / "run", records)), PUBLISHED)
     assert not result.comparisons
     caption = sheets(result)[0].caption
-    assert "1 episodes a row (1 tasks × 1 seed) or 2 episodes a row (2 tasks × 1 seed)" in caption
+    assert "1 episode a row (1 task × 1 seed) or 2 episodes a row (2 tasks × 1 seed)" in caption
 
 
 # ----------------------------------------------------------------- the paper's margins

@@ -112,7 +112,7 @@ def size_words(lines: Sequence[Figures]) -> str:
     """Return how much stands behind a table."""
     parts = sorted({(line.episodes, line.tasks, line.seeds) for line in lines})
     words = [
-        f"{episodes} episodes a row ({tasks} tasks × {_plural(seeds, 'seed')})"
+        f"{_plural(episodes, 'episode')} a row ({_plural(tasks, 'task')} × {_plural(seeds, 'seed')})"
         for episodes, tasks, seeds in parts
     ]
     return " or ".join(words)
