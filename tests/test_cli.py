@@ -241,6 +241,10 @@ def test_shipped_experiments_are_read_by_the_shipped_planner(monkeypatch, tmp_pa
         assert run.total == len(run.experiment.rows) * len(run.tasks)
 
 
+def test_run_of_no_words_is_refused_with_an_example():
+    assert 'To fix: karma run "wash the tomato"' in refused("run", "  ")
+
+
 # ----------------------------------------------------------------- help
 
 

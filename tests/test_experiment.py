@@ -387,7 +387,10 @@ def test_two_rows_of_one_name_are_refused(experiment, tmp_path):
 
 
 def test_unknown_task_is_refused_with_the_known_ones(experiment, tmp_path):
-    with pytest.raises(FileError, match=r"only: no task 'simple-99'; there are .*simple-01"):
+    with pytest.raises(
+        FileError,
+        match=r"only: no task 'simple-99'; did you mean 'simple-0\d'\? there are .*simple-01",
+    ):
         Run(experiment(only=["simple-99"]), tmp_path / "run")
 
 

@@ -175,7 +175,9 @@ def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
         loaded = _authors_tasks(experiment, folder)
     known = [task.id for task in loaded.tasks]
     if missing := [name for name in experiment.only if name not in known]:
-        raise FileError(path, f"only: no task {missing[0]!r}; there are {known}")
+        near = get_close_matches(missing[0], known, n=1)
+        meant = f"did you mean {near[0]!r}? " if near else ""
+        raise FileError(path, f"only: no task {missing[0]!r}; {meant}there are {known}")
     chosen = tuple(t for t in loaded.tasks if not experiment.only or t.id in experiment.only)
     check_seeds(chosen, experiment.seeds)
     return Loaded(tasks=chosen, scenes=_brought(chosen, loaded.scenes))

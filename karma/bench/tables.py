@@ -112,7 +112,8 @@ def size_words(lines: Sequence[Figures]) -> str:
     """Return how much stands behind a table."""
     parts = sorted({(line.episodes, line.tasks, line.seeds) for line in lines})
     words = [
-        f"{_plural(episodes, 'episode')} a row ({_plural(tasks, 'task')} × {_plural(seeds, 'seed')})"
+        f"{_plural(episodes, 'episode')} a row "
+        f"({_plural(tasks, 'task')} × {_plural(seeds, 'seed')})"
         for episodes, tasks, seeds in parts
     ]
     return " or ".join(words)

@@ -60,13 +60,13 @@ def run_command(
     from rich.live import Live
 
     from karma import registry, show
-    from karma.bench.clauses import split_instruction
     from karma.bench.experiment import Models, make_kit
     from karma.bench.records import Call
     from karma.contracts import Outcome, SkillResult, SubTask
     from karma.infer.hosted_session import Session
     from karma.methods.karma import KarmaMethod
 
+    clauses = _clauses(instruction)
     hosted = _hosted(planner, base_url, model, api)
     with console.status("loading models ..."):
         session = Session(_cassette(cassette, cassette_mode))
@@ -104,7 +104,7 @@ def run_command(
         )
     lines = []
     finished = True
-    for number, text in enumerate(split_instruction(instruction), start=1):
+    for number, text in enumerate(clauses, start=1):
         view = show.InstructionView(number, text)
         calls: list[SkillResult] = []
         with Live(view, console=console, refresh_per_second=12) as live:
@@ -127,6 +127,15 @@ def run_command(
         write_atomic(json, to_json(figures, indent=2))
     if not finished:
         raise typer.Exit(2)
+
+
+def _clauses(instruction: str) -> list[str]:
+    """Return the sub-tasks of an instruction; one without words is refused."""
+    from karma.bench.clauses import split_instruction
+
+    if not instruction.strip():
+        raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
+    return list(split_instruction(instruction))
 
 
 @clear_errors
