@@ -13,7 +13,7 @@ from karma.bench.claims import claims
 from karma.bench.experiment import read_experiment
 from karma.bench.metrics import METRICS
 from karma.bench.results import result_of
-from karma.bench.run_folder import read_run
+from karma.bench.run_folder import RESULTS, read_run
 from karma.bench.tables import (
     COLUMNS,
     Sheet,
@@ -253,6 +253,8 @@ def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
     said = CliRunner().invoke(app, [*arguments, "--out", str(out), "--json", str(out / "x.json")])
     assert said.exit_code == 0, said.output
     assert "table_1: simple tasks" in said.output
+    unfinished = f"not finished, the figures are of the {len(run.records)} episodes that are done"
+    assert unfinished in " ".join(said.output.split())
     assert sorted(path.name for path in out.iterdir()) == [
         "table.csv", "table.md", "table.tex", "x.json",
     ]  # fmt: skip
@@ -261,3 +263,6 @@ def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
     again = CliRunner().invoke(app, [*arguments, "--off", "nobody"])
     assert again.exit_code == 1
     assert "no row 'nobody'" in again.output
+    (run.folder / RESULTS).write_text("[]")  # what a run writes last
+    done = CliRunner().invoke(app, [*arguments, "--out", str(out)])
+    assert "not finished" not in done.output
