@@ -265,6 +265,15 @@ def test_changed_input_is_refused_by_name_and_with_the_fix(whole, tmp_path, what
     assert files(run) == files(folder)
 
 
+def test_episodes_without_a_header_are_nobody_s_and_refused(whole, tmp_path):
+    path, folder = whole
+    run = copy(folder, tmp_path / "run")
+    (run / HEADER).unlink()
+    with pytest.raises(FileError, match=r"header\.json: this folder holds .*\n  header: none"):
+        Run(path, run)
+    assert (run / EPISODES).read_bytes() == (folder / EPISODES).read_bytes()
+
+
 def test_comment_in_the_experiment_and_another_machine_change_nothing(whole, tmp_path):
     path, folder = whole
     run, other = copy(folder, tmp_path / "run"), tmp_path / "x.toml"
@@ -449,6 +458,12 @@ def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
         'kind = "trace"\nname = "x"\npolicies = ["fifo-merge[3]"]\nworkloads = ["type"]\n'
         'unit_sets = ["m"]\nsequences = 2\nlength = 10\ncheckpoints = [5, 10]\n'
     )
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / EPISODES).write_text("{}")
+    taken = CliRunner().invoke(
+        app, ["eval", str(path), "--fresh", "--out", str(tmp_path / "taken")]
+    )
+    assert (taken.exit_code, "holds a run's episodes" in taken.output) == (1, True)
     arguments = ["eval", str(path), "--out", str(tmp_path / "run")]
     refused = CliRunner().invoke(app, [*arguments, "--half-width", "0.1"])
     assert (refused.exit_code, "has no seeds to add" in refused.output) == (1, True)

@@ -204,10 +204,11 @@ class RunFolder:
             FileError: it holds another run; names what differs.
         """
         path = self.path / HEADER
-        found = differences(read_header(path), header) if path.exists() else []
-        if found and not read_records(self.path / EPISODES):
+        found = differences(read_header(path), header) if path.exists() else ["header: none"]
+        begun = bool(read_records(self.path / EPISODES))
+        if found and not begun:
             self.clear()
-        if not path.exists():
+        if not path.exists() and not begun:
             write_atomic(path, to_json(header, indent=2))
         elif found:
             reason = "this folder holds a run of something else:\n  " + "\n  ".join(found)

@@ -116,6 +116,8 @@ def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[Pro
     policies = _with_bounds(sized(figure.policies, figure.sizes))
     claims_of(figure.claims, [])  # a wrong name must not come to light minutes later
     pool = _pool(figure, path)
+    if (folder / "episodes.jsonl").exists():
+        raise FileError(folder, "this folder holds a run's episodes", fix="--out another folder")
     if fresh:
         _clear(folder)
     _check_header(figure, pool, path, folder)
