@@ -38,7 +38,7 @@ SMOOTHING = 0.5  # added to each count of where things were found
 GRAMMAR_SCENES = 10  # generated rooms of each kind
 GRAMMAR_TASKS = 40  # requests drawn in each
 SHIPPED_TASKS = 120  # requests drawn in each room of ours
-NOT_ALFREDS = (
+NOT_ALFREDS = ("hold", "break", "coffee")  # kinds that are like none of ALFRED's seven
     "hold",
     "break",
 )  # kinds that none of ALFRED's seven is like: nothing ends in a place
