@@ -39,9 +39,6 @@ GRAMMAR_SCENES = 10  # generated rooms of each kind
 GRAMMAR_TASKS = 40  # requests drawn in each
 SHIPPED_TASKS = 120  # requests drawn in each room of ours
 NOT_ALFREDS = ("hold", "break", "coffee")  # kinds that are like none of ALFRED's seven
-    "hold",
-    "break",
-)  # kinds that none of ALFRED's seven is like: nothing ends in a place
 _FLOOR_PLANS = {0: "kitchen", 2: "living", 3: "bedroom", 4: "bathroom"}  # by the hundred
 
 
