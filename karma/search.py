@@ -1,7 +1,7 @@
 """Looking for a thing whose place is not known: area by area, then in what can be opened."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
 from karma.contracts import Known, SeenObject, Vec3
@@ -9,7 +9,8 @@ from karma.reach import Reach, RefusedError
 from karma.sightings import kind_of, known, means
 from karma.world.types import object_types
 
-_LOOKS_INSIDE = ((0.85, 0.0), (0.0, 20.0))  # from how far away, and how far aside, degrees
+_LOOKS_INSIDE = ((0.85, 0.0), (0.0, 20.0), (0.0, 20.0))  # from how far, and degrees aside
+_LOOKS_IF_EMPTY = 2  # are enough where nothing is in view that may hide something
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
@@ -17,8 +18,9 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
     """Look for a thing until it is in view; every node and every opened container is counted.
 
     First the given positions, then the other areas, the nearest first (without areas: places that
-    cover the room); then the closed containers, those that may hold such a thing first; then places
-    between, from which what stands in a corner may come into reach of the eye.
+    cover the room); then the containers that may hold such a thing, the closed ones first; then
+    places between, from which what stands in a corner may come into reach of the eye; then what is
+    left of the containers.
 
     Where the log has it that everything was looked at, for this thing or another, nothing is to be
     found that it does not know: such places are left out until something is done near them.
@@ -46,14 +48,14 @@ def _places(
 ) -> Iterator[Vec3 | SeenObject]:
     """Yield where to look next, until everything was looked at."""
     yield from _nodes(reach, positions)
-    yield from _containers(reach, name)
+    yield from _containers(reach, name, only_likely=True)
     yield from _cover(reach, reach.limits.look_again_m)
-    yield from _containers(reach, name)  # those that were seen from there for the first time
+    yield from _containers(reach, name, only_likely=False)
 
 
 def _is_searched(reach: Reach, name: str) -> bool:
     """Return whether the log leaves nothing to look at."""
-    if not reach.log.looked_from or _next_container(reach, name) is not None:
+    if not reach.log.looked_from or _next_container(reach, name, only_likely=False):
         return False
     return not _cover(reach, reach.limits.look_again_m)
 
@@ -117,13 +119,19 @@ def _nodes(reach: Reach, positions: Sequence[str | Vec3]) -> Iterator[Vec3]:
 
 def _cover(reach: Reach, within_m: float) -> list[Vec3]:
     """Return cells so that every cell is near one of them, or near one looked round from."""
-    cells = sorted(reach.walker.cells())
+    if reach.log.looked_from:
+        return cover(reach.walker.cells(), reach.log.looked_from, within_m)
+    here = reach.walker.position
+    return [(here[0], 0.0, here[1]), *cover(reach.walker.cells(), [here], within_m)]
+
+
+def cover(
+    cells: Iterable[tuple[float, float]], near: Iterable[tuple[float, float]], within_m: float
+) -> list[Vec3]:
+    """Return cells so that every cell (x, z) is near one of them, or near one of the others."""
     chosen: list[Vec3] = []
-    near = sorted(reach.log.looked_from)
-    if not near:
-        near = [reach.walker.position]
-        chosen.append((near[0][0], 0.0, near[0][1]))
-    gaps = {cell: min(math.dist(cell, point) for point in near) for cell in cells}
+    near = sorted(near)
+    gaps = {cell: min(math.dist(cell, point) for point in near) for cell in sorted(cells)}
     while max(gaps.values(), default=0.0) > within_m:
         x, z = max(gaps, key=lambda cell: (gaps[cell], cell))
         chosen.append((x, 0.0, z))
@@ -131,16 +139,18 @@ def _cover(reach: Reach, within_m: float) -> list[Vec3]:
     return chosen
 
 
-def _containers(reach: Reach, name: str) -> Iterator[SeenObject]:
-    """Yield the containers that were not looked into, one that may hold the thing first."""
-    while (container := _next_container(reach, name)) is not None:
+def _containers(reach: Reach, name: str, *, only_likely: bool) -> Iterator[SeenObject]:
+    """Yield the containers that were not looked into, while there are any."""
+    while (container := _next_container(reach, name, only_likely=only_likely)) is not None:
         yield container
 
 
-def _next_container(reach: Reach, name: str) -> SeenObject | None:
-    """Return the container to look into next: a closed one, that may hold the thing, and near."""
+def _next_container(reach: Reach, name: str, *, only_likely: bool) -> SeenObject | None:
+    """Return the container to look into next: closed, that may hold the thing, and near."""
     types = object_types()
     wanted = types.get(kind_of(name))
+    if wanted is not None and not wanted.can("pickupable"):
+        return None
 
     def rank(sight: SeenObject) -> tuple[bool, bool, float, str]:
         fits = wanted is not None and wanted.fits(types[sight.object_type])
@@ -150,11 +160,16 @@ def _next_container(reach: Reach, name: str) -> SeenObject | None:
     containers = [
         sight
         for object_id, sight in reach.log.seen.items()
-        if object_id not in reach.log.looked_into
-        if {"closed", "opened"} & set(sight.states)
+        if object_id not in reach.log.looked_into and {"closed", "opened"} & set(sight.states)
         if (kind := types.get(sight.object_type)) and kind.can("receptacle")
+        if not only_likely or wanted is None or wanted.fits(kind)
     ]
     return min(containers, key=rank, default=None)
+
+
+def _looks_empty(reach: Reach, container: SeenObject) -> bool:
+    """Return whether nothing was seen in a container."""
+    return all(container.object_id not in one.parent_ids for one in reach.log.seen.values())
 
 
 def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
@@ -173,7 +188,10 @@ def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
     found = _in_view(reach, name)
     tried = [reach.walker.here()]
     for gap_m, aside_deg in _LOOKS_INSIDE:
-        if found is None and reach.next_view(target, tried, least_gap_m=gap_m, aside_deg=aside_deg):
+        enough = len(tried) > _LOOKS_IF_EMPTY and _looks_empty(reach, container)
+        if found is not None or enough:
+            break
+        if reach.next_view(target, tried, least_gap_m=gap_m, aside_deg=aside_deg):
             found = _in_view(reach, name)
     if found is None:
         reach.log.looked_into.add(container.object_id)

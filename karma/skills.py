@@ -118,8 +118,15 @@ class Skills:
     def look_into(
         self, name: str, container: SeenObject, *, max_actions: int | None = None
     ) -> SkillResult:
-        """Open a closed container and look; it is closed again if the thing is not there."""
-        call = SkillCall(skill="Explore", objects=(name,), positions=(container.object_id,))
+        """Open a closed container and look; it is closed again if the thing is not there.
+
+        Args:
+            name: what is looked for; "" only looks.
+            container: as it was seen.
+            max_actions: for all of it; None for the limits' own.
+        """
+        explore = SkillCall(skill="Explore", objects=(name,), positions=(container.object_id,))
+        call = explore if name else SkillCall(skill="GoToObject", objects=(container.object_id,))
 
         def look() -> str:
             return _take_note(self._reach, name, look_into(self._reach, name, container))

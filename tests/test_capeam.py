@@ -10,7 +10,7 @@ from karma.infer.scripted import ScriptedModel
 from karma.memory.recall import CosineRecall
 from karma.methods.capeam import CapeamMethod, CapeamSettings
 from karma.methods.capeam_frames import Frame, Step, expand, read
-from karma.methods.capeam_memory import EnvironmentMemory
+from karma.methods.capeam_memory import ANYWHERE, EnvironmentMemory
 from karma.methods.capeam_prior import count_places, likely_places, to_toml
 from karma.planner import Planner
 from karma.program import parse_program
@@ -227,8 +227,21 @@ def test_areas_by_likely_furniture_weigh_more():
     areas = [type("A", (), {"position_m": (x, 0.0, 0.0)}) for x in (0.0, 5.0)]
     far, by_fridge = memory.weights("Egg", areas)
     assert by_fridge > far > 0
-    assert [one.object_type for one, _ in memory.closed("Egg")] == ["Fridge"]
-    assert memory.closed("Laptop") == []
+
+
+def test_closed_receptacles_that_can_hold_a_type_are_drawn_too_the_likely_ones_more():
+    closed = ("closed",)
+    memory = remembering(
+        sight("Fridge", 5.0, states=closed), sight("Cabinet", 1.0, states=closed),
+        sight("Cabinet", 2.0, states=closed), sight("Laptop", 3.0, states=closed),
+    )  # fmt: skip
+    shares = likely_places("Egg")
+    assert shares["Fridge"] > 0.5
+    assert "Cabinet" not in shares
+    weights = [(one.object_type, weight) for one, weight in memory.closed("Egg")]
+    few, many = pytest.approx(ANYWHERE / 2), pytest.approx(ANYWHERE + shares["Fridge"])
+    assert weights == [("Cabinet", few), ("Cabinet", few), ("Fridge", many)]
+    assert memory.closed("Safe") == []
 
 
 def test_prior_is_a_distribution_over_furniture():
@@ -329,6 +342,17 @@ def test_answer_that_never_parses_ends_unfinished(start):
     *plans, outcome = do(method, "go")
     assert all(isinstance(plan, Plan) for plan in plans)
     assert isinstance(outcome, Outcome)
+    assert not outcome.finished
+
+
+def test_what_is_nowhere_is_given_up_when_everything_was_looked_at_once(start):
+    method, _ = start(["PickupObject(robot, 'Boots')"])
+    *moments, outcome = do(method, "bring the boots")
+    looks = [m for m in moments if isinstance(m, SkillResult)]
+    places = [m.call.positions for m in looks]
+    assert len(places) == len(set(places)) > 3
+    assert not any(m.ok for m in looks)
+    assert sum(m.actions for m in looks) < method.settings.steps
     assert not outcome.finished
 
 

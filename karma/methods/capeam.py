@@ -17,10 +17,11 @@ from karma.methods.kit import Kit, settings_of
 from karma.methods.survey import cells_of, position_of
 from karma.planner import Planner
 from karma.prompt import Facts, base_type
+from karma.search import cover
 from karma.seeds import stream
 from karma.skills import Skills
 
-FINER_M = 0.5  # between the places of a second round, as far as KARMA's own search goes
+FINER_M = 0.5  # every cell is this near to a place of the second round, as in KARMA's own search
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,11 +45,13 @@ class _Room:
     def of(cls, world: World) -> Self:
         """Return the empty map of the room that the agent is in."""
         cells, height = cells_of(world), position_of(world)[1]
-        finer = SceneGraph.over(cells, height_m=height, spacing_m=FINER_M).areas()
+        floor = SceneGraph.over(cells, height_m=height)
+        looked = [(x, z) for x, _, z in (area.position_m for area in floor.areas())]
+        finer = enumerate(cover(cells, looked, FINER_M), start=1)
         return cls(
             memory=EnvironmentMemory(here=lambda: position_of(world)),
-            floor=SceneGraph.over(cells, height_m=height),
-            finer=tuple(replace(area, name=f"finer_{area.name}") for area in finer),
+            floor=floor,
+            finer=tuple(Area(name=f"finer_{number}", position_m=point) for number, point in finer),
         )
 
 

@@ -14,7 +14,7 @@ from karma.sightings import known
 from karma.world.types import object_types
 
 NEAR_M = 1.5  # furniture this near to an area speaks for it
-ANYWHERE = 0.05  # what an area weighs of which nothing is known
+ANYWHERE = 0.05  # what a place weighs of which nothing is known
 
 
 @dataclass(slots=True)
@@ -66,13 +66,19 @@ class EnvironmentMemory:
             at = one.box_center_m
             return whole, round(math.dist((at[0], at[2]), (x, z)), 3), one.object_id
 
-        fitting = [
-            one
-            for object_id, one in self.seen.items()
-            if object_id not in self.masked
-            and (kind in (one.object_type, base_type(one.object_type)) or _basin(kind, one))
-        ]
+        fitting = [one for one in self._all(kind) if one.object_id not in self.masked]
         return min(fitting, key=rank, default=None)
+
+    def passes_over(self, kind: str) -> bool:
+        """Return whether this sub-goal passes over a thing of a type."""
+        return any(one.object_id in self.masked for one in self._all(kind))
+
+    def _all(self, kind: str) -> list[SeenObject]:
+        return [
+            one
+            for one in self.seen.values()
+            if kind in (one.object_type, base_type(one.object_type)) or _basin(kind, one)
+        ]
 
     def where(self, name: str) -> Known | None:
         """Return the best known place of an id or type."""
@@ -109,15 +115,22 @@ class EnvironmentMemory:
         return found
 
     def closed(self, kind: str) -> list[tuple[SeenObject, float]]:
-        """Return the closed receptacles that may hold a type, each with its share, by id."""
-        shares = likely_places(kind)
+        """Return the closed receptacles that can hold a type, by id, and how likely it is there."""
+        shares, kinds = likely_places(kind), object_types()
+        thing = kinds.get(kind)
+        if thing is None or not thing.can("pickupable"):
+            return []
         shut = [
             one
             for _, one in sorted(self.seen.items())
-            if "closed" in one.states and shares.get(one.object_type, 0.0) > 0
+            if "closed" in one.states and (box := kinds.get(one.object_type)) is not None
+            if box.can("receptacle") and thing.fits(box)
         ]
-        kinds = [one.object_type for one in shut]
-        return [(one, shares[one.object_type] / kinds.count(one.object_type)) for one in shut]
+        types = [one.object_type for one in shut]
+        return [
+            (one, (ANYWHERE + shares.get(one.object_type, 0.0)) / types.count(one.object_type))
+            for one in shut
+        ]
 
 
 def _basin(kind: str, one: SeenObject) -> bool:

@@ -49,7 +49,8 @@ class Runner:
     ) -> None:
         self.skills, self.memory, self.limits = skills, memory, limits
         self.failures = 0
-        (self._areas, self._finer), self._rng = areas, rng
+        self._areas, self._finer = areas
+        self._rng = rng
         self._searched: set[str] = set()  # places looked at for this sub-goal
         self._bound: dict[str, str] = {}  # type -> the object that this sub-goal means
 
@@ -147,6 +148,8 @@ class Runner:
     def _find(self, kind: str, *, first: str = "") -> Work:
         """Look for a type until the map has one; False when everything was looked at in vain.
 
+        What was looked at in vain is passed over until the next sub-goal.
+
         Args:
             kind: what is looked for.
             first: type of a closed receptacle that the program opens for it.
@@ -155,16 +158,22 @@ class Runner:
             place = self._draw(kind, first)
             if place is None:
                 self.failures += 1
-                self._searched.clear()
-                self._areas = self._finer
+                self._areas = (*self._areas, *self._finer)
+                self._finer = ()
                 return False
+            # a look for a thing ends at the first one, which may be one that is passed over
+            name = "" if self.memory.passes_over(kind) else kind
             if isinstance(place, Area):
-                yield self.skills.look_from(kind, place, max_actions=self._left())
+                result = self.skills.look_from(name, place, max_actions=self._left())
                 self.memory.explored.add(place.name)
                 self._searched.add(place.name)
             else:
-                yield self.skills.look_into(kind, place, max_actions=self._left())
+                result = self.skills.look_into(name, place, max_actions=self._left())
                 self._searched.add(place.object_id)
+            if (
+                result.actions or result.explorations
+            ):  # else this instruction has looked there before
+                yield result
             self._look()
         return self.memory.nearest(kind) is not None
 
