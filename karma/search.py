@@ -7,10 +7,12 @@ from contextlib import suppress
 from karma.contracts import Known, SeenObject, Vec3
 from karma.reach import Reach, RefusedError
 from karma.sightings import kind_of, known, means
+from karma.walk import OutOfActionsError
 from karma.world.types import object_types
 
 _LOOKS_INSIDE = ((0.85, 0.0), (0.0, 20.0), (0.0, 20.0))  # from how far, and degrees aside
 _LOOKS_IF_EMPTY = 2  # are enough where nothing is in view that may hide something
+_LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
@@ -174,6 +176,8 @@ def _looks_empty(reach: Reach, container: SeenObject) -> bool:
 
 def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
     """Open a container and look; what was closed is closed again if the thing is not there."""
+    if reach.walker.left < _LEFT_TO_CLOSE:
+        raise OutOfActionsError
     target = known(container, "seen")
     shut = "closed" in container.states
     try:

@@ -126,6 +126,11 @@ class Walker:
     # ------------------------------------------------------------- where
 
     @property
+    def left(self) -> int:
+        """How many actions the skill may still do."""
+        return self.max_actions - self.actions
+
+    @property
     def horizon_deg(self) -> float:
         """Tilt of the camera, down positive."""
         return self._horizon
