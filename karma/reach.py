@@ -16,6 +16,7 @@ _ROOM_MATTERS = re.compile(
 _CURES = (
     ("must be closed", "CloseObject"), ("must be off", "ToggleOff"), ("is closed", "OpenObject"),
 )  # what a refusal says -> what would help  # fmt: skip
+_ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
 PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}  # things are put into the part
 
 
@@ -145,7 +146,12 @@ class Reach:
         )
 
     def next_view(
-        self, target: Known, tried: list[View], *, least_gap_m: float = 0.0, aside_deg: float = 0.0
+        self,
+        target: Known,
+        tried: list[View],
+        *,
+        least_gap_m: float = 0.0,
+        past: Vec3 | None = None,
     ) -> bool:
         """Go to the best place not yet tried to see a thing from, and look.
 
@@ -153,13 +159,13 @@ class Reach:
             target: the thing, where it is believed to be.
             tried: places and looks so far.
             least_gap_m: nearer places come later.
-            aside_deg: places from which the thing lies in the direction that it had from one
-                before, or nearly so, come later.
+            past: a point; places from which it lies in the direction that it had from one before,
+                or nearly so, come later.
 
         Returns:
             False when there is no such place left; otherwise `tried` has one more.
         """
-        for view in self._untried(target, tried, least_gap_m, aside_deg):
+        for view in self._untried(target, tried, least_gap_m, past):
             tried.append(view)
             if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
                 self.look()
@@ -167,7 +173,7 @@ class Reach:
         return False
 
     def _untried(
-        self, target: Known, tried: list[View], least_gap_m: float, aside_deg: float
+        self, target: Known, tried: list[View], least_gap_m: float, past: Vec3 | None
     ) -> list[View]:
         """Return the views to try next: after a failure, the one it was last seen from first."""
         sight = self.log.seen.get(target.object_id)
@@ -182,11 +188,10 @@ class Reach:
         used = {(view.state, view.horizon_deg) for view in tried}
         fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
         fresh.sort(key=lambda view: any(_alike(view, other) for other in tried))
-        if aside_deg:
-            known = [self.walker.bearing_deg(view, box.center_m) for view in tried]
-            fresh.sort(
-                key=lambda v: _turn(self.walker.bearing_deg(v, box.center_m), known) < aside_deg
-            )
+        if past is not None:
+            bearing = self.walker.bearing_deg
+            before_deg = [bearing(view, past) for view in tried]
+            fresh.sort(key=lambda view: _turn(bearing(view, past), before_deg) < _ASIDE_DEG)
         return fresh
 
     def act(

@@ -10,8 +10,7 @@ from karma.sightings import kind_of, known, means
 from karma.walk import OutOfActionsError
 from karma.world.types import object_types
 
-_LOOKS_INSIDE = ((0.85, 0.0), (0.0, 20.0), (0.0, 20.0))  # from how far, and degrees aside
-_LOOKS_IF_EMPTY = 2  # are enough where nothing is in view that may hide something
+_FAR_M = 0.85  # from so far away one looks into what was opened
 _LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
@@ -169,11 +168,6 @@ def _next_container(reach: Reach, name: str, *, only_likely: bool) -> SeenObject
     return min(containers, key=rank, default=None)
 
 
-def _looks_empty(reach: Reach, container: SeenObject) -> bool:
-    """Return whether nothing was seen in a container."""
-    return all(container.object_id not in one.parent_ids for one in reach.log.seen.values())
-
-
 def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
     """Open a container and look; what was closed is closed again if the thing is not there."""
     if reach.walker.left < _LEFT_TO_CLOSE:
@@ -190,13 +184,8 @@ def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
         return None
     reach.explorations += 1
     found = _in_view(reach, name)
-    tried = [reach.walker.here()]
-    for gap_m, aside_deg in _LOOKS_INSIDE:
-        enough = len(tried) > _LOOKS_IF_EMPTY and _looks_empty(reach, container)
-        if found is not None or enough:
-            break
-        if reach.next_view(target, tried, least_gap_m=gap_m, aside_deg=aside_deg):
-            found = _in_view(reach, name)
+    if found is None:
+        found = _look_inside(reach, name, container)
     if found is None:
         reach.log.looked_into.add(container.object_id)
         if shut:
@@ -206,3 +195,19 @@ def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
         reach.log.handled.append(container.object_id)
         reach.log.focus[container.object_type] = container.object_id
     return found
+
+
+def _look_inside(reach: Reach, name: str, container: SeenObject) -> Known | None:
+    """Look into an open container from far, from another side, and past what stands in there."""
+    target, tried = known(container, "seen"), [reach.walker.here()]
+    for gap_m, aside in ((_FAR_M, False), (0.0, True)):
+        past = container.box_center_m if aside else None
+        if reach.next_view(target, tried, least_gap_m=gap_m, past=past):
+            found = _in_view(reach, name)
+            if found is not None:
+                return found
+    inside = [one for one in reach.log.seen.values() if container.object_id in one.parent_ids]
+    if inside:
+        hides = max(inside, key=lambda one: (math.prod(one.box_size_m), one.object_id))
+        reach.next_view(target, tried, past=hides.box_center_m)
+    return _in_view(reach, name)
