@@ -2,7 +2,8 @@
 
 import pytest
 
-from karma.contracts import Known, SkillCall
+from karma.bench.starts import drawn
+from karma.contracts import Known, SkillCall, Task
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.survey import cells_of, position_of
 from karma.skills import Limits, Skills
@@ -32,8 +33,9 @@ def do(skills, skill, *objects):
     return result
 
 
-def of(world, kind):
-    return next(t for t in world.last_event.metadata["objects"] if t["objectType"] == kind)
+def of(world, name):
+    objects = world.last_event.metadata["objects"]
+    return next(t for t in objects if name in (t["objectId"], t["objectType"]))
 
 
 @pytest.fixture
@@ -98,7 +100,7 @@ def test_a_search_that_ran_out_of_actions_is_gone_on_with(world):
     assert skills.actions < whole * 1.5
 
 
-@pytest.mark.parametrize("most", range(60, 300, 20))
+@pytest.mark.parametrize("most", (60, 100, 140, 180))
 def test_a_search_that_runs_out_of_actions_leaves_nothing_open(world, most):
     skills = Skills(world, Nothing(), limits=Limits(max_actions=most))
     assert explore(skills, "Basketball").reason.startswith("gave up after ")
@@ -158,6 +160,15 @@ def test_a_thing_is_found_that_is_hard_to_see(room, kind, container):
     result = explore(Skills(world, Nothing(areas)), kind)
     assert result.ok, result.reason
     assert result.object_ids == (of(world, kind)["objectId"],)
+
+
+def test_a_thing_is_found_behind_others():
+    world = EmbeddedWorld("kitchen_4")
+    drawn(world, Task(id="m-kitchen_4", kind="simple", scene="kitchen_4", subtasks=()), 1, 0)
+    drawer = of(world, of(world, "ButterKnife")["parentReceptacles"][0])
+    assert len(drawer["receptacleObjectIds"]) > 1
+    result = explore(Skills(world, Nothing()), "ButterKnife")
+    assert result.ok, result.reason
 
 
 def test_a_container_that_stands_open_is_looked_into(world):
