@@ -11,7 +11,9 @@ from karma.walk import OutOfActionsError
 from karma.world.types import object_types
 
 _FAR_M = 0.85  # from so far away one looks into what was opened
-_LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open
+_LEFT_TO_CLOSE = (
+    30  # actions; with fewer nothing is opened that would be left standing open
+)
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
@@ -40,7 +42,9 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
         else:
             found = look_from(reach, name, place)
     if found is None:
-        raise RefusedError(f"could not find {name}; searched {reach.explorations} places")
+        raise RefusedError(
+            f"could not find {name}; searched {reach.explorations} places"
+        )
     return found
 
 
@@ -127,12 +131,16 @@ def _cover(reach: Reach, within_m: float) -> list[Vec3]:
 
 
 def cover(
-    cells: Iterable[tuple[float, float]], near: Iterable[tuple[float, float]], within_m: float
+    cells: Iterable[tuple[float, float]],
+    near: Iterable[tuple[float, float]],
+    within_m: float,
 ) -> list[Vec3]:
     """Return cells so that every cell (x, z) is near one of them, or near one of the others."""
     chosen: list[Vec3] = []
     near = sorted(near)
-    gaps = {cell: min(math.dist(cell, point) for point in near) for cell in sorted(cells)}
+    gaps = {
+        cell: min(math.dist(cell, point) for point in near) for cell in sorted(cells)
+    }
     while max(gaps.values(), default=0.0) > within_m:
         x, z = max(gaps, key=lambda cell: (gaps[cell], cell))
         chosen.append((x, 0.0, z))
@@ -142,7 +150,9 @@ def cover(
 
 def _containers(reach: Reach, name: str, *, only_likely: bool) -> Iterator[SeenObject]:
     """Yield the containers that were not looked into, while there are any."""
-    while (container := _next_container(reach, name, only_likely=only_likely)) is not None:
+    while (
+        container := _next_container(reach, name, only_likely=only_likely)
+    ) is not None:
         yield container
 
 
@@ -161,7 +171,8 @@ def _next_container(reach: Reach, name: str, *, only_likely: bool) -> SeenObject
     containers = [
         sight
         for object_id, sight in reach.log.seen.items()
-        if object_id not in reach.log.looked_into and {"closed", "opened"} & set(sight.states)
+        if object_id not in reach.log.looked_into
+        and {"closed", "opened"} & set(sight.states)
         if (kind := types.get(sight.object_type)) and kind.can("receptacle")
         if not only_likely or wanted is None or wanted.fits(kind)
     ]
@@ -206,8 +217,21 @@ def _look_inside(reach: Reach, name: str, container: SeenObject) -> Known | None
             found = _in_view(reach, name)
             if found is not None:
                 return found
-    inside = [one for one in reach.log.seen.values() if container.object_id in one.parent_ids]
-    if inside:
-        hides = max(inside, key=lambda one: (math.prod(one.box_size_m), one.object_id))
+    hides = _hiding(reach, name, container)
+    if hides is not None:
         reach.next_view(target, tried, past=hides.box_center_m)
     return _in_view(reach, name)
+
+
+def _hiding(reach: Reach, name: str, container: SeenObject) -> SeenObject | None:
+    """Return the largest thing seen in a container, if it is larger than what is looked for."""
+    kind = object_types().get(kind_of(name))
+    least = math.prod(kind.size_m) if kind is not None else 0.0
+    inside = [
+        one
+        for one in reach.log.seen.values()
+        if container.object_id in one.parent_ids and math.prod(one.box_size_m) > least
+    ]
+    return max(
+        inside, key=lambda one: (math.prod(one.box_size_m), one.object_id), default=None
+    )
