@@ -139,6 +139,18 @@ def test_stale_memory_is_forgotten_after_it_misled(start):
     assert method.short_term.find("Apple") is None
 
 
+def test_receptacle_of_a_remembered_thing_is_known_though_it_is_not_remembered_itself(start):
+    into_bowl = "GoToObject(robot, 'Bowl')\nPutObject(robot, 'Apple', 'Bowl')\n"
+    programs = [TAKE_APPLE + into_bowl, "GoToObject(robot, 'Bowl')\n"]
+    method, _, _ = start(programs, attempts=1, witnesses=0, long_term=False)
+    do(method, "put the apple in the bowl")
+    method.short_term.forget(kitchen_id("Bowl"), "handmade")
+    assert types(method.short_term.units()) == ["Apple"]
+    *_, result, outcome = do(method, "go to the bowl")
+    assert outcome.finished
+    assert result.object_ids[-1] == kitchen_id("Bowl")
+
+
 def test_witnesses_are_the_last_things_seen_before_what_was_handled(start):
     method, _, _ = start([TAKE_APPLE], witnesses=2)
     do(method, "take the apple")

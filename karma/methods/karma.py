@@ -26,7 +26,7 @@ from karma.methods.survey import survey
 from karma.methods.witness import fresh_units
 from karma.perceive import HAND
 from karma.planner import Planner, grounded
-from karma.prompt import Facts, base_type
+from karma.prompt import Facts, base_type, type_of
 from karma.skills import Skills
 
 
@@ -243,7 +243,7 @@ class _Turn:
         self.skills = Skills(world, self)
 
     def where(self, name: str) -> Known | None:
-        """Return the best known place of a name: recalled units, others, then the map."""
+        """Return the best known place of a name: units, the map, then what holds a unit."""
         for unit in (*reversed(self.recalled), *reversed(self._known)):
             if name in (unit.object_id, unit.object_type, base_type(unit.object_type)):
                 return Known(
@@ -253,7 +253,20 @@ class _Turn:
                     place_id=None if unit.place_id == HAND else unit.place_id,
                     source="memory",
                 )
-        return self._graph.known(name, near=self._position()) if self._graph else None
+        found = self._graph.known(name, near=self._position()) if self._graph else None
+        return found or self._holder(name)
+
+    def _holder(self, name: str) -> Known | None:
+        """Return the receptacle of that id as known from what memory has in it."""
+        for unit in (*reversed(self.recalled), *reversed(self._known)):
+            if unit.place_id == name and name != HAND:
+                return Known(
+                    object_id=name,
+                    object_type=type_of(name),
+                    position_m=unit.position_m,
+                    source="memory",
+                )
+        return None
 
     def areas(self) -> tuple[Area, ...]:
         """Return the area nodes; () without long-term memory."""
