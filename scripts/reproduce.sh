@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Every table and figure of the paper with the nano models; resumes where it was stopped.
+# Every table and figure of the paper, and ALFWorld-R as episodes, with the nano models; resumes where
+# it was stopped.
 #
 #   scripts/reproduce.sh            into runs/paper, and the reference results into eval/results
 #   scripts/reproduce.sh fig4 table2        only those
@@ -23,13 +24,15 @@ figure() {
 }
 
 table() {
-    $karma eval "eval/paper/$1.toml" --out "$OUT/$1" --workers "$WORKERS"
+    local file="eval/paper/$1.toml"
+    [ -f "$file" ] || file="eval/$1.toml"
+    $karma eval "$file" --out "$OUT/$1" --workers "$WORKERS"
     $karma table "$OUT/$1" --out "$RESULTS/paper/$1"
     $karma report "$OUT/$1"
 }
 
 wanted=("$@")
-[ $# -gt 0 ] || wanted=(fig4 fig5 fig6 fig7 table2 table1 table1_authors)
+[ $# -gt 0 ] || wanted=(fig4 fig5 fig6 fig7 table2 table1 table1_authors alfworld_r)
 for name in "${wanted[@]}"; do
     say "$name ($(((SECONDS - begun) / 60)) min so far)"
     case "$name" in
