@@ -11,9 +11,7 @@ from karma.walk import OutOfActionsError
 from karma.world.types import object_types
 
 _FAR_M = 0.85  # from so far away one looks into what was opened
-_LEFT_TO_CLOSE = (
-    30  # actions; with fewer nothing is opened that would be left standing open
-)
+_LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
@@ -42,9 +40,7 @@ def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
         else:
             found = look_from(reach, name, place)
     if found is None:
-        raise RefusedError(
-            f"could not find {name}; searched {reach.explorations} places"
-        )
+        raise RefusedError(f"could not find {name}; searched {reach.explorations} places")
     return found
 
 
@@ -138,9 +134,7 @@ def cover(
     """Return cells so that every cell (x, z) is near one of them, or near one of the others."""
     chosen: list[Vec3] = []
     near = sorted(near)
-    gaps = {
-        cell: min(math.dist(cell, point) for point in near) for cell in sorted(cells)
-    }
+    gaps = {cell: min(math.dist(cell, point) for point in near) for cell in sorted(cells)}
     while max(gaps.values(), default=0.0) > within_m:
         x, z = max(gaps, key=lambda cell: (gaps[cell], cell))
         chosen.append((x, 0.0, z))
@@ -150,9 +144,7 @@ def cover(
 
 def _containers(reach: Reach, name: str, *, only_likely: bool) -> Iterator[SeenObject]:
     """Yield the containers that were not looked into, while there are any."""
-    while (
-        container := _next_container(reach, name, only_likely=only_likely)
-    ) is not None:
+    while (container := _next_container(reach, name, only_likely=only_likely)) is not None:
         yield container
 
 
@@ -171,8 +163,7 @@ def _next_container(reach: Reach, name: str, *, only_likely: bool) -> SeenObject
     containers = [
         sight
         for object_id, sight in reach.log.seen.items()
-        if object_id not in reach.log.looked_into
-        and {"closed", "opened"} & set(sight.states)
+        if object_id not in reach.log.looked_into and {"closed", "opened"} & set(sight.states)
         if (kind := types.get(sight.object_type)) and kind.can("receptacle")
         if not only_likely or wanted is None or wanted.fits(kind)
     ]
@@ -232,6 +223,4 @@ def _hiding(reach: Reach, name: str, container: SeenObject) -> SeenObject | None
         for one in reach.log.seen.values()
         if container.object_id in one.parent_ids and math.prod(one.box_size_m) > least
     ]
-    return max(
-        inside, key=lambda one: (math.prod(one.box_size_m), one.object_id), default=None
-    )
+    return max(inside, key=lambda one: (math.prod(one.box_size_m), one.object_id), default=None)
