@@ -64,6 +64,15 @@ def test_tasks_that_never_change_take_tasks_and_not_one_seed_more():
     assert not takes_another(records, wanted, 2)
 
 
+def test_one_task_alone_is_as_sure_as_its_seeds_make_it():
+    wanted, seeds = Precision(half_width=0.2), 1
+    while takes_another(drawn(seeds, [1]), wanted, seeds):
+        seeds += 1
+    (line,) = reached(drawn(seeds, [1]), wanted)
+    assert line.reached
+    assert 2 < seeds < 12
+
+
 def test_two_seeds_that_agree_by_chance_do_not_end_a_run_of_coins():
     """As coins do now and then: if tasks did differ as much as they seem to, seeds were no use."""
     outcomes = [(1, 1)] * 4 + [(0, 0)] * 2 + [(0, 1), (1, 0)] * 2

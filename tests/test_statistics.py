@@ -165,6 +165,14 @@ def test_more_seeds_of_tasks_that_never_change_reach_nothing():
     assert more_seeds([], 0.05) is None
 
 
+@pytest.mark.parametrize("at_least", [False, True])
+def test_seeds_of_one_task_alone_reach_the_half_width_that_its_rate_then_has(at_least):
+    more = more_seeds([[1.0, 1.0]], 0.2, at_least=at_least)
+    assert rate([[1.0] * (2 + more)]).interval.half_width <= 0.2
+    assert rate([[1.0] * (1 + more)]).interval.half_width > 0.2
+    assert more_seeds([[1.0]], 0.2, at_least=at_least) is None  # one seed: nobody knows
+
+
 # ----------------------------------------------------------------- bootstrap
 
 

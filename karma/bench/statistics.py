@@ -165,7 +165,8 @@ def more_seeds(groups: Groups, half_width: float, *, at_least: bool = False) -> 
 
     Returns:
         0 when it is reached; None when no number of seeds reaches it with these tasks, or when
-        there is one seed only, so that nothing is known about how seeds agree.
+        there is one seed only, so that nothing is known about how seeds agree. Seeds of one task
+        alone are independent, as in its `rate`, which speaks of that task only.
     """
     groups = [group for group in groups if group]
     if not groups:
@@ -173,10 +174,11 @@ def more_seeds(groups: Groups, half_width: float, *, at_least: bool = False) -> 
     now = rate(groups)
     if now.interval is not None and now.interval.half_width <= half_width:
         return 0
-    correlation = _correlation(groups)
+    alone = len(groups) == 1 and len(groups[0]) > 1
+    correlation = 0.0 if alone else _correlation(groups)
     if correlation is None or now.value is None:
         return None
-    if at_least:
+    if at_least and not alone:
         correlation = _least_correlation(groups, correlation)
     seeds = round(sum(len(group) for group in groups) / len(groups))
     for wanted in range(seeds + 1, _MOST_SEEDS + 1):
