@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from karma.contracts import SeenObject, State
-from karma.errors import KarmaError
 
 STATES: tuple[str, ...] = get_args(State)
 Profile = Literal["full", "compact"]
@@ -15,10 +14,6 @@ ROLE = (
 )
 _CUT = ("Sliced", "Cracked")
 _SPACES = "".join(one for one in map(chr, range(0x3001)) if one.isspace())
-
-
-class AnswerError(KarmaError):
-    """A vision model's answer says nothing that can be used; the message says where and why."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
