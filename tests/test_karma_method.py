@@ -153,6 +153,25 @@ def test_receptacle_of_a_remembered_thing_is_known_though_it_is_not_remembered_i
     assert result.object_ids[-1] == kitchen_id("Bowl")
 
 
+@pytest.mark.parametrize("by_name", [True, False])
+def test_name_is_looked_up_beyond_the_recalled_units_unless_told_otherwise(start, by_name):
+    second = "PutObject(robot, 'Apple', 'DiningTable')\nGoToObject(robot, 'Bowl')\n"
+    programs = [
+        TAKE_APPLE + f"{second}PickupObject(robot, 'Bowl')\n",
+        "GoToObject(robot, 'Apple')\n",
+    ]
+    method, model, world = start(
+        programs, attempts=1, recall_k=1, long_term=False, query="subtask", by_name=by_name
+    )
+    do(method, "take the apple, then the bowl")
+    for _ in range(2):
+        world.step("RotateRight")  # the table is out of view
+    _, *results, outcome = do(method, "go where the bowl was")
+    assert outcome.finished
+    assert "Apple" not in model.prompts[-1].changing
+    assert (sum(result.explorations for result in results) == 0) is by_name
+
+
 def test_witnesses_are_the_last_things_seen_before_what_was_handled(start):
     method, _, _ = start([TAKE_APPLE], witnesses=2)
     do(method, "take the apple")
