@@ -266,3 +266,19 @@ def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
     (run.folder / RESULTS).write_text("[]")  # what a run writes last
     done = CliRunner().invoke(app, [*arguments, "--out", str(out)])
     assert "not finished" not in done.output
+
+
+def test_one_kind_of_task_has_no_line_over_all_kinds(tmp_path):
+    records = [
+        plain(row == "KARMA", places=3, row=row, task=task, kind="complex", seed=0)
+        for row in ("KARMA", "memory off")
+        for task in ("t1", "t2")
+    ]
+    result = result_of(read_run(write_run(tmp_path / "run", records, name="table_1")), PUBLISHED)
+    text = to_markdown(sheets(result))
+    assert "| KARMA | complex |" in text
+    assert "| KARMA | all |" not in text
+
+
+def test_several_kinds_of_task_have_a_line_over_all_kinds(result):
+    assert "| KARMA | all |" in to_markdown(sheets(result))

@@ -8,7 +8,7 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 from karma.bench.causes import CAUSES, Failure, count
 from karma.bench.compare import Comparison
@@ -19,6 +19,7 @@ from karma.errors import FileError
 from karma.files import read_bytes
 
 UNKNOWN = "–"
+Line = TypeVar("Line", Figures, Reduction)
 Column = Literal["success", "retrieved", "re", "rt"]
 COLUMNS: tuple[Column, ...] = get_args(Column)
 TITLES: Mapping[Column, str] = {"success": "SR", "retrieved": "MRA", "re": "RE", "rt": "RT"}
@@ -177,7 +178,7 @@ def _costs(result: Result) -> Sheet:
         and any(line.values[metric.key].value is not None for line in result.figures)
     ]
     rows = []
-    for line in result.figures:
+    for line in _by_kind(result.figures):
         cells = (figure_text(line.values[metric.key].value, metric.digits) for metric in metrics)
         rows.append((line.row, line.kind, *cells))
     return Sheet(
@@ -189,6 +190,12 @@ def _costs(result: Result) -> Sheet:
         head=("method", "tasks", *(metric.title for metric in metrics)),
         lines=tuple(rows),
     )
+
+
+def _by_kind(lines: Sequence[Line]) -> list[Line]:
+    """Return lines without those over all kinds where there is only one kind."""
+    alone = len({line.kind for line in lines}) == 2
+    return [line for line in lines if not (alone and line.kind == "all")]
 
 
 def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
@@ -206,7 +213,7 @@ def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
             interval_text(one.explorations_solved),
             interval_text(one.actions_solved),
         )
-        for one in lines
+        for one in _by_kind(lines)
     )
     return Sheet(
         title=f"Saved against {lines[0].reference}",
@@ -263,7 +270,7 @@ def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
 
 def _causes(result: Result, *, first_only: bool) -> Sheet:
     rows = []
-    for line in result.figures:
+    for line in _by_kind(result.figures):
         mine = [
             one for one in result.failures if one.row == line.row and line.kind in (one.kind, "all")
         ]
