@@ -63,7 +63,9 @@ class Replayer:
     def episodes(
         self, records: Sequence[EpisodeRecord], instructions: str = "all"
     ) -> Iterator[EpisodeReplay]:
-        """Yield those of the episodes that have a step log.
+        """Yield those of the episodes that have a step log with a beginning.
+
+        An episode that was lost with its worker has none, nor one whose method did not get to work.
 
         Args:
             records: of the episodes.
@@ -76,10 +78,11 @@ class Replayer:
         there = [r for r in records if steps_path(self._run.folder, *r.key).exists()]
         chosen = choose_instructions(there, instructions)
         for record, numbers in zip(there, chosen, strict=True):
-            yield self._one(record, frozenset(numbers))
+            story = told(read_steps(steps_path(self._run.folder, *record.key)))
+            if story.moments:
+                yield self._one(record, story, frozenset(numbers))
 
-    def _one(self, record: EpisodeRecord, numbers: frozenset[int]) -> EpisodeReplay:
-        story = told(read_steps(steps_path(self._run.folder, *record.key)))
+    def _one(self, record: EpisodeRecord, story: Story, numbers: frozenset[int]) -> EpisodeReplay:
         shown = numbers & frozenset(range(len(story.parts)))
         # the log's first actions set the day up
         done = replay(story, Rooms(self._place), self._frames, self._choice, shown)
