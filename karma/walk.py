@@ -84,12 +84,6 @@ class Walker:
         self.actions += 1
         return self.world.step(action, **arguments)
 
-    def step_back(self) -> bool:
-        """Make one step backwards, if there is room."""
-        moved = _succeeded(self.do("MoveBack"))
-        self._locate()
-        return moved
-
     def look(self, horizon_deg: float) -> bool:
         """Tilt the camera; down is positive. Returns whether it got there."""
         while abs(horizon_deg - self._horizon) > 1.0:
