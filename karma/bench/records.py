@@ -7,14 +7,14 @@ runs, such as times and what a cache held, is in the episode's timing, a line of
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
-from karma.contracts import SkillResult
+from karma.contracts import Kind, SkillResult
 from karma.errors import FileError
 from karma.files import append_line, decode_json, read_bytes, to_json
 from karma.infer.hosted_cost import Spent, total
 
-KINDS = ("simple", "composite", "complex", "sequence")
+KINDS: tuple[str, ...] = get_args(Kind)
 Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
 T = TypeVar("T")
 
