@@ -170,9 +170,7 @@ class Runner:
             else:
                 result = self.skills.look_into(name, place, max_actions=self._left())
                 self._searched.add(place.object_id)
-            if (
-                result.actions or result.explorations
-            ):  # else this instruction has looked there before
+            if result.actions or result.explorations:  # else it was looked at before
                 yield result
             self._look()
         return self.memory.nearest(kind) is not None
