@@ -1,7 +1,9 @@
 """What a person sees in the terminal: an instruction being carried out, and tables of figures."""
 
 from collections.abc import Sequence
+from textwrap import wrap
 
+from rich.box import HORIZONTALS
 from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.panel import Panel
@@ -13,6 +15,8 @@ from karma.bench.records import EpisodeRecord, Summary, by_task
 from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
 from karma.infer.hosted_cost import Ledger, Spent
 from karma.planner import grounded
+
+_NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns
 
 
 class InstructionView:
@@ -135,29 +139,45 @@ def spent_text(spent: Sequence[Spent]) -> str:
 
 def summary_table(lines: Sequence[Summary], title: str) -> Table:
     """Return the table at the end of a run."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title, title_justify="left", box=HORIZONTALS, padding=(0, 1, 0, 0))
     table.add_column("row")
-    table.add_column("tasks")
+    table.add_column("tasks", no_wrap=True)
     for name in ("success", "rate", "places", "steps", "calls", "sec", "hits"):
         table.add_column(name, justify="right", no_wrap=True)
-    for line in lines:
-        table.add_row(
-            line.row if line.kind != "all" else f"[bold]{escape(line.row)}[/]",
-            line.kind,
-            f"{line.successes}/{line.episodes}",
-            number(line.success_rate),
-            number(line.explorations, 1),
-            number(line.actions, 0),
-            number(line.planner_calls, 1),
-            number(line.seconds),
-            number(line.memory_hit_rate),
-            end_section=line.kind == "all",
-        )
+    for row in dict.fromkeys(line.row for line in lines):
+        group = [line for line in lines if line.row == row]
+        group = group[:1] if len(group) == 2 else group  # one kind of task is all there are
+        for line, words in zip(group, _spread(row, len(group)), strict=True):
+            table.add_row(
+                escape(words),
+                line.kind,
+                f"{line.successes}/{line.episodes}",
+                number(line.success_rate),
+                number(line.explorations, 1),
+                number(line.actions, 0),
+                number(line.planner_calls, 1),
+                number(line.seconds),
+                number(line.memory_hit_rate),
+                end_section=line is group[-1],
+            )
     table.caption = (
         "per episode: places searched, world steps, planner calls, seconds; "
         "hits: needed things found in short-term memory, cold start counted"
     )
     return table
+
+
+def _spread(name: str, lines: int) -> list[str]:
+    """Return a long name in pieces, one for each line of a group; what is over stays in the last.
+
+    >>> _spread("KARMA (w/o short term memory)", 4)
+    ['KARMA (w/o short', 'term memory)', '', '']
+    >>> _spread("HELPER (furniture in the prompt)", 1)[0].splitlines()
+    ['HELPER (furniture', 'in the prompt)']
+    """
+    pieces = wrap(name, _NAME_WIDTH)
+    pieces[lines - 1 :] = ["\n".join(pieces[lines - 1 :])]
+    return pieces + [""] * (lines - len(pieces))
 
 
 def precision_table(lines: Sequence[Reached], wanted: Precision) -> Table:
