@@ -16,6 +16,7 @@ _ROOM_MATTERS = re.compile(
 _CURES = (
     ("must be closed", "CloseObject"), ("must be off", "ToggleOff"), ("is closed", "OpenObject"),
 )  # what a refusal says -> what would help  # fmt: skip
+_ON_TOP_M = 0.01  # a thing whose height is no lower than that below the top stands on it
 _ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
 PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}  # things are put into the part
 
@@ -109,7 +110,7 @@ class Reach:
             if self._at_hand(target):
                 return True
             place = self.log.in_view.get(target.place_id or "")
-            if place is not None and "closed" in place.states:
+            if place is not None and _closed_over(place, target.position_m):
                 return self._closed(target, place, closed_will_do)
         if not movable:
             raise RefusedError(f"could not get {target.object_type} into view and reach")
@@ -130,7 +131,7 @@ class Reach:
         The one it was last seen in; else the one around it, as where it lies in a bowl in there.
         """
         place = self.log.seen.get(target.place_id or "")
-        if place is not None and "closed" in place.states:
+        if place is not None and _closed_over(place, target.position_m):
             return place
         around = (sight for sight in self.log.seen.values() if _shuts_in(sight, target.position_m))
         return min(around, key=lambda sight: sight.object_id, default=None)
@@ -261,6 +262,12 @@ def _advice(words: str, kind: str) -> str:
         if sign in words.lower():
             return f"{words} Do {skill}(robot, '{kind}') first."
     return words
+
+
+def _closed_over(container: SeenObject, point: Vec3) -> bool:
+    """Return whether a container is closed, and a point in it does not lie on its top."""
+    top = container.box_center_m[1] + container.box_size_m[1] / 2
+    return "closed" in container.states and point[1] < top - _ON_TOP_M
 
 
 def _shuts_in(container: SeenObject, point: Vec3) -> bool:

@@ -553,3 +553,25 @@ def test_log_holds_only_what_was_in_view_or_in_hand(world):
 def test_costs_add_up(skills):
     results = run(skills, "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')")
     assert skills.actions == sum(result.actions for result in results) > 0
+
+
+def test_thing_on_top_of_a_closed_container_is_not_taken_to_be_shut_in():
+    world = EmbeddedWorld("bathroom_1")
+    ids = {t.type: t.id for t in scene.load("bathroom_1").objects}
+    for kind in ("Towel", "HandTowel"):  # one behind the other
+        assert world.step("PickupObject", objectId=ids[kind], forceAction=True)
+        assert world.step("PutObject", objectId=ids["Toilet"], forceAction=True)
+    towel = world.last_event.get_object(ids["HandTowel"])
+
+    class There(Nothing):
+        def where(self, name):
+            return Known(
+                object_id=towel["objectId"],
+                object_type="HandTowel",
+                position_m=tuple(towel["position"][axis] for axis in "xyz"),
+                place_id=ids["Toilet"],
+                source="memory",
+            )
+
+    (result,) = run(Skills(world, There()), "PickupObject(robot, 'HandTowel')")
+    assert result.ok, result.reason
