@@ -391,3 +391,10 @@ def test_committed_sequences_are_still_done_by_the_oracle(tmp_path):
         )
         assert not [sub.instruction for sub in record.subtasks if sub.unmet], task.id
         assert len(record.subtasks) == len(task.subtasks), record.error
+
+
+def test_task_file_of_another_name_is_refused_before_anything_is_drawn(tmp_path):
+    result = CliRunner().invoke(app, ["sequences", str(tmp_path / "out.json")])
+    assert result.exit_code == 1
+    assert "out.jsonl" in result.output
+    assert not list(tmp_path.iterdir())

@@ -55,6 +55,8 @@ def sequences_command(
     from karma.lab.sequences import draw_sequence
 
     wanted = _workloads(workload or ["house"])
+    if out.suffix != ".jsonl":
+        raise KarmaError(f"{out}: task files end in .jsonl\n  To fix: {out.with_suffix('.jsonl')}")
     if out.exists() and not force:
         raise KarmaError(f"{out} is there already\n  To fix: another name, or --force")
     with console.status("reading ..."):
