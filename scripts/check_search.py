@@ -3,8 +3,8 @@
     python scripts/check_search.py                     # 16 rooms, seeds 0 to 4, two workers
     python scripts/check_search.py --seeds 5 6 --rooms kitchen_1
 
-Each search begins anew in the seed's start, once with a map of the room and once without. What was not
-found is listed.
+Each search begins anew in the seed's start, once with a map of the room and once without. What
+was not found is listed.
 """
 
 import argparse
