@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import resource
 import shutil
+import signal
 from pathlib import Path
 
 from karma.bench.run_folder import TIMINGS
@@ -48,6 +49,7 @@ def copy(folder, to):
 
 def evaluate(path, folder, workers=1, most_bytes=None):
     """Do as `karma eval` does, on a disk that has room for no larger files."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     if most_bytes is not None:
         with Path(os.devnull).open("w") as nowhere:  # what it prints may be in a file too
             os.dup2(nowhere.fileno(), 1)
