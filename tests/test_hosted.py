@@ -39,7 +39,6 @@ from karma.program import SKILLS, parse_program
 
 ROOT = Path(__file__).parents[1]
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
-DEMO = ROOT / "eval" / "hosted_demo.toml"
 
 
 @pytest.fixture(autouse=True)

@@ -22,9 +22,7 @@ from karma.lab.simulate import simulate
 from karma.lab.sweep import Row, Sweep, sized
 from karma.lab.tasks import alfred_pool
 from karma.lab.trace import Trace, read_traces
-from karma.lab.workloads import (
-    WORKLOADS,
-)
+from karma.lab.workloads import WORKLOADS
 
 ROOT = Path(__file__).parents[1]
 PAPER = sorted((ROOT / "eval" / "paper").glob("fig*.toml"))

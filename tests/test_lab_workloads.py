@@ -12,7 +12,6 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from itertools import groupby
-from pathlib import Path
 
 import pytest
 from lab_trials import many_trials, trial, write_trials
@@ -30,9 +29,6 @@ from karma.lab.workloads import (
     trace_of,
 )
 from karma.seeds import stream
-
-ROOT = Path(__file__).parents[1]
-PAPER = sorted((ROOT / "eval" / "paper").glob("fig*.toml"))
 
 
 @pytest.fixture(scope="module")
