@@ -141,16 +141,17 @@ def _bar() -> "Progress":
 
 
 def _table(found: "Sweep", name: str) -> "Table":
+    from rich.box import HORIZONTALS
     from rich.table import Table
 
     from karma.lab.simulate import BELADY
 
     best = {row.size: row.cold for row in found.rows if row.policy.startswith(BELADY)}
-    table = Table(title=escape(f"hit rates: {name}"), title_justify="left")
-    table.add_column("policy")
-    for head in ("hit rate, %", "95 % interval", "of Belady's", "first 100", "second half",
-                 "full after, tasks", "left"):  # fmt: skip
-        table.add_column(head, justify="right")
+    title = escape(f"hit rates: {name}")
+    table = Table(title=title, title_justify="left", box=HORIZONTALS, padding=(0, 1, 0, 0))
+    table.add_column("policy", no_wrap=True)
+    for head in ("hits, %", "95 %", "of best", "first 100", "later half", "full after", "left"):
+        table.add_column(head, justify="right", no_wrap=head == "95 %")
     size = found.rows[0].size if found.rows else 0
     for row in found.rows:
         if row.size != size:
@@ -164,7 +165,7 @@ def _table(found: "Sweep", name: str) -> "Table":
         table.add_row(
             escape(row.policy), _percent(row.cold), _span(row.cold), _number(share, 2),
             _percent(row.first), _percent(row.steady), _number(row.warm_task, 1),
-            _number(row.left, 1), style=style,
+            _number(row.left, 0), style=style,
         )  # fmt: skip
     return table
 
@@ -184,7 +185,7 @@ def _percent(rate: "Interval | None") -> str:
 def _span(rate: "Interval | None") -> str:
     if rate is None or rate.low is None or rate.high is None:
         return "–"
-    return f"{100 * rate.low:.2f} to {100 * rate.high:.2f}"
+    return f"{100 * rate.low:.1f}–{100 * rate.high:.1f}"
 
 
 def _number(value: float | None, digits: int) -> str:
