@@ -7,7 +7,7 @@ WORKERS ?= 2
 STEPS ?= 9000
 SEED ?= 29
 HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
-	policies tasks draw,tests/test_$(name).py))
+	policies tasks draw,tests/*/test_$(name).py))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check format scenes planner paper airgap clean

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from karma.offline import go_offline
-from karma.world.importers import import_dump
+from karma.world.core.scene import SCENES, Scene, load
+from karma.world.importing.scenes import import_dump
 from karma.world.render.colours import colour_table, instance_frame
 from karma.world.render.picture import agent_camera, render
-from karma.world.scene import SCENES, Scene, load
 from karma.world.sim import EmbeddedWorld
 
 STEPS = 600

@@ -31,12 +31,12 @@ from string import ascii_lowercase
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.bench.tasks import load_tasks
-from karma.infer.gguf_export import export_llama_gguf, new_tokenizer
-from karma.infer.llama import LlamaModel
-from karma.infer.scoring import END, Scores, SkillScorer
+from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.scoring import END, Scores, SkillScorer
 from karma.offline import go_offline
 from karma.seeds import stream
+from karma.tasks.files import load_tasks
 
 NANO = Path("models/nano/planner.gguf")
 TASKS = "eval/alfred_l/tasks.jsonl"

@@ -28,9 +28,9 @@ from rich.table import Table
 
 from karma.files import to_json, write_atomic
 from karma.offline import go_offline
-from karma.world import scene as scenes
-from karma.world.importers import import_dump
-from karma.world.scene import Scene
+from karma.world.core import scene as scenes
+from karma.world.core.scene import Scene
+from karma.world.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld
 
 SHARED = Path(os.environ.get("KARMA_SHARED", Path(__file__).parents[2] / "shared")) / "data"

@@ -19,11 +19,11 @@ from rich.progress import track
 from rich.table import Table
 
 import karma.world
-from karma.bench.starts import drawn
+from karma.agent.skills import Skills
+from karma.bench.days import drawn
 from karma.contracts import Area, Known, SkillCall, SkillResult, Task
 from karma.memory.scene_graph import SceneGraph
-from karma.methods.survey import position_of, survey
-from karma.skills import Skills
+from karma.methods.tour import position_of, survey
 from karma.world.sim import EmbeddedWorld
 
 ROOMS = tuple(sorted(path.stem for path in Path(karma.world.__file__).parent.glob("scenes/*.json")))

@@ -1,6 +1,7 @@
 """Count where our generator puts things, for the baselines that know what lies where.
 
-python scripts/make_likely_places.py --seed 501 --each 60 --out karma/methods/capeam_places.toml
+`python scripts/make_likely_places.py --seed 501 --each 60 --out FILE`, where FILE is
+karma/methods/capeam/likely_places.toml.
 """
 
 import argparse
@@ -8,10 +9,10 @@ from collections import Counter
 from pathlib import Path
 
 from karma.files import write_atomic
-from karma.methods.capeam_prior import count_places, to_toml
+from karma.methods.capeam.prior import count_places, to_toml
 from karma.offline import go_offline
-from karma.world.generate import build_scene
-from karma.world.rooms import rooms
+from karma.world.build.generate import build_scene
+from karma.world.build.rooms import rooms
 
 
 def main() -> None:

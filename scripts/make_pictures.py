@@ -11,13 +11,13 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from karma.contracts import Vec3
+from karma.household.types import object_types
 from karma.offline import go_offline
-from karma.world.camera import Camera
+from karma.world.core.camera import Camera
+from karma.world.core.scene import AgentPose, Scene, SceneObject, load
+from karma.world.core.state import Settings, WorldState, begin
 from karma.world.render.colours import class_frame, instance_frame
 from karma.world.render.picture import agent_camera, render
-from karma.world.scene import AgentPose, Scene, SceneObject, load
-from karma.world.state import Settings, WorldState, begin
-from karma.world.types import object_types
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 ROOMS = ("kitchen_1", "living_1", "bedroom_1", "bathroom_1")

@@ -23,30 +23,30 @@ import typer
 from rich.console import Console
 
 from karma import registry
-from karma.bench.authors import load_authors_tasks
+from karma.agent.program import parse_program
+from karma.agent.prompt import Facts, compact
 from karma.bench.episode import run_episode
-from karma.bench.tasks import load_tasks
 from karma.errors import FileError, ProgramError
 from karma.files import read_json, to_json, write_atomic
-from karma.infer.manifest import resolve_planner
-from karma.methods.oracle import OracleMethod
+from karma.infer.manifest.manifest import resolve_planner
+from karma.methods.expert import OracleMethod
 from karma.offline import go_offline
-from karma.program import parse_program
-from karma.prompt import Facts, compact
 from karma.seeds import stream
-from karma.training import rooms
-from karma.training.alfred import Facts as ReadFacts
-from karma.training.alfred import Sentence, StepSentence, facts_of, read_sentences, read_steps
-from karma.training.checkpoints import last_step, load_weights
-from karma.training.network import first_embeddings
-from karma.training.packs import END, PAD, Data, Recipe, make_tokenizer, plain
-from karma.training.phrases import Book, our_book, with_alfred
-from karma.training.recollections import Room
-from karma.training.samples import Example, draw
-from karma.training.stories import Kind, Step, draw_story
-from karma.training.train import exact_share, train
-from karma.world.generate import build_scene
-from karma.world.importers import import_dump
+from karma.tasks.authors import load_authors_tasks
+from karma.tasks.drawing import rooms
+from karma.tasks.drawing.alfred import Facts as ReadFacts
+from karma.tasks.drawing.alfred import Sentence, StepSentence, facts_of, read_sentences, read_steps
+from karma.tasks.drawing.phrases import Book, our_book, with_alfred
+from karma.tasks.drawing.recollections import Room
+from karma.tasks.drawing.stories import Kind, Step, draw_story
+from karma.tasks.files import load_tasks
+from karma.training.planner.checkpoints import last_step, load_weights
+from karma.training.planner.network import first_embeddings
+from karma.training.planner.packs import END, PAD, Data, Recipe, make_tokenizer, plain
+from karma.training.planner.samples import Example, draw
+from karma.training.planner.train import exact_share, train
+from karma.world.build.generate import build_scene
+from karma.world.importing.scenes import import_dump
 
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
 ROOT = Path(__file__).parents[1]
@@ -243,7 +243,7 @@ def export(
     """Write the last checkpoint as GGUF."""
     from tokenizers import Tokenizer
 
-    from karma.infer.gguf_export import export_llama_gguf
+    from karma.infer.llama.gguf_export import export_llama_gguf
 
     recipe = read_json(folder / "recipe.json", Recipe)
     export_llama_gguf(

@@ -20,11 +20,11 @@ import typer
 from rich.console import Console
 
 from karma.files import read_json, to_json, write_atomic
-from karma.infer.transformers_vision import ASKING, Asking, TransformersVision
-from karma.vision_training.model import save
-from karma.vision_training.score import Clock, examine, held_out_rooms, score
-from karma.vision_training.shards import has_shard, write_shard
-from karma.vision_training.train import Recipe, train, trained
+from karma.infer.vision.transformers import ASKING, Asking, TransformersVision
+from karma.training.vision.model import save
+from karma.training.vision.score import Clock, examine, held_out_rooms, score
+from karma.training.vision.shards import has_shard, write_shard
+from karma.training.vision.train import Recipe, train, trained
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "runs" / "vlm"

@@ -1,10 +1,10 @@
 """What every test gets: no network, the same examples each time, reference data if it exists."""
 
-import os
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from support.paths import SHARED
 
 from karma import offline
 
@@ -26,7 +26,7 @@ def no_network():
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The reference data: $KARMA_SHARED, or `shared` beside the checkout; skips without it."""
-    folder = Path(os.environ.get("KARMA_SHARED", Path(__file__).parents[2] / "shared"))
+    folder = SHARED
     if not folder.is_dir():
         pytest.skip(f"needs the reference data: no folder {folder}")
     return folder

@@ -8,20 +8,18 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from household import kitchen
-from tiny import export_tiny
+from support.household import kitchen
+from support.paths import ROOT
+from support.tiny import export_tiny
 
-from karma.bench.tasks import load_tasks
 from karma.errors import FileError, ModelError
 from karma.files import append_line, to_json, write_atomic
-from karma.infer.llama import LlamaModel
-from karma.infer.manifest import check_file
-from karma.world import scene as scenes
-from karma.world.importers import import_dump
+from karma.infer.llama.model import LlamaModel
+from karma.infer.manifest.manifest import check_file
+from karma.tasks.files import load_tasks
+from karma.world.core import scene as scenes
+from karma.world.importing.scenes import import_dump
 from karma.world.sim import EmbeddedWorld
-
-ROOT = Path(__file__).parents[1]
-
 
 # ----------------------------------------------------------------- scenes and dumps
 

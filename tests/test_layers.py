@@ -5,7 +5,8 @@ import sys
 import tomllib
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from support.paths import ROOT
+
 CONFIG = ROOT / "pyproject.toml"
 
 

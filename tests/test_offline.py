@@ -6,19 +6,18 @@ import shutil
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from tiny import export_tiny
+from support.paths import ROOT
+from support.tiny import export_tiny
 
 from karma.bench.episode import run_episode
-from karma.bench.tasks import load_tasks
 from karma.errors import KarmaError
-from karma.infer.manifest import find_model, verify
-from karma.methods.oracle import OracleMethod
+from karma.infer.manifest.manifest import find_model, verify
+from karma.methods.expert import OracleMethod
+from karma.tasks.files import load_tasks
 from karma.world.sim import EmbeddedWorld
 
-ROOT = Path(__file__).parents[1]
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 CUT_OFF = ["unshare", "--user", "--map-root-user", "--net"]
 INTERFACES = "import socket; print([name for _, name in socket.if_nameindex() if name != 'lo'])"

@@ -16,12 +16,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from support.paths import ROOT
 
 from karma import offline
 from karma.errors import KarmaError
 from karma.offline import NetworkRefused
 
-ROOT = Path(__file__).parents[1]
 ELSEWHERE = ("192.0.2.1", 80)  # a block that documentation has to itself
 
 ASKING = {

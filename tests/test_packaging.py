@@ -10,16 +10,15 @@ import subprocess
 import sys
 import tomllib
 from importlib.metadata import entry_points, metadata, requires, version
-from pathlib import Path
 
 import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from support.paths import ROOT
 
 import karma
 
-ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 DECLARED = {
     (f"karma.{role.removeprefix('karma.')}", name): target

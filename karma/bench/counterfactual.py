@@ -1,6 +1,6 @@
 """What memory saves: each episode beside its twin, the same task, seed and planner without memory.
 
-Where an episode begins depends on task and seed alone (`karma.bench.starts`), so a pair differs in
+Where an episode begins depends on task and seed alone (`karma.bench.days`), so a pair differs in
 the row and in nothing else.
 """
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from karma.agent.prompt import base_type
+from karma.bench.days import Starts, check_seeds
 from karma.bench.records import (
     Answer,
     AnswerTiming,
@@ -14,15 +16,13 @@ from karma.bench.records import (
     untimed,
     waited,
 )
-from karma.bench.starts import Starts, check_seeds
 from karma.bench.steps import Enter, LoggedWorld, StepLog
-from karma.bench.tasks import required_types
 from karma.contracts import MemoryUnit, Method, Outcome, Plan, SkillResult, SubTask, Task, World
 from karma.errors import KarmaError, UnwritableError
-from karma.goals import GoalTracker, WatchedWorld
-from karma.infer.cassette import Cassette, CassetteError
-from karma.infer.hosted_cost import Ledger
-from karma.prompt import base_type
+from karma.infer.hosted.cassette import Cassette, CassetteError
+from karma.infer.hosted.cost import Ledger
+from karma.tasks.files import required_types
+from karma.tasks.goals import GoalTracker, WatchedWorld
 from karma.world.home import Home
 
 

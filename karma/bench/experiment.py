@@ -11,19 +11,19 @@ from typing import Any
 import msgspec
 
 from karma import registry
-from karma.bench.authors import load_authors_tasks, resolve
+from karma.agent.planner import Decoding, Planner
+from karma.bench.days import check_seeds
 from karma.bench.precision import MAX_SEEDS, Precision
-from karma.bench.starts import check_seeds
-from karma.bench.tasks import load_tasks
 from karma.contracts import LanguageModel, Task
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
-from karma.infer.hosted_session import Endpoint, Hosted, Session
-from karma.infer.manifest import resolve_planner
-from karma.methods.kit import Kit
-from karma.planner import Decoding, Planner
-from karma.world.importers import import_dump
-from karma.world.scene import Scene
+from karma.infer.hosted.session import Endpoint, Hosted, Session
+from karma.infer.manifest.manifest import resolve_planner
+from karma.methods.resources import Kit
+from karma.tasks.authors import load_authors_tasks, resolve
+from karma.tasks.files import load_tasks
+from karma.world.core.scene import Scene
+from karma.world.importing.scenes import import_dump
 
 OPENAI = "openai"  # the name of the hosted implementation in every role
 

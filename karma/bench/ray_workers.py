@@ -17,10 +17,9 @@ from typing import Any
 import msgspec
 
 from karma.bench.experiment import Models, scene_path
-from karma.bench.identity import model_hashes, prompt_hashes, scene_hashes, versions
+from karma.bench.provenance import model_hashes, prompt_hashes, scene_hashes, versions
 from karma.bench.records import Key
 from karma.bench.run_folder import Finished, Header, differences
-from karma.bench.tasks import in_rooms
 from karma.bench.worker_count import worker_mb
 from karma.bench.workers import (
     LIVES,
@@ -32,9 +31,10 @@ from karma.bench.workers import (
 )
 from karma.errors import KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
-from karma.infer.hosted_session import is_loopback
-from karma.infer.manifest import read_manifest, resolve_planner
+from karma.infer.hosted.session import is_loopback
+from karma.infer.manifest.manifest import read_manifest, resolve_planner
 from karma.offline import allow_host, go_offline, network_allowed
+from karma.tasks.files import in_rooms
 
 _CAUSE = "lost with its node or killed, as happens when memory runs out"
 _log = logging.getLogger(__name__)

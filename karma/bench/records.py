@@ -12,7 +12,7 @@ from typing import TypeVar, get_args
 from karma.contracts import Kind, SkillResult
 from karma.errors import FileError
 from karma.files import append_line, decode_json, read_bytes, to_json
-from karma.infer.hosted_cost import Spent, total
+from karma.infer.hosted.cost import Spent, total
 
 KINDS: tuple[str, ...] = get_args(Kind)
 Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from karma.bench.causes import Failure, failures
 from karma.bench.compare import Arm, Comparison, arm_of, compare_kinds
 from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, reductions
+from karma.bench.failures import Failure, failures
 from karma.bench.metrics import Episode, episodes_of, figures
 from karma.bench.run_folder import RunData, differences, read_run
 from karma.bench.steps import read_steps, steps_path

@@ -6,8 +6,8 @@ from pathlib import Path
 import msgspec
 
 from karma.bench.experiment import Experiment, load, read_experiment, scene_path
-from karma.bench.identity import header_of
 from karma.bench.precision import Precision, takes_another
+from karma.bench.provenance import header_of
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import EPISODES, Finished, RunFolder
 from karma.bench.worker_count import Suggestion, suggest_workers
@@ -20,8 +20,8 @@ from karma.bench.workers import (
 from karma.contracts import Task
 from karma.errors import KarmaError
 from karma.files import write_atomic
-from karma.infer.cassette import Cassette
-from karma.infer.hosted_session import Hosted, Session
+from karma.infer.hosted.cassette import Cassette
+from karma.infer.hosted.session import Hosted, Session
 
 
 class Run:

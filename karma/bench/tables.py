@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar, get_args
 
-from karma.bench.causes import CAUSES, Failure, count
 from karma.bench.compare import Comparison
 from karma.bench.counterfactual import Reduction
+from karma.bench.failures import CAUSES, Failure, count
 from karma.bench.metrics import METRICS, Figures
 from karma.bench.statistics import Estimate
 from karma.errors import FileError

@@ -19,17 +19,17 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from karma import registry
+from karma.bench.days import Starts
 from karma.bench.episode import TimeLog, run_episode
 from karma.bench.experiment import Models, Row, make_kit
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import Finished
-from karma.bench.starts import Starts
 from karma.bench.steps import StepLog
 from karma.contracts import Method, Task, World
 from karma.errors import KarmaError
-from karma.infer.hosted_session import Session
-from karma.methods.kit import Kit
-from karma.methods.survey import survey
+from karma.infer.hosted.session import Session
+from karma.methods.resources import Kit
+from karma.methods.tour import survey
 from karma.offline import go_offline, settle
 from karma.world.home import Home
 

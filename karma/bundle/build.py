@@ -44,8 +44,15 @@ from karma.bundle.wheels import (
     read_wheel,
 )
 from karma.errors import FileError
-from karma.infer.manifest import ModelEntry, check, file_paths, find_model, read_manifest, verify
-from karma.infer.manifest import manifest_path as models_manifest
+from karma.infer.manifest.manifest import (
+    ModelEntry,
+    check,
+    file_paths,
+    find_model,
+    read_manifest,
+    verify,
+)
+from karma.infer.manifest.manifest import manifest_path as models_manifest
 
 PROJECT = Path(karma.__file__).parents[1]
 _SHIPPED = ("__init__.py", "errors.py", "bundle/__init__.py", "bundle/contents.py")
@@ -233,7 +240,7 @@ def _toml(entry: ModelEntry) -> str:
 
 def _scene_sources(given: Sequence[Path]) -> Iterator[Source]:
     """Yield scene files, each read first: a damaged one must not come to light over there."""
-    from karma.world import scene
+    from karma.world.core import scene
 
     for place in given:
         paths = sorted(place.glob("*.json")) if place.is_dir() else [place]

@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 
 from karma.bundle.wheels import cache_folder, kept_wheels
 from karma.errors import KarmaError
-from karma.infer.manifest import check, find_model, read_manifest
+from karma.infer.manifest.manifest import check, find_model, read_manifest
 from karma.offline import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
 
 NEEDED = ("karma-nano", "minilm")  # what `karma run` takes when nothing else is asked for

@@ -9,7 +9,7 @@ from packaging.utils import canonicalize_name
 
 from karma.bundle.wheels import Wheel
 from karma.files import to_json
-from karma.infer.manifest import ModelEntry
+from karma.infer.manifest.manifest import ModelEntry
 
 
 def sbom(wheels: Sequence[Wheel], hashes: Mapping[str, str], models: Sequence[ModelEntry]) -> bytes:

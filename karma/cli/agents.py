@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from karma.bench.run import Run
-    from karma.infer.cassette import Cassette
-    from karma.infer.hosted_session import Hosted
+    from karma.infer.hosted.cassette import Cassette
+    from karma.infer.hosted.session import Hosted
 
 CassetteFolder = Annotated[
     Path | None, typer.Option("--cassette", help="Folder that hosted models are recorded in.")
@@ -59,11 +59,12 @@ def run_command(
     """Carry out an instruction in a room, while you watch; commas and "then" part sub-tasks."""
     from rich.live import Live
 
-    from karma import registry, show
+    from karma import registry
     from karma.bench.experiment import Models, make_kit
     from karma.bench.records import Call
+    from karma.cli import show
     from karma.contracts import Outcome, SkillResult, SubTask
-    from karma.infer.hosted_session import Session
+    from karma.infer.hosted.session import Session
     from karma.methods.karma import KarmaMethod
 
     clauses = _clauses(instruction)
@@ -131,7 +132,7 @@ def run_command(
 
 def _clauses(instruction: str) -> list[str]:
     """Return the sub-tasks of an instruction; one without words is refused."""
-    from karma.bench.clauses import split_instruction
+    from karma.tasks.splitting import split_instruction
 
     if not instruction.strip():
         raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
@@ -166,10 +167,10 @@ def eval_command(
     json: Json = None,
 ) -> None:
     """Do an experiment: every row on every task. Stopped or killed, the same command goes on."""
-    from karma import show
     from karma.bench.precision import reached
     from karma.bench.records import spent_by, summarise
     from karma.bench.run import Run
+    from karma.cli import show
     from karma.lab.figure import is_figure
 
     if is_figure(file):
@@ -275,7 +276,7 @@ def _bar() -> "Progress":
 def _hosted(planner: str, base_url: str, model: str, api: str) -> "Hosted":
     """Return where the planner is, if it is a hosted one."""
     from karma.bench.experiment import OPENAI
-    from karma.infer.hosted_session import Hosted
+    from karma.infer.hosted.session import Hosted
 
     if planner != OPENAI and not (base_url or model):
         return Hosted()
@@ -286,7 +287,7 @@ def _hosted(planner: str, base_url: str, model: str, api: str) -> "Hosted":
 
 def _cassette(folder: Path | None, mode: str) -> "Cassette":
     """Return the cassette that a command asks for; a folder alone is replayed."""
-    from karma.infer.cassette import MODES, Cassette
+    from karma.infer.hosted.cassette import MODES, Cassette
 
     wanted = mode or ("replay" if folder is not None else "off")
     for known in MODES:

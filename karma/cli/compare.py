@@ -72,8 +72,8 @@ def table_command(
 ) -> None:
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
     from karma.bench import tables
-    from karma.bench.claims import claim_sheet, claims
     from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
+    from karma.bench.margins import claim_sheet, claims
     from karma.bench.results import result_of, unfinished
     from karma.bench.run_folder import read_run
 

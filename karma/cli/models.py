@@ -13,7 +13,7 @@ from karma.errors import ModelError
 from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
-    from karma.infer.manifest import ModelEntry
+    from karma.infer.manifest.manifest import ModelEntry
 
 app = typer.Typer(
     no_args_is_help=True, help="Models: list, show, verify, add your own, remove them."
@@ -34,7 +34,7 @@ def models_list(json: Json = None) -> None:
 
     Sizes and memory in MB; "+" where a file's size is not known.
     """
-    from karma.infer.manifest import is_present, read_local, read_manifest
+    from karma.infer.manifest.manifest import is_present, read_local, read_manifest
 
     added = {entry.name for entry in read_local().models}
     entries = read_manifest().models
@@ -59,7 +59,7 @@ def models_show(
     name: Annotated[str, typer.Argument(help="A model's name.")], json: Json = None
 ) -> None:
     """Show one model: what the manifest says of it, and where its files are."""
-    from karma.infer.manifest import file_paths, find_model, is_present
+    from karma.infer.manifest.manifest import file_paths, find_model, is_present
 
     entry = find_model(name)
     said = {
@@ -81,7 +81,7 @@ def models_show(
 @clear_errors
 def models_verify(names: Names = None, json: Json = None) -> None:
     """Check size and SHA-256 of files; exit code 1 if one is wrong, or a named one not here."""
-    from karma.infer.manifest import check, find_model, read_manifest
+    from karma.infer.manifest.manifest import check, find_model, read_manifest
 
     entries = [find_model(name) for name in names] if names else read_manifest().models
     found = []
@@ -125,8 +125,8 @@ def models_add(
     Files of a model of the manifest are recognised, and refused by name if they are not what it
     says; anything else becomes a model of its own. Nothing is ever fetched.
     """
-    from karma.infer.local_entry import Wishes
-    from karma.infer.local_models import add_model
+    from karma.infer.manifest.local_entry import Wishes
+    from karma.infer.manifest.local_models import add_model
 
     wishes = Wishes(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
@@ -151,7 +151,7 @@ def models_add(
 @clear_errors
 def models_remove(name: Annotated[str, typer.Argument(help="A model that was added.")]) -> None:
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
-    from karma.infer.local_models import remove_model
+    from karma.infer.manifest.local_models import remove_model
 
     entry = remove_model(name)
     stays = Path(entry.files[0].path).is_absolute()
@@ -162,7 +162,7 @@ def _role(text: str | None) -> Any:
     from typing import get_args
 
     from karma.errors import UnknownNameError
-    from karma.infer.manifest import Role
+    from karma.infer.manifest.manifest import Role
 
     if text is not None and text not in get_args(Role):
         raise UnknownNameError(f"no role {text!r}; there are {', '.join(get_args(Role))}")

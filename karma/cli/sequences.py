@@ -18,7 +18,7 @@ from karma.files import to_json, write_atomic
 if TYPE_CHECKING:
     from karma.lab.sequences import Askable, DrawnSequence
     from karma.lab.workloads import Workload
-    from karma.world.scene import Scene
+    from karma.world.core.scene import Scene
 
 ROOMS_FIX = "--scenes ../shared/data/thor5/scenes.jsonl.gz"
 
@@ -51,8 +51,8 @@ def sequences_command(
 
     A task that is done already at its turn, or that the teacher cannot do, is drawn anew.
     """
-    from karma.bench.tasks import write_tasks
     from karma.lab.sequences import draw_sequence
+    from karma.tasks.files import write_tasks
 
     wanted = _workloads(workload or ["house"])
     if out.suffix != ".jsonl":
@@ -93,8 +93,8 @@ def _askable(
     """Read the tasks and the rooms they play in."""
     from karma.lab.sequences import askable
     from karma.lab.tasks import alfred_pool, shipped_pool
-    from karma.world.importers import import_dump
-    from karma.world.scene import load
+    from karma.world.core.scene import load
+    from karma.world.importing.scenes import import_dump
 
     if bool(tasks) != (scenes is not None):
         raise KarmaError(

@@ -38,9 +38,9 @@ def eval_command(
     """Score a vision model on frames of rooms that its training never saw."""
     from rich.progress import track
 
-    from karma.infer.transformers_vision import TransformersVision
-    from karma.vision_training.page import page
-    from karma.vision_training.score import Clock, examine, held_out_rooms, score
+    from karma.infer.vision.transformers import TransformersVision
+    from karma.training.vision.page import page
+    from karma.training.vision.score import Clock, examine, held_out_rooms, score
 
     with console.status(escape(f"loading {model} ...")):
         vision = TransformersVision(model)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from karma.world.alfred.facts import Files
     from karma.world.alfred.replay import TrialResult
     from karma.world.alfred.trial import Trial
-    from karma.world.recorded import EventReport
+    from karma.world.recorded.sessions import EventReport
 
 T = TypeVar("T")
 _OR_NONE = 'default below $KARMA_SHARED or ../shared; "none" = without.'
@@ -40,7 +40,7 @@ app = typer.Typer(
 @clear_errors
 def world_list(json: Json = None) -> None:
     """List the scenes that ship with the project."""
-    from karma.world import scene
+    from karma.world.core import scene
 
     table = Table("scene", "room", "objects", "cells", "source")
     rows = []
@@ -61,8 +61,8 @@ def world_show(
     out: Annotated[Path | None, typer.Option(help="PNG to write; default NAME.png.")] = None,
 ) -> None:
     """Draw a room from above."""
-    from karma.world import scene as scenes
-    from karma.world.draw import draw_top_down
+    from karma.world.core import scene as scenes
+    from karma.world.render.top_down import draw_top_down
 
     one = scenes.load(scene)
     path = out or Path(f"{one.name}.png")
@@ -105,7 +105,7 @@ def world_import(
 def _import_dump(
     dump: Path, layouts: str | None, only: list[str] | None, out: Path
 ) -> list[dict[str, Any]]:
-    from karma.world.importers import import_dump
+    from karma.world.importing.scenes import import_dump
 
     rows = []
     cells = None if layouts in (None, "none") else layouts
@@ -252,7 +252,7 @@ def _summed(results: "Sequence[TrialResult]", mutate: int | None, json: Path | N
 
 
 def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | None) -> None:
-    from karma.world.recorded import replay_events, total_rate
+    from karma.world.recorded.sessions import replay_events, total_rate
 
     reports = [
         replay_events(path, layouts=layouts) for path in _shown(files, "replaying", len(files))

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from karma.contracts import Completion, ProgramSpec, Prompt
 from karma.errors import ModelError
-from karma.infer.scoring import END, Best, Cost, Scoring
+from karma.infer.llama.scoring import END, Best, Cost, Scoring
 
 
 class ScriptedModel:

@@ -16,8 +16,8 @@ import msgspec
 from karma import __version__
 from karma.errors import FileError
 from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
-from karma.lab.claims import CellResults, Claim, claims_of, claims_text
 from karma.lab.exploration import Exploration, explore
+from karma.lab.paper_claims import CellResults, Claim, claims_of, claims_text
 from karma.lab.simulate import BELADY
 from karma.lab.sweep import Row, Sweep, run_rows, size_of, sized, sweep_of
 from karma.lab.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
@@ -37,7 +37,7 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     kind: Literal["trace"]
     name: str
     shows: Literal["curves", "exploration"] = "curves"
-    claims: tuple[str, ...] = ()  # names of `karma.lab.claims.CLAIMS`
+    claims: tuple[str, ...] = ()  # names of `karma.lab.paper_claims.CLAIMS`
     tasks: tuple[str, ...] = ()  # ALFRED's files; () = our own grammar
     otherwise: Literal["grammar", ""] = ""
     workloads: tuple[Workload, ...] = WORKLOADS

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from karma.lab.claims import FIFO, CellResults
+from karma.lab.paper_claims import FIFO, CellResults
 from karma.lab.simulate import BELADY
 from karma.lab.sweep import Row, Sweep, division_of, family_of, line_of
 

@@ -12,20 +12,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from karma.bench.tasks import check_goal
+from karma.agent.reach import PARTS
 from karma.contracts import Goal, SubTask, Task
 from karma.errors import KarmaError
-from karma.goals import GoalTracker, WatchedWorld, alternatives, object_names
+from karma.household.types import object_type
 from karma.lab.tasks import Errand, Pool
 from karma.lab.workloads import TRIES, Draws, Workload, draws
-from karma.methods.oracle import OracleMethod
-from karma.reach import PARTS
+from karma.methods.expert import OracleMethod
 from karma.seeds import stream
+from karma.tasks.files import check_goal
+from karma.tasks.goals import GoalTracker, WatchedWorld, alternatives, object_names
+from karma.world.core.scene import Scene
 from karma.world.event import WorldEvent
 from karma.world.home import Home
-from karma.world.scene import Scene
 from karma.world.sim import EmbeddedWorld
-from karma.world.types import object_type
 
 NO_GOALS = "two of a kind to one place"
 NO_ROOM = "its room is not there"

@@ -7,7 +7,7 @@ from functools import partial
 from heapq import heappop, heappush
 from typing import Any
 
-from karma.lab.kernels import Replayed, kernel_of, run_object
+from karma.lab.array_policies import Replayed, kernel_of, run_object
 from karma.lab.trace import Trace
 from karma.memory.policies import make_policy
 

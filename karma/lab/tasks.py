@@ -22,13 +22,13 @@ import msgspec
 
 from karma.contracts import Goal
 from karma.errors import FileError, KarmaError
-from karma.goals import parse_goal
 from karma.seeds import stream
+from karma.tasks.goals import parse_goal
 
 if TYPE_CHECKING:
-    from karma.training.phrases import Book
-    from karma.training.recollections import Room
-    from karma.world.scene import Scene
+    from karma.tasks.drawing.phrases import Book
+    from karma.tasks.drawing.recollections import Room
+    from karma.world.core.scene import Scene
 
 UnitSet = Literal["r4", "m"]
 UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
@@ -138,7 +138,7 @@ class Pool:
 
 
 def _movable_types() -> frozenset[str]:
-    from karma.world.types import object_types
+    from karma.household.types import object_types
 
     kinds = object_types().items()
     return frozenset(name for name, kind in kinds if "pickupable" in kind.capabilities)
@@ -271,7 +271,7 @@ def _asked(trial: _Trial) -> tuple[str, tuple[Goal, ...]]:
 
     As in ALFRED, "heat" is met by heat, be the sentence about cooking.
     """
-    from karma.training.alfred import goals_of, truth_of
+    from karma.tasks.drawing.alfred import goals_of, truth_of
 
     if not trial.task_type:
         return "", ()
@@ -304,9 +304,9 @@ def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMA
         scenes: rooms of each kind.
         tasks: requests in each room.
     """
-    from karma.training.phrases import our_book
-    from karma.training.rooms import room_of
-    from karma.world.generate import build_scene
+    from karma.tasks.drawing.phrases import our_book
+    from karma.tasks.drawing.rooms import room_of
+    from karma.world.build.generate import build_scene
 
     rooms = (
         (kind, f"{kind}_{number}", build_scene(kind, 2000 + number, seed))
@@ -326,9 +326,9 @@ def shipped_pool(seed: int, *, tasks: int = SHIPPED_TASKS) -> Pool:
         seed: of the requests.
         tasks: requests drawn in each room, a few of which are not like ALFRED's.
     """
-    from karma.training.phrases import our_book
-    from karma.training.rooms import room_of
-    from karma.world.scene import SCENES, load
+    from karma.tasks.drawing.phrases import our_book
+    from karma.tasks.drawing.rooms import room_of
+    from karma.world.core.scene import SCENES, load
 
     names = sorted(path.stem for path in SCENES.glob("*.json"))
     rooms = ((name.partition("_")[0], load(name)) for name in names)
@@ -341,7 +341,7 @@ def shipped_pool(seed: int, *, tasks: int = SHIPPED_TASKS) -> Pool:
 
 def _tells_tales(errand: Errand) -> bool:
     """Return whether its sentence says what became of a lamp before, which is made up."""
-    from karma.training.requests import SWITCHED
+    from karma.tasks.drawing.requests import SWITCHED
 
     return any(words in text for words in SWITCHED for text in errand.sentences)
 
@@ -371,7 +371,7 @@ def _grammar(
 
 def _requests(room: "Room", book: "Book", kind: str, seed: int, count: int) -> Iterator[Errand]:
     """Yield requests about something to carry."""
-    from karma.training.stories import draw_story
+    from karma.tasks.drawing.stories import draw_story
 
     movable = _movable_types()
     for number in range(count):

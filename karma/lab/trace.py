@@ -20,10 +20,10 @@ from pathlib import Path
 
 import msgspec
 
-from karma.bench.tasks import load_tasks, required_types
 from karma.contracts import Task
 from karma.errors import FileError
 from karma.files import decode_json, read_bytes, to_json
+from karma.tasks.files import load_tasks, required_types
 
 Key = int | str
 

@@ -5,6 +5,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
+from karma.agent.perceive import HAND
+from karma.agent.planner import Planner, grounded
+from karma.agent.prompt import Facts, base_type, type_of
+from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
     Known,
@@ -21,13 +25,9 @@ from karma.contracts import (
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory, merged
-from karma.methods.kit import Kit, settings_of
-from karma.methods.survey import survey
-from karma.methods.witness import fresh_units
-from karma.perceive import HAND
-from karma.planner import Planner, grounded
-from karma.prompt import Facts, base_type, type_of
-from karma.skills import Skills
+from karma.methods.experience import fresh_units
+from karma.methods.resources import Kit, settings_of
+from karma.methods.tour import survey
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ from karma.report.frames import Frames
 from karma.report.replay import FrameChoice, Replay, Rooms, replay
 from karma.report.room import RoomPlan, plan_of
 from karma.report.story import Story, told
-from karma.world import scene as scenes
+from karma.world.core import scene as scenes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

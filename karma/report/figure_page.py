@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from karma.bench.tables import Sheet
-from karma.lab.claims import CLAIMS
 from karma.lab.figure import Results, caption_of, draw_figure, read_figure
 from karma.lab.intervals import Interval
+from karma.lab.paper_claims import CLAIMS
 from karma.report.html import data_uri, fill
 
 READS = {

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from karma.bench.causes import Cause, Failure, count
+from karma.bench.failures import Cause, Failure, count
 from karma.bench.run_folder import RunData
 from karma.bench.tables import Result, Sheet, figure_text, sheets, size_words
 from karma.report.choice import episode_key

@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from karma.bench.causes import CAUSES, Cause
+from karma.bench.failures import CAUSES, Cause
 from karma.bench.records import KINDS
 
 LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is

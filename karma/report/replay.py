@@ -8,9 +8,9 @@ from karma.contracts import Vec3
 from karma.errors import KarmaError
 from karma.report.frames import Frames
 from karma.report.story import Moment, Story
+from karma.world.core.state import WorldState
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
-from karma.world.state import WorldState
 
 FrameChoice = Literal["auto", "every", "calls", "ends", "none"]
 LONG, VERY_LONG = 300, 1000  # actions that are shown from which on "auto" is "calls", "ends"

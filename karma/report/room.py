@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from karma.memory.scene_graph import SceneGraph
-from karma.world.scene import Scene, SceneObject
+from karma.world.core.scene import Scene, SceneObject
 
 HIGH_M = 1.2  # furniture that begins higher is drawn as an outline
 SMALL_M2 = 0.03  # what takes less ground is not drawn

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from karma.agent.prompt import type_of
 from karma.bench import steps
 from karma.memory.short_term import line_key
-from karma.prompt import type_of
 
 Change = Literal["added", "changed", "left"]
 MomentKind = Literal["start", "enter", "subtask", "plan", "action", "skill", "outcome"]

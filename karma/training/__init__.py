@@ -1,1 +1,1 @@
-"""Examples for the nano planner: task grammar, phrases, teacher's programs."""
+"""What the nano models learn from, and how."""

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from karma.world.camera import Camera
-from karma.world.metadata import xyz
-from karma.world.posing import hand_rotation
-from karma.world.state import Images, WorldState
-from karma.world.view import camera
+from karma.world.core.camera import Camera
+from karma.world.core.metadata import xyz
+from karma.world.core.posing import hand_rotation
+from karma.world.core.state import Images, WorldState
+from karma.world.core.view import camera
 
 try:
     from ai2thor.server import Event, MetadataWrapper
 except ImportError:  # the extra `thor` is not installed
-    from karma.world.drop_in import Event, MetadataWrapper  # type: ignore[assignment, unused-ignore]
+    from karma.world.event_base import Event, MetadataWrapper  # type: ignore[assignment, unused-ignore]
 
 if TYPE_CHECKING:
     from karma.world.render.picture import Picture

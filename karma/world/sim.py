@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from karma.errors import KarmaError
-from karma.world import scene
-from karma.world.actions import ACTIONS
-from karma.world.event import WorldEvent
-from karma.world.rules import settle
-from karma.world.scene import Scene
-from karma.world.setup import unfit
-from karma.world.state import (
+from karma.world.actions.setup import unfit
+from karma.world.actions.table import ACTIONS
+from karma.world.core import scene
+from karma.world.core.rules import settle
+from karma.world.core.scene import Scene
+from karma.world.core.state import (
     Done,
     Images,
     Refusal,
@@ -26,6 +25,7 @@ from karma.world.state import (
     WorldState,
     begin,
 )
+from karma.world.event import WorldEvent
 
 MISUSE = frozenset({"InvalidAction", "MissingArguments", "AmbiguousAction", "InvalidArgument"})
 RENDER_FLAGS: Mapping[str, str] = {  # AI2-THOR's flag -> field of state.Images

@@ -4,17 +4,17 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
+from karma.household.types import object_types
 from karma.world.alfred.contents import contained
 from karma.world.alfred.facts import Facts, middling
 from karma.world.alfred.furniture import furnished
 from karma.world.alfred.ids import kind_of, type_now
 from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import ObjectPose, Trial
-from karma.world.boxes import AGENT_RADIUS_M, Box
-from karma.world.importers import ORIGIN_M, room_by_name, room_by_things
-from karma.world.objects import moved, turned
-from karma.world.scene import AgentPose, Scene, SceneObject, check
-from karma.world.types import object_types
+from karma.world.core.boxes import AGENT_RADIUS_M, Box
+from karma.world.core.objects import moved, turned
+from karma.world.core.scene import AgentPose, Scene, SceneObject, check
+from karma.world.importing.scenes import ORIGIN_M, room_by_name, room_by_things
 
 
 def build(trial: Trial, facts: Facts, *, widened: Mapping[str, float] | None = None) -> Scene:

@@ -26,8 +26,8 @@ from karma.world.alfred.trial import (
     read_receptacles,
     read_spots,
 )
-from karma.world.importers import import_dump
-from karma.world.scene import Scene, SceneObject
+from karma.world.core.scene import Scene, SceneObject
+from karma.world.importing.scenes import import_dump
 
 SAME_M = 0.03  # two places of one type that are one object, where ids carry centimetres
 _BASIN_M = 1.0  # between a basin and the sink or tub whose place its id carries

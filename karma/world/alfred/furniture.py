@@ -18,13 +18,13 @@ from typing import NamedTuple
 import msgspec
 
 from karma.contracts import Vec3
+from karma.household.types import object_types
 from karma.world.alfred.facts import Facts
 from karma.world.alfred.ids import kind_of, place_of, type_now
 from karma.world.alfred.trial import LabelledSpot
-from karma.world.objects import bottom, moved, top
-from karma.world.rules import rules
-from karma.world.scene import SceneObject
-from karma.world.types import object_types
+from karma.world.core.objects import bottom, moved, top
+from karma.world.core.rules import rules
+from karma.world.core.scene import SceneObject
 
 _BESIDE_M = 0.35  # two versions of one object, across the floor
 _ABOVE_M = 1.2  # and in height

@@ -4,7 +4,7 @@ import struct
 from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Context, Decimal
 
 from karma.contracts import Vec3
-from karma.world.types import object_types
+from karma.household.types import object_types
 
 # types that AI2-THOR renamed or dropped after ALFRED was recorded
 _RENAMED = {

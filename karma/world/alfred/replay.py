@@ -24,7 +24,7 @@ from karma.world.alfred.goal import Deeds, goal_met, noteworthy
 from karma.world.alfred.mutate import without_one
 from karma.world.alfred.steps import UntranslatableError, translated
 from karma.world.alfred.trial import ApiAction, LowAction, SubGoal, Trial
-from karma.world.scene import Scene
+from karma.world.core.scene import Scene
 from karma.world.sim import EmbeddedWorld
 
 REACH_M, FOV_DEG = 1.5, 60.0  # ALFRED's visibility distance and vertical field of view

@@ -14,12 +14,12 @@ from typing import Any, BinaryIO
 import msgspec
 
 from karma.errors import KarmaError
+from karma.world.core.scene import AgentPose, Scene
+from karma.world.core.state import Images
 from karma.world.event import WorldEvent
 from karma.world.player.answer import Writer
 from karma.world.player.fifo import Field, FieldType, read_message
-from karma.world.scene import AgentPose, Scene
 from karma.world.sim import EmbeddedWorld
-from karma.world.state import Images
 
 log = logging.getLogger(__name__)
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from karma.errors import FileError
-from karma.world.scene import SCENES
-from karma.world.state import scene_name
+from karma.world.core.scene import SCENES
+from karma.world.core.state import scene_name
 
 VARIABLE = "KARMA_SCENES"  # folders of scene files, separated as in PATH
 

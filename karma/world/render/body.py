@@ -5,12 +5,12 @@ from functools import lru_cache
 import numpy as np
 
 from karma.contracts import Pose
-from karma.world.camera import Camera
-from karma.world.objects import heading
+from karma.world.core.camera import Camera
+from karma.world.core.objects import heading
+from karma.world.core.view import camera as eye
 from karma.world.render.layer import Layer
 from karma.world.render.mesh import ball, box, joined, lathe
 from karma.world.render.pixels import AGENT
-from karma.world.view import camera as eye
 
 RADIUS_M = 0.19
 INSIDE_M = 0.3  # cameras this near to the agent's axis see through it

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.world.core.scene import SceneObject
 from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, STAND, WALL, packed
-from karma.world.scene import SceneObject
 
 RGB = tuple[int, int, int]
 STRUCTURE: Mapping[int, str] = {

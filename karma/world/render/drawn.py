@@ -6,8 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from karma.contracts import Vec3
-from karma.world.boxes import Box
-from karma.world.objects import Objects, bottom, is_inert
+from karma.household.types import object_types
+from karma.world.core.boxes import Box
+from karma.world.core.objects import Objects, bottom, is_inert
+from karma.world.core.rules import rules
+from karma.world.core.scene import SceneObject
 from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
 from karma.world.render.frame import Floats, Frame, frame
@@ -16,9 +19,6 @@ from karma.world.render.looks import Look, looks, pick, rgb
 from karma.world.render.mesh import Mesh, box, joined
 from karma.world.render.pixels import PIECES
 from karma.world.render.shapes import shape
-from karma.world.rules import rules
-from karma.world.scene import SceneObject
-from karma.world.types import object_types
 
 STRAIGHT_M = 1.1  # a worktop wider than this goes round a corner
 AGENT_M = 0.2

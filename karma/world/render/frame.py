@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vec3
-from karma.world.objects import heading
-from karma.world.scene import SceneObject
+from karma.world.core.objects import heading
+from karma.world.core.scene import SceneObject
 
 Front = Literal["turn", "room", "thin", "long"]
 Floats = NDArray[np.float64]

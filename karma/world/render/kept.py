@@ -4,13 +4,13 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from karma.world.boxes import Box
+from karma.world.core.boxes import Box
+from karma.world.core.state import Room, WorldState
 from karma.world.render import shell
 from karma.world.render.drawn import Task, drawn, support, supports, tasks
 from karma.world.render.layer import Layer
 from karma.world.render.mesh import Mesh
 from karma.world.render.pixels import STAND
-from karma.world.state import Room, WorldState
 
 
 class Built:

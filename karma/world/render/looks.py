@@ -10,10 +10,9 @@ import msgspec
 
 from karma.errors import FileError
 from karma.files import read_toml
+from karma.household.types import RoomType, object_types
 from karma.world.render.frame import Front
 from karma.world.render.mesh import Colour
-from karma.world.scene import RoomType
-from karma.world.types import object_types
 
 TABLE = Path(__file__).parent / "looks.toml"
 

@@ -5,8 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.world.camera import Camera
-from karma.world.objects import Objects
+from karma.world.core.camera import Camera
+from karma.world.core.objects import Objects
+from karma.world.core.state import WorldState
+from karma.world.core.view import camera as eye
 from karma.world.render.body import body, sees_body
 from karma.world.render.kept import built
 from karma.world.render.looks import rgb
@@ -26,8 +28,6 @@ from karma.world.render.pixels import (
     scenery,
 )
 from karma.world.render.rays import rays
-from karma.world.state import WorldState
-from karma.world.view import camera as eye
 
 __all__ = [
     "AGENT",

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.world.objects import Objects
+from karma.world.core.objects import Objects
 from karma.world.render import shell as rooms
 from karma.world.render.layer import Layer
 from karma.world.render.mesh import GHOST, GLASS, SOLID, Floats

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.world.camera import Camera
-from karma.world.objects import heading
+from karma.world.core.camera import Camera
+from karma.world.core.objects import heading
+from karma.world.core.view import camera_axes
 from karma.world.render.mesh import Floats
-from karma.world.view import camera_axes
 
 Pixels = NDArray[np.intp]
 

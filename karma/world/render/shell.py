@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vec3
-from karma.world.objects import Objects
+from karma.household.types import RoomType
+from karma.world.core.objects import Objects
+from karma.world.core.state import Room
 from karma.world.render.looks import Walls, rgb, walls
 from karma.world.render.mesh import Floats
-from karma.world.scene import RoomType
-from karma.world.state import Room
 
 TEXEL_M = 0.025
 SHADOW_M = 0.3  # how far furniture darkens the floor around it

@@ -1,0 +1,218 @@
+"""The inspector: mends a program's oversights, and objects to what cannot work.
+
+Planners forget to search for what nobody has seen, to open what a thing is shut in, and what is in
+the hand. Mending is by rule and shows in the record: the answer stays as written beside what was
+done. It knows types and the agent's own memory, not the world, which may still refuse.
+
+Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023).
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from karma.contracts import Area, SkillCall
+from karma.household.types import ObjectType, object_types
+
+SURFACES = (
+    "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
+    "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Toilet", "Bathtub",
+)  # where to put something down, the best first  # fmt: skip
+LIKELY = (
+    "CounterTop", "DiningTable", "Desk", "CoffeeTable", "Dresser", "SideTable", "TVStand", "Bed",
+    "Sofa", "ArmChair", "Shelf", "Fridge", "Sink", "Cabinet", "Drawer", "Bathtub", "Toilet",
+    "GarbageCan", "Microwave",
+)  # where things are found, the likeliest first  # fmt: skip
+_PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}
+_NEEDS = {
+    "OpenObject": ("openable", "cannot be opened"),
+    "CloseObject": ("openable", "cannot be closed"),
+    "SliceObject": ("sliceable", "cannot be sliced"),
+    "BreakObject": ("breakable", "cannot be broken"),
+    "ToggleOn": ("toggleable", "cannot be switched"),
+    "ToggleOff": ("toggleable", "cannot be switched"),
+    "SwitchOn": ("toggleable", "cannot be switched"),
+    "SwitchOff": ("toggleable", "cannot be switched"),
+    "PickupObject": ("pickupable", "cannot be picked up"),
+}
+_SWITCHED_BY_A_PART = ("StoveBurner", "Sink", "SinkBasin", "Bathtub", "BathtubBasin")
+
+
+def mend(
+    calls: Sequence[SkillCall],
+    *,
+    known: Collection[str],
+    shut: Collection[str] = (),
+    cut: Collection[str] = (),
+    held: str | None = None,
+    areas: Sequence[Area] = (),
+) -> tuple[SkillCall, ...]:
+    """Return the program with searches added, the held thing named and the hand freed.
+
+    * Before the first use of a thing whose place is not known, `Explore` it, the likeliest area
+      first.
+    * Instead of going to a thing that memory has in a closed container, `Explore` it: that opens.
+    * What memory has as cut is not cut again, and no knife is fetched for it.
+    * What is in the hand already is neither gone to nor picked up again.
+    * What is put down before anything was picked up is what was in the hand.
+    * Before something else is picked up, or the held thing is broken, what is in the hand goes to a
+      known surface.
+
+    Args:
+        calls: the program, with the prompt's short names.
+        known: names and types whose place the agent knows.
+        shut: names of things that memory has in something closed.
+        cut: names of things that memory has as sliced.
+        held: the short name of what is in the hand.
+        areas: long-term memory, for the order of searches.
+    """
+    found, mended, hand = set(known), list[SkillCall](), held
+    for call in _without_cuts(calls, cut):
+        name = call.objects[-1]
+        if hand == name and call.skill in ("GoToObject", "Explore", "PickupObject"):
+            continue
+        if call.skill == "PutObject":
+            if len(call.objects) == 2 and hand is not None and hand == held:
+                call = replace(call, objects=(hand, name))
+            found.add(call.objects[0])
+            hand = None
+        elif call.skill == "PickupObject":
+            mended += _put_down(hand, name, found)
+            hand = name
+        elif call.skill == "BreakObject" and hand == name:
+            mended += _put_down(hand, "", found)
+            hand = None
+        if call.skill == "GoToObject" and name in shut:
+            call = replace(call, skill="Explore")
+        elif call.skill != "Explore" and not _placed(name, found, held):
+            where = likely_areas(_base(name), areas)
+            mended.append(SkillCall(skill="Explore", objects=(name,), positions=where))
+        found.add(name)
+        mended.append(call)
+    return tuple(mended)
+
+
+def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[SkillCall]:
+    """Return a program without the lines that would slice what is sliced."""
+    again = {c.objects[0] for c in calls if c.skill == "SliceObject" and c.objects[0] in cut}
+    if not again:
+        return calls
+    kept = [c for c in calls if not (c.skill == "SliceObject" and c.objects[0] in again)]
+    if len(kept) == len(calls) or any(c.skill == "SliceObject" for c in kept):
+        return kept
+    put = {c.objects[0] for c in kept if c.skill == "PutObject"}
+    idle = {name for name in ("Knife", "ButterKnife") if name not in put}
+    return [
+        c
+        for c in kept
+        if not (
+            c.skill in ("Explore", "GoToObject", "PickupObject") and _base(c.objects[0]) in idle
+        )
+    ]
+
+
+def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
+    """Return the area node to search first: the first with the likeliest place for a type."""
+    kind = object_types().get(object_type)
+    fits = kind.goes_in if kind is not None else None
+    for place in LIKELY:
+        if fits is None or place not in fits:
+            continue
+        for area in areas:
+            if place in area.contains:
+                return (area.name,)
+    return ()
+
+
+def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
+    """Return the lines that free the hand for another thing, on a known surface if there is one."""
+    kind = object_types().get(_base(hand or ""))
+    if hand is None or kind is None or hand == name:
+        return []
+    fitting = [name for name in SURFACES if _fits(kind, object_types()[name])]
+    there = [name for name in fitting if name in known]
+    for surface in (there or fitting)[:1]:
+        search = [] if there else [SkillCall(skill="Explore", objects=(surface,))]
+        return [*search, SkillCall(skill="PutObject", objects=(hand, surface))]
+    return []
+
+
+def _placed(name: str, found: Collection[str], held: str | None) -> bool:
+    return name in found or _base(name) in found or name == held or name.startswith("node_")
+
+
+@dataclass(slots=True)
+class _Hand:
+    """What would be held at a line."""
+
+    held: str | None
+
+
+def objection(calls: Sequence[SkillCall], *, held: str | None) -> str:
+    """Return what is wrong with the first line that cannot work, "" if nothing is.
+
+    Args:
+        calls: the program, with the prompt's short names.
+        held: the short name of what is in the hand.
+    """
+    hand = _Hand(held=held)
+    for call in calls:
+        if reason := _refused(call, hand):
+            return f"{call}: {reason}"
+    return ""
+
+
+def _refused(call: SkillCall, hand: _Hand) -> str:
+    name = call.objects[-1]
+    if call.skill == "ThrowObject":
+        hand.held = None
+        return ""
+    capability, words = _NEEDS.get(call.skill, ("", ""))
+    kind = object_types().get(_base(name))
+    if capability and kind is not None and not _can(kind, capability):
+        return f"{name} {words}"
+    if call.skill == "PickupObject":
+        if hand.held is not None and hand.held != name:
+            return f"the hand holds {hand.held}; put it down first"
+        hand.held = name
+    elif call.skill == "PutObject":
+        return _put(call, hand)
+    return ""
+
+
+def _put(call: SkillCall, hand: _Hand) -> str:
+    name = call.objects[0] if len(call.objects) == 2 else (hand.held or "")
+    place = call.objects[-1]
+    if hand.held is None:
+        return f"the hand is empty; PickupObject(robot, '{name}') first"
+    if _base(hand.held) != _base(name):
+        return f"the hand holds {hand.held}, not {name}"
+    thing, receptacle = object_types().get(_base(name)), object_types().get(_base(place))
+    if thing is not None and receptacle is not None and not _fits(thing, receptacle):
+        return f"{name} cannot be placed in {place}"
+    if name == place:
+        return f"{name} cannot be placed in itself"
+    hand.held = None
+    return ""
+
+
+def _can(kind: ObjectType, capability: str) -> bool:
+    if capability == "toggleable" and kind.name in _SWITCHED_BY_A_PART:
+        return True
+    if capability == "sliceable" and kind.slices_into:
+        return True
+    return capability in kind.capabilities
+
+
+def _fits(thing: ObjectType, receptacle: ObjectType) -> bool:
+    """Return whether the types allow it, whole or sliced, in the receptacle or its basin."""
+    kinds = object_types()
+    forms = (thing.name, thing.slices_into)
+    places = (receptacle.name, _PARTS.get(receptacle.name))
+    if not any("receptacle" in kinds[p].capabilities for p in places if p):
+        return False
+    return any(kinds[f].fits(kinds[p]) for f in forms if f for p in places if p)
+
+
+def _base(name: str) -> str:
+    """Return the type of a short name: `Apple_2` is an Apple."""
+    return name.partition("_")[0]

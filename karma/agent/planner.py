@@ -1,0 +1,138 @@
+"""From what the agent knows to a program: prompt, model, parser, with bounded retries."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from karma.agent.inspector import mend, objection
+from karma.agent.program import SKILLS, parse_program
+from karma.agent.prompt import Facts, landmark_types, render, type_of
+from karma.contracts import LanguageModel, Plan, ProgramSpec, SkillCall
+from karma.errors import ProgramError
+from karma.household.types import object_types
+
+OVERLOOKED = frozenset(
+    (
+        "LightSwitch", "Toaster", "Faucet", "ShowerHead", "Blinds", "ToiletPaperHanger",
+        "HandTowelHolder", "TowelHolder", "CoffeeMachine",
+    )
+)  # fixed things so small that a map may lack them  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decoding:
+    """How answers are drawn."""
+
+    constrained: bool = True  # only programs that parse
+    temperature: float = 0.0
+    retry_temperature: float = 0.6  # once a program has failed, the same again will not help
+    seed: int = 0
+    max_tokens: int = 512
+    attempts: int = 4  # per request; later ones quote the error
+    inspected: bool = True  # see `karma.agent.inspector`
+
+
+class Planner:
+    """One model with its prompt profile.
+
+    Args:
+        model: any `LanguageModel`.
+        profile: "compact" or "full".
+        decoding: how answers are drawn.
+    """
+
+    def __init__(
+        self, model: LanguageModel, profile: str, decoding: Decoding | None = None
+    ) -> None:
+        self.model = model
+        self.profile = profile
+        self.decoding = decoding or Decoding()
+
+    def plan(self, facts: Facts) -> Iterator[Plan]:
+        """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
+
+        The last answer is only asked to parse: the world may know better than the type table.
+        """
+        for attempt in range(self.decoding.attempts):
+            answer = self._ask(facts, attempt)
+            if self.decoding.inspected and not answer.error:
+                answer = _inspected(facts, answer)
+            if attempt == self.decoding.attempts - 1 and answer.calls:
+                answer = replace(answer, error="")
+            yield answer
+            if not answer.error:
+                return
+            facts = replace(facts, error=answer.error)
+
+    def _temperature(self, facts: Facts) -> float:
+        decoding = self.decoding
+        return max(decoding.temperature, decoding.retry_temperature if facts.error else 0.0)
+
+    def _ask(self, facts: Facts, attempt: int) -> Plan:
+        rendered = render(self.profile, facts, SKILLS)
+        completion = self.model.complete(
+            rendered.prompt,
+            spec=program_spec(facts, rendered.names) if self.decoding.constrained else None,
+            max_tokens=self.decoding.max_tokens,
+            temperature=self._temperature(facts),
+            seed=self.decoding.seed + attempt,
+        )
+        calls: tuple[SkillCall, ...] = ()
+        error = ""
+        try:
+            calls = parse_program(completion.text)
+        except ProgramError as refused:
+            error = str(refused)
+        if not calls and not error:
+            error = "the answer holds no skill call"
+        return Plan(
+            recalled=tuple(facts.units),
+            prompt=rendered.prompt,
+            completion=completion,
+            calls=calls,
+            names=rendered.names,
+            error=error,
+            examples=tuple(example.instruction for example in facts.examples),
+        )
+
+
+def _inspected(facts: Facts, answer: Plan) -> Plan:
+    """Return the plan with its program mended, and the inspector's objection if it has one."""
+    held = next((n for n, object_id in answer.names.items() if object_id == facts.held_id), None)
+    name_of = {object_id: name for name, object_id in answer.names.items()}
+    shut = {name_of[u.object_id] for u in facts.units if _is_shut(u.place_id)}
+    seen = {kind for area in facts.areas for kind in area.contains}
+    cut = {name_of[u.object_id] for u in facts.units if "sliced" in u.states}
+    known = seen | set(answer.names)
+    calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=facts.areas)
+    return replace(answer, calls=calls, error=objection(calls, held=held))
+
+
+def _is_shut(place_id: str | None) -> bool:
+    kind = object_types().get(type_of(place_id))
+    return kind is not None and kind.must_be_open and "pickupable" not in kind.capabilities
+
+
+def program_spec(facts: Facts, names: Mapping[str, str]) -> ProgramSpec:
+    """Return the language of programs: what memory names, and types that can be searched for.
+
+    Furniture that the map does not show is not there: a robot that has seen the room once has seen
+    its sofa, though perhaps not its light switch. Nor is what was just searched for in vain.
+    """
+    known = {kind for area in facts.areas for kind in area.contains}
+    searchable = {name for name, kind in object_types().items() if not kind.made_by_slicing}
+    if known:
+        searchable -= landmark_types() - known - OVERLOOKED
+    searchable -= set(facts.missing)
+    return ProgramSpec(
+        skills=SKILLS,
+        objects=tuple(sorted(known | searchable | set(names))),
+        positions=tuple(area.name for area in facts.areas),
+    )
+
+
+def grounded(calls: Sequence[SkillCall], names: Mapping[str, str]) -> tuple[SkillCall, ...]:
+    """Put object ids in place of the prompt's short names; types stay as they are."""
+    return tuple(
+        replace(call, objects=tuple(names.get(name, name) for name in call.objects))
+        for call in calls
+    )

@@ -1,0 +1,214 @@
+"""What the planner is told: fill the two prompt profiles, nothing else.
+
+`full` follows KARMA Fig. 8 for instruction-tuned models; `compact` says the same in a notation
+that a few million parameters can read. Both cut the text at the same place: what stays the same
+for a scene first, what changes with each instruction last.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import jinja2
+
+from karma.contracts import Area, MemoryUnit, Prompt, SkillSignature, Vec3
+from karma.errors import UnknownNameError
+from karma.household.types import object_types
+
+PROFILES = ("compact", "full")
+_ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
+_TEMPLATES = Path(__file__).parent / "prompts"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Example:
+    """A worked example: an instruction and its program."""
+
+    instruction: str
+    program: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """Everything a prompt may say."""
+
+    instruction: str
+    areas: Sequence[Area] = ()  # long-term memory; () without it
+    graph_text: str = ""  # the same in the paper's text form
+    units: Sequence[MemoryUnit] = ()  # recalled, the last used last
+    held_id: str | None = None
+    held_type: str | None = None
+    error: str = ""  # why the last answer was refused or failed
+    examples: Sequence[Example] = ()  # chosen for the instruction; the compact profile has no room
+    missing: Sequence[str] = ()  # types that were searched for in vain: not in the prompt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rendered:
+    """A prompt and what its short names stand for (name -> object id)."""
+
+    prompt: Prompt
+    names: Mapping[str, str]
+
+
+def render(profile: str, facts: Facts, skills: Sequence[SkillSignature]) -> Rendered:
+    """Fill one profile.
+
+    Raises:
+        UnknownNameError: no such profile.
+    """
+    if profile == "compact":
+        return compact(facts)
+    if profile == "full":
+        return full(facts, skills)
+    raise UnknownNameError(f"no prompt profile named {profile!r}. There are: {PROFILES}")
+
+
+def base_type(object_type: str) -> str:
+    """Return the whole thing's type: AppleSliced -> Apple, EggCracked -> Egg.
+
+    >>> base_type("AppleSliced"), base_type("EggCracked"), base_type("Mug")
+    ('Apple', 'Egg', 'Mug')
+    """
+    return object_type.removesuffix("Sliced").removesuffix("Cracked")
+
+
+@cache
+def landmark_types() -> frozenset[str]:
+    """Return the immovable types worth a word: things to put into, to open or to switch."""
+    useful = {"receptacle", "openable", "toggleable"}
+    skipped = {"Floor", "Chair", "Stool", "StoveKnob", "SinkBasin", "BathtubBasin", "Window"}
+    return frozenset(
+        name
+        for name, kind in object_types().items()
+        if useful & set(kind.capabilities)
+        and "pickupable" not in kind.capabilities
+        and name not in skipped
+    )
+
+
+def compact_areas(areas: Sequence[Area]) -> str:
+    """Return long-term memory for the compact profile, one line per area; ends in a newline."""
+    lines = ["#areas"]
+    for area in areas:
+        kept = dict.fromkeys(kind for kind in area.contains if kind in landmark_types())
+        lines.append(" ".join([area.name, *kept]))
+    return "\n".join(lines if areas else ["#areas", "unknown"]) + "\n"
+
+
+def short_names(units: Sequence[MemoryUnit], held: tuple[str, str] | None) -> dict[str, str]:
+    """Give every recalled unit and its place a short name: the last used Apple is `Apple`.
+
+    Args:
+        units: the last used last.
+        held: (object id, object type) of what is in the hand.
+
+    Returns:
+        name -> object id; older things of the same type become `Apple_2`, `Apple_3`, ...
+    """
+    names: dict[str, str] = {}
+    known: set[str] = set()
+    things = [(unit.object_id, unit.object_type) for unit in reversed(units)]
+    places = [(unit.place_id, type_of(unit.place_id)) for unit in reversed(units)]
+    for object_id, object_type in [*([held] if held else []), *things, *places]:
+        if object_id is None or object_id == "hand" or object_id in known:
+            continue
+        base = base_type(object_type)
+        count = 1
+        while (name := base if count == 1 else f"{base}_{count}") in names:
+            count += 1
+        names[name] = object_id
+        known.add(object_id)
+    return names
+
+
+def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
+    """Return short-term memory for the compact profile: ` @Fridge cleaned sliced *Apple`.
+
+    What is said of a thing stands before its name: a small model that has found the words it looks
+    for reads the name next. `*` is before what was handled, `-` before what was only seen.
+    """
+    name_of = {object_id: name for name, object_id in names.items()}
+    lines = ["#memory\n"]
+    for unit in units:
+        if unit.place_id is not None:
+            lines.append(f" @{name_of.get(unit.place_id, unit.place_id)}")
+        lines += [f" {state.replace(' ', '_')}" for state in unit.states]
+        lines.append(f" {'*' if unit.handled else '-'}{name_of[unit.object_id]}\n")
+    return "".join(lines)
+
+
+def _compact_last(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
+    """Return the line that says what was handled last, which is mostly what "it" means."""
+    name_of = {object_id: name for name, object_id in names.items()}
+    last = next((unit for unit in reversed(units) if unit.handled), None)
+    return f"#last {name_of[last.object_id]}\n" if last is not None else ""
+
+
+def compact(facts: Facts) -> Rendered:
+    """Fill the compact profile.
+
+    The task stands before the memory: a small model can then mark what matters while it reads.
+    """
+    held = (facts.held_id, facts.held_type) if facts.held_id and facts.held_type else None
+    names = short_names(facts.units, held)
+    lines = [f"#task {' '.join(facts.instruction.lower().split()).rstrip('.!? ')}\n"]
+    if facts.error:
+        lines.append(f"#error {_ID_REST.sub('', ' '.join(facts.error.split()))[:120]}\n")
+    lines.append(compact_memory(facts.units, names))
+    lines.append(_compact_last(facts.units, names))
+    if held is not None:
+        lines.append(f"#held {base_type(held[1])}\n")
+    lines.append("#program\n")
+    prompt = Prompt(stable=compact_areas(facts.areas), changing="".join(lines))
+    return Rendered(prompt=prompt, names=names)
+
+
+def full(facts: Facts, skills: Sequence[SkillSignature]) -> Rendered:
+    """Fill the profile of KARMA Fig. 8."""
+    held = (facts.held_id, facts.held_type) if facts.held_id and facts.held_type else None
+    names = short_names(facts.units, held)
+    name_of = {object_id: name for name, object_id in names.items()}
+    stable = _template("full_stable.txt").render(skills=skills, graph=facts.graph_text)
+    changing = _template("full_changing.txt").render(
+        units=[(name_of[unit.object_id], unit) for unit in facts.units],
+        name_of=name_of,
+        held=name_of.get(facts.held_id or ""),
+        error=facts.error,
+        examples=facts.examples,
+        instruction=facts.instruction,
+    )
+    return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)
+
+
+def position_text(position_m: Vec3) -> str:
+    """Return a position to the centimetre.
+
+    >>> position_text((1.0, -0.004, 2.345))
+    '[1.00, 0.00, 2.35]'
+    """
+    return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
+
+
+def type_of(object_id: str | None) -> str:
+    """Return the type that an AI2-THOR id names: its first part, or the child's name."""
+    if object_id is None:
+        return ""
+    parts = object_id.split("|")
+    return parts[-1].split("_")[0] if len(parts) == 5 else parts[0]
+
+
+@cache
+def _template(name: str) -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters["position"] = position_text
+    return environment.get_template(name)

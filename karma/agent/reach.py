@@ -1,0 +1,290 @@
+"""Getting a known thing within reach and acting on it, with the world's refusals as words."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from karma.agent.sightings import Sightings
+from karma.agent.walk import Target, View, Walker
+from karma.contracts import Event, Knowledge, Known, SeenObject, Vec3, World
+from karma.household.types import object_types
+
+_ROOM_MATTERS = re.compile(
+    r"block|collid|collision|in the way|no valid position|not found within|visib|interact|reach",
+    re.IGNORECASE,
+)  # refusals that standing elsewhere may cure
+_CURES = (
+    ("must be closed", "CloseObject"), ("must be off", "ToggleOff"), ("is closed", "OpenObject"),
+)  # what a refusal says -> what would help  # fmt: skip
+_ON_TOP_M = 0.01  # a thing whose height is no lower than that below the top stands on it
+_ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
+PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}  # things are put into the part
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """How hard a skill tries."""
+
+    max_actions: int = 600  # world actions of one skill
+    views: int = 10  # places tried to get an immovable thing into view
+    views_of_movable: int = 6  # the same for a thing that may have been moved
+    retries: int = 3  # places tried to act from, after a refusal that room may cure
+    reach_m: float = 1.4  # horizontally; AI2-THOR sees and reaches to 1.5 m
+    cover_m: float = 1.0  # without area nodes, every cell is looked at from this near
+    look_again_m: float = 0.5  # the same for what was not found from the area nodes
+
+
+class RefusedError(Exception):
+    """Why a skill cannot go on; becomes the reason of its result."""
+
+
+class Reach:
+    """The agent's body, eyes and memory together: from a name to a thing within reach.
+
+    Args:
+        world: a world that has been reset.
+        knowledge: the agent's memory.
+        limits: how hard to try.
+    """
+
+    def __init__(self, world: World, knowledge: Knowledge, limits: Limits) -> None:
+        self.world, self.knowledge, self.limits = world, knowledge, limits
+        self.log = Sightings()
+        self.walker = Walker(world, max_actions=limits.max_actions)
+        self.used: list[str] = []  # ids that names resolved to since `start`
+        self.explorations = 0  # since `start`
+
+    def start(self) -> None:
+        """Begin a skill."""
+        self.used, self.explorations = [], 0
+        self.walker.start()
+        self.look()
+
+    def look(self) -> None:
+        """Take note of what is in view now."""
+        self.log.observe(self.world.last_event)
+
+    # ------------------------------------------------------------- which object
+
+    def find(self, name: str, *, state: str = "", held: bool = True) -> Known | None:
+        """Return what a name means to the agent now; None if it knows of no such thing."""
+        return self.log.resolve(name, self.knowledge, self.walker.gap, state=state, held=held)
+
+    def resolve(self, name: str, *, state: str = "", held: bool = True) -> Known:
+        """Return what a name means; a basin and its sink stand for each other.
+
+        Raises:
+            RefusedError: the agent knows of no such thing.
+        """
+        found = self.find(name, state=state, held=held)
+        for sink, basin in PARTS.items():
+            if found is None and name in (sink, basin):
+                found = self.find(basin if name == sink else sink, held=held)
+        if found is None:
+            raise RefusedError(f"no {name} is known; Explore(robot, '{name}') first")
+        return found
+
+    # ------------------------------------------------------------- getting there, and acting
+
+    def approach(self, target: Known, *, closed_will_do: bool = False) -> bool:
+        """Go where a thing is within reach.
+
+        Args:
+            target: the thing, where it is believed to be.
+            closed_will_do: whether a closed container that holds it is far enough.
+
+        Returns:
+            True with the thing within reach; False with its closed container in view.
+
+        Raises:
+            RefusedError: it is not there, or its container is closed.
+        """
+        self.use(target)
+        if self._at_hand(target):
+            return True
+        kind = object_types().get(target.object_type)
+        movable = kind is not None and kind.can("pickupable")
+        views = self.limits.views_of_movable if movable else self.limits.views
+        tried: list[View] = []
+        while len(tried) < views and self.next_view(target, tried):
+            if self._at_hand(target):
+                return True
+            place = self.log.in_view.get(target.place_id or "")
+            if place is not None and _closed_over(place, target.position_m):
+                return self._closed(target, place, closed_will_do)
+        if not movable:
+            raise RefusedError(f"could not get {target.object_type} into view and reach")
+        if (place := self.shut_in(target)) is not None:
+            return self._closed(target, place, closed_will_do)
+        self.log.miss(target.object_id, target.position_m)
+        raise RefusedError(
+            f"{target.object_type} is not at its remembered place; "
+            f"Explore(robot, '{target.object_type}') to find it"
+        )
+
+    def _at_hand(self, target: Known) -> bool:
+        return target.object_id == self.log.held_id or target.object_id in self.log.within_reach
+
+    def shut_in(self, target: Known) -> SeenObject | None:
+        """Return the closed container that a thing is believed to be in, if any.
+
+        The one it was last seen in; else the one around it, as where it lies in a bowl in there.
+        """
+        place = self.log.seen.get(target.place_id or "")
+        if place is not None and _closed_over(place, target.position_m):
+            return place
+        around = (sight for sight in self.log.seen.values() if _shuts_in(sight, target.position_m))
+        return min(around, key=lambda sight: sight.object_id, default=None)
+
+    def _closed(self, target: Known, place: SeenObject, closed_will_do: bool) -> bool:
+        self.log.focus[place.object_type] = place.object_id
+        if closed_will_do:
+            self.used.append(place.object_id)
+            return False
+        raise RefusedError(
+            f"{target.object_type} is in the closed {place.object_type}; "
+            f"OpenObject(robot, '{place.object_type}') first"
+        )
+
+    def next_view(
+        self,
+        target: Known,
+        tried: list[View],
+        *,
+        least_gap_m: float = 0.0,
+        past: Vec3 | None = None,
+    ) -> bool:
+        """Go to the best place not yet tried to see a thing from, and look.
+
+        Args:
+            target: the thing, where it is believed to be.
+            tried: places and looks so far.
+            least_gap_m: nearer places come later.
+            past: a point; places from which it lies in the direction that it had from one before,
+                or nearly so, come later.
+
+        Returns:
+            False when there is no such place left; otherwise `tried` has one more.
+        """
+        for view in self._untried(target, tried, least_gap_m, past):
+            tried.append(view)
+            if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
+                self.look()
+                return True
+        return False
+
+    def _untried(
+        self, target: Known, tried: list[View], least_gap_m: float, past: Vec3 | None
+    ) -> list[View]:
+        """Return the views to try next: after a failure, the one it was last seen from first."""
+        sight = self.log.seen.get(target.object_id)
+        box = Target(center_m=target.position_m)
+        before: list[View] = []
+        if sight is not None and sight.position_m == target.position_m:
+            box = Target(center_m=sight.box_center_m, size_m=sight.box_size_m)
+            pose = self.log.seen_from.get(target.object_id)
+            if len(tried) == 1 and pose is not None:
+                before = [self.walker.view_of(pose)]
+        ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
+        used = {(view.state, view.horizon_deg) for view in tried}
+        fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
+        fresh.sort(key=lambda view: any(_alike(view, other) for other in tried))
+        if past is not None:
+            bearing = self.walker.bearing_deg
+            before_deg = [bearing(view, past) for view in tried]
+            fresh.sort(key=lambda view: _turn(bearing(view, past), before_deg) < _ASIDE_DEG)
+        return fresh
+
+    def act(
+        self, target: Known, action: str, *, also: str | None = None, in_passing: bool = False
+    ) -> Event:
+        """Do one action on a thing, going there first, and again from elsewhere if that may help.
+
+        Args:
+            target: what to act on.
+            action: AI2-THOR's action with an objectId.
+            also: another thing that it handles.
+            in_passing: not worth remembering.
+
+        Raises:
+            RefusedError: the world's own words.
+        """
+        self.approach(target)
+        arguments = {"objectId": target.object_id}
+        event = self.walker.do(action, **arguments)
+        tried: list[View] = []
+        opens = action in ("OpenObject", "CloseObject")
+        while not _ok(event) and _ROOM_MATTERS.search(_words(event)):
+            if len(tried) == self.limits.retries:
+                break
+            if not self.next_view(target, tried, least_gap_m=0.75 if opens else 0.0):
+                break
+            if target.object_id in self.log.within_reach:
+                event = self.walker.do(action, **arguments)
+        self.done(target, event, also=also, in_passing=in_passing)
+        return event
+
+    def done(
+        self, target: Known, event: Event, *, also: str | None = None, in_passing: bool = False
+    ) -> None:
+        """Take note of an action on a thing, or refuse with the world's words."""
+        touched = [target.object_id] if also is None else [also, target.object_id]
+        self.log.observe(event, touched)
+        if not _ok(event):
+            raise RefusedError(_advice(_words(event), target.object_type))
+        if in_passing:
+            return
+        self.log.changed(target.object_id, target.position_m)
+        self.log.handled.extend(touched)
+        self.used = [*touched, *self.used]
+        self.log.focus[target.object_type] = target.object_id
+
+    def use(self, target: Known) -> None:
+        """Note that a name meant this thing."""
+        self.used.append(target.object_id)
+        self.log.focus[target.object_type] = target.object_id
+
+
+def _ok(event: Event) -> bool:
+    return bool(event.metadata["lastActionSuccess"])
+
+
+def _words(event: Event) -> str:
+    """Return the world's refusal without what a planner cannot use (stack, asset hashes)."""
+    text = str(event.metadata["errorMessage"]).split(". trace:")[0].strip()
+    text = re.sub(r"^\w+Exception: ", "", text)
+    return re.sub(r"\b([A-Z][A-Za-z]+)_[0-9a-f]{8}\b", r"\1", text) or "the world refused"
+
+
+def _advice(words: str, kind: str) -> str:
+    """Return the world's words and the skill that would help."""
+    for sign, skill in _CURES:
+        if sign in words.lower():
+            return f"{words} Do {skill}(robot, '{kind}') first."
+    return words
+
+
+def _closed_over(container: SeenObject, point: Vec3) -> bool:
+    """Return whether a container is closed, and a point in it does not lie on its top."""
+    top = container.box_center_m[1] + container.box_size_m[1] / 2
+    return "closed" in container.states and point[1] < top - _ON_TOP_M
+
+
+def _shuts_in(container: SeenObject, point: Vec3) -> bool:
+    """Return whether a point is in the box of something closed that things are put into."""
+    kind = object_types().get(container.object_type)
+    box = zip(point, container.box_center_m, container.box_size_m, strict=True)
+    inside = all(abs(at - center) <= size / 2 for at, center, size in box)
+    return inside and "closed" in container.states and bool(kind and kind.can("receptacle"))
+
+
+def _turn(bearing_deg: float, others_deg: Iterable[float]) -> float:
+    """Return the least angle between one direction and the others."""
+    return min(abs((bearing_deg - other + 180.0) % 360.0 - 180.0) for other in others_deg)
+
+
+def _alike(one: View, other: View) -> bool:
+    """Return whether two views are next to each other and look the same way."""
+    near = max(abs(a - b) for a, b in zip(one.state[:2], other.state[:2], strict=True)) <= 1
+    same = one.state[2] == other.state[2] and one.horizon_deg == other.horizon_deg
+    return near and same

@@ -1,0 +1,189 @@
+"""Where an episode begins: seed 0 is the scene as it is, any other seed is another day in it.
+
+At temperature 0 the same start gives the same episode, so a seed has to change something real: half
+of what can be carried lies elsewhere, and the agent stands somewhere else. All rows of a task and
+seed begin alike. A start is drawn again while the symbolic teacher cannot do in it what it can do
+in the scene as it is, or while something is done in it before it was asked for.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from karma.contracts import Event, Task, World
+from karma.errors import KarmaError
+from karma.methods.expert import OracleMethod
+from karma.seeds import stream
+from karma.tasks.goals import GoalTracker, WatchedWorld, object_names
+
+_DRAWS = 20  # starts tried; then the one with the fewest faults is taken
+_SHARE = 2  # one in so many of the things that can be carried is moved
+_SPARED = ("GarbageCan",)  # nobody begins a day by searching the bin
+_TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
+
+Faults = frozenset[tuple[str, int]]  # what is wrong with a start, and in which sub-task
+
+
+def check_seeds(tasks: Iterable[Task], seeds: Iterable[int]) -> None:
+    """See that every task has a start for every seed.
+
+    Raises:
+        KarmaError: a sequence is to begin on another day; its requests were drawn for the scenes as
+            they are.
+    """
+    other = [seed for seed in seeds if seed]
+    alone = next((task.id for task in tasks if task.kind == "sequence"), "")
+    if other and alone:
+        raise KarmaError(
+            f"seeds: {other[0]}: the sequence {alone!r} has no other days, only seed 0\n"
+            "  To fix: draw other sequences: karma sequences OUT.jsonl --number N --seed S"
+        )
+
+
+class Starts:
+    """Finds the start of each task and seed, and keeps which draw it was."""
+
+    def __init__(self) -> None:
+        self._draws: dict[tuple[Task, int], int] = {}
+        self._usual: dict[Task, Faults] = {}
+
+    def of(self, world: World, task: Task, seed: int) -> World:
+        """Return a world in which every reset to the task's scene leads to the seed's start."""
+        return StartedWorld(world, task, seed, self) if seed else world
+
+    def start(self, world: World, task: Task, seed: int) -> Event:
+        """Bring a world into the start of a seed.
+
+        Raises:
+            KarmaError: the world refuses to move things.
+        """
+        if not seed:
+            return world.reset(task.scene)
+        if (task, seed) not in self._draws:
+            self._draws[task, seed] = self._search(world, task, seed)
+        return drawn(world, task, seed, self._draws[task, seed])
+
+    def _search(self, world: World, task: Task, seed: int) -> int:
+        """Return the first draw with no fault that the scene as it is does not have too."""
+        if task not in self._usual:
+            world.reset(task.scene)
+            self._usual[task] = faults(world, task)
+        usual = self._usual[task]
+        counts = []
+        for draw in range(_DRAWS):
+            drawn(world, task, seed, draw)
+            counts.append(len(faults(world, task) - usual))
+            if not counts[-1]:
+                break
+        return counts.index(min(counts))
+
+
+class StartedWorld:
+    """A world whose task's scene begins as one seed has it; else the world that it is given.
+
+    Args:
+        world: any world.
+        task: what is going to be asked.
+        seed: of the episode.
+        starts: finds the start.
+    """
+
+    def __init__(self, world: World, task: Task, seed: int, starts: Starts) -> None:
+        self._world, self._task, self._seed, self._starts = world, task, seed, starts
+
+    @property
+    def last_event(self) -> Event:
+        """The world's own."""
+        return self._world.last_event
+
+    def reset(self, scene: str) -> Event:
+        """Load a scene; the task's own is put into the seed's start."""
+        if scene != self._task.scene:
+            return self._world.reset(scene)
+        return self._starts.start(self._world, self._task, self._seed)
+
+    def step(self, action: str, **arguments: Any) -> Event:
+        """Do one action."""
+        return self._world.step(action, **arguments)
+
+    def stop(self) -> None:
+        """Release what the world holds."""
+        self._world.stop()
+
+
+def drawn(world: World, task: Task, seed: int, draw: int) -> Event:
+    """Reset a world to a task's scene, move things by lot, and put the agent on some cell.
+
+    Things go where things are in the scene as it is, so that no more doors hide them than do.
+
+    Raises:
+        KarmaError: the world refuses to move things.
+    """
+    rng = stream(seed, "starts", task.id, str(draw))
+    things = world.reset(task.scene).metadata["objects"]
+    loose = sorted(thing["objectId"] for thing in things if thing["pickupable"])
+    types = {thing["objectId"]: thing["objectType"] for thing in things}
+    in_use = {p for t in things if t["pickupable"] for p in t["parentReceptacles"] or ()}
+    event = world.step(
+        "InitialRandomSpawn",
+        randomSeed=int(rng.integers(1 << 30)),
+        objectIds=[str(name) for name in rng.choice(loose, len(loose) // _SHARE, replace=False)],
+        receptacleObjectIds=sorted(p for p in in_use if types.get(p) not in _SPARED),
+        forceVisible=False,
+        placeStationary=True,
+    )
+    if not event:
+        raise KarmaError(f"{task.scene}: {event.metadata['errorMessage']}")
+    return _stand(world, rng)
+
+
+def _stand(world: World, rng: np.random.Generator) -> Event:
+    """Put the agent on a cell and in a direction drawn by lot; it stays where none will do."""
+    agent = world.last_event.metadata["agent"]
+    cells = world.step("GetReachablePositions").metadata["actionReturn"] or ()
+    order = sorted(cells, key=lambda cell: (cell["x"], cell["z"]))
+    for index in rng.permutation(len(order)):
+        event = world.step(
+            "TeleportFull",
+            position=order[index],
+            rotation={"x": 0.0, "y": float(rng.choice(_TURNS_DEG)), "z": 0.0},
+            horizon=agent["cameraHorizon"],
+            standing=agent["isStanding"],
+        )
+        if event:
+            return event
+    return world.last_event
+
+
+def faults(world: World, task: Task) -> Faults:
+    """Return what is wrong with the moment as a start of a task; the world is used up by it.
+
+    "done": a sub-task that is the first to speak of its things is met already. "hard": the
+    symbolic teacher did not solve it.
+    """
+    tracker = GoalTracker()
+    watched = WatchedWorld(world, tracker)
+    teacher = OracleMethod()
+    teacher.begin(watched, task.scene, seed=0, folder=Path())
+    tracker.start(world.last_event)
+    found = {("done", number) for number in _done_already(task, tracker, world.last_event)}
+    for number, subtask in enumerate(task.subtasks):
+        tracker.begin_subtask()
+        for _ in teacher.do(subtask):
+            pass
+        if tracker.unmet(subtask.goals, world.last_event):
+            found.add(("hard", number))
+    return frozenset(found)
+
+
+def _done_already(task: Task, tracker: GoalTracker, event: Event) -> set[int]:
+    spoken: set[str] = set()
+    found = set()
+    for number, subtask in enumerate(task.subtasks):
+        names = {name for goal in subtask.goals for name in object_names(goal)}
+        if subtask.goals and not names & spoken and not tracker.unmet(subtask.goals, event):
+            found.add(number)
+        spoken |= names
+    return found

@@ -1,0 +1,205 @@
+"""What a run depends on, as versions and SHA-256 hashes."""
+
+import hashlib
+import os
+import platform
+from collections.abc import Iterable, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import msgspec
+
+from karma import __version__
+from karma.bench.experiment import OPENAI, Experiment, Models, RunOptions
+from karma.bench.run_folder import FORMAT, Header, Machine
+from karma.contracts import Task
+from karma.errors import FileError, ModelError, UnknownNameError
+from karma.files import read_bytes, to_json
+from karma.infer.manifest.manifest import find_model, resolve_planner, sha256_of
+from karma.infer.manifest.memory_check import MEMINFO
+from karma.offline import network_allowed
+from karma.tasks.files import in_rooms
+from karma.world.core.scene import find
+
+PACKAGE = Path(__file__).parents[1]
+COMPUTING = (  # packages whose next version may give other bits
+    "faiss-cpu", "llama-cpp-python", "numpy", "sentence-transformers", "tokenizers", "torch",
+    "transformers",
+)  # fmt: skip
+
+
+def header_of(
+    experiment: Experiment, tasks: Iterable[Task], scenes: Mapping[str, bytes], *, steps: bool
+) -> Header:
+    """Return what a run depends on.
+
+    Args:
+        experiment: as it was read; a comment in its file changes nothing.
+        tasks: those that it selects.
+        scenes: imported floor plans, by name.
+        steps: whether step logs are kept.
+
+    Raises:
+        ModelError: a model's file is missing.
+        UnknownNameError: there is no such model.
+    """
+    listed = [in_rooms(task, lambda scene: Path(scene).stem) for task in tasks]
+    plain = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
+    for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
+        del plain[name]
+    return Header(
+        name=experiment.name,
+        experiment=_sha(to_json(plain)),
+        tasks=_sha(to_json(listed)),
+        versions=versions(),
+        models=model_hashes(experiment.models),
+        prompts=prompt_hashes(),
+        scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
+        network=network_allowed(),
+        steps=steps,
+        format=FORMAT,
+        machine=machine(experiment.models.threads),
+    )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package, of Python, and of what computes."""
+    found = {"karma": __version__, "python": ".".join(platform.python_version_tuple()[:2])}
+    for name in COMPUTING:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def machine(threads: int) -> Machine:
+    """Return what this machine is."""
+    return Machine(
+        platform=platform.platform(),
+        cpu=_cpu(),
+        cores=len(os.sched_getaffinity(0)),
+        memory_mb=_memory_mb(),
+        threads=threads,
+    )
+
+
+# ----------------------------------------------------------------- models
+
+
+def model_hashes(models: Models) -> dict[str, str]:
+    """Return role -> name and SHA-256 of the model that fills it.
+
+    A role without weights, and one that a host fills, has the name only.
+
+    Raises:
+        ModelError: a file is missing.
+        UnknownNameError: there is no such model.
+    """
+    return {
+        "planner": _planner(models),
+        "embedder": _filled(models, "embedder"),
+        "vision": _filled(models, "vision"),
+    }
+
+
+def _planner(models: Models) -> str:
+    if models.hosted.planner is not None:
+        return f"{OPENAI}: {models.hosted.planner.model}"
+    file = resolve_planner(models.planner)
+    return f"{file.name} {file.sha256 or _file_sha(file.path)}"
+
+
+def _filled(models: Models, role: str) -> str:
+    name: str = getattr(models, role)
+    endpoint = getattr(models.hosted, role)
+    if endpoint is not None:
+        return f"{OPENAI}: {endpoint.model}"
+    kind, _, model = name.partition(":")
+    if kind == "minilm":
+        from karma.infer.embed.sentence import FILES
+
+        return f"{name} {_sha(to_json(FILES))}"
+    model = model or _default_model(kind)
+    return f"{name} {_model_sha(model)}" if model else name
+
+
+def _default_model(kind: str) -> str:
+    """Return the model of an implementation that is named without one; "" where it has none."""
+    if kind == "sentence":
+        return "bge-small-en"
+    if kind == "clip":
+        from karma.infer.embed.clip import DEFAULT
+
+        return str(DEFAULT)
+    if kind in ("nano-vlm", "transformers"):
+        from karma.infer.vision.transformers import NANO
+
+        return str(NANO)
+    return ""
+
+
+def _model_sha(model: str) -> str:
+    """Return one hash for all files of a model of the manifest, or of a folder."""
+    folder = Path(model)
+    if folder.is_dir():
+        files = sorted(path for path in folder.rglob("*") if path.is_file())
+        return _sha(to_json({str(p.relative_to(folder)): _file_sha(p) for p in files}))
+    try:
+        entry = find_model(model)
+    except UnknownNameError:
+        return _file_sha(folder) if folder.is_file() else ""  # whoever loads it says what is wrong
+    return _sha(to_json({file.path: file.sha256 for file in entry.files}))
+
+
+def _file_sha(path: Path) -> str:
+    try:
+        return sha256_of(path)
+    except OSError as error:
+        raise ModelError(
+            f"{path}: {error.strerror or error}\n  To fix: `karma models list` shows what is there"
+        ) from error
+
+
+# ----------------------------------------------------------------- the rest
+
+
+def prompt_hashes() -> dict[str, str]:
+    """Return the hash of each template."""
+    return {
+        path.name: _sha(read_bytes(path))
+        for path in sorted(PACKAGE.rglob("*.txt"), key=lambda p: p.name)
+    }
+
+
+def scene_hashes(names: Iterable[str], imported: Mapping[str, bytes]) -> dict[str, str]:
+    """Return the hash of each scene that is there; the episodes of others record an error."""
+    found = {}
+    for name in sorted(names):
+        stem = Path(name).stem
+        try:
+            data = imported.get(stem) or read_bytes(find(name))
+        except FileError:
+            continue
+        found[stem] = _sha(data)
+    return found
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def _memory_mb() -> int | None:
+    try:
+        return int(MEMINFO.read_text().split()[1]) * 1024 // 1_000_000
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def _sha(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

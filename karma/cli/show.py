@@ -1,0 +1,243 @@
+"""What a person sees in the terminal: an instruction being carried out, and tables of figures."""
+
+from collections.abc import Sequence
+from textwrap import wrap
+
+from rich.box import HORIZONTALS
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from karma.agent.planner import grounded
+from karma.bench.precision import Precision, Reached
+from karma.bench.records import EpisodeRecord, Summary, by_task
+from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
+from karma.infer.hosted.cost import Ledger, Spent
+
+_NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns
+
+
+class InstructionView:
+    """One instruction as it happens: recalled memory, program, steps and results.
+
+    Args:
+        number: of the instruction, from 1.
+        instruction: what was asked.
+    """
+
+    def __init__(self, number: int, instruction: str) -> None:
+        self._title = f"{number}. {instruction}"
+        self._plan: Plan | None = None
+        self._results: list[SkillResult] = []
+        self._past: list[RenderableType] = []  # earlier programs of this instruction
+        self._outcome: Outcome | None = None
+
+    def add(self, moment: Plan | SkillResult | Outcome) -> None:
+        """Take in what a method yields."""
+        if isinstance(moment, Plan):
+            if self._plan is not None:
+                self._past.append(self._program(self._plan))
+            self._plan, self._results = moment, []
+        elif isinstance(moment, SkillResult):
+            self._results.append(moment)
+        else:
+            self._outcome = moment
+
+    def __rich__(self) -> RenderableType:
+        parts: list[RenderableType] = []
+        if self._plan is not None:
+            parts.append(memory_table(self._plan.recalled, "recalled from short-term memory"))
+            parts += self._past
+            parts.append(self._program(self._plan))
+        style = "yellow"
+        if self._outcome is not None:
+            style = "green" if self._outcome.finished else "red"
+        return Panel(Group(*parts), title=escape(self._title), title_align="left", style=style)
+
+    def _program(self, plan: Plan) -> RenderableType:
+        table = Table.grid(padding=(0, 1))
+        said = plan.completion
+        note = (
+            f"{count(said.completion_tokens)} tokens in {said.total_s:.2f} s, "
+            f"{count(said.reused_tokens)} of {count(said.prompt_tokens)} prompt tokens kept"
+        )
+        if said.cost is not None:
+            note += f", cost {said.cost:.6f}"
+        table.add_row("", Text(f"program ({note})", style="dim"))
+        if plan.error:
+            table.add_row("[red]✗[/]", Text(plan.error, style="red"))
+        for number, call in enumerate(grounded(plan.calls, plan.names)):
+            written = plan.calls[number]
+            result = self._results[number] if number < len(self._results) else None
+            current = result is not None and str(result.call) == str(call)
+            table.add_row(*_line(str(written), result if current else None))
+        return table
+
+
+def _line(text: str, result: SkillResult | None) -> tuple[str, Text]:
+    if result is None:
+        return "[dim]·[/]", Text(text, style="dim")
+    cost = f"  {result.actions} steps"
+    if result.explorations:
+        cost += f", {result.explorations} places searched"
+    line = Text(text, style="bold" if result.ok else "red")
+    line.append(cost, style="dim")
+    if result.reason:
+        line.append(f"  {result.reason}", style="dim" if result.ok else "red")
+    return ("[green]✓[/]" if result.ok else "[red]✗[/]"), line
+
+
+def memory_table(units: Sequence[MemoryUnit], title: str) -> RenderableType:
+    """Return short-term memory as a table, the last used last."""
+    if not units:
+        return Text(f"{title}: nothing", style="dim")
+    table = Table(title=title, title_justify="left", box=None, title_style="dim", style="none")
+    for name in ("object", "states", "where", "position (m)"):
+        table.add_column(name, header_style="dim")
+    for unit in units:
+        table.add_row(
+            unit.object_type + (" *" if unit.handled else ""),
+            ", ".join(unit.states) or "–",
+            (unit.place_id or "–").split("|")[0],
+            " ".join(f"{v:+.2f}" for v in unit.position_m),
+        )
+    return table
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """Return a figure, or the sign for what was not measured.
+
+    >>> number(None), number(0.5)
+    ('–', '0.50')
+    """
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def count(value: int | None) -> str:
+    """Return a count, or the sign for what was not measured.
+
+    >>> count(None), count(3)
+    ('–', '3')
+    """
+    return "–" if value is None else str(value)
+
+
+def spent_text(spent: Sequence[Spent]) -> str:
+    """Return what hosted models cost, a line per role and model."""
+    ledger = Ledger()
+    for one in spent:
+        ledger.enter(one)
+    return "\n".join(
+        f"{one.role} {one.model}: {one.requests} requests ({one.failures} failed), "
+        f"{count(one.prompt_tokens)} + {count(one.completion_tokens)} tokens, "
+        f"cost {number(one.cost, 6)}, {number(one.seconds)} s"
+        for one in ledger.take()
+    )
+
+
+def summary_table(lines: Sequence[Summary], title: str) -> Table:
+    """Return the table at the end of a run."""
+    table = Table(title=title, title_justify="left", box=HORIZONTALS, padding=(0, 1, 0, 0))
+    table.add_column("row")
+    table.add_column("tasks", no_wrap=True)
+    for name in ("success", "rate", "places", "steps", "calls", "sec", "hits"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in dict.fromkeys(line.row for line in lines):
+        group = [line for line in lines if line.row == row]
+        group = group[:1] if len(group) == 2 else group  # one kind of task is all there are
+        for line, words in zip(group, _spread(row, len(group)), strict=True):
+            table.add_row(
+                escape(words),
+                line.kind,
+                f"{line.successes}/{line.episodes}",
+                number(line.success_rate),
+                number(line.explorations, 1),
+                number(line.actions, 0),
+                number(line.planner_calls, 1),
+                number(line.seconds),
+                number(line.memory_hit_rate),
+                end_section=line is group[-1],
+            )
+    table.caption = (
+        "per episode: places searched, world steps, planner calls, seconds; "
+        "hits: needed things found in short-term memory, cold start counted"
+    )
+    return table
+
+
+def _spread(name: str, lines: int) -> list[str]:
+    """Return a long name in pieces, one for each line of a group; what is over stays in the last.
+
+    >>> _spread("KARMA (w/o short term memory)", 4)
+    ['KARMA (w/o short', 'term memory)', '', '']
+    >>> _spread("HELPER (furniture in the prompt)", 1)[0].splitlines()
+    ['HELPER (furniture', 'in the prompt)']
+    """
+    pieces = wrap(name, _NAME_WIDTH)
+    pieces[lines - 1 :] = ["\n".join(pieces[lines - 1 :])]
+    return pieces + [""] * (lines - len(pieces))
+
+
+def precision_table(lines: Sequence[Reached], wanted: Precision) -> Table:
+    """Return how sure each success rate is, beside how sure it was wanted to be."""
+    table = Table(title=f"success to ± {wanted.half_width:g}", title_justify="left")
+    for name in ("row", "tasks"):
+        table.add_column(name)
+    for name in ("seeds", "rate", "±"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("")
+    for line in lines:
+        interval = line.success.interval
+        table.add_row(
+            escape(line.row),
+            f"{line.tasks} {line.kind}",
+            str(line.seeds),
+            number(line.success.value),
+            number(interval.half_width if interval else None, 3),
+            _reached(line),
+        )
+    return table
+
+
+def _reached(line: Reached) -> str:
+    if line.reached:
+        return "[green]reached[/]"
+    if line.takes_tasks:
+        return "[red]takes more tasks, not seeds[/]"
+    if line.more_seeds is None:
+        return "not known what it takes" + (
+            "" if line.seeds == 1 else "; tasks seem to differ much"
+        )
+    return f"takes about {count(line.more_seeds)} more seeds"
+
+
+def task_table(records: Sequence[EpisodeRecord]) -> Table:
+    """Return one line per task: resolved or not, and each row's success."""
+    rows = list(dict.fromkeys(record.row for record in records))
+    table = Table(title="per task", title_justify="left")
+    for name in ("task", "scene", "goals", *rows):
+        table.add_column(name)
+    table.caption = "goals: resolved of all; a task is judged by those that could be resolved"
+    table.add_column("notes", overflow="fold")
+    for task, found in by_task(records).items():
+        one = next(iter(found.values()))
+        goals = sum(len(sub.goals) for sub in one.subtasks)
+        table.add_row(
+            task,
+            one.scene,
+            f"{goals}/{goals + sum(note.startswith('unresolved') for note in one.notes)}",
+            *(_mark(found.get(row)) for row in rows),
+            "\n".join(escape(note) for note in one.notes) or "",
+        )
+    return table
+
+
+def _mark(record: EpisodeRecord | None) -> str:
+    if record is None:
+        return "–"
+    if record.success:
+        return "[green]✓[/]"
+    good = sum(sub.success for sub in record.subtasks)
+    return f"[red]✗[/] {good}/{len(record.subtasks)}"

@@ -1,0 +1,129 @@
+"""What every object type can do, where it may be put and how big it is (`types.toml`)."""
+
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import msgspec
+
+from karma.contracts import Vec3
+from karma.errors import FileError, UnknownNameError
+from karma.files import read_toml
+
+Capability = Literal[
+    "receptacle", "pickupable", "moveable", "openable", "toggleable", "breakable",
+    "canFillWithLiquid", "dirtyable", "canBeUsedUp", "cookable", "sliceable",
+    "isHeatSource", "isColdSource",
+]  # AI2-THOR's flag names  # fmt: skip
+RoomType = Literal["Kitchen", "LivingRoom", "Bedroom", "Bathroom"]
+
+TABLE = Path(__file__).parent / "types.toml"
+
+
+class ObjectType(msgspec.Struct, frozen=True, kw_only=True):
+    """One of the 125 types of AI2-THOR 5.0.0."""
+
+    name: str
+    rooms: tuple[RoomType, ...]
+    capabilities: tuple[Capability, ...]
+    goes_in: tuple[str, ...] | None  # receptacle types it may be put into; None = unrestricted
+    accepts_only: tuple[str, ...] = ()  # types that this receptacle takes; () = any that go in it
+    must_be_open: bool = False  # before something is put into it
+    upright: bool = False  # always put down standing
+    slices_into: str | None = None
+    slice_count: int = 0
+    made_by_slicing: bool = False  # never there at reset
+    starts_open: bool = False
+    starts_on: bool = False
+    size_m: Vec3  # typical box at yaw 0
+    mass_kg: float = 0.0
+    materials: tuple[str, ...] | None = None
+
+    def can(self, capability: Capability) -> bool:
+        """Return whether objects of this type have the capability."""
+        return capability in self.capabilities
+
+    def fits(self, receptacle: "ObjectType") -> bool:
+        """Return whether the types allow putting this into that receptacle."""
+        if receptacle.accepts_only:
+            return self.name in receptacle.accepts_only
+        return self.goes_in is None or receptacle.name in self.goes_in
+
+
+class _Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    rooms: tuple[RoomType, ...]
+    capabilities: tuple[Capability, ...] = ()
+    goes_in: tuple[str, ...] | None = None
+    also_in: tuple[str, ...] = ()
+    accepts_only: tuple[str, ...] = ()
+    must_be_open: bool = False
+    upright: bool = False
+    slices_into: str | None = None
+    slice_count: int = 0
+    made_by_slicing: bool = False
+    starts_open: bool = False
+    starts_on: bool = False
+    size_m: Vec3
+    mass_kg: float = 0.0
+    materials: tuple[str, ...] | None = None
+
+
+class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    groups: dict[str, tuple[str, ...]]
+    types: dict[str, _Row]
+
+
+@cache
+def object_types() -> Mapping[str, ObjectType]:
+    """Return all types by name, read once from `types.toml`.
+
+    Raises:
+        FileError: the table is damaged; names the type and the name it does not know.
+    """
+    return read_types(TABLE)
+
+
+def read_types(path: Path) -> Mapping[str, ObjectType]:
+    """Read a table of types; errors as in `object_types`."""
+    table = read_toml(path, _Table)
+    types = {name: _object_type(name, row, table, path) for name, row in table.types.items()}
+    return MappingProxyType(dict(sorted(types.items())))
+
+
+def object_type(name: str) -> ObjectType:
+    """Return one type.
+
+    Raises:
+        UnknownNameError: there is no such type; suggests the nearest.
+    """
+    types = object_types()
+    if name not in types:
+        near = get_close_matches(name, types, n=1)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise UnknownNameError(f"no object type named {name!r}.{hint}")
+    return types[name]
+
+
+def _object_type(name: str, row: _Row, table: _Table, path: Path) -> ObjectType:
+    facts = msgspec.structs.asdict(row)
+    listed, ours = facts.pop("goes_in"), facts.pop("also_in")
+    facts["goes_in"] = None if listed is None else _expand((*listed, *ours), table, name, path)
+    for other in (*(facts["goes_in"] or ()), *row.accepts_only, *filter(None, [row.slices_into])):
+        if other not in table.types:
+            raise FileError(path, f"types.{name}: names {other!r}, which is not a type")
+    return ObjectType(name=name, **facts)
+
+
+def _expand(names: Iterable[str], table: _Table, owner: str, path: Path) -> tuple[str, ...]:
+    found: dict[str, None] = {}
+    for name in names:
+        if not name.startswith("@"):
+            found[name] = None
+        elif name[1:] in table.groups:
+            found.update(dict.fromkeys(table.groups[name[1:]]))
+        else:
+            raise FileError(path, f"types.{owner}: no group named {name!r}")
+    return tuple(sorted(found))

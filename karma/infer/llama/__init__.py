@@ -1,0 +1,1 @@
+"""Planner models by llama.cpp: opened, prompted, constrained and scored."""

@@ -1,0 +1,52 @@
+"""Best-first search for the best continuation: which prefixes of a trie may still win.
+
+No continuation can score more than what it begins with, because log p <= 0; so the first one that
+leads every unfinished prefix has won.
+"""
+
+import heapq
+from collections.abc import Sequence
+
+from karma.infer.llama.token_trie import Floats, Node
+
+
+class Race:
+    """The prefixes that are scored, by the most that each can come to.
+
+    Args:
+        trie: what runs.
+        found: scores of its nodes, filled in as they become known.
+        average: whether a continuation's score is divided by its tokens.
+    """
+
+    def __init__(self, trie: Sequence[Node], found: Floats, *, average: bool) -> None:
+        self._trie, self._found, self._average = trie, found, average
+        self._queue: list[tuple[float, int]] = []  # (minus the most it can come to, node); a heap
+        self._ended: list[tuple[float, int, int]] = []  # (-score, continuation, node); a heap
+
+    def enter(self, number: int) -> None:
+        """Let the children of a node in, now that they have scores."""
+        for child in self._trie[number].children.values():
+            most = self._found[child] / (self._trie[child].longest if self._average else 1)
+            heapq.heappush(self._queue, (-float(most), child))
+
+    def leader(self) -> int | None:
+        """Take out the best prefix to go on from; None when the race is over."""
+        while self._queue and not self._decided():
+            _, number = heapq.heappop(self._queue)
+            node = self._trie[number]
+            score = self._found[number] / (node.depth if self._average else 1)
+            for one in node.ends:
+                heapq.heappush(self._ended, (-float(score), one, number))
+            if node.children:
+                return number
+        return None
+
+    def winner(self) -> tuple[float, int, int]:
+        """Return the best that has ended: score, continuation (the first of equals), node."""
+        score, one, number = self._ended[0]
+        return -score, one, number
+
+    def _decided(self) -> bool:
+        """Return whether nothing in the queue can come up to what has ended; equals can."""
+        return bool(self._ended) and self._ended[0][0] < self._queue[0][0]

@@ -1,0 +1,148 @@
+"""The entry of a model that somebody brought: hashes compared, headers read, then described."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma.errors import ModelError
+from karma.infer.manifest.folder_check import check_weights, read_config
+from karma.infer.manifest.gguf_check import check_gguf
+from karma.infer.manifest.local_files import parts_of
+from karma.infer.manifest.manifest import ModelEntry, ModelFile, Role
+from karma.infer.manifest.memory_check import gguf_parts_mb, weights_mb
+
+_ROLES: Mapping[str, Role] = {
+    "clip": "image-embedder",
+    "siglip": "image-embedder",
+    "siglip2": "image-embedder",
+    "grounding-dino": "detector",
+    "sam": "detector",
+    "bert": "text-embedder",
+    "mpnet": "text-embedder",
+    "xlm-roberta": "text-embedder",
+    "roberta": "text-embedder",
+    "qwen2_5_vl": "vlm",
+    "smolvlm": "vlm",
+    "idefics3": "vlm",
+    "llava": "vlm",
+    "llava_onevision": "vlm",
+}
+_BATCH = 512
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wishes:
+    """What the user said of a model that is added; None where nothing was said."""
+
+    name: str | None = None
+    role: Role | None = None
+    licence: str | None = None
+    source: str | None = None
+    revision: str | None = None
+    prompt_profile: str | None = None
+    context_length: int | None = None
+    chat: bool | None = None
+    in_place: bool = False
+
+
+def entry_of(
+    name: str,
+    shipped: ModelEntry | None,
+    wishes: Wishes,
+    folder: Path,
+    hashes: Mapping[str, tuple[str, int]],
+    *,
+    prefix: Path,
+) -> ModelEntry:
+    """Compare with what the manifest knows, then look at headers, then describe the model."""
+    if shipped is not None:
+        hashes = _met(shipped, folder, hashes)
+    files = tuple(
+        ModelFile(path=(prefix / part).as_posix(), sha256=digest, bytes=size)
+        for part, (digest, size) in hashes.items()
+    )
+    weights = [part for part in hashes if part.endswith(".gguf")]
+    seen = _gguf(folder / weights[0]) if weights else _safetensors(folder)
+    if shipped is not None:
+        return msgspec.structs.replace(shipped, files=files)
+    return _described(name, wishes, files, seen)
+
+
+def _met(
+    shipped: ModelEntry, folder: Path, hashes: Mapping[str, tuple[str, int]]
+) -> dict[str, tuple[str, int]]:
+    """Return the files that the manifest wants; refuses by name what is not as it must be."""
+    wanted = parts_of(shipped)
+    for part, file in wanted.items():
+        where = folder / part
+        if part not in hashes:
+            raise ModelError(
+                f"{where.name}: missing, and model {shipped.name!r} needs {part}\n"
+                f"  Expected SHA-256: {file.sha256 or 'not known'}\n  To fix: {shipped.fix}"
+            )
+        digest, size = hashes[part]
+        if file.sha256 not in (None, digest) or file.bytes not in (None, size):
+            raise ModelError(
+                f"{part}: not the file of model {shipped.name!r}: its SHA-256 is {digest}, "
+                f"{size} bytes\n  Expected SHA-256: {file.sha256 or 'not known'}, "
+                f"{file.bytes or 'not known how many'} bytes\n"
+                f"  To fix: {shipped.fix}; or add it as another model with --name"
+            )
+    return {part: hashes[part] for part in wanted}
+
+
+def _gguf(path: Path) -> dict[str, Any]:
+    metadata = check_gguf(path)
+    trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
+    context = min(trained, 8192)
+    return {
+        "format": "gguf",
+        "role": "planner",
+        "chat": "tokenizer.chat_template" in metadata,
+        "context_length": context,
+        "licence": metadata.get("general.license"),
+        "memory_mb": gguf_parts_mb(path, metadata, context=context, batch=_BATCH),
+    }
+
+
+def _safetensors(folder: Path) -> dict[str, Any]:
+    fix = "bring the model's whole folder"
+    weights = check_weights(folder, fix=fix)
+    config = read_config(folder / "config.json", fix=fix)
+    return {
+        "format": "safetensors",
+        "role": _ROLES.get(str(config.get("model_type"))),
+        "context_length": None,
+        "memory_mb": weights_mb(weights.parameters),
+    }
+
+
+def _described(
+    name: str, wishes: Wishes, files: tuple[ModelFile, ...], seen: Mapping[str, Any]
+) -> ModelEntry:
+    role = wishes.role or seen["role"]
+    if role is None:
+        raise ModelError(f"{name!r}: its config.json does not tell what it is for; give --role")
+    planner = role == "planner"
+    chat = seen.get("chat", False) if wishes.chat is None else wishes.chat
+    fields = {
+        "name": name,
+        "role": role,
+        "format": seen["format"],
+        "files": msgspec.to_builtins(files),
+        "licence": wishes.licence or seen.get("licence") or "not known",
+        "source": wishes.source or "added by hand",
+        "revision": wishes.revision,
+        "restore": f"bring {name}'s files back, or `karma models remove {name}`",
+        "prompt_profile": (wishes.prompt_profile or "full") if planner else None,
+        "chat": bool(chat) and planner,
+        "context_length": wishes.context_length or seen["context_length"],
+        "memory_mb": round(seen["memory_mb"]),
+    }
+    try:
+        return msgspec.convert(fields, ModelEntry)
+    except (msgspec.ValidationError, ValueError) as error:
+        raise ModelError(f"{name!r} cannot be described: {error}") from error

@@ -1,0 +1,248 @@
+"""`karma models add` and `remove`: files that somebody brought, taken in or refused by name.
+
+Added files are copied to `weights/NAME` beside the manifest, hashed on the way, and entered in
+local.toml last; with `in_place`, or where they lie there already, they stay as they are. Nothing is
+parsed before all hashes that the manifest knows were met, and nothing that was there before is lost
+when anything fails.
+"""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma.errors import FileError, KarmaError, ModelError
+from karma.files import write_atomic
+from karma.infer.manifest.local_entry import Wishes, entry_of
+from karma.infer.manifest.local_files import files_of, matching
+from karma.infer.manifest.manifest import (
+    Manifest,
+    ModelEntry,
+    local_path,
+    read_local,
+    read_shipped,
+    sha256_of,
+)
+
+Progress = Callable[[str, int, int], None]  # file, bytes done, bytes in all
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Added:
+    """What `add_model` did."""
+
+    entry: ModelEntry
+    known: bool  # the manifest names this model, and its hashes were met
+    left_out: tuple[str, ...] = ()  # files of the folder that were not taken
+
+
+def add_model(
+    path: str | Path,
+    wishes: Wishes | None = None,
+    *,
+    manifest: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Added:
+    """Take a GGUF file or a folder of safetensors into the list of models.
+
+    Args:
+        path: the file or folder.
+        wishes: what cannot be read from the files, and what should be otherwise.
+        manifest: by default the project's own.
+        progress: told how far the hashing is.
+
+    Raises:
+        ModelError: a pickle, a damaged file, or not the file that the manifest wants; by name.
+        FileError: something cannot be read, or written; nothing half-done stays.
+    """
+    wishes = wishes or Wishes()
+    root = Path(path).expanduser().resolve()
+    found, left_out = files_of(root)
+    shipped = matching(read_shipped(manifest).models, wishes.name, found)
+    name = _free_name(shipped, wishes, root, manifest)
+    place = root if root.is_dir() else root.parent
+    steps = _Steps(found, place, progress)
+    if wishes.in_place or place == (local_path(manifest).parent / "weights" / name).resolve():
+        hashes = {part: steps.hashed(part) for part in found}
+        entry = entry_of(name, shipped, wishes, place, hashes, prefix=place)
+        _write_local([*read_local(manifest).models, entry], manifest)
+    else:
+        entry = _copied(name, shipped, wishes, steps, manifest)
+    return Added(entry=entry, known=shipped is not None, left_out=left_out)
+
+
+def remove_model(name: str, *, manifest: str | Path | None = None) -> ModelEntry:
+    """Take back what `add_model` did: its entry, and the copies it made; never another's files.
+
+    Raises:
+        ModelError: nothing of that name was added.
+        FileError: local.toml cannot be written; then nothing is removed.
+    """
+    models = read_local(manifest).models
+    found = [entry for entry in models if entry.name == name]
+    if not found:
+        added = ", ".join(entry.name for entry in models) or "nothing"
+        raise ModelError(f"{name!r} was not added, so it stays. Added: {added}")
+    _write_local([entry for entry in models if entry.name != name], manifest)
+    if any(not Path(file.path).is_absolute() for file in found[0].files):
+        folder = local_path(manifest).parent / "weights" / name
+        try:
+            shutil.rmtree(folder)
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            fix = "the model is no longer listed; remove this folder by hand"
+            raise FileError(folder, error.strerror or str(error), fix=fix) from error
+    return found[0]
+
+
+def _free_name(
+    shipped: ModelEntry | None, wishes: Wishes, root: Path, manifest: str | Path | None
+) -> str:
+    name = wishes.name or (shipped.name if shipped else root.stem if root.is_file() else root.name)
+    if shipped is not None and shipped.package is not None:
+        raise ModelError(f"{name!r} comes with the package {shipped.package}; use another --name")
+    if any(entry.name == name for entry in read_local(manifest).models):
+        raise ModelError(f"{name!r} was added before; `karma models remove {name}`, or use --name")
+    taken = {entry.name for entry in read_shipped(manifest).models}
+    if shipped is None and name in taken:
+        raise ModelError(f"{name!r} is another model of the manifest; use another --name")
+    if "/" in name or name.startswith(".") or not name.isprintable():
+        raise ModelError(f"{name!r} is not a name: printable, without '/', not beginning with '.'")
+    return name
+
+
+# ----------------------------------------------------------------- taking in
+
+
+class _Steps:
+    """Reads the files, once each, and tells how far it is."""
+
+    def __init__(self, found: Mapping[str, Path], place: Path, progress: Progress | None) -> None:
+        self.found, self.place = found, place
+        self._progress = progress
+        self._total = sum(path.stat().st_size for path in found.values())
+        self._done = 0
+
+    def hashed(self, part: str, *, copy: Path | None = None) -> tuple[str, int]:
+        """Return SHA-256 and size of what was read, and with `copy` written there."""
+        path = self.found[part]
+        try:
+            if copy is not None:
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                self._copy(path, copy)
+                path = copy  # what is hashed is what will be used
+            before = self._done
+            digest = sha256_of(path, progress=lambda count: self._tell(part, count))
+            return digest, self._done - before
+        except OSError as error:
+            fix = "free some space there, or use --in-place" if copy is not None else None
+            raise FileError(path, error.strerror or str(error), fix=fix) from error
+
+    def _copy(self, path: Path, copy: Path) -> None:
+        shutil.copyfile(path, copy)
+        with copy.open("rb") as file:
+            os.fsync(file.fileno())
+
+    def _tell(self, part: str, count: int) -> None:
+        self._done += count
+        if self._progress is not None:
+            self._progress(part, self._done, self._total)
+
+
+def _copied(
+    name: str,
+    shipped: ModelEntry | None,
+    wishes: Wishes,
+    steps: _Steps,
+    manifest: str | Path | None,
+) -> ModelEntry:
+    """Copy, check, and only then put in place and enter in local.toml."""
+    base = local_path(manifest).parent
+    final = base / "weights" / name
+    if final.exists():
+        fix = f"`karma models add {final} --name {name}` if it is this model, or remove it by hand"
+        raise FileError(final, "there is something already", fix=fix)
+    temporary = _temporary_beside(final)
+    try:
+        _check_space(temporary, steps.found.values())
+        hashes = {part: steps.hashed(part, copy=temporary / part) for part in steps.found}
+        prefix = Path("weights") / name
+        try:
+            entry = entry_of(name, shipped, wishes, temporary, hashes, prefix=prefix)
+        except ModelError as error:  # about the copy; the user knows the file that was given
+            raise ModelError(str(error).replace(str(temporary), str(steps.place))) from error
+        temporary.chmod(0o755)
+        temporary.rename(final)
+        try:
+            _write_local([*read_local(manifest).models, entry], manifest)
+        except BaseException:
+            shutil.rmtree(final, ignore_errors=True)
+            raise
+        return entry
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _temporary_beside(final: Path) -> Path:
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        return Path(tempfile.mkdtemp(dir=final.parent, prefix=f".{final.name}.adding-"))
+    except OSError as error:
+        fix = "set KARMA_MODELS to a folder you may write to (with a manifest.toml)"
+        raise FileError(final.parent, error.strerror or str(error), fix=fix) from error
+
+
+def _check_space(folder: Path, files: Iterable[Path]) -> None:
+    needed = sum(path.stat().st_size for path in files)
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        fix = "free some space there, or use --in-place"
+        raise FileError(
+            folder.parent, f"{needed / 1e6:.0f} MB are needed, {free / 1e6:.0f} are free", fix=fix
+        )
+
+
+# ----------------------------------------------------------------- local.toml
+
+
+def _write_local(models: Sequence[ModelEntry], manifest: str | Path | None) -> None:
+    path = local_path(manifest)
+    if not models:
+        with suppress(FileNotFoundError):
+            path.unlink()
+        return
+    text = _HEAD + "\n".join(_toml(entry) for entry in models)
+    try:
+        back = msgspec.toml.decode(text, type=Manifest)
+    except (msgspec.DecodeError, ValueError) as error:
+        raise KarmaError(f"{path}: this cannot be written down: {error}") from error
+    if back.models != tuple(models):
+        raise KarmaError(f"{path}: an entry would not be read back as it is")
+    write_atomic(path, text.encode())
+
+
+_HEAD = "# Models that `karma models add` brought; `karma models remove NAME` takes one out.\n\n"
+
+
+def _toml(entry: ModelEntry) -> str:
+    """Write one entry; a JSON string of printable characters is a TOML string."""
+    values = msgspec.to_builtins(entry)
+    files = values.pop("files")
+    lines = [f"{key} = {_value(value)}" for key, value in values.items() if value is not None]
+    for file in files:
+        inside = (f"{key} = {_value(value)}" for key, value in file.items() if value is not None)
+        lines.append("  { " + ", ".join(inside) + " },")
+    lines.insert(len(lines) - len(files), "files = [")
+    return "\n".join(["[[models]]", *lines, "]", ""])
+
+
+def _value(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,381 @@
+"""What models/manifest.toml says, and the check of every file before a byte of it is parsed.
+
+Two files make the list: `manifest.toml`, which ships and is only read, and `local.toml` beside it,
+which holds what `karma models add` brought (`local_models`) and which git ignores.
+"""
+
+import hashlib
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.util import find_spec
+from pathlib import Path, PurePosixPath
+from typing import Literal
+
+import msgspec
+
+from karma.errors import FileError, ModelError, UnknownNameError
+from karma.files import read_toml
+
+Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "detector"]
+State = Literal["ok", "absent", "open", "wrong"]
+
+_VERIFY = "karma models verify"
+_CHUNK = 1 << 22
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+class ModelFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One file of a model, and what it must be."""
+
+    path: (
+        str  # relative to the models folder, or to `ModelEntry.package`; local.toml: also absolute
+    )
+    sha256: str | None = None  # None: nobody could establish it; `karma models add` fills it in
+    bytes: int | None = None  # likewise
+
+    def __post_init__(self) -> None:
+        """Refuse a path that leaves its folder, and what is not a hash."""
+        if ".." in PurePosixPath(self.path).parts or not self.path:
+            raise ValueError(f"path {self.path!r} is empty or contains '..'")
+        if self.sha256 is not None and not _SHA256.fullmatch(self.sha256):
+            raise ValueError(f"{self.path}: sha256 is not 64 hexadecimal digits, lower case")
+
+
+class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One model of the manifest."""
+
+    name: str
+    role: Role
+    format: Literal["gguf", "safetensors"]
+    files: tuple[ModelFile, ...]
+    licence: str
+    source: str
+    revision: str | None = None  # of the source, as its own version control names it
+    restore: str | None = None  # the command that brings the files back
+    package: str | None = None  # the files lie in this installed package, not beside the manifest
+    prompt_profile: Literal["compact", "full"] | None = None  # planners only
+    chat: bool = False  # planners only: through the GGUF's own chat template
+    context_length: int | None = None  # in tokens; planners: what is opened by default
+    memory_mb: int | None = None  # once loaded, estimated upwards (docs/models.md)
+
+    def __post_init__(self) -> None:
+        """Refuse an entry that could not be used."""
+        if not self.files:
+            raise ValueError(f"model {self.name!r} has no files")
+        if self.role == "planner" and (self.prompt_profile is None or self.context_length is None):
+            raise ValueError(f"planner {self.name!r} needs prompt_profile and context_length")
+        if not self.name or not self.name.isprintable() or "/" in self.name:
+            raise ValueError(f"{self.name!r} is not a name: printable, without '/'")
+
+    @property
+    def fix(self) -> str:
+        """The step that brings the files."""
+        if self.restore:
+            return self.restore
+        at = f" at revision {self.revision}" if self.revision else ""
+        return f"fetch {self.source}{at} where there is a network, then `karma models add FOLDER`"
+
+
+class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """All models of one manifest file."""
+
+    models: tuple[ModelEntry, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerFile:
+    """A planner's GGUF, chosen by name or by path."""
+
+    name: str
+    path: Path
+    sha256: str | None = None  # None for a file that no manifest vouches for
+    prompt_profile: Literal["compact", "full"] = "full"
+    context_length: int | None = None
+    chat: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelFolder:
+    """A folder of safetensors, chosen by name (then every file is verified) or by path."""
+
+    name: str
+    path: Path
+    fix: str  # the step that brings its files back
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """What `check` found of one model."""
+
+    name: str
+    state: State  # open: files are there that have no hash in the manifest
+    detail: str = ""
+
+
+# ----------------------------------------------------------------- reading
+
+
+def manifest_path() -> Path:
+    """Return models/manifest.toml: below $KARMA_MODELS if set, else beside the package."""
+    folder = os.environ.get("KARMA_MODELS")
+    return (Path(folder) if folder else Path(__file__).parents[3] / "models") / "manifest.toml"
+
+
+def local_path(path: str | Path | None = None) -> Path:
+    """Return the list of what was added: local.toml beside the manifest."""
+    return (manifest_path() if path is None else Path(path)).with_name("local.toml")
+
+
+def read_shipped(path: str | Path | None = None) -> Manifest:
+    """Read a manifest strictly, by default the project's own, without what was added.
+
+    Raises:
+        FileError: missing, or a key is unknown, absent or of the wrong type, or a name twice.
+    """
+    path = manifest_path() if path is None else Path(path)
+    fix = None if path.exists() else "set KARMA_MODELS to the folder that holds manifest.toml"
+    found = read_toml(path, Manifest, fix=fix)
+    for entry in found.models:
+        if any(PurePosixPath(file.path).is_absolute() for file in entry.files):
+            raise FileError(path, f"model {entry.name!r}: absolute paths are for local.toml only")
+    return _unique(found, path)
+
+
+def read_local(path: str | Path | None = None) -> Manifest:
+    """Read what was added; nothing was if there is no such file.
+
+    Raises:
+        FileError: it cannot be read, or does not fit.
+    """
+    place = local_path(path)
+    if not place.exists():
+        return Manifest()
+    return _unique(read_toml(place, Manifest), place)
+
+
+def read_manifest(path: str | Path | None = None) -> Manifest:
+    """Read the manifest together with what was added.
+
+    A model that both name is the manifest's, with the files where they were added.
+
+    Raises:
+        FileError: as `read_shipped`; or local.toml contradicts a hash of the manifest.
+    """
+    added = {entry.name: entry for entry in read_local(path).models}
+    models = []
+    for entry in read_shipped(path).models:
+        local = added.pop(entry.name, None)
+        models.append(entry if local is None else _filled(entry, local, local_path(path)))
+    return Manifest(models=(*models, *added.values()))
+
+
+def find_model(name: str, path: str | Path | None = None) -> ModelEntry:
+    """Return the entry of that name.
+
+    Raises:
+        UnknownNameError: there is none; the message suggests the nearest, and how to add one.
+    """
+    found = {entry.name: entry for entry in read_manifest(path).models}
+    if name not in found:
+        near = get_close_matches(name, found, n=1)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise UnknownNameError(
+            f"no model named {name!r}, nor such a file.{hint} In the manifest: {sorted(found)}\n"
+            "  Nothing is ever fetched. To use another: `karma models add PATH` (docs/models.md)"
+        )
+    return found[name]
+
+
+# ----------------------------------------------------------------- checking
+
+
+def file_paths(entry: ModelEntry, path: str | Path | None = None) -> tuple[Path, ...]:
+    """Return where an entry's files lie, unchecked, in its order.
+
+    Raises:
+        ModelError: they lie in a package that is not installed.
+    """
+    if entry.package is None:
+        folder = (manifest_path() if path is None else Path(path)).parent
+        return tuple(folder / file.path for file in entry.files)
+    spec = find_spec(entry.package)
+    if spec is None or not spec.submodule_search_locations:
+        file = entry.files[0]
+        where = f"{file.path} of package {entry.package}"
+        raise _wrong(where, "the package is not installed", file.sha256, entry.fix)
+    folder = Path(spec.submodule_search_locations[0])
+    return tuple(folder / file.path for file in entry.files)
+
+
+def verify(entry: ModelEntry, path: str | Path | None = None) -> tuple[Path, ...]:
+    """Check size and SHA-256 of an entry's files and return their paths.
+
+    Raises:
+        ModelError: a file is missing, differs, or has no hash to be checked against; names it,
+            the hash it must have, and the fix.
+    """
+    paths = file_paths(entry, path)
+    for file, place in zip(entry.files, paths, strict=True):
+        if file.sha256 is None:
+            fix = (
+                f"karma models add {place.parent if place.exists() else 'PATH'} --name {entry.name}"
+            )
+            reason = "no file, and no hash in the manifest" if not place.exists() else _OPEN
+            raise _wrong(place, reason, None, fix)
+        check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
+    return paths
+
+
+_OPEN = "its hash is not known, so it is not opened"
+
+
+def check(entry: ModelEntry, path: str | Path | None = None) -> Condition:
+    """Return an entry's condition instead of raising; every file that is there is hashed."""
+    try:
+        places = file_paths(entry, path)
+    except ModelError as error:
+        return Condition(name=entry.name, state="absent", detail=str(error))
+    if not any(place.exists() for place in places):
+        return Condition(name=entry.name, state="absent", detail=entry.fix)
+    nameless = []
+    for file, place in zip(entry.files, places, strict=True):
+        if file.sha256 is None and place.is_file():
+            nameless.append(file.path)
+            continue
+        try:
+            check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
+        except ModelError as error:
+            return Condition(name=entry.name, state="wrong", detail=str(error))
+    if nameless:
+        fix = f"fill with `karma models add {places[0].parent} --name {entry.name}`"
+        return Condition(
+            name=entry.name, state="open", detail=f"hash not known: {nameless[0]}; {fix}"
+        )
+    return Condition(name=entry.name, state="ok", detail=f"{len(places)} files as they must be")
+
+
+def is_present(entry: ModelEntry, path: str | Path | None = None) -> bool:
+    """Return whether all files of an entry are there, whatever is in them."""
+    try:
+        return all(place.is_file() for place in file_paths(entry, path))
+    except ModelError:
+        return False
+
+
+def check_file(
+    path: Path, sha256: str | None, *, size: int | None = None, restore: str = "make setup"
+) -> None:
+    """Check one file, by size first because that costs nothing.
+
+    Raises:
+        ModelError: missing, or of another size or hash.
+    """
+    try:
+        found = path.stat().st_size
+        if size is not None and found != size:
+            raise _wrong(path, f"it has {found} bytes instead of {size}", sha256, restore)
+        digest = sha256_of(path)
+    except OSError as error:
+        raise _wrong(path, error.strerror or str(error), sha256, restore) from error
+    if digest != sha256:
+        raise _wrong(path, f"its SHA-256 is {digest}", sha256, restore)
+
+
+def sha256_of(path: Path, *, progress: Callable[[int], None] | None = None) -> str:
+    """Return a file's SHA-256; `progress` is told of every piece read, in bytes.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while piece := file.read(_CHUNK):
+            digest.update(piece)
+            if progress is not None:
+                progress(len(piece))
+    return digest.hexdigest()
+
+
+# ----------------------------------------------------------------- choosing
+
+
+def resolve_planner(text: str, path: str | Path | None = None) -> PlannerFile:
+    """Find a planner by its name in the manifest, or take the path of any .gguf file.
+
+    Nothing is opened here; `LlamaModel` checks the hash and the file.
+
+    Raises:
+        UnknownNameError: neither a name nor a .gguf path.
+        ModelError: the name is not a planner's, or its file has no hash to be checked against.
+    """
+    if text.endswith(".gguf"):
+        return PlannerFile(name=Path(text).stem, path=Path(text))
+    entry = find_model(text, path)
+    if entry.role != "planner" or entry.prompt_profile is None:
+        raise ModelError(f"model {text!r} is not a planner but a model for role {entry.role!r}")
+    if entry.files[0].sha256 is None:
+        verify(entry, path)  # says what is missing
+    return PlannerFile(
+        name=entry.name,
+        path=file_paths(entry, path)[0],
+        sha256=entry.files[0].sha256,
+        prompt_profile=entry.prompt_profile,
+        context_length=entry.context_length,
+        chat=entry.chat,
+    )
+
+
+def resolve_folder(text: str | Path, *roles: Role, path: str | Path | None = None) -> ModelFolder:
+    """Find a model of safetensors by its name in the manifest, or take the path of a folder.
+
+    A named model's files are verified here, every one of them; a folder given by path has nobody
+    to vouch for it, and adapters look at its headers only before they open it.
+
+    Raises:
+        UnknownNameError: neither a name nor a folder; never looked for anywhere else.
+        ModelError: the model is of another role or format, or a file is missing or wrong.
+    """
+    if isinstance(text, Path) or Path(text).is_dir():
+        folder = Path(text)
+        if not folder.is_dir():
+            raise ModelError(f"{folder}: no such folder\n  To fix: `karma models list`")
+        fix = "bring the model's whole folder and run `karma models add FOLDER`"
+        return ModelFolder(name=folder.name, path=folder, fix=fix)
+    entry = find_model(text, path)
+    if roles and entry.role not in roles:
+        wanted = " or ".join(roles)
+        raise ModelError(f"model {text!r} is not for role {wanted} but for {entry.role!r}")
+    if entry.format != "safetensors":
+        raise ModelError(f"model {text!r} is a {entry.format} file, not a folder of safetensors")
+    places = verify(entry, path)
+    common = Path(os.path.commonpath([place.parent for place in places]))
+    return ModelFolder(name=entry.name, path=common, fix=entry.fix)
+
+
+def _unique(found: Manifest, path: Path) -> Manifest:
+    names = [entry.name for entry in found.models]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise FileError(path, f"model {twice[0]!r} is there twice")
+    return found
+
+
+def _filled(entry: ModelEntry, local: ModelEntry, where: Path) -> ModelEntry:
+    """Return the manifest's entry with the files that were added for it."""
+    known = {file.sha256 for file in entry.files if file.sha256}
+    lost = sorted(known - {file.sha256 for file in local.files})
+    if lost:
+        fix = f"karma models remove {entry.name}, then add it again"
+        reason = f"model {entry.name!r} has no file of SHA-256 {lost[0]}, as the manifest wants"
+        raise FileError(where, reason, fix=fix)
+    return msgspec.structs.replace(entry, files=local.files, package=None)
+
+
+def _wrong(where: str | Path, reason: str, sha256: str | None, restore: str) -> ModelError:
+    expected = sha256 or "not known"
+    return ModelError(
+        f"{where}: {reason}\n  Expected SHA-256: {expected}\n  To fix: {restore}, then `{_VERIFY}`"
+    )

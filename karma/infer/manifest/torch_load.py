@@ -1,0 +1,132 @@
+"""Opening checked folders with transformers: from disk only, in silence, and only if all fits."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from karma.errors import ModelError
+from karma.infer.manifest.folder_check import CheckedFolder, read_config
+from karma.infer.manifest.memory_check import check_memory, weights_mb
+
+
+def check_room(folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0) -> None:
+    """Refuse a model that would not fit into memory, before its weights are read.
+
+    Args:
+        folder: the model.
+        bytes_each: of a parameter once loaded; 4 is float32.
+        work_mb: what it needs to compute, where that is much.
+
+    Raises:
+        ModelError: it would not fit.
+    """
+    count = folder.weights.parameters
+    parts = f"{count / 1e6:.1f} million parameters of {bytes_each} bytes, and room to compute"
+    check_memory(
+        str(folder.path), weights_mb(count, bytes_each=bytes_each) + work_mb, parts=parts,
+        fix="take a smaller model (`karma models list`)",
+    )  # fmt: skip
+
+
+def load_weights(
+    kind: str, folder: CheckedFolder, *, work_mb: float = 0, half: bool = False
+) -> Any:
+    """Open a model on the CPU, ready to be asked.
+
+    Args:
+        kind: its class in transformers, e.g. "CLIPModel".
+        folder: checked before, see `check_folder`.
+        work_mb: see `check_room`.
+        half: in bfloat16 instead of float32.
+
+    Raises:
+        ModelError: too little memory, or weights that are not this architecture's: transformers
+            itself would fill what is missing with random numbers and say so in a warning only.
+    """
+    check_room(folder, bytes_each=2 if half else 4, work_mb=work_mb)
+    import torch
+    import transformers
+
+    with quiet():
+        try:
+            model, told = getattr(transformers, kind).from_pretrained(
+                folder.path, local_files_only=True, use_safetensors=True,
+                dtype=torch.bfloat16 if half else torch.float32,
+                trust_remote_code=False, output_loading_info=True,
+            )  # fmt: skip
+        except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
+            reason = str(error).strip().splitlines() or [type(error).__name__]
+            raise ModelError(f"{folder.path}: not a {kind} that opens: {reason[0]}") from error
+    missing = sorted(map(str, told["missing_keys"]))
+    if missing:
+        raise ModelError(
+            f"{folder.path}: not a whole {kind}: {len(missing)} weights are missing, "
+            f"e.g. {missing[0]}"
+        )
+    return model.eval()
+
+
+def load_image_processor(folder: CheckedFolder) -> Any:
+    """Open what prepares pictures, the variant over Pillow whatever else is installed.
+
+    Raises:
+        ModelError: preprocessor_config.json cannot be used.
+    """
+    from transformers import AutoImageProcessor
+
+    where = folder.path / "preprocessor_config.json"
+    said = read_config(where, fix="bring the model's whole folder")
+    kinds = [said.get(key) for key in ("image_processor_type", "feature_extractor_type")]
+    if not any(isinstance(kind, str) for kind in kinds):  # else sizes would be guessed
+        raise ModelError(f"{where}: cannot be used: no image_processor_type")
+    with quiet():
+        try:
+            return AutoImageProcessor.from_pretrained(
+                folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
+            )
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+            raise ModelError(f"{where}: cannot be used: {error}") from error
+
+
+def load_tokenizer(folder: CheckedFolder) -> Any:
+    """Open tokenizer.json with the `tokenizers` library, which runs no code of the model's.
+
+    Raises:
+        ModelError: it is torn or no tokenizer.
+    """
+    from tokenizers import Tokenizer
+
+    path = folder.path / "tokenizer.json"
+    try:
+        return Tokenizer.from_file(str(path))
+    except Exception as error:  # the library raises Exception itself
+        raise ModelError(f"{path}: not a tokenizer: {error}") from error
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Show no progress bars and warnings of transformers meanwhile; leave no setting changed."""
+    from transformers.utils import logging
+
+    shown, level = logging.is_progress_bar_enabled(), logging.get_verbosity()
+    logging.disable_progress_bar()
+    logging.set_verbosity_error()
+    try:
+        yield
+    finally:
+        logging.set_verbosity(level)
+        if shown:
+            logging.enable_progress_bar()
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Run torch on one thread meanwhile, so that the same input gives the same bits anywhere."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,1 @@
+"""Models that read pictures: object states, and what stands where."""

@@ -1,0 +1,185 @@
+"""Object states out of pictures by transformers: Qwen2.5-VL, SmolVLM/Idefics3, LLaVA, our nano.
+
+A model is a folder of safetensors and JSON; nothing is fetched, nothing pickled is opened. Beside
+the files that transformers knows there may be `karma.json`, which says how the model is asked.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma.contracts import Frame, SeenObject
+from karma.errors import ModelError
+from karma.files import read_json
+from karma.infer.manifest.folder_check import check_folder
+from karma.infer.manifest.manifest import resolve_folder
+from karma.infer.manifest.torch_load import load_weights, quiet
+from karma.infer.vision.crop import cut
+from karma.infer.vision.processors import load_processor
+from karma.infer.vision.text import Profile, again, question, read_answer
+
+FAMILIES = {
+    "llava": ("LlavaForConditionalGeneration",),
+    "qwen2_5_vl": ("Qwen2_5_VLForConditionalGeneration",),
+    "smolvlm": ("SmolVLMForConditionalGeneration",),
+    "idefics3": ("Idefics3ForConditionalGeneration",),
+}
+NEEDS = (
+    ("tokenizer.json",),
+    ("processor_config.json", "preprocessor_config.json"),
+    ("chat_template.jinja", "chat_template.json", "tokenizer_config.json"),
+)
+NANO = "karma-nano-vlm"
+ASKING = "karma.json"
+LARGE = 500_000_000  # parameters; from here on what is stored in 16 bits stays so
+
+
+class Asking(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a model is asked (`karma.json`); the defaults are the paper's."""
+
+    profile: Profile = "full"
+    crop: float | None = None  # side of a square around one object over its box; None: whole frame
+    outline: bool = False  # draw the silhouette of the object's box in that square
+    boxes: bool = False  # say in words where objects are in the frame
+    max_tokens: int = 768
+    attempts: int = 2  # a second one quotes what could not be used
+    threads: int | None = None  # None: as torch is set
+
+
+class Tally(msgspec.Struct, kw_only=True):
+    """What became of all questions so far."""
+
+    asked: int = 0  # objects
+    read: int = 0
+    retried: int = 0  # second attempts
+    unread: int = 0  # answers without a usable line, or no picture: nothing is claimed of them
+
+
+class TransformersVision:
+    """A `VisionModel` that looks at pictures.
+
+    With `crop`, each object of interest is asked about alone, on a square cut out around its box;
+    else all at once, on the whole frame. Decoding is greedy. Weights are opened in float32; large
+    models that are stored in 16 bits are opened in bfloat16.
+
+    Args:
+        model: a name of the manifest (then every file is verified first), or a folder.
+        asking: overrides `karma.json`.
+
+    Raises:
+        UnknownNameError: neither.
+        ModelError: another architecture, a file missing or damaged, or too little memory; all of
+            that before weights are read.
+    """
+
+    sees = True
+
+    def __init__(self, model: str | Path = NANO, *, asking: Asking | None = None) -> None:
+        place = resolve_folder(model, "vlm")
+        folder = check_folder(place.path, FAMILIES, needs=NEEDS, fix=place.fix)
+        own = folder.path / ASKING
+        self.name = place.name
+        self.asking = asking or (read_json(own, Asking) if own.exists() else Asking())
+        self.tally = Tally()
+        self._processor = load_processor(folder)
+        stored = folder.config.get("dtype", folder.config.get("torch_dtype"))
+        half = folder.weights.parameters >= LARGE and stored in ("bfloat16", "float16")
+        self._model = load_weights("AutoModelForImageTextToText", folder, half=half)
+
+    def read_states(
+        self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
+    ) -> Mapping[str, tuple[str, ...]]:
+        """Return object id -> state words, () for "none"; ids without a usable answer are left out.
+
+        Args:
+            image: uint8 (H, W, 3), what the agent saw.
+            instruction: the task.
+            objects: of interest; with `crop` those without a region cannot be asked about.
+
+        Raises:
+            ModelError: there is no picture.
+        """
+        if not objects:
+            return {}
+        if image is None:
+            raise ModelError(f"{self.name} reads pictures, and there is none: nothing was rendered")
+        found: dict[str, tuple[str, ...]] = {}
+        for picture, group in self._questions(image, objects):
+            found.update(self._ask(picture, instruction, group))
+        self.tally.asked += len(objects)
+        self.tally.read += len(found)
+        self.tally.unread += len(objects) - len(found)
+        return found
+
+    def _questions(
+        self, image: Frame, objects: Sequence[SeenObject]
+    ) -> Iterator[tuple[Frame, Sequence[SeenObject]]]:
+        if self.asking.crop is None:
+            yield image, objects
+            return
+        for one in objects:
+            if one.region is not None:
+                corners = one.silhouette if self.asking.outline else ()
+                yield cut(image, one.region, self.asking.crop, corners), [one]
+
+    def _ask(
+        self, image: Frame, instruction: str, objects: Sequence[SeenObject]
+    ) -> Mapping[str, tuple[str, ...]]:
+        asking = self.asking
+        role, text = question(asking.profile, instruction, objects, boxes=asking.boxes)
+        messages = [_message("system", role)] if role else []
+        messages.append(_message("user", text, picture=True))
+        states: dict[str, tuple[str, ...]] = {}
+        for attempt in range(asking.attempts):
+            answer = self.answer(image, messages)
+            reading = read_answer(answer, objects)
+            states = {**states, **reading.states}
+            if not reading.unread or attempt + 1 == asking.attempts:
+                break
+            self.tally.retried += 1
+            messages += [_message("assistant", answer), _message("user", again(reading, objects))]
+        return states
+
+    def answer(self, image: Frame, messages: Sequence[Mapping[str, Any]]) -> str:
+        """Return what the model says to a conversation about one picture, as text.
+
+        Args:
+            image: uint8 (H, W, 3).
+            messages: with one picture in them.
+        """
+        import torch
+        from PIL import Image
+
+        text = self._processor.apply_chat_template(messages, add_generation_prompt=True)
+        batch = self._processor(images=[Image.fromarray(image)], text=[text], return_tensors="pt")
+        batch = batch.to(self._model.dtype)  # pictures; tokens stay whole numbers
+        with _threads(self.asking.threads), torch.inference_mode(), quiet():
+            tokens = self._model.generate(
+                **batch,
+                max_new_tokens=self.asking.max_tokens,
+                do_sample=False,
+                pad_token_id=self._processor.tokenizer.pad_token_id,
+            )
+        new = tokens[0, batch["input_ids"].shape[1] :]
+        return str(self._processor.tokenizer.decode(new, skip_special_tokens=True))
+
+
+def _message(role: str, text: str, *, picture: bool = False) -> dict[str, Any]:
+    parts = [{"type": "image"}] if picture else []
+    return {"role": role, "content": [*parts, {"type": "text", "text": text}]}
+
+
+@contextmanager
+def _threads(count: int | None) -> Iterator[None]:
+    """Run torch on so many threads meanwhile."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(count or before)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,1 @@
+"""CAPEAM-style (after Kim et al. 2023)."""

@@ -1,0 +1,196 @@
+"""CAPEAM's execution: sub-goal after sub-goal, looking by the prior, without replanning."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from karma.agent.prompt import base_type
+from karma.agent.skills import Skills
+from karma.contracts import Area, SeenObject, SkillCall, SkillResult
+from karma.methods.capeam.frames import Frame, Step, expand
+from karma.methods.capeam.memory import EnvironmentMemory
+
+BY_TYPE = ("Faucet", "ShowerHead", "StoveKnob", "StoveBurner", "Stove")  # the skill knows which
+TAPS = ("Faucet", "ShowerHead")
+UNIFORM_STEPS = 30  # so early nothing is known that could tell areas apart
+_OF_THE_THING = ("Pickup", "Slice", "ToggleOn", "ToggleOff")  # acts on what must be found first
+
+Work = Generator[SkillResult, None, bool]  # returns whether it worked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """When an instruction is given up."""
+
+    failures: int = 10
+    steps: int = 1000
+
+
+class Runner:
+    """Carries out the frames of one instruction.
+
+    Args:
+        skills: the body; its knowledge is `memory`.
+        memory: the sequence's.
+        areas: where to look from, and once that was in vain, where to look from then.
+        rng: draws among them.
+        limits: see there.
+    """
+
+    def __init__(
+        self,
+        skills: Skills,
+        memory: EnvironmentMemory,
+        *,
+        areas: tuple[Sequence[Area], Sequence[Area]],
+        rng: np.random.Generator,
+        limits: Limits,
+    ) -> None:
+        self.skills, self.memory, self.limits = skills, memory, limits
+        self.failures = 0
+        self._areas, self._finer = areas
+        self._rng = rng
+        self._searched: set[str] = set()  # places looked at for this sub-goal
+        self._bound: dict[str, str] = {}  # type -> the object that this sub-goal means
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing more may be tried."""
+        return self.failures >= self.limits.failures or self.skills.actions >= self.limits.steps
+
+    def frame(self, frame: Frame, rest: Sequence[Frame]) -> Work:
+        """Carry out one sub-goal; the pointer into its actions moves on success only.
+
+        Args:
+            frame: what to do.
+            rest: the sub-goals after it; they tell where a thing is to go.
+        """
+        self._begin(frame, rest)
+        steps: tuple[Step, ...] = ()
+        while not steps and not self.spent:
+            if frame.action in _OF_THE_THING and self._held(frame.thing) is None:
+                if not (yield from self._find(frame.thing, first=frame.place)):
+                    continue
+                target = self.memory.nearest(frame.thing)
+                holder = self.memory.shut_in(target) if target is not None else None
+                box = holder.object_type if holder is not None else ""
+                if holder is not None:
+                    self._bound[box] = holder.object_id
+                steps = expand(frame, shut_in=box)
+            elif frame.action == "Pickup":
+                return True
+            else:
+                place = frame.place or self.memory.surface(frame.thing)
+                frame = Frame(action=frame.action, thing=frame.thing, place=place)
+                steps = expand(frame)
+        pointer = 0
+        while pointer < len(steps) and not self.spent:
+            pointer += yield from self._step(steps[pointer])
+        return bool(steps) and pointer == len(steps)
+
+    def _begin(self, frame: Frame, rest: Sequence[Frame]) -> None:
+        goes_to = next((f.place for f in rest if f.action == "Put" and f.thing == frame.thing), "")
+        taking = frame.action == "Pickup"
+        self.memory.begin_subgoal(frame.thing if taking else "", goes_to)
+        self._searched, self._bound = set(), {}
+
+    # ------------------------------------------------------------- one action
+
+    def _step(self, step: Step) -> Work:
+        """Do one action on the objects that the sub-goal means; a failure masks the one it hit."""
+        for name in step.objects:
+            if name not in self._bound and not (yield from self._bind(name)):
+                return False
+        names = [name if name in BY_TYPE else self._bound[name] for name in step.objects]
+        sight = self.memory.seen.get(names[-1])
+        if step.skill == "OpenObject" and sight is not None and "opened" in sight.states:
+            return True
+        held = self.skills.held
+        call = SkillCall(skill=step.skill, objects=tuple(names))
+        result = self.skills.run(call, max_actions=self._left())
+        self._look()
+        yield result
+        if not result.ok:
+            self.failures += 1
+            self.memory.masked.add(names[-1])
+            self._bound.pop(step.objects[-1], None)
+        elif step.skill == "PutObject" and held is not None:
+            self.memory.was_put(step.objects[0], step.objects[1], held.object_id)
+        elif step.skill == "SliceObject":
+            self.memory.sliced_at[step.objects[0]] = self.memory.here()
+        return result.ok
+
+    def _bind(self, name: str) -> Work:
+        """Choose the object that a type means in this sub-goal: what is held, or the nearest."""
+        held = self._held(name)
+        tap = name in TAPS and bool(self.skills.handled)  # the skill knows the one over the basin
+        if held is None and not tap and not (yield from self._find(name)):
+            return False
+        target = held or self.memory.nearest(name)
+        self._bound[name] = target.object_id if target is not None else name
+        return True
+
+    def _held(self, name: str) -> SeenObject | None:
+        held = self.skills.held
+        if held is None or name not in (held.object_type, base_type(held.object_type)):
+            return None
+        return held
+
+    def _look(self) -> None:
+        self.memory.observe(self.skills.seen, self.skills.missed | self.skills.cut)
+
+    def _left(self) -> int:
+        return max(self.limits.steps - self.skills.actions, 1)
+
+    # ------------------------------------------------------------- exploring
+
+    def _find(self, kind: str, *, first: str = "") -> Work:
+        """Look for a type until the map has one; False when everything was looked at in vain.
+
+        What was looked at in vain is passed over until the next sub-goal.
+
+        Args:
+            kind: what is looked for.
+            first: type of a closed receptacle that the program opens for it.
+        """
+        while self.memory.nearest(kind) is None and not self.spent:
+            place = self._draw(kind, first)
+            if place is None:
+                self.failures += 1
+                self._areas = (*self._areas, *self._finer)
+                self._finer = ()
+                return False
+            # a look for a thing ends at the first one, which may be one that is passed over
+            name = "" if self.memory.passes_over(kind) else kind
+            if isinstance(place, Area):
+                result = self.skills.look_from(name, place, max_actions=self._left())
+                self.memory.explored.add(place.name)
+                self._searched.add(place.name)
+            else:
+                result = self.skills.look_into(name, place, max_actions=self._left())
+                self._searched.add(place.object_id)
+            if result.actions or result.explorations:  # else it was looked at before
+                yield result
+            self._look()
+        return self.memory.nearest(kind) is not None
+
+    def _draw(self, kind: str, first: str) -> Area | SeenObject | None:
+        """Draw the place to look at next, by how likely the type is there; None without any left.
+
+        Areas never seen come before those where the map would show it.
+        """
+        left = [area for area in self._areas if area.name not in self._searched]
+        new = [area for area in left if area.name not in self.memory.explored]
+        shut = [(o, w) for o, w in self.memory.closed(kind) if o.object_id not in self._searched]
+        for one, _ in shut:
+            if one.object_type == first:
+                return one
+        areas = new or ([] if shut else left)
+        places: list[Area | SeenObject] = [*areas, *(one for one, _ in shut)]
+        if not places:
+            return None
+        if self.skills.actions < UNIFORM_STEPS and not self.memory.explored:
+            return areas[int(self._rng.integers(len(areas)))] if areas else places[0]
+        weights = np.array([*self.memory.weights(kind, areas), *(weight for _, weight in shut)])
+        return places[int(self._rng.choice(len(places), p=weights / weights.sum()))]

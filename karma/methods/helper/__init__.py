@@ -1,0 +1,1 @@
+"""HELPER (Sarch et al. 2023), rebuilt."""

@@ -1,0 +1,81 @@
+"""HELPER's example memory: instructions with programs, found again by the instruction's vector."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from karma.agent.program import parse_program
+from karma.agent.prompt import Example
+from karma.contracts import Embedder
+from karma.errors import FileError, ProgramError
+from karma.files import read_toml
+
+TABLE = Path(__file__).parent / "examples.toml"
+
+
+class _Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    instruction: str
+    program: str
+
+
+class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    examples: tuple[_Row, ...]
+    errors: tuple[_Row, ...]
+
+
+class ExampleMemory:
+    """Worked examples that grow by `add`; nothing ever leaves.
+
+    Args:
+        embedder: of instructions.
+        seeds: what it begins with; `clear` goes back to these.
+    """
+
+    def __init__(self, embedder: Embedder, seeds: Sequence[Example]) -> None:
+        self._embedder, self._seeds = embedder, tuple(seeds)
+        self._first = embedder.embed([example.instruction for example in self._seeds])
+        self.clear()
+
+    def __len__(self) -> int:
+        return len(self._examples)
+
+    def clear(self) -> None:
+        """Forget all but the seeds."""
+        self._examples, self._vectors = list(self._seeds), self._first
+
+    def add(self, example: Example) -> None:
+        """Remember one more example."""
+        vector = self._embedder.embed([example.instruction])
+        self._examples.append(example)
+        self._vectors = np.concatenate([self._vectors, vector])
+
+    def nearest(self, text: str, k: int) -> tuple[Example, ...]:
+        """Return the k examples whose instructions are nearest to a text, the nearest first.
+
+        By L2 distance, which orders vectors of length 1 as the cosine does; equals by age.
+        """
+        query = self._embedder.embed([text])[0]
+        gaps = np.round(((self._vectors - query) ** 2).sum(axis=1), 6)
+        order = sorted(range(len(self)), key=lambda row: (gaps[row], row))
+        return tuple(self._examples[row] for row in order[:k])
+
+
+def seed_examples() -> tuple[tuple[Example, ...], tuple[Example, ...]]:
+    """Return the examples to begin with, and the error examples.
+
+    Raises:
+        FileError: the table is damaged, or a program in it does not parse.
+    """
+    table = read_toml(TABLE, _Table)
+    return _examples(table.examples), _examples(table.errors)
+
+
+def _examples(rows: Sequence[_Row]) -> tuple[Example, ...]:
+    for row in rows:
+        try:
+            parse_program(row.program)
+        except ProgramError as error:
+            raise FileError(TABLE, f"example {row.instruction!r}: {error}") from error
+    return tuple(Example(instruction=row.instruction, program=row.program.strip()) for row in rows)

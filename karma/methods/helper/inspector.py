@@ -1,0 +1,111 @@
+"""HELPER's inspector: what must be done before a sub-goal can work, by rule."""
+
+from collections.abc import Sequence
+
+from karma.agent.inspector import SURFACES
+from karma.agent.prompt import base_type
+from karma.contracts import SeenObject, SkillCall
+from karma.household.types import object_types
+from karma.methods.helper.memory import ObjectMemory
+
+KNIVES = ("Knife", "ButterKnife")
+_SHUT_TO_RUN = ("Microwave",)
+_PAIRS = {"OpenObject": "opened", "CloseObject": "closed"}
+
+
+def without_object(
+    call: SkillCall, held: SeenObject | None, memory: ObjectMemory
+) -> list[SkillCall]:
+    """Return what to do before the sub-goal's own object is looked for.
+
+    * Before something else is picked up, the held thing is put down.
+    * Before a cut, a knife is fetched.
+
+    Args:
+        call: the sub-goal, with types for names.
+        held: what is in the hand.
+        memory: what is known.
+    """
+    name = call.objects[-1]
+    if call.skill == "PickupObject" and held is not None and not _is(name, held):
+        return [_put_down(held, memory)]
+    if call.skill == "SliceObject" and (held is None or held.object_type not in KNIVES):
+        first = [_put_down(held, memory)] if held is not None else []
+        knife = next((name for name in KNIVES if memory.best(name) is not None), KNIVES[0])
+        return [*first, SkillCall(skill="PickupObject", objects=(knife,))]
+    return []
+
+
+def with_object(call: SkillCall, memory: ObjectMemory) -> list[SkillCall]:
+    """Return what to do once the sub-goal's object is known: open what is shut, or shut it.
+
+    Args:
+        call: the sub-goal, with ids for names.
+        memory: what is known.
+    """
+    name = call.objects[-1]
+    if call.skill in ("PickupObject", "SliceObject", "BreakObject"):
+        holder = memory.shut_in(name)
+        return [_open(holder.object_id)] if holder is not None else []
+    one = memory.objects.get(name)
+    if one is None:
+        return []
+    states, kind = one.sight.states, object_types()[one.sight.object_type]
+    if call.skill == "PutObject" and kind.must_be_open and "closed" in states:
+        return [_open(name)]
+    if call.skill == "ToggleOn" and kind.name in _SHUT_TO_RUN and "opened" in states:
+        return [SkillCall(skill="CloseObject", objects=(name,))]
+    return []
+
+
+def idle(call: SkillCall, memory: ObjectMemory) -> bool:
+    """Return whether a sub-goal is dropped: nothing to open or close, or it is so already.
+
+    Args:
+        call: the sub-goal, with ids for names.
+        memory: what is known.
+    """
+    one = memory.objects.get(call.objects[-1])
+    if call.skill not in _PAIRS or one is None:
+        return False
+    return (
+        not object_types()[one.sight.object_type].can("openable")
+        or _PAIRS[call.skill] in one.sight.states
+    )
+
+
+def whole_first(call: SkillCall, memory: ObjectMemory) -> SkillCall | None:
+    """Return the cut that must come first where a sub-goal names a piece that there is not yet."""
+    for name in call.objects:
+        whole = base_type(name)
+        if name.endswith("Sliced") and memory.best(name) is None and call.skill != "SliceObject":
+            return SkillCall(skill="SliceObject", objects=(whole,))
+    return None
+
+
+def ends_there(call: SkillCall, rest: Sequence[SkillCall]) -> bool:
+    """Return whether a thing that is being put down is to stay there (HELPER's ObjectDone).
+
+    So it is when the rest of the program does not use it, or puts another one to the same place.
+    """
+    thing, place = call.objects[0], call.objects[-1]
+    for later in rest:
+        if later.skill == "PutObject" and later.objects[0] == thing:
+            return later.objects[-1] == place
+    return not any(thing in later.objects for later in rest)
+
+
+def _put_down(held: SeenObject, memory: ObjectMemory) -> SkillCall:
+    kinds = object_types()
+    fitting = [name for name in SURFACES if kinds[held.object_type].fits(kinds[name])]
+    there = [name for name in fitting if memory.best(name) is not None]
+    surface = next(iter([*there, *fitting]), SURFACES[0])
+    return SkillCall(skill="PutObject", objects=(held.object_id, surface))
+
+
+def _open(object_id: str) -> SkillCall:
+    return SkillCall(skill="OpenObject", objects=(object_id,))
+
+
+def _is(name: str, held: SeenObject) -> bool:
+    return name in (held.object_id, held.object_type, base_type(held.object_type))

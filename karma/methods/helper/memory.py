@@ -1,0 +1,136 @@
+"""HELPER's object memory: every object that was seen, by id, over one sequence of instructions."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+from karma.agent.perceive import HAND, place_of
+from karma.agent.prompt import base_type
+from karma.agent.reach import PARTS
+from karma.agent.sightings import known
+from karma.contracts import Area, Known, SeenObject, Vec3
+
+_SEEN, _PLACED = 1.0, 1.01  # what was put down by oneself is surer than what was seen
+_LESS = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracked:
+    """One object: its last sight, and what it is good for."""
+
+    sight: SeenObject
+    score: float = _SEEN  # the best is tried first
+    holding: bool = False
+    can_use: bool = True  # False once it is where this instruction wanted it
+    flags: tuple[str, ...] = ()  # lasting states that the agent brought about
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Words that hold: seen, then brought about."""
+        return tuple(dict.fromkeys((*self.sight.states, *self.flags)))
+
+
+@dataclass(slots=True)
+class ObjectMemory:
+    """What is known of the objects of a home, without bound, until `clear`.
+
+    It is also what the skills may ask: where a name is. A name is an id or a type; a type means the
+    pieces of a thing too.
+    """
+
+    here: Callable[[], Vec3]  # where the agent stands
+    objects: dict[str, Tracked] = field(default_factory=dict)
+    could_not_find: set[str] = field(default_factory=set)
+
+    def begin_instruction(self) -> None:
+        """Let everything be used and searched for again: a new instruction may want it."""
+        self.could_not_find.clear()
+        self.objects = {name: replace(one, can_use=True) for name, one in self.objects.items()}
+
+    # ------------------------------------------------------------- writing
+
+    def observe(
+        self,
+        seen: Mapping[str, SeenObject],
+        *,
+        held: str | None,
+        gone: Iterable[str],
+        effects: Mapping[str, Iterable[str]],
+    ) -> None:
+        """Take in the latest sights.
+
+        Args:
+            seen: by id.
+            held: id of what is in the hand.
+            gone: ids that are not where they were believed to be, and wholes that were cut.
+            effects: lasting states that the agent brought about, by id.
+        """
+        lost = set(gone)
+        for object_id, sight in seen.items():
+            if object_id in lost:
+                continue
+            before = self.objects.get(object_id, Tracked(sight=sight))
+            flags = dict.fromkeys((*before.flags, *effects.get(object_id, ())))
+            self.objects[object_id] = replace(
+                before, sight=sight, holding=object_id == held, flags=tuple(flags)
+            )
+        for object_id in lost:
+            self.objects.pop(object_id, None)
+
+    def placed(self, object_id: str) -> None:
+        """Note that a thing was put down."""
+        if object_id in self.objects:
+            self.objects[object_id] = replace(self.objects[object_id], score=_PLACED)
+
+    def finish(self, object_id: str) -> None:
+        """Note that a thing is where this instruction wants it: it is not to be used again."""
+        if object_id in self.objects:
+            self.objects[object_id] = replace(self.objects[object_id], can_use=False)
+
+    def failed(self, object_id: str) -> None:
+        """Note that an interaction failed: the others of its type come first now."""
+        if object_id in self.objects:
+            one = self.objects[object_id]
+            kind = one.sight.object_type
+            scores = [o.score for o in self.objects.values() if o.sight.object_type == kind]
+            self.objects[object_id] = replace(one, score=min(scores) - _LESS)
+
+    # ------------------------------------------------------------- reading
+
+    def of(self, name: str) -> list[Tracked]:
+        """Return what a name can mean, the best score first, then the nearest."""
+        x, _, z = self.here()
+
+        def rank(one: Tracked) -> tuple[bool, float, float, str]:
+            at = one.sight.box_center_m
+            gap = (at[0] - x) ** 2 + (at[2] - z) ** 2
+            return not one.holding, -one.score, round(gap, 4), one.sight.object_id
+
+        fitting = [one for one in self.objects.values() if one.can_use and _means(name, one.sight)]
+        return sorted(fitting, key=rank)
+
+    def best(self, name: str) -> Tracked | None:
+        """Return what a name means now; None if nothing is known that may be used."""
+        return next(iter(self.of(name)), None)
+
+    def where(self, name: str) -> Known | None:
+        """Return the best known place of an id or type."""
+        one = self.objects.get(name) or self.best(name)
+        return known(one.sight, "memory") if one is not None else None
+
+    def areas(self) -> tuple[Area, ...]:
+        """Return (): HELPER has no long-term map of areas."""
+        return ()
+
+    def shut_in(self, name: str) -> SeenObject | None:
+        """Return the closed receptacle that a thing was last seen in, if any."""
+        one = self.objects.get(name)
+        place = place_of(one.sight) if one is not None else None
+        if one is None or one.holding or place is None or place == HAND:
+            return None
+        holder = self.objects.get(place)
+        return holder.sight if holder is not None and "closed" in holder.sight.states else None
+
+
+def _means(name: str, sight: SeenObject) -> bool:
+    kind = sight.object_type
+    return name in (sight.object_id, kind, base_type(kind)) or PARTS.get(name) == kind

@@ -1,0 +1,215 @@
+"""HELPER (Sarch et al. 2023), rebuilt: examples for the planner, an object memory for the body.
+
+Where it deviates from its source is in docs/methods-helper.md.
+"""
+
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from karma.agent.planner import Planner
+from karma.agent.prompt import Example, Facts
+from karma.agent.skills import Skills
+from karma.contracts import (
+    Embedder,
+    Outcome,
+    Plan,
+    SkillCall,
+    SkillResult,
+    SubTask,
+    Vec3,
+    World,
+)
+from karma.errors import KarmaError
+from karma.memory.scene_graph import SceneGraph
+from karma.methods.helper.examples import ExampleMemory, seed_examples
+from karma.methods.helper.memory import ObjectMemory
+from karma.methods.helper.run import Budget, Executor
+from karma.methods.resources import Kit, settings_of
+from karma.methods.tour import cells_of, position_of
+from karma.seeds import stream
+
+TRIES = 2  # of one sub-goal: the second on the next instance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HelperSettings:
+    """The numbers of the source."""
+
+    examples: int = 3  # retrieved for a program
+    explore_steps: int = 150  # world actions of the first look round a home
+    steps: int = 1000  # world actions of one instruction, exploring included
+    failures: int = 30  # of one instruction
+    corrections: float = 2 / 3  # share of the failures after which the planner is not asked again
+    furniture: bool = False  # whether the planner is told what furniture was seen; the source's not
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Room:
+    """What is known of one room."""
+
+    memory: ObjectMemory
+    cells: list[Vec3]
+    floor: SceneGraph
+
+    @classmethod
+    def of(cls, world: World) -> Self:
+        """Return the knowledge of somebody who has just come in."""
+        cells, height = sorted(cells_of(world)), position_of(world)[1]
+        return cls(
+            memory=ObjectMemory(here=lambda: position_of(world)),
+            cells=[(x, height, z) for x, z in cells],
+            floor=SceneGraph.over(cells, height_m=height),
+        )
+
+
+class HelperMethod:
+    """The `helper` row.
+
+    Args:
+        planner: model and prompt profile; its own inspector stays off, HELPER has one.
+        embedder: of instructions, for the example memory.
+        settings: its numbers.
+    """
+
+    name = "HELPER"
+
+    def __init__(
+        self, planner: Planner, embedder: Embedder, settings: HelperSettings | None = None
+    ) -> None:
+        self.settings = settings or HelperSettings()
+        decoding = replace(planner.decoding, inspected=False)
+        self._planner = Planner(planner.model, planner.profile, decoding)
+        examples, errors = seed_examples()
+        self.examples = ExampleMemory(embedder, examples)
+        self._errors = ExampleMemory(embedder, errors)
+        self.memory = ObjectMemory(here=lambda: (0.0, 0.0, 0.0))
+        self._world: World | None = None
+
+    @classmethod
+    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+        """Make the row from its options (the fields of `HelperSettings`).
+
+        Raises:
+            KarmaError: an option is unknown or of the wrong type, or the kit has no embedder.
+        """
+        settings = settings_of(HelperSettings, options)
+        if kit.embedder is None:
+            raise KarmaError("helper needs a text embedder; name one: models.embedder")
+        return cls(kit.planner, kit.embedder, settings)
+
+    # ------------------------------------------------------------- an episode
+
+    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+        """Start an episode: no objects known, no examples but the seeds."""
+        self._world, self._seed = world, seed
+        self._number = 0  # of the instruction
+        self.examples.clear()
+        self._rooms: dict[str, _Room] = {}
+        self._explored: set[str] = set()
+        self.enter(scene)
+
+    def enter(self, scene: str) -> None:
+        """Be in a room: its objects are remembered apart, examples are for all rooms."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        self._scene = Path(scene).stem
+        if self._scene not in self._rooms:
+            self._rooms[self._scene] = _Room.of(self._world)
+        room = self._rooms[self._scene]
+        self.memory, self._cells, self._floor = room.memory, room.cells, room.floor
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Explore if the room is new; then plan, act, correct once, and learn the example."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        self.memory.begin_instruction()
+        body = self._executor(self._world)
+        if self._scene not in self._explored:
+            self._explored.add(self._scene)
+            yield from self._explore(body)
+        self._number += 1
+        plan = yield from self._ask(body, subtask, self.examples.nearest(*self._query(subtask)), "")
+        done: list[SkillCall] = []
+        finished = plan is not None and (yield from self._carry_out(body, subtask, plan, done))
+        if done:
+            program = "\n".join(map(str, done))
+            self.examples.add(Example(instruction=subtask.instruction, program=program))
+        handled = tuple(body.skills.handled)
+        yield Outcome(finished=finished, resident=(), handled_ids=handled)
+
+    def _query(self, subtask: SubTask) -> tuple[str, int]:
+        return subtask.instruction, self.settings.examples
+
+    def _executor(self, world: World) -> Executor:
+        budget = Budget(steps=self.settings.steps, failures=self.settings.failures)
+        rng = stream(self._seed, "helper", self._scene, str(self._number))
+        skills = Skills(world, self.memory)
+        return Executor(skills, self.memory, points=self._cells, rng=rng, budget=budget)
+
+    def _explore(self, body: Executor) -> Iterator[SkillResult]:
+        """Walk from area to area, the nearest next, and look around, until the budget is spent."""
+        rest = list(self._floor.areas())
+        while rest and body.skills.actions < self.settings.explore_steps:
+            x, _, z = self.memory.here()
+            rest.sort(
+                key=lambda a: ((a.position_m[0] - x) ** 2 + (a.position_m[2] - z) ** 2, a.name)
+            )
+            left = self.settings.explore_steps - body.skills.actions
+            yield body.skills.look_from("", rest.pop(0), max_actions=left)
+            body.look()
+
+    # ------------------------------------------------------------- planning
+
+    def _ask(
+        self, body: Executor, subtask: SubTask, examples: tuple[Example, ...], error: str
+    ) -> Generator[Plan, None, Plan | None]:
+        """Ask for a program; the prompt holds no map and no memory, as in the source."""
+        body.skills.look()
+        held = body.skills.held
+        self._floor.observe(one.sight for one in self.memory.objects.values())
+        facts = Facts(
+            instruction=subtask.instruction,
+            areas=self._floor.areas() if self.settings.furniture else (),
+            graph_text=self._floor.to_text() if self.settings.furniture else "",
+            held_id=held.object_id if held else None,
+            held_type=held.object_type if held else None,
+            error=error,
+            examples=examples,
+        )
+        answer = None
+        for answer in self._planner.plan(facts):
+            yield answer
+        return None if answer is None or answer.error else answer
+
+    def _carry_out(
+        self, body: Executor, subtask: SubTask, plan: Plan, done: list[SkillCall]
+    ) -> Generator[Plan | SkillResult, None, bool]:
+        """Run sub-goals: after a failure ask once for a better program, then try the next instance.
+
+        Returns whether every sub-goal of the last program was done.
+        """
+        queue, corrected, finished = list(plan.calls), False, True
+        tries = 0
+        while queue and not body.spent:
+            ending = yield from body.subgoal(queue[0], queue[1:])
+            if ending == "failed" and not corrected and self._may_ask(body):
+                corrected = True
+                errors = self._errors.nearest(body.last_error, self.settings.examples)
+                better = yield from self._ask(body, subtask, errors, body.last_error)
+                if better is not None:
+                    queue, finished, tries = list(better.calls), True, 0
+                    continue
+            tries += ending == "failed"
+            if ending == "failed" and tries < TRIES:
+                continue
+            finished = finished and ending == "done"
+            if ending == "done":
+                done.append(queue[0])
+            queue.pop(0)
+            tries = 0
+        return finished and not queue
+
+    def _may_ask(self, body: Executor) -> bool:
+        return body.failures < self.settings.corrections * self.settings.failures

@@ -1,0 +1,188 @@
+"""HELPER's executor: one sub-goal after another, repaired, its objects looked for, then done."""
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from karma.agent.skills import Skills
+from karma.contracts import Area, SeenObject, SkillCall, SkillResult, Vec3
+from karma.methods.capeam.prior import likely_places
+from karma.methods.helper.inspector import (
+    ends_there,
+    idle,
+    whole_first,
+    with_object,
+    without_object,
+)
+from karma.methods.helper.memory import ObjectMemory
+
+BY_TYPE = ("Faucet", "ShowerHead", "StoveKnob", "StoveBurner", "Stove")  # the skill knows which
+TAPS = ("Faucet", "ShowerHead")
+LIKELY = 3  # kinds of places asked for
+INSTANCES = 2  # of each kind
+NEAR_STEPS = 75  # for one of those
+POINT_STEPS = 50  # for one point anywhere
+POINTS = 20
+
+Ending = Literal["done", "failed", "skipped"]
+Deed = Generator[SkillResult, None, bool]  # returns whether it worked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """What one instruction may cost."""
+
+    steps: int = 1000
+    failures: int = 30
+
+
+class Executor:
+    """Carries out sub-goals of one instruction.
+
+    Args:
+        skills: the body; its knowledge is `memory`.
+        memory: the sequence's object memory.
+        points: cells to stand on, for looking anywhere.
+        rng: draws among them.
+        budget: see there.
+    """
+
+    def __init__(
+        self,
+        skills: Skills,
+        memory: ObjectMemory,
+        *,
+        points: Sequence[Vec3],
+        rng: np.random.Generator,
+        budget: Budget,
+    ) -> None:
+        self.skills, self.memory, self.budget = skills, memory, budget
+        self.failures = 0
+        self.last_error = ""
+        self._points, self._rng = points, rng
+        self._landmark = ""  # what was opened last and not closed since
+        self._put = ""  # what was put down last
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing more may be tried."""
+        return self.skills.actions >= self.budget.steps or self.failures >= self.budget.failures
+
+    def look(self) -> None:
+        """Write what the skills saw and did into memory."""
+        held = self.skills.held
+        self.memory.observe(
+            self.skills.seen,
+            held=held.object_id if held else None,
+            gone=self.skills.missed | self.skills.cut,
+            effects=self.skills.effects,
+        )
+
+    def subgoal(
+        self, call: SkillCall, rest: Sequence[SkillCall]
+    ) -> Generator[SkillResult, None, Ending]:
+        """Carry out one sub-goal, yielding everything done for it; returns what came of it.
+
+        Args:
+            call: with types for names, as planned.
+            rest: what is planned after it.
+        """
+        if any(name in self.memory.could_not_find for name in call.objects):
+            return "skipped"
+        first = whole_first(call, self.memory)
+        for step in [*([first] if first else []), call]:
+            if not (yield from self._repaired(step)):
+                return "failed"
+        if call.skill == "PutObject" and len(call.objects) == 2 and ends_there(call, rest):
+            self.memory.finish(self._put)
+        return "done"
+
+    # ------------------------------------------------------------- the inspector at work
+
+    def _repaired(self, call: SkillCall) -> Deed:
+        """Do what must come first, then the call itself."""
+        for step in [*without_object(call, self.skills.held, self.memory), call]:
+            if not (yield from self._located(step)):
+                return False
+            ready = self._ground(step)
+            if idle(ready, self.memory) or step.skill == "Explore":
+                continue
+            for deed in [*with_object(ready, self.memory), ready]:
+                if not (yield from self._do(deed)):
+                    return False
+        return True
+
+    def _ground(self, call: SkillCall) -> SkillCall:
+        """Put the ids of the best known objects in place of types."""
+        best = {name: self.memory.best(name) for name in call.objects if name not in BY_TYPE}
+        names = {name: one.sight.object_id for name, one in best.items() if one is not None}
+        return replace(call, objects=tuple(names.get(name, name) for name in call.objects))
+
+    def _do(self, call: SkillCall) -> Deed:
+        """Run one skill and write down what came of it."""
+        held = self.skills.held
+        result = self.skills.run(call, max_actions=self._left())
+        self.look()
+        yield result
+        if not result.ok:
+            self.memory.failed(call.objects[-1])
+            self._fail(call, result.reason)
+        elif call.skill == "PutObject" and held is not None:
+            self._put = held.object_id
+            self.memory.placed(held.object_id)
+        elif call.skill in ("OpenObject", "CloseObject"):
+            self._landmark = call.objects[0] if call.skill == "OpenObject" else ""
+        return result.ok
+
+    def _fail(self, call: SkillCall, reason: str) -> None:
+        self.failures += 1
+        self.last_error = f"Failed sub-goal: {call}. Error: {reason}"
+
+    def _left(self) -> int:
+        return max(self.budget.steps - self.skills.actions, 1)
+
+    # ------------------------------------------------------------- the locator
+
+    def _located(self, call: SkillCall) -> Deed:
+        """Look for what is not in memory: near the landmark, where it is likely, anywhere."""
+        near = [place for place in call.positions if isinstance(place, str)]
+        for name in call.objects:
+            tap = name in TAPS and bool(self.skills.handled)  # the skill knows the one over it
+            if tap or self.memory.best(name) is not None:
+                continue
+            for place in self._places(name, near):
+                yield self._search(name, place)
+                if self.memory.best(name) is not None or self.spent:
+                    break
+            if self.memory.best(name) is None:
+                self.memory.could_not_find.add(name)
+                self._fail(call, f"could not find {name}")
+                return False
+        return True
+
+    def _places(self, name: str, near: Sequence[str]) -> Iterator[SeenObject | Area]:
+        """Yield where to look, in order; each is asked for when its turn comes."""
+        marks = [*near, *([self._landmark] if self._landmark else [])]
+        tried: set[str] = set()
+        for kind in [*marks, *list(likely_places(name))[:LIKELY]]:
+            for one in self.memory.of(kind)[:INSTANCES]:
+                if one.sight.object_id not in tried:
+                    tried.add(one.sight.object_id)
+                    yield one.sight
+        order = self._rng.permutation(len(self._points))[:POINTS]
+        for number in order:
+            yield Area(name=f"point_{number}", position_m=self._points[number])
+
+    def _search(self, name: str, place: SeenObject | Area) -> SkillResult:
+        most = self._left()
+        if isinstance(place, Area):
+            result = self.skills.look_from(name, place, max_actions=min(POINT_STEPS, most))
+        elif "closed" in place.states:
+            result = self.skills.look_into(name, place, max_actions=min(NEAR_STEPS, most))
+        else:
+            area = Area(name=place.object_id, position_m=place.box_center_m)
+            result = self.skills.look_from(name, area, max_actions=min(NEAR_STEPS, most))
+        self.look()
+        return result

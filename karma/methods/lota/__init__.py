@@ -1,0 +1,1 @@
+"""LoTa-Bench, modified (KARMA Table 1)."""

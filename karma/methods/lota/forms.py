@@ -1,0 +1,193 @@
+"""What the LoTa rows say to a model: closed lists of steps, and two forms of prompt for each row.
+
+`words` is LoTa-Bench's own form, a dialogue of numbered steps, for any language model. `compact` is
+for planners that were trained on the compact profile: lines of programs. `code` is the whole plan
+in one answer, with SMART-LLM's skills. Object types are the fixed list of `karma.household.types`:
+nothing of a scene.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import jinja2
+
+from karma.agent.inspector import objection
+from karma.agent.program import SKILLS
+from karma.agent.prompt import Facts, compact
+from karma.contracts import Prompt, SeenObject, SkillCall, SkillSignature
+from karma.household.types import object_types
+from karma.infer.llama.scoring import END
+
+Form = Literal["words", "compact"]
+
+DONE = " done."  # in words
+_PROMPTS = Path(__file__).parent
+_NOT_SMART_LLM = ("Explore", "ToggleOn", "ToggleOff")
+_SWITCHED_BY_A_PART = ("StoveBurner",)
+_VERBS = (
+    ("pick up the", "PickupObject"), ("put down the", "PutObject"), ("open the", "OpenObject"),
+    ("close the", "CloseObject"), ("slice the", "SliceObject"), ("turn on the", "ToggleOn"),
+    ("turn off the", "ToggleOff"), ("break the", "BreakObject"), ("throw away the", "ThrowObject"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Past:
+    """An instruction of the sequence and the steps that were taken for it."""
+
+    instruction: str
+    steps: tuple[str, ...]
+
+
+# ----------------------------------------------------------------- the closed lists
+
+
+@cache
+def named_types() -> tuple[str, ...]:
+    """Return the object types that a step may name; a slice goes by its whole's name."""
+    return tuple(name for name, kind in object_types().items() if not kind.made_by_slicing)
+
+
+@cache
+def steps_in_words() -> Mapping[str, SkillCall | None]:
+    """Return LoTa-Bench's list, step -> what is done; None ends.
+
+    Each step ends with the comma that would follow it, so that none begins another. `put down`
+    names what is in the hand; its place is what was found last.
+    """
+    found: dict[str, SkillCall | None] = {DONE: None}
+    for name in named_types():
+        article = "an" if name[0] in "AEIOU" else "a"
+        found[f" find {article} {in_words(name)},"] = _call("Explore", name)
+    for words, skill in _VERBS:
+        for name in named_types():
+            probe = "PickupObject" if skill in ("PutObject", "ThrowObject") else skill
+            if _possible(_call(probe, name)):
+                found[f" {words} {in_words(name)},"] = _call(skill, name)
+    return MappingProxyType(found)
+
+
+@cache
+def steps_in_lines() -> Mapping[str, SkillCall | None]:
+    """Return the same as lines of programs; here `PutObject` names the place too."""
+    calls = [_call("GoToObject", name) for name in named_types()]
+    carried = [name for name in named_types() if _possible(_call("PickupObject", name))]
+    for skill in ("PickupObject", "OpenObject", "CloseObject", "SliceObject", "BreakObject",
+                  "ToggleOn", "ToggleOff", "SwitchOn", "SwitchOff"):  # fmt: skip
+        calls += [c for name in named_types() if _possible(c := _call(skill, name))]
+    calls += [_call("ThrowObject", name) for name in carried]
+    calls += [
+        put
+        for name in carried
+        for place in named_types()
+        if not objection([put := _call("PutObject", name, place)], held=name)
+    ]
+    return MappingProxyType({END: None, **{f"{call}\n": call for call in calls}})
+
+
+def in_words(object_type: str) -> str:
+    """Return a type as a person writes it.
+
+    >>> in_words("CellPhone"), in_words("TVStand"), in_words("CD")
+    ('cell phone', 'tv stand', 'cd')
+    """
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", object_type).lower()
+
+
+def _call(skill: str, *objects: str) -> SkillCall:
+    return SkillCall(skill=skill, objects=objects)
+
+
+def _possible(call: SkillCall) -> bool:
+    name = call.objects[0]
+    if call.skill in ("SwitchOn", "SwitchOff", "ToggleOn", "ToggleOff"):
+        return object_types()[name].can("toggleable") or name in _SWITCHED_BY_A_PART
+    return not objection([call], held=None)
+
+
+# ----------------------------------------------------------------- prompts in segments
+
+
+def words_prompt(
+    history: Sequence[Past], instruction: str, steps: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the dialogue so far: examples, earlier instructions, this one and its steps."""
+    segments = [_text("lota_score.txt")]
+    for past in history:
+        segments += [_asked(past.instruction), *_numbered(past.steps), "\n"]
+    return (*segments, _asked(instruction), *_numbered(steps))
+
+
+def _asked(instruction: str) -> str:
+    return f"Human: {_sentence(instruction)}\nRobot: 1."
+
+
+def _numbered(steps: Sequence[str]) -> list[str]:
+    return [
+        step if step == DONE else f"{step} {number}." for number, step in enumerate(steps, start=2)
+    ]
+
+
+def lines_prompt(
+    instruction: str, held: SeenObject | None, steps: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the compact profile without any memory, then the program so far.
+
+    Earlier instructions are left out: planners of this profile were never shown any.
+    """
+    prompt = compact(facts(instruction, held)).prompt
+    return (prompt.stable, prompt.changing, *steps)
+
+
+def facts(instruction: str, held: SeenObject | None) -> Facts:
+    """Return what a planner without memory is told."""
+    return Facts(
+        instruction=instruction,
+        held_id=held.object_id if held else None,
+        held_type=held.object_type if held else None,
+    )
+
+
+def smart_skills() -> tuple[SkillSignature, ...]:
+    """Return those of our skills that SMART-LLM has too."""
+    return tuple(skill for skill in SKILLS if skill.name not in _NOT_SMART_LLM)
+
+
+def code_prompt(history: Sequence[Past], instruction: str) -> Prompt:
+    """Return the prompt for a whole plan: skills, object types, examples, earlier plans."""
+    stable = _template("lota_generate.txt").render(skills=smart_skills(), objects=named_types())
+    past = [
+        f"# Task Description: {_sentence(one.instruction)}\n{''.join(one.steps)}\n"
+        for one in history
+    ]
+    asked = f"# Task Description: {_sentence(instruction)}\n"
+    return Prompt(stable=stable, changing="".join(past) + asked)
+
+
+def _sentence(text: str) -> str:
+    """Return an instruction with a capital and a full stop."""
+    text = " ".join(text.split()).rstrip(".!? ")
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+@cache
+def _text(name: str) -> str:
+    return (_PROMPTS / name).read_text(encoding="utf-8")
+
+
+@cache
+def _template(name: str) -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_PROMPTS),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    return environment.get_template(name)

@@ -1,0 +1,330 @@
+"""LoTa-Bench, modified (KARMA Table 1): a language model alone, without memory of the home.
+
+`lota.score` chooses one step after the other from a closed list, by the log-likelihood that the
+model gives each; `lota.generate` takes a whole plan in one answer. Where they deviate from their
+sources is in docs/methods-lota.md.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from karma.agent.inspector import mend
+from karma.agent.planner import Planner, grounded
+from karma.agent.program import parse_program
+from karma.agent.prompt import base_type
+from karma.agent.reach import PARTS
+from karma.agent.skills import Skills
+from karma.contracts import (
+    Area,
+    Completion,
+    Known,
+    LanguageModel,
+    Outcome,
+    Plan,
+    ProgramSpec,
+    Prompt,
+    SkillCall,
+    SkillResult,
+    SubTask,
+    World,
+)
+from karma.errors import ModelError, ProgramError
+from karma.household.types import object_types
+from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.scoring import Best, Chooser, Scoring, SkillScorer
+from karma.memory.scene_graph import SceneGraph
+from karma.methods.lota.forms import (
+    Form,
+    Past,
+    code_prompt,
+    facts,
+    lines_prompt,
+    named_types,
+    smart_skills,
+    steps_in_lines,
+    steps_in_words,
+    words_prompt,
+)
+from karma.methods.resources import Kit, settings_of
+from karma.methods.tour import cells_of, position_of
+
+_KEEPS_PLACE = ("OpenObject", "CloseObject", "PutObject")  # what was found last stays the place
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LotaScoreSettings:
+    """The numbers of the source."""
+
+    scoring: Literal["sum", "average"] = "sum"  # of a step's log-probabilities
+    max_steps: int = 25  # of one instruction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LotaGenerateSettings:
+    """How a whole plan is treated."""
+
+    inspected: bool = True  # mend plans of the compact profile, which leaves searches to that
+
+
+class LotaScore:
+    """The `lota.score` row.
+
+    Args:
+        chooser: scores steps.
+        form: "words", or "compact" for a planner that was trained on it.
+        settings: its numbers.
+    """
+
+    def __init__(
+        self, chooser: Chooser, form: Form, settings: LotaScoreSettings | None = None
+    ) -> None:
+        self.settings = settings or LotaScoreSettings()
+        self.form = form
+        self.name = f"LoTa-Bench (modified: scored, {form})"
+        self._chooser = chooser
+        self._steps = steps_in_words() if form == "words" else steps_in_lines()
+        self._texts = tuple(self._steps)
+        self._world: World | None = None
+        self._history: list[Past] = []
+        self._floors: dict[str, _Floor] = {}  # by room
+
+    @classmethod
+    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+        """Make the row from its options (the fields of `LotaScoreSettings`).
+
+        Raises:
+            KarmaError: an option is unknown or of the wrong type.
+            ModelError: the planner's model tells no log-probabilities.
+        """
+        settings = settings_of(LotaScoreSettings, options)
+        form: Form = "compact" if kit.planner.profile == "compact" else "words"
+        return cls(chooser_of(kit.planner.model), form, settings)
+
+    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+        """Start an episode: no steps taken; only the cells of the floor are known."""
+        self._world, self._history, self._floors = world, [], {}
+        self.enter(scene)
+
+    def enter(self, scene: str) -> None:
+        """Be in a room, whose cells are known."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        if scene not in self._floors:
+            self._floors[scene] = _Floor(self._world)
+        self._floor = self._floors[scene]
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Take the likeliest step until that is `done` or the steps are used up.
+
+        A task by itself is asked for without the ones before it, as in the source.
+        """
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        if subtask.is_whole:
+            self._history.clear()
+        skills = Skills(self._world, self._floor)
+        skills.look()
+        begun_with = skills.held
+        steps: list[str] = []
+        place, finished = "", False
+        while len(steps) < self.settings.max_steps and not finished:
+            if self.form == "compact":
+                prompt = lines_prompt(subtask.instruction, begun_with, steps)
+            else:
+                prompt = words_prompt(self._history, subtask.instruction, steps)
+            plan = self._choose(prompt)
+            yield plan
+            steps.append(plan.completion.text)
+            finished = not plan.calls
+            for call in plan.calls:
+                yield from self._carry_out(skills, call, place)
+                place = _place_after(call, place)
+        self._history.append(Past(instruction=subtask.instruction, steps=tuple(steps)))
+        yield Outcome(finished=finished, resident=(), handled_ids=tuple(skills.handled))
+
+    def _choose(self, prompt: Sequence[str]) -> Plan:
+        scoring: Scoring = self.settings.scoring
+        best = self._chooser.best(prompt, self._texts, scoring=scoring)
+        text = self._texts[best.number]
+        call = self._steps[text]
+        return Plan(
+            recalled=(),
+            prompt=Prompt(stable=prompt[0], changing="".join(prompt[1:])),
+            completion=_completion(best, text),
+            calls=() if call is None else (call,),
+            names={},
+        )
+
+    def _carry_out(self, skills: Skills, call: SkillCall, place: str) -> Iterator[SkillResult]:
+        """Do one step; a step that is refused stays in the history like any other."""
+        if self.form == "words" and call.skill == "PutObject":
+            if not place:
+                yield SkillResult(call=call, ok=False, reason="no place was found to put it down")
+                return
+            call = replace(call, objects=(*call.objects, place))
+        calls = (call,) if self.form == "words" else _mended(skills, call)
+        for one in calls:
+            result = skills.run(one)
+            yield result
+            if not result.ok:
+                return
+
+
+class LotaGenerate:
+    """The `lota.generate` row.
+
+    Args:
+        planner: model and prompt profile; asked once for each instruction.
+        settings: see there.
+    """
+
+    def __init__(self, planner: Planner, settings: LotaGenerateSettings | None = None) -> None:
+        self.settings = settings or LotaGenerateSettings()
+        self.form = "compact" if planner.profile == "compact" else "code"
+        self.name = f"LoTa-Bench (modified: generated, {self.form})"
+        inspected = planner.decoding.inspected and self.settings.inspected
+        decoding = replace(planner.decoding, attempts=1, inspected=inspected)
+        self._planner = Planner(planner.model, planner.profile, decoding)
+        self._world: World | None = None
+        self._history: list[Past] = []
+        self._floors: dict[str, _Floor] = {}  # by room
+
+    @classmethod
+    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+        """Make the row from its options (the fields of `LotaGenerateSettings`).
+
+        Raises:
+            KarmaError: an option is unknown or of the wrong type.
+        """
+        return cls(kit.planner, settings_of(LotaGenerateSettings, options))
+
+    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+        """Start an episode: no plans made; only the cells of the floor are known."""
+        self._world, self._history, self._floors = world, [], {}
+        self.enter(scene)
+
+    def enter(self, scene: str) -> None:
+        """Be in a room, whose cells are known."""
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        if scene not in self._floors:
+            self._floors[scene] = _Floor(self._world)
+        self._floor = self._floors[scene]
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Ask for a plan and carry out all of it; a line that is refused is passed over.
+
+        A task by itself is asked for without the ones before it, as in the source.
+        """
+        if self._world is None:
+            raise RuntimeError("begin an episode first")
+        if subtask.is_whole:
+            self._history.clear()
+        skills = Skills(self._world, self._floor)
+        skills.look()
+        plan = self._asked(skills, subtask)
+        yield plan
+        finished = not plan.error
+        for call in grounded(plan.calls, plan.names):
+            result = skills.run(call)
+            yield result
+            finished = finished and result.ok
+        past = Past(instruction=subtask.instruction, steps=(plan.completion.text.rstrip() + "\n",))
+        self._history.append(past)
+        yield Outcome(finished=finished, resident=(), handled_ids=tuple(skills.handled))
+
+    def _asked(self, skills: Skills, subtask: SubTask) -> Plan:
+        if self.form == "compact":
+            return next(self._planner.plan(facts(subtask.instruction, skills.held)))
+        prompt, decoding = code_prompt(self._history, subtask.instruction), self._planner.decoding
+        spec = ProgramSpec(skills=smart_skills(), objects=named_types())
+        completion = self._planner.model.complete(
+            prompt,
+            spec=spec if decoding.constrained else None,
+            max_tokens=decoding.max_tokens,
+            temperature=decoding.temperature,
+            seed=decoding.seed,
+        )
+        calls: tuple[SkillCall, ...] = ()
+        error = ""
+        try:
+            calls = tuple(_find(c) for c in parse_program(completion.text, smart_skills()))
+        except ProgramError as refused:
+            error = str(refused)
+        if not calls and not error:
+            error = "the answer holds no skill call"
+        return Plan(
+            recalled=(), prompt=prompt, completion=completion, calls=calls, names={}, error=error
+        )
+
+
+# ----------------------------------------------------------------- parts of both
+
+
+class _Floor:
+    """What the rows know of a home: area nodes over the cells that can be stood on, all empty."""
+
+    def __init__(self, world: World) -> None:
+        graph = SceneGraph.over(sorted(cells_of(world)), height_m=position_of(world)[1])
+        self._areas = tuple(graph.areas())
+
+    def where(self, name: str) -> Known | None:
+        """Return None: nothing is remembered."""
+        return None
+
+    def areas(self) -> tuple[Area, ...]:
+        """Return the nodes to search; the nearest is searched first."""
+        return self._areas
+
+
+def chooser_of(model: LanguageModel) -> Chooser:
+    """Return what scores steps with a model.
+
+    Raises:
+        ModelError: the model tells no log-probabilities.
+    """
+    if isinstance(model, LlamaModel):
+        return SkillScorer(model)
+    if isinstance(model, Chooser):
+        return model
+    raise ModelError(
+        f"{model.name}: lota.score needs log-probabilities of whole steps, which this model does"
+        " not tell; take a GGUF file, or the row lota.generate"
+    )
+
+
+def _mended(skills: Skills, call: SkillCall) -> tuple[SkillCall, ...]:
+    """Return a line with what the compact profile leaves to the inspector: see `mend`."""
+    skills.look()
+    seen = {sight.object_type for sight in skills.seen.values()}
+    held = skills.held
+    known = seen | {base_type(name) for name in seen}
+    return mend((call,), known=known, held=base_type(held.object_type) if held else None)
+
+
+def _place_after(call: SkillCall, place: str) -> str:
+    """Return where `put down` puts things: what was found last, until something else is done."""
+    if call.skill == "Explore":
+        name = call.objects[0]
+        return name if name in PARTS or object_types()[name].can("receptacle") else ""
+    return place if call.skill in _KEEPS_PLACE else ""
+
+
+def _find(call: SkillCall) -> SkillCall:
+    """Return a walk as a search, which is no more than a walk where the place is known."""
+    return replace(call, skill="Explore") if call.skill == "GoToObject" else call
+
+
+def _completion(best: Best, text: str) -> Completion:
+    return Completion(
+        text=text,
+        finish="stop",
+        prompt_tokens=best.cost.prompt,
+        reused_tokens=best.cost.reused,
+        completion_tokens=best.tokens,
+        first_token_s=best.seconds,
+        total_s=best.seconds,
+        threads=best.threads,
+    )

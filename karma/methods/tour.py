@@ -1,0 +1,81 @@
+"""The first visit to a home: walk about, look around everywhere, and build the map."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from karma.agent.skills import Skills
+from karma.contracts import Area, Known, SkillCall, Vec3, World
+from karma.memory.scene_graph import SceneGraph
+
+LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
+
+
+def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bool]:
+    """Return long-term memory of a scene and whether it was made just now.
+
+    The world is back at the scene's start afterwards, whether the map was loaded or explored.
+
+    Args:
+        world: a world that has been reset to `scene`.
+        scene: what to reset it to again.
+        saved: where the map of an earlier visit may lie.
+
+    Raises:
+        FileError: the saved map is damaged.
+    """
+    cells = cells_of(world)
+    graph = SceneGraph.over(cells, height_m=position_of(world)[1])
+    if saved is not None and saved.exists():
+        known = SceneGraph.load(saved)
+        if [area.position_m for area in known.areas()] == [a.position_m for a in graph.areas()]:
+            return known, False
+    lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
+    skills = Skills(world, _Blank(lookouts))
+    skills.look_around()
+    for area in tour(lookouts, position_of(world)):
+        skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
+        skills.look_around()
+        graph.observe(skills.seen.values())
+    world.reset(scene)
+    return graph, True
+
+
+def cells_of(world: World) -> list[tuple[float, float]]:
+    """Return the (x, z) of every cell that can be stood on: the robot's map of the floor."""
+    event = world.step("GetReachablePositions")
+    return [(float(cell["x"]), float(cell["z"])) for cell in event.metadata["actionReturn"]]
+
+
+def tour(areas: Sequence[Area], start: Vec3) -> list[Area]:
+    """Return all areas, always the nearest next."""
+    rest, here, order = list(areas), start, []
+    while rest:
+        rest.sort(key=lambda area: (_gap(area.position_m, here), area.name))
+        order.append(rest.pop(0))
+        here = order[-1].position_m
+    return order
+
+
+def _gap(one: Vec3, other: Vec3) -> float:
+    return (one[0] - other[0]) ** 2 + (one[2] - other[2]) ** 2
+
+
+def position_of(world: World) -> Vec3:
+    """Return where the agent stands."""
+    position = world.last_event.metadata["agent"]["position"]
+    return float(position["x"]), float(position["y"]), float(position["z"])
+
+
+class _Blank:
+    """The knowledge of somebody who knows the cells but nothing in the room."""
+
+    def __init__(self, areas: Sequence[Area]) -> None:
+        self._areas = areas
+
+    def where(self, name: str) -> Known | None:
+        """Return None: nothing is known yet."""
+        return None
+
+    def areas(self) -> Sequence[Area]:
+        """Return the nodes of the tour."""
+        return self._areas

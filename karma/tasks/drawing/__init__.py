@@ -1,0 +1,1 @@
+"""Tasks drawn from a grammar of our own, or read off ALFRED's sentences."""

@@ -1,0 +1,238 @@
+"""ALFRED's goal sentences as requests: the plain program; five facts read off any program.
+
+The five facts of a trial are its task type, object, movable receptacle, receptacle or lamp, and
+whether the object is sliced (`task_type` and `pddl_params` of its record). A sentence is an example
+like any other: its answer is a program, and `facts_of` reads the facts off any program by rule.
+"""
+
+import gzip
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma.contracts import Goal, SkillCall
+from karma.errors import FileError
+from karma.household.types import object_types
+from karma.tasks.drawing.programs import plain_program
+from karma.tasks.expert import View
+
+LAMPS = ("DeskLamp", "FloorLamp")
+KNIVES = ("Knife", "ButterKnife")
+COOKED = ("Potato", "Egg")
+_PARTS = {"SinkBasin": "Sink", "BathtubBasin": "Bathtub"}
+_TYPES = {
+    "look_at_obj_in_light": "look", "pick_and_place_simple": "simple",
+    "pick_and_place_with_movable_recep": "stack", "pick_clean_then_place_in_recep": "clean",
+    "pick_cool_then_place_in_recep": "cool", "pick_heat_then_place_in_recep": "heat",
+    "pick_two_obj_and_place": "two",
+}  # fmt: skip
+_BY_LOWER = {name.lower(): name for name in object_types()}
+_DEPENDS = frozenset(("other", "second", "another", "same", "slice", "slices", "piece", "off"))
+_STATES = {"clean": "clean", "heat": "heated", "cool": "cold"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """What a goal sentence asks for."""
+
+    task: str  # a value of `_TYPES`
+    thing: str
+    movable: str  # "" but for "stack"
+    place: str  # receptacle, or the lamp of "look"
+    sliced: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sentence:
+    """One annotator's goal sentence and its truth."""
+
+    text: str
+    facts: Facts
+    floor_plan: str = ""  # where it was said
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepSentence:
+    """What an annotator said of one step of a demonstration."""
+
+    text: str
+    goals: tuple[Goal, ...]
+    held: str = ""  # type of what is in the hand, "" for nothing
+
+
+def read_sentences(path: Path) -> tuple[Sentence, ...]:
+    """Return every goal sentence of a file of demonstrations, in order.
+
+    Raises:
+        FileError: the file is missing or torn.
+    """
+    return tuple(
+        Sentence(
+            text=annotation["task_desc"],
+            facts=truth_of(trial),
+            floor_plan=trial["scene"]["floor_plan"],
+        )
+        for trial in _trials(path)
+        for annotation in trial["turk_annotations"]
+    )
+
+
+def read_steps(path: Path) -> tuple[StepSentence, ...]:
+    """Return what annotators said of picking up, putting down and switching on lamps, in order.
+
+    Sentences of few words, about slices, or about "the other one" are left out: what they mean
+    depends on what was said before.
+
+    Raises:
+        FileError: the file is missing or torn.
+    """
+    return tuple(
+        StepSentence(text=text, goals=goals, held=held)
+        for trial in _trials(path)
+        for annotation in trial["turk_annotations"]
+        for text, step in zip(annotation["high_descs"], trial["plan"]["high_pddl"], strict=False)
+        if (found := _step_goals(step, trial)) is not None and _says_enough(text)
+        for goals, held in (found,)
+    )
+
+
+def _trials(path: Path) -> Iterator[Any]:
+    try:
+        with gzip.open(path, "rt", encoding="utf-8") as lines:
+            yield from map(msgspec.json.decode, lines)
+    except (OSError, EOFError, msgspec.DecodeError) as error:
+        raise FileError(path, f"not ALFRED demonstrations: {error}") from error
+
+
+def _step_goals(
+    step: Mapping[str, Any], trial: Mapping[str, Any]
+) -> tuple[tuple[Goal, ...], str] | None:
+    """Return what a step brings about, and the type of what is in the hand before."""
+    action, names = step["discrete_action"]["action"], step["discrete_action"]["args"]
+    if "Sliced" in step["planner_action"].get("objectId", ""):
+        return None
+    types = [_PARTS.get(name, name) for name in (_BY_LOWER.get(one, "") for one in names)]
+    if not all(types):
+        return None
+    if action == "PickupObject":
+        return (_goal("HOLDON", "robot", types[0]),), ""
+    if action == "PutObject" and len(types) == 2:
+        return (_goal("ON", *types),), types[0]
+    if action == "ToggleObject" and types[0] in LAMPS:
+        return (_goal("TOGGLEON", types[0]),), trial["pddl_params"]["object_target"]
+    return None
+
+
+def _says_enough(text: str) -> bool:
+    words = re.findall(r"[a-z]+", text.lower())
+    return len(words) > 3 and not _DEPENDS & set(words)
+
+
+def truth_of(trial: Mapping[str, Any]) -> Facts:
+    """Return the facts of a trial's record; basins count as what they are part of."""
+    wanted = trial["pddl_params"]
+    place = wanted["toggle_target"] or wanted["parent_target"]
+    return Facts(
+        task=_TYPES[trial["task_type"]],
+        thing=wanted["object_target"],
+        movable=wanted["mrecep_target"],
+        place=_PARTS.get(place, place),
+        sliced=bool(wanted["object_sliced"]),
+    )
+
+
+def goals_of(facts: Facts, thing: str, text: str) -> tuple[Goal, ...]:
+    """Return what is to hold in the end.
+
+    Args:
+        facts: what the sentence asks for.
+        thing: the short name of the object, if memory holds it, else its type.
+        text: the sentence; what is to be cooked is cooked, not only heated.
+    """
+    goals = [_goal("STATE", thing, "sliced")] if facts.sliced else []
+    if facts.task == "look":
+        return (*goals, _goal("HOLDON", "robot", thing), _goal("TOGGLEON", facts.place))
+    if facts.task in _STATES:
+        cooked = facts.task == "heat" and facts.thing in COOKED and "cook" in text
+        goals.append(_goal("STATE", thing, "cooked" if cooked else _STATES[facts.task]))
+    top = thing
+    if facts.task == "stack":
+        goals.append(_goal("ON", thing, facts.movable))
+        top = facts.movable
+    return (*goals, _goal("ON", top, facts.place))
+
+
+def program_of(sentence: Sentence, view: View) -> tuple[SkillCall, ...]:
+    """Return the plain program; for two things the second follows the first."""
+    facts = sentence.facts
+    calls = plain_program(goals_of(facts, facts.thing, sentence.text.lower()), view)
+    if facts.task != "two":
+        return calls
+    return (*calls, *plain_program((_goal("ON", facts.thing, facts.place),), view))
+
+
+def _goal(predicate: str, *arguments: str) -> Goal:
+    return Goal(predicate=predicate, arguments=arguments)
+
+
+# ----------------------------------------------------------------- reading facts off a program
+
+
+def facts_of(calls: Sequence[SkillCall]) -> Facts | None:
+    """Read the five facts off a program; None where it holds none of the seven tasks.
+
+    The last thing put down is what the sentence is about, and where it was put the receptacle; what
+    had been put into it before is the object, and it the movable. Without any thing put, what is
+    held when a lamp goes on was to be looked at.
+    """
+    cut = {_base(call.objects[0]) for call in calls if call.skill == "SliceObject"}
+    puts = list(_puts(calls))
+    lamp = [_base(c.objects[0]) for c in calls if c.skill.endswith("On")]
+    lamps = [name for name in lamp if name in LAMPS]
+    if lamps:
+        held = [_base(call.objects[0]) for call in calls if call.skill == "PickupObject"]
+        held = [name for name in held if name not in KNIVES] or held
+        if not held:
+            return None
+        thing = held[-1]
+        return Facts(task="look", thing=thing, movable="", place=lamps[-1], sliced=thing in cut)
+    if cut:  # the knife is only put out of the way
+        last = [put for put in puts if put[0] not in KNIVES]
+        puts = last or puts
+    if not puts:
+        return None
+    thing, place = puts[-1]
+    task, movable = _task(puts, lamp), ""
+    if task == "stack":
+        movable, thing = thing, next(t for t, to in puts if to == puts[-1][0])
+    return Facts(task=task, thing=thing, movable=movable, place=place, sliced=thing in cut)
+
+
+def _puts(calls: Sequence[SkillCall]) -> Iterator[tuple[str, str]]:
+    for call in calls:
+        if call.skill == "PutObject" and len(call.objects) == 2:
+            place = _base(call.objects[1])
+            yield _base(call.objects[0]), _PARTS.get(place, place)
+
+
+def _task(puts: Sequence[tuple[str, str]], switched: Sequence[str]) -> str:
+    """Return the task type of a program that ends in putting something somewhere."""
+    thing, place = puts[-1]
+    if any(to == thing for _, to in puts[:-1]):
+        return "stack"
+    before = [to for what, to in puts[:-1] if what == thing]
+    if "Faucet" in switched and "Sink" in before:
+        return "clean"
+    if "Microwave" in switched and "Microwave" in before:
+        return "heat"
+    if place in before:
+        return "two"
+    return "cool" if "Fridge" in before else "simple"
+
+
+def _base(name: str) -> str:
+    return name.partition("_")[0]

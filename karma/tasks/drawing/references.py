@@ -1,0 +1,220 @@
+"""Words for things: a remembered unit by name, kind, states, place, what was done to it, or "it".
+
+Words are put together from a noun and qualifiers, and kept only if they mean the unit: of the units
+that fit them, the one handled last, or else the one seen last.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from karma.agent.prompt import Facts, base_type
+from karma.contracts import MemoryUnit
+from karma.tasks.drawing.phrases import Book, lexicon
+from karma.tasks.drawing.recollections import Rng, Room, pick, place_type, weighted
+
+Fits = Callable[[MemoryUnit], bool]
+ANYTHING = ("thing", "one", "item", "object")
+WEIGHTS = {"name": 0.42, "kind": 0.30, "anything": 0.14, "pronoun": 0.14}
+VAGUE = {"name": 0.0, "kind": 0.55, "anything": 0.25, "pronoun": 0.20}
+NAMED = {"name": 0.85, "kind": 0.0, "anything": 0.0, "pronoun": 0.15}
+DONE_FORMS = (
+    "you just {d}", "you {d}", "that you {d}", "that you just {d}", "which you {d}",
+    "you {d} earlier", "you {d} before", "you have {d}", "that you {d} a moment ago",
+)  # fmt: skip
+PLACE_FORMS = (
+    "in the {w}", "on the {w}", "from the {w}", "that is in the {w}", "that is on the {w}",
+    "you put in the {w}", "you put on the {w}", "you left on the {w}", "that you left in the {w}",
+    "you just put on the {w}", "inside the {w}", "lying on the {w}", "which is on the {w}",
+)  # fmt: skip
+CARGO_FORMS = ("with the {c}", "with the {c} in it", "that holds the {c}", "containing the {c}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """One draw: what is known, and what a request may name."""
+
+    room: Room
+    facts: Facts  # without the instruction
+    names: dict[str, str]  # object id -> short name
+    book: Book
+    excluded: frozenset[tuple[str, str]]
+    mapped: bool  # long-term memory is there
+    strict: bool = False  # words must fit one handled unit only
+    vague: float = (
+        0.0  # chance that a remembered thing is not called by its name; < 0: named or "it"
+    )
+
+    @property
+    def units(self) -> Sequence[MemoryUnit]:
+        """Short-term memory, the last used last."""
+        return self.facts.units
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ref:
+    """An object that a request names: its program name, type, and the words for it."""
+
+    name: str
+    object_type: str
+    words: str  # with article, or a pronoun
+    bare: str  # without
+    plain: bool = True  # the bare name alone means this object
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Said:
+    """Words before and after a noun, and which units they admit."""
+
+    before: str = ""
+    after: str = ""
+    fits: Fits = lambda unit: True
+
+
+def refer(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref | None:
+    """Draw words that mean this unit and no other; None after a few tries."""
+    bare = pick(rng, lexicon()[base_type(unit.object_type)].names)
+    weights = NAMED if scene.vague < 0 else VAGUE if rng.random() < scene.vague else WEIGHTS
+    for _ in range(5):
+        form = weighted(rng, weights)
+        if form == "pronoun":
+            text, meant = _pronoun(rng, scene)
+        else:
+            text, meant = _described(rng, scene, unit, form, bare)
+        if meant is None or meant.object_id != unit.object_id:
+            continue
+        if "sliced" in unit.states and rng.random() < 0.35:
+            text = f"{pick(rng, ('a slice of', 'a piece of', 'some of', 'one slice of'))} {text}"
+        plain = meaning(scene, _named(bare)) is unit
+        name = scene.names[unit.object_id]
+        return Ref(name=name, object_type=unit.object_type, words=text, bare=bare, plain=plain)
+    return None
+
+
+def meaning(scene: Situation, *tests: Fits) -> MemoryUnit | None:
+    """Return the unit that fits: the one handled last, else the one seen last.
+
+    In a strict scene None unless exactly one handled unit fits.
+    """
+    fitting = [unit for unit in scene.units if all(test(unit) for test in tests)]
+    handled = [unit for unit in fitting if unit.handled]
+    if scene.strict and len(handled) != 1:
+        return None
+    chosen = handled or fitting
+    return chosen[-1] if chosen else None
+
+
+def _pronoun(rng: Rng, scene: Situation) -> tuple[str, MemoryUnit | None]:
+    last = next((unit for unit in reversed(scene.units) if unit.handled), None)
+    return pick(rng, ("it", "it", "it", "that", "this", "that one", "this thing")), last
+
+
+def _named(word: str) -> Fits:
+    return lambda unit: word in lexicon()[base_type(unit.object_type)].names
+
+
+def _of_kind(word: str) -> Fits:
+    def fits(unit: MemoryUnit) -> bool:
+        entry = lexicon()[base_type(unit.object_type)]
+        return word in entry.names or word in entry.kinds
+
+    return fits
+
+
+def _described(
+    rng: Rng, scene: Situation, unit: MemoryUnit, form: str, bare: str
+) -> tuple[str, MemoryUnit | None]:
+    """Return a noun with qualifiers, and what it means."""
+    entry = lexicon()[base_type(unit.object_type)]
+    if form == "kind" and not entry.kinds:
+        return "", None
+    noun = {"name": bare, "anything": pick(rng, ANYTHING)}.get(form) or pick(rng, entry.kinds)
+    tests: list[Fits] = []
+    if form != "anything":
+        tests = [_named(bare) if form == "name" else _of_kind(noun)]
+    chance = {"name": 0.35, "kind": 0.6, "anything": 1.0}[form]
+    before, after = "", ""
+    if rng.random() < chance:
+        said = _qualifier(rng, scene, unit)
+        if said is None:
+            return "", None
+        before, after = said.before, said.after
+        tests.append(said.fits)
+    text = " ".join(f"{before} {noun} {after}".split())
+    if form == "anything" and after and rng.random() < 0.3:
+        text = f"what {after.removeprefix('that ').removeprefix('which ')}"
+        bad = not after.startswith(("you ", "that you ", "that is ", "which is ", "which you "))
+        return ("", None) if bad else (text, meaning(scene, *tests))
+    if form == "name" and not after:
+        article = pick(rng, ("the", "the", "that", "my")) if scene.strict else ""
+        return with_article(rng, text, article), meaning(scene, *tests)
+    return f"{pick(rng, ('the', 'the', 'the', 'that', 'my'))} {text}", meaning(scene, *tests)
+
+
+def _qualifier(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    """Draw what is said of a unit besides a noun: a state, what was done, its place, its cargo."""
+    options = [_state_said, _done_said, _place_said, _cargo_said]
+    for which in rng.permutation(len(options)):
+        if (said := options[int(which)](rng, scene, unit)) is not None:
+            return said
+    return None
+
+
+def _state_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    words = scene.book.adjectives
+    states = [state for state in unit.states if words.get(state.replace(" ", "_"))]
+    if not states:
+        return None
+    state = pick(rng, states)
+    word = pick(rng, words[state.replace(" ", "_")])
+    if rng.random() < 0.2:
+        return _Said(after=f"that is {word}", fits=lambda other: state in other.states)
+    return _Said(before=word, fits=lambda other: state in other.states)
+
+
+def _done_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    if not unit.handled:
+        return None
+    states = [state for state in unit.states if scene.book.just.get(state)]
+    if not states or (not scene.strict and rng.random() < 0.25):
+        last = next(other for other in reversed(scene.units) if other.handled)
+        text = pick(rng, DONE_FORMS).format(d=pick(rng, scene.book.just["moved"]))
+        return _Said(after=text, fits=lambda other: other is last)
+    state = pick(rng, states)
+    text = pick(rng, DONE_FORMS).format(d=pick(rng, scene.book.just[state]))
+    return _Said(after=text, fits=lambda other: state in other.states and other.handled)
+
+
+def _place_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    if unit.place_id is None or unit.place_id == "hand":
+        return None
+    place = place_type(scene.units, unit.place_id)
+    if base_type(place) not in lexicon():
+        return None
+    text = pick(rng, PLACE_FORMS).format(w=pick(rng, lexicon()[base_type(place)].names))
+
+    def fits(other: MemoryUnit) -> bool:
+        there = other.place_id is not None and place_type(scene.units, other.place_id) == place
+        return there and (other.handled or not scene.strict)
+
+    return _Said(after=text, fits=fits)
+
+
+def _cargo_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    cargo = [other for other in scene.units if other.place_id == unit.object_id]
+    if not cargo:
+        return None
+    entry = lexicon()[base_type(cargo[-1].object_type)]
+    inside = pick(rng, entry.names)
+    text = pick(rng, CARGO_FORMS).format(c=inside)
+    return _Said(after=text, fits=lambda other: other is unit)
+
+
+def with_article(rng: Rng, words: str, article: str = "") -> str:
+    """Put an article before a name, a drawn one unless it is given."""
+    if not article:
+        article = pick(rng, ("the", "the", "the", "the", "a", "a", "my", "that", "one of the", ""))
+    if article == "one of the":
+        words += "s"
+    if article == "a" and words[0] in "aeiou":
+        article = "an"
+    return f"{article} {words}".strip()

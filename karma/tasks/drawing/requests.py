@@ -1,0 +1,321 @@
+"""Requests: which things one is about, the goals it means, and its sentence."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from karma.agent.prompt import base_type, landmark_types
+from karma.contracts import Goal
+from karma.household.types import ObjectType, object_types
+from karma.tasks.drawing.phrases import Book, lexicon
+from karma.tasks.drawing.recollections import Rng, pick
+from karma.tasks.drawing.references import Ref, Situation, refer, with_article
+
+ENDS_IN = {
+    "clean_place": ("Sink",), "heat_place": ("Microwave",), "cook_place": ("Microwave",),
+    "cool_place": ("Fridge",),
+}  # where the change itself leaves the thing  # fmt: skip
+
+LAMPS = ("DeskLamp", "FloorLamp")
+NEEDS = {
+    "clean": "Sink", "fill": "Sink", "heat": "Microwave", "cook": "Microwave", "cool": "Fridge",
+    "toast": "Toaster", "coffee": "CoffeeMachine", "trash": "GarbageCan",
+}  # what a room must have for it  # fmt: skip
+KINDS = {
+    "place": 26, "trash": 5, "clean": 9, "clean_place": 4, "heat": 4, "cook": 4, "heat_place": 3,
+    "cook_place": 3, "cool": 3, "cool_place": 3, "slice": 8, "slice_place": 4, "toast": 1.5,
+    "fill": 4, "coffee": 2.5, "switch_on": 6, "switch_off": 4, "open": 4, "close": 4, "hold": 15,
+    "look": 4, "break": 2, "stack": 4,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ask:
+    """A request being put together."""
+
+    kind: str
+    text: str
+    goals: tuple[Goal, ...]
+
+
+def wrapped(rng: Rng, book: Book, text: str) -> str:
+    """Add words that mean nothing, before or after."""
+    if rng.random() < 0.2:
+        text = f"{pick(rng, book.around['before'])} {text}"
+    if rng.random() < 0.15:
+        text = f"{text} {pick(rng, book.around['after'])}".replace(" ,", ",")
+    return text
+
+
+def pick_kind(rng: Rng) -> str:
+    """Draw a kind of request by its weight."""
+    weights = np.array(list(KINDS.values()))
+    return tuple(KINDS)[int(np.searchsorted(np.cumsum(weights), rng.random() * weights.sum()))]
+
+
+def one_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
+    """Draw the objects for a kind of request and its sentence; None if the room offers none."""
+    if kind in ("switch_on", "switch_off", "open", "close"):
+        return _switch_ask(rng, scene, kind)
+    needed = NEEDS.get(kind.removesuffix("_place"))
+    if scene.mapped and needed is not None and needed not in scene.room.landmarks:
+        return None
+    x = _draw_ref(rng, scene, kind)
+    if x is None:
+        return None
+    slots = {**_slots("x", x), "x2": "it"}
+    goals: list[Goal] = list(_state_goals(kind, x))
+    if kind == "look":
+        there = scene.room.landmarks if scene.mapped else LAMPS
+        lamp = _pick_landmark(rng, scene, tuple(name for name in LAMPS if name in there))
+        if lamp is None:
+            return None
+        slots |= {**_slots("s", lamp), "s2": "it"}
+        goals = [_goal("HOLDON", "robot", x.name), _goal("TOGGLEON", lamp.name)]
+    if kind == "trash":
+        if (base_type(x.object_type), "GarbageCan") in scene.excluded:
+            return None
+        goals = [_goal("INSIDE", x.name, "GarbageCan")]
+        slots["r"] = with_article(rng, pick(rng, lexicon()["GarbageCan"].names), "the")
+    if kind == "place" or kind.endswith("_place") or kind == "stack":
+        placed = _placement(rng, scene, kind, x, slots)
+        if placed is None:
+            return None
+        goals += placed
+    text = _fill(scene.book.pick(rng, kind), slots)
+    return Ask(kind=kind, text=text, goals=tuple(goals)) if text else None
+
+
+def _slots(slot: str, ref: Ref) -> dict[str, str]:
+    """Return the words for one slot; the bare form only where it means the same object."""
+    return {slot: ref.words} | ({f"{slot}0": ref.bare} if ref.plain else {})
+
+
+def _fill(template: str, slots: dict[str, str]) -> str | None:
+    """Fill a template; None when it needs words that are not there."""
+    try:
+        return template.format(**slots)
+    except KeyError:
+        return None
+
+
+def _state_goals(kind: str, x: Ref) -> tuple[Goal, ...]:
+    state = {
+        "clean": "clean", "heat": "heated", "cook": "cooked", "cool": "cold", "slice": "sliced",
+        "toast": "cooked", "fill": "filled", "break": "broken",
+    }.get(kind.removesuffix("_place"))  # fmt: skip
+    if kind == "hold":
+        return (_goal("HOLDON", "robot", x.name),)
+    if kind == "coffee":
+        return (_goal("STATE", x.name, "filled"), _goal("TOGGLEON", "CoffeeMachine"))
+    if kind == "slice_place" and x.object_type.endswith("Sliced"):
+        return ()
+    return (_goal("STATE", x.name, state),) if state else ()
+
+
+def _placement(
+    rng: Rng, scene: Situation, kind: str, x: Ref, slots: dict[str, str]
+) -> list[Goal] | None:
+    """Draw where to put it; fills the slots; None if nothing fits."""
+    goals: list[Goal] = []
+    top = x
+    if kind == "stack":
+        m = _draw_receptacle(rng, scene, x, movable=True)
+        if m is None:
+            return None
+        goals.append(_goal("ON", x.name, m.name))
+        slots |= {**_slots("m", m), "m2": "it"}
+        top = m
+    r = _draw_receptacle(rng, scene, top, movable=kind != "stack" and rng.random() < 0.25)
+    if r is None or r.name in ENDS_IN.get(kind, ()) or r.name == x.name:
+        return None
+    slots |= _slots("r", r)
+    return [*goals, _goal("ON", top.name, r.name)]
+
+
+def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
+    capability = "openable" if kind in ("open", "close") else "toggleable"
+    landmarks = tuple(
+        name
+        for name in (scene.room.landmarks if scene.mapped else sorted(landmark_types()))
+        if capability in object_types()[name].capabilities
+        or name == "StoveBurner" * (capability == "toggleable")
+    )
+    movables = [u for u in scene.units if capability in object_types()[u.object_type].capabilities]
+    thing: Ref | None
+    away = _carried(scene, capability)
+    if movables and (rng.random() < 0.25 or not landmarks):
+        thing = refer(rng, scene, movables[int(rng.integers(len(movables)))])
+    elif away and rng.random() < 0.3:
+        name = pick(rng, away)
+        word = pick(rng, lexicon()[name].names)
+        thing = Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
+    else:
+        thing = _pick_landmark(rng, scene, landmarks)
+    if thing is None:
+        return None
+    predicate = {
+        "switch_on": "TOGGLEON", "switch_off": "TOGGLEOFF", "open": "OPEN", "close": "CLOSED",
+    }[kind]  # fmt: skip
+    text = _fill(scene.book.pick(rng, kind), _slots("s", thing))
+    return Ask(kind=kind, text=text, goals=(_goal(predicate, thing.name),)) if text else None
+
+
+def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
+    """Return types that can be carried, and opened or switched, of which memory holds none."""
+    remembered = {base_type(unit.object_type) for unit in scene.units}
+    remembered.add(base_type(scene.facts.held_type or ""))
+    return tuple(
+        name
+        for name in sorted(_movable_types() - remembered)
+        if not scene.strict or name in scene.room.movables
+        if capability in object_types()[name].capabilities
+    )
+
+
+def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
+    """Draw the object of a request: from memory, from the room, or from anywhere."""
+    known = [u for u in scene.units if _suits(kind, u.object_type)]
+    if known and rng.random() < 0.75:
+        return refer(rng, scene, known[int(rng.integers(len(known)))])
+    remembered = {base_type(unit.object_type) for unit in scene.units}
+    remembered.add(base_type(scene.facts.held_type or ""))
+    here = scene.strict or rng.random() < 0.85
+    pool = scene.room.movables if here else tuple(sorted(_movable_types()))
+    away = [k for k in pool if k in lexicon() and k not in remembered and _suits(kind, k)]
+    if not away:
+        return None
+    name = pick(rng, away)
+    if (
+        not scene.strict
+        and rng.random() < 0.06
+        and (guess := _vague_unknown(rng, name, scene)) is not None
+    ):
+        return guess
+    word = pick(rng, lexicon()[name].names)
+    return Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
+
+
+def _vague_unknown(rng: Rng, name: str, scene: Situation) -> Ref | None:
+    """Name something vaguely that memory does not hold: it means the first type of that kind."""
+    if not lexicon()[name].kinds:
+        return None
+    word = pick(rng, lexicon()[name].kinds)
+    if any(word in lexicon()[base_type(u.object_type)].kinds for u in scene.units):
+        return None
+    first = next(k for k, entry in lexicon().items() if word in entry.kinds)
+    return Ref(name=first, object_type=first, words=f"the {word}", bare=word, plain=False)
+
+
+@cache
+def _movable_types() -> frozenset[str]:
+    return frozenset(
+        name
+        for name, kind in object_types().items()
+        if "pickupable" in kind.capabilities and name in lexicon()
+    )
+
+
+def _suits(kind: str, object_type: str) -> bool:
+    """Return whether a kind of request makes sense for a type."""
+    info = object_types()[object_type]
+    base = base_type(object_type)
+    sort = kind.removesuffix("_place")
+    if sort == "slice":
+        if base == "Egg":
+            return False
+        return bool(info.slices_into) or (kind == "slice_place" and object_type != base)
+    checks = {
+        "clean": _fits(info, "Sink"), "heat": _fits(info, "Microwave"),
+        "cook": base == "Potato" or object_type == "Egg", "cool": _fits(info, "Fridge"),
+        "toast": base == "Bread", "fill": "canFillWithLiquid" in info.capabilities
+        and _fits(info, "Sink"), "coffee": base == "Mug", "break": "breakable" in info.capabilities,
+        "trash": _fits(info, "GarbageCan"),
+    }  # fmt: skip
+    return checks.get(sort, True)
+
+
+def _fits(info: ObjectType, place: str) -> bool:
+    kinds = object_types()
+    return info.fits(kinds[place]) or (place == "Sink" and info.fits(kinds["SinkBasin"]))
+
+
+def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Ref | None:
+    """Draw what a thing is put into: a landmark, or a dish from memory or the room.
+
+    Half of the time anything that holds things will do, sensible or not: a model that can guess the
+    place from the thing never learns to read it.
+    """
+    info = object_types()[x.object_type]
+    anything = rng.random() < 0.5 and not scene.strict
+    fits = [
+        name
+        for name, kind in object_types().items()
+        if (_fits(info, name) or (anything and "receptacle" in kind.capabilities))
+        and (base_type(x.object_type), name) not in scene.excluded
+    ]
+    if not movable:
+        there = scene.room.landmarks if scene.mapped else sorted(landmark_types())
+        return _pick_landmark(rng, scene, tuple(k for k in there if k in fits))
+    known = [u for u in scene.units if u.object_type in fits and scene.names[u.object_id] != x.name]
+    if known and rng.random() < 0.7:
+        return refer(rng, scene, known[int(rng.integers(len(known)))])
+    remembered = {base_type(unit.object_type) for unit in scene.units}
+    away = [k for k in scene.room.movables if k in fits and k in lexicon() and k not in remembered]
+    away = [k for k in away if k != base_type(x.object_type)]
+    if not away:
+        return None
+    name = pick(rng, away)
+    word = pick(rng, lexicon()[name].names)
+    return Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
+
+
+def _pick_landmark(rng: Rng, scene: Situation, allowed: tuple[str, ...]) -> Ref | None:
+    """Pick an immovable thing and a name that means no other one in the room."""
+    allowed = tuple(kind for kind in allowed if kind in lexicon())
+    if not allowed:
+        return None
+    kind = pick(rng, allowed)
+    there = scene.room.landmarks if scene.mapped else tuple(lexicon())
+    rivals = [k for k in there if k != kind and k in lexicon()]
+    if not scene.mapped:  # without a map a shared name means the first of the lexicon
+        rivals = rivals[: rivals.index(kind)] if kind in rivals else [
+            k for k in lexicon() if list(lexicon()).index(k) < list(lexicon()).index(kind)
+        ]  # fmt: skip
+    taken = {word for rival in rivals for word in lexicon()[rival].names}
+    words = [word for word in lexicon()[kind].names if word not in taken]
+    if not words:
+        return None
+    word = pick(rng, words)
+    text = with_article(rng, word, "the")
+    if rng.random() < 0.15:
+        text = _decorated(rng, kind, word)
+    return Ref(name=kind, object_type=kind, words=text, bare=word)
+
+
+LOOKS = (
+    "white", "black", "brown", "wooden", "big", "small", "left", "right", "other", "nearest",
+    "metal", "old", "empty", "tall", "grey", "round",
+)  # fmt: skip
+WHERE = (
+    "over there", "in the corner", "by the wall", "by the window", "next to the door", "there",
+    "in this room", "on the left", "on the right", "behind you", "in the middle", "near the wall",
+)  # fmt: skip
+SWITCHED = (
+    "that you switched off", "you turned on", "that is on", "you used", "you switched on before",
+    "that you turned off", "you just used", "that is off", "from before",
+)  # fmt: skip
+
+
+def _decorated(rng: Rng, kind: str, word: str) -> str:
+    """Say more of a fixed thing than its name, none of which matters."""
+    if "toggleable" in object_types()[kind].capabilities and rng.random() < 0.5:
+        return f"{pick(rng, ('the', 'that'))} {word} {pick(rng, SWITCHED)}"
+    if rng.random() < 0.5:
+        return f"{pick(rng, ('the', 'that', 'one of the'))} {pick(rng, LOOKS)} {word}"
+    return f"the {word} {pick(rng, WHERE)}"
+
+
+def _goal(predicate: str, *arguments: str) -> Goal:
+    return Goal(predicate=predicate, arguments=arguments)

@@ -1,0 +1,75 @@
+"""Rooms to draw training examples from: generated ones and imported floor plans."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from karma.agent.prompt import base_type
+from karma.contracts import SeenObject
+from karma.memory.scene_graph import SceneGraph
+from karma.seeds import stream
+from karma.tasks.drawing.recollections import Room
+from karma.tasks.files import load_tasks
+from karma.world.build.generate import build_scene
+from karma.world.core.scene import Scene
+from karma.world.importing.scenes import import_dump
+
+KINDS = ("kitchen", "living", "bedroom", "bathroom")
+KITCHEN_SHARE = 3  # kitchens per room of another kind, as most requests are about kitchens
+AUTHORS_PLANS = frozenset({1, 11, 14, 16, 19, 22, 23, 27, 28, 201, 203, 207, 224, 314, 417, 422})
+
+
+def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> Room:
+    """Return what an agent that explored the scene knows of it, a few things overlooked.
+
+    Args:
+        scene: the room.
+        name: of the result; names the random stream.
+        keep: chance that an immovable thing was noticed.
+        seed: of the run.
+    """
+    rng = stream(seed, "rooms", name)
+    graph = SceneGraph.over(scene.reachable, height_m=scene.floor_y, cell_m=scene.grid_m)
+    graph.observe(
+        SeenObject(
+            object_id=thing.id,
+            object_type=thing.type,
+            position_m=thing.position,
+            box_center_m=thing.center,
+            box_size_m=thing.size,
+            pickupable=False,
+        )
+        for thing in scene.objects
+        if "pickupable" not in thing.capabilities and rng.random() < keep
+    )
+    movables = sorted(
+        {base_type(thing.type) for thing in scene.objects if "pickupable" in thing.capabilities}
+    )
+    return Room(name=name, areas=graph.areas(), movables=tuple(movables))
+
+
+def generated_rooms(count: int, seed: int) -> Iterator[Room]:
+    """Yield rooms of the generator, none of them a shipped scene (their seeds differ)."""
+    order = [KINDS[0]] * KITCHEN_SHARE + list(KINDS[1:])
+    for number in range(count):
+        kind = order[number % len(order)]
+        scene = build_scene(kind, 1000 + number, seed)
+        yield room_of(scene, f"generated/{seed}/{number}", seed=seed)
+
+
+def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[Room]:
+    """Yield AI2-THOR's floor plans, without those of the authors' tasks."""
+    for scene in import_dump(dumps, layouts=layouts):
+        if int(scene.name.removeprefix("FloorPlan").split("_")[0]) not in AUTHORS_PLANS:
+            yield room_of(scene, scene.name, seed=seed)
+
+
+def asked_pairs(tasks: Iterable[Path]) -> frozenset[tuple[str, str]]:
+    """Return the (object, receptacle) type pairs of the test tasks, which training leaves out."""
+    return frozenset(
+        (base_type(goal.arguments[0]), goal.arguments[1])
+        for path in tasks
+        for task in load_tasks(path)
+        for subtask in task.subtasks
+        for goal in subtask.goals
+        if goal.predicate in ("ON", "INSIDE") and goal.arguments[1] not in ("Sink", "SinkBasin")
+    )

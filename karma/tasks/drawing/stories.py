@@ -1,0 +1,218 @@
+"""Tasks drawn for the world: requests of our own task grammar, one after another in one room.
+
+* simple: one request that names its things.
+* composite: two to four requests about the same few things, which are named or "it".
+* complex: three to five requests, the later ones about earlier things in vague words that only the
+  memory of what was done can resolve (KARMA section 4: "unspecific object references").
+
+What a request leaves behind is written down by rule; whether a task can be done at all is for the
+teacher to show in the world.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from karma.agent.prompt import Facts, base_type, compact
+from karma.contracts import Goal, MemoryUnit
+from karma.household.types import object_types
+from karma.tasks.drawing.phrases import Book
+from karma.tasks.drawing.recollections import Rng, Room, pick
+from karma.tasks.drawing.references import Situation
+from karma.tasks.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped
+
+Kind = Literal["simple", "composite", "complex"]
+FOLLOW_UPS = tuple(kind for kind in KINDS if kind not in ("coffee", "toast", "break"))
+LASTING = {"cleaned": "clean", "sliced": "sliced", "cooked": "cooked"}
+TRIES = 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One sub-task: what is said and what must hold then."""
+
+    kind: str
+    text: str
+    goals: tuple[Goal, ...]
+
+
+class Story:
+    """A task being drawn: what was asked so far, and what that left in memory.
+
+    Args:
+        rng: of the task.
+        room: where.
+        book: phrases.
+    """
+
+    def __init__(self, rng: Rng, room: Room, book: Book) -> None:
+        self._rng, self._room, self._book = rng, room, book
+        self._units: list[MemoryUnit] = []
+        self.steps: list[Step] = []
+
+    def ask(self, *, vague: bool, about_known: bool) -> bool:
+        """Add a request; False when none was found.
+
+        Args:
+            vague: whether known things are called by kind, state, place or what was done to them.
+            about_known: whether it must be about a thing that was handled before.
+        """
+        for _ in range(TRIES):
+            kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng)
+            ask = one_ask(self._rng, self._situation(vague=vague), kind)
+            if ask is None or self._pointless(ask) or about_known != self._knows(ask):
+                continue
+            text = wrapped(self._rng, self._book, ask.text)
+            if any(step.text == text for step in self.steps):
+                continue
+            goals = tuple(dict.fromkeys((*map(_by_type, ask.goals), *self._same(ask))))
+            self.steps.append(Step(kind=kind, text=text, goals=goals))
+            self._do(ask)
+            return True
+        return False
+
+    # ------------------------------------------------------------- parts
+
+    def _situation(self, *, vague: bool) -> Situation:
+        held = next((unit for unit in self._units if unit.place_id == "hand"), None)
+        facts = Facts(
+            instruction="",
+            areas=self._room.areas,
+            units=tuple(self._units),
+            held_id=held.object_id if held else None,
+            held_type=held.object_type if held else None,
+        )
+        names = {object_id: name for name, object_id in compact(facts).names.items()}
+        return Situation(
+            room=self._room, facts=facts, names=names, book=self._book, excluded=frozenset(),
+            mapped=True, strict=True, vague=1.0 if vague else -1.0,
+        )  # fmt: skip
+
+    def _known(self, name: str) -> MemoryUnit | None:
+        return next((u for u in self._units if base_type(u.object_type) == name), None)
+
+    def _knows(self, ask: Ask) -> bool:
+        return self._known(_subject(ask.goals[0])) is not None
+
+    def _pointless(self, ask: Ask) -> bool:
+        """Return whether it is done already, or about the knife that cuts."""
+        for goal in ask.goals:
+            unit = self._known(_subject(goal))
+            if unit is None:
+                continue
+            if goal.predicate == "HOLDON" and unit.place_id == "hand":
+                return True
+            if goal.predicate == "ON" and (unit.place_id or "").startswith(goal.arguments[1]):
+                return True
+            state = {"clean": "cleaned"}.get(goal.arguments[-1], goal.arguments[-1])
+            if goal.predicate == "STATE" and state in unit.states:
+                return True
+        return False
+
+    def _same(self, ask: Ask) -> Iterator[Goal]:
+        """Yield what must still be true of a known thing, so that no other one will do."""
+        unit = self._known(_subject(ask.goals[0]))
+        if unit is None or any(goal.arguments[-1] == "broken" for goal in ask.goals):
+            return
+        for state, word in LASTING.items():
+            if state in unit.states:
+                yield Goal(predicate="STATE", arguments=(base_type(unit.object_type), word))
+
+    def _do(self, ask: Ask) -> None:
+        """Write down what the request leaves behind."""
+        for goal in ask.goals:
+            name = _subject(goal)
+            if "pickupable" not in object_types()[name].capabilities:
+                continue
+            self._change(name, goal)
+
+    def _change(self, name: str, goal: Goal) -> None:
+        unit = self._known(name) or MemoryUnit(
+            object_id=name, object_type=name, position_m=(0.0, 0.0, 0.0), handled=True
+        )
+        self._units = [one for one in self._units if one.object_id != unit.object_id]
+        after = _after(unit, goal)
+        if goal.predicate in ("ON", "INSIDE", "HOLDON") or after.place_id == "hand":
+            self._empty_hand()
+        if after.object_type != unit.object_type or goal.arguments[-1] == "sliced":
+            self._units = [one for one in self._units if one.object_type != "Knife"]
+            knife = MemoryUnit(object_id="Knife", object_type="Knife", position_m=(0.0, 0.0, 0.0),
+                               place_id="hand", handled=True)  # fmt: skip
+            self._units.append(knife)
+        if goal.arguments[-1] != "broken":
+            self._units.append(after)
+        dish = self._known(goal.arguments[-1]) if goal.predicate in ("ON", "INSIDE") else None
+        if dish is None and goal.predicate in ("ON", "INSIDE"):
+            self._meet(goal.arguments[1])
+
+    def _meet(self, name: str) -> None:
+        """Remember a dish that something was put into."""
+        if "pickupable" in object_types()[name].capabilities:
+            unit = MemoryUnit(object_id=name, object_type=name, position_m=(0.0, 0.0, 0.0),
+                              handled=True)  # fmt: skip
+            self._units.append(unit)
+
+    def _empty_hand(self) -> None:
+        self._units = [
+            replace(one, place_id=None) if one.place_id == "hand" else one for one in self._units
+        ]
+
+
+def _subject(goal: Goal) -> str:
+    return base_type(goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0])
+
+
+def _by_type(goal: Goal) -> Goal:
+    """Return a goal with types for the teacher's `Apple_2`; Sinks hold in their basins."""
+    return Goal(
+        predicate=goal.predicate,
+        arguments=tuple(word.partition("_")[0] for word in goal.arguments),
+    )
+
+
+def _after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
+    """Return a thing once a goal about it is met."""
+    word = goal.arguments[-1]
+    if goal.predicate in ("ON", "INSIDE"):
+        return replace(unit, place_id=word)
+    if goal.predicate == "HOLDON":
+        return replace(unit, place_id="hand")
+    if goal.predicate != "STATE":
+        word = {"TOGGLEON": "on", "TOGGLEOFF": "off", "OPEN": "opened", "CLOSED": "closed"}[
+            goal.predicate
+        ]
+    state = {"clean": "cleaned", "cold": ""}.get(word, word)
+    gone = {"cleaned": "dirty", "on": "off", "off": "on", "opened": "closed", "closed": "opened"}
+    states = [s for s in unit.states if s not in (state, gone.get(state))]
+    place = {"cleaned": "Sink", "filled": "Sink", "heated": "Microwave", "cooked": "Microwave"}
+    kind = object_types()[unit.object_type]
+    if state == "cleaned" and "canFillWithLiquid" in kind.capabilities:
+        states.append("filled")
+    return replace(
+        unit,
+        object_type=(kind.slices_into or unit.object_type) if state == "sliced" else kind.name,
+        states=(*states, *([state] if state else [])),
+        place_id="Fridge" if word == "cold" else place.get(state, unit.place_id),
+        handled=True,
+    )
+
+
+def draw_story(rng: Rng, room: Room, book: Book, kind: Kind) -> Sequence[Step] | None:
+    """Draw one task; None when the room gave out.
+
+    Args:
+        rng: the task's own stream.
+        room: what is there.
+        book: phrases to ask with.
+        kind: see above.
+    """
+    story = Story(rng, room, book)
+    if kind == "simple":
+        plan = [(False, False)]
+    elif kind == "composite":
+        plan = [(False, False)] + [(False, True)] * int(rng.integers(1, 4))
+    else:
+        plan = [(False, False)] * int(rng.integers(2, 4))
+        plan += [(True, True)] * int(rng.integers(1, 3))
+    done = all(story.ask(vague=vague, about_known=known) for vague, known in plan)
+    return tuple(story.steps) if done else None

@@ -1,0 +1,287 @@
+"""The symbolic teacher: goals and what is known -> a program of skill calls.
+
+It writes the programs that the nano planner learns from, and it is the `oracle` row's planner,
+which shows that every task can be solved. It knows the skill API and household sense, not the
+world: the view it is given may be one agent's memory or the whole truth.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from karma.agent.inspector import SURFACES, likely_areas
+from karma.agent.prompt import base_type
+from karma.contracts import Area, Goal, SkillCall
+from karma.household.types import object_types
+
+CLOSED = ("Fridge", "Microwave", "Cabinet", "Drawer", "Safe", "LaundryHamper")
+KNIVES = ("Knife", "ButterKnife")
+CLEAN = ("clean", "cleaned", "washed")
+HOT = ("heated", "hot", "warm")
+COLD = ("cooled", "cold", "chilled")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thing:
+    """One object as a program may name it."""
+
+    name: str
+    object_type: str
+    states: tuple[str, ...] = ()
+    place: str | None = None  # name of the receptacle it is in or on
+    place_type: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """What is known when the program is written."""
+
+    things: tuple[Thing, ...] = ()  # the last used first
+    areas: tuple[Area, ...] = ()
+    held: Thing | None = None
+
+
+@dataclass(slots=True)
+class _Draft:
+    """A program being written, and the world as it will be at that line."""
+
+    view: View
+    held: Thing | None
+    calls: list[SkillCall] = field(default_factory=list)
+    places: dict[str, tuple[str, str]] = field(default_factory=dict)  # name -> place, its type
+    found: set[str] = field(default_factory=set)
+
+    def say(self, skill: str, *objects: str, positions: tuple[str, ...] = ()) -> None:
+        """Append one call, leaving out a walk to where the robot already is."""
+        call = SkillCall(skill=skill, objects=objects, positions=positions)
+        if not (skill == "GoToObject" and self.calls and self.calls[-1] == call):
+            self.calls.append(call)
+
+    def thing(self, word: str) -> Thing:
+        """Return what a goal's word means: what is held, a known thing, or just a type."""
+        known = [*([self.held] if self.held else []), *self.view.things]
+        for candidate in known:
+            if word == candidate.name:
+                return candidate
+        for candidate in known:
+            if word == base_type(candidate.object_type):
+                return candidate
+        return Thing(name=word, object_type=word)
+
+    def place_of(self, thing: Thing) -> tuple[str, str] | None:
+        """Return name and type of the receptacle that holds a thing, if known."""
+        if thing.name in self.places:
+            return self.places[thing.name]
+        if thing.place is None or thing.place_type is None:
+            return None
+        return thing.place, thing.place_type
+
+    def has_landmark(self, kind: str) -> bool:
+        """Return whether long-term memory knows an immovable thing of this type."""
+        return any(kind in area.contains for area in self.view.areas)
+
+    def knows(self, thing: Thing) -> bool:
+        """Return whether the robot can go straight there."""
+        return (
+            thing.name in self.found
+            or any(thing.name == known.name for known in self.view.things)
+            or self.has_landmark(thing.object_type)
+        )
+
+    def reach(self, thing: Thing) -> str | None:
+        """Go where a thing can be touched; return the container that had to be opened."""
+        if self.held is not None and thing.name == self.held.name:
+            return None
+        place = self.place_of(thing)
+        if place is not None and place[1] in CLOSED:
+            self.say("GoToObject", place[0])
+            self.say("OpenObject", place[0])
+            return place[0]
+        if not self.knows(thing):
+            self.say(
+                "Explore", thing.name, positions=likely_areas(thing.object_type, self.view.areas)
+            )
+            self.found.add(thing.name)
+        self.say("GoToObject", thing.name)
+        return None
+
+    def take(self, thing: Thing) -> None:
+        """Have a thing in the hand."""
+        if self.held is not None and thing.name == self.held.name:
+            return
+        if self.held is not None:
+            self.put_down()
+        opened = self.reach(thing)
+        self.say("PickupObject", thing.name)
+        if opened is not None:
+            self.say("CloseObject", opened)
+        self.held = thing
+        self.places.pop(thing.name, None)
+
+    def put_down(self) -> None:
+        """Free the hand: put what is held on the best known surface."""
+        assert self.held is not None
+        kind = object_types().get(self.held.object_type)
+        fits = kind.goes_in if kind is not None else None
+        allowed = [name for name in SURFACES if fits is None or name in fits] or list(SURFACES)
+        known = [name for name in allowed if self.has_landmark(name)]
+        surface = (known or allowed)[0]
+        self.put(self.held, Thing(name=surface, object_type=surface))
+
+    def put(self, thing: Thing, receptacle: Thing, *, close: bool = True) -> None:
+        """Put a thing into a receptacle, opening and closing what must be."""
+        self.take(thing)
+        opened = self.reach(receptacle)
+        if receptacle.object_type in CLOSED:
+            self.say("OpenObject", receptacle.name)
+            opened = receptacle.name
+        self.say("PutObject", thing.name, receptacle.name)
+        if opened is not None and close:
+            self.say("CloseObject", opened)
+        self.held = None
+        self.places[thing.name] = (receptacle.name, receptacle.object_type)
+        self.found.add(thing.name)
+
+
+def solve(goals: Sequence[Goal], view: View) -> tuple[SkillCall, ...]:
+    """Write the program that makes the goals true, one subject after another.
+
+    Args:
+        goals: in the order in which they are to come true; arguments are names of `view.things`
+            or AI2-THOR types.
+        view: what is known.
+
+    Returns:
+        The calls; () when there is nothing to do.
+    """
+    draft = _Draft(view=view, held=view.held)
+    rest = list(goals)
+    while rest:
+        subject = _subject(rest[0])
+        mine = [goal for goal in rest if _subject(goal) == subject]
+        mine += [goal for goal in rest if goal not in mine and _helps(goal, mine)]
+        _satisfy(draft, subject, mine)
+        rest = [goal for goal in rest if goal not in mine]
+    return tuple(draft.calls)
+
+
+def _subject(goal: Goal) -> str:
+    return goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0]
+
+
+def _wants(goals: Sequence[Goal], words: Sequence[str]) -> bool:
+    return any(g.predicate == "STATE" and g.arguments[1].lower() in words for g in goals)
+
+
+def _helps(goal: Goal, mine: Sequence[Goal]) -> bool:
+    """Return whether an appliance's goal is part of what is done to the subject."""
+    if goal.predicate != "TOGGLEON":
+        return False
+    appliance = goal.arguments[0]
+    if appliance in ("Faucet", "ShowerHead"):
+        return _wants(mine, (*CLEAN, "filled"))
+    if appliance in ("Microwave", "Toaster", "StoveBurner", "StoveKnob"):
+        return _wants(mine, ("cooked", *HOT))
+    return appliance == "CoffeeMachine" and _wants(mine, ("filled",))
+
+
+def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
+    """Write the lines for all goals about one object: change it, then place it."""
+    thing = draft.thing(subject)
+    placed = [g for g in goals if g.predicate in ("ON", "INSIDE")]
+    done_in = ""
+    for goal in goals:
+        if goal.predicate == "STATE":
+            done_in = _change(draft, thing, goal.arguments[1].lower(), goals) or done_in
+        elif goal not in placed and goal.predicate != "HOLDON" and not _helps(goal, goals):
+            _switch(draft, goal)
+    for goal in placed:
+        if base_type(draft.thing(goal.arguments[1]).object_type).removesuffix("Basin") != done_in:
+            draft.put(thing, draft.thing(goal.arguments[1]))
+    if any(goal.predicate == "HOLDON" for goal in goals):
+        draft.take(thing)
+
+
+def _change(draft: _Draft, thing: Thing, state: str, goals: Sequence[Goal]) -> str:
+    """Write the lines for one STATE goal; return the type of the place it ends in, if any."""
+    if state == "sliced":
+        _slice(draft, thing)
+    elif state in CLEAN:
+        _rinse(draft, thing)
+        return "Sink"
+    elif state == "filled":
+        coffee = any("CoffeeMachine" in g.arguments for g in goals)
+        return _coffee(draft, thing) if coffee else _rinse(draft, thing)
+    elif state == "cooked" or state in HOT:
+        return _heat(draft, thing, state)
+    elif state in COLD:
+        draft.put(thing, draft.thing("Fridge"))
+        return "Fridge"
+    elif state == "broken":
+        if draft.held is not None and draft.held.name == thing.name:
+            draft.put_down()
+        draft.reach(thing)
+        draft.say("BreakObject", thing.name)
+    elif state in ("on", "off", "open", "opened", "closed"):
+        predicate = {"on": "TOGGLEON", "off": "TOGGLEOFF", "closed": "CLOSED"}.get(state, "OPEN")
+        _switch(draft, Goal(predicate=predicate, arguments=(thing.name,)))
+    return ""
+
+
+def _slice(draft: _Draft, thing: Thing) -> None:
+    """Fetch a knife, as Listing 2 does, and slice; a whole thing in the hand is put down first."""
+    knives = [draft.thing(kind) for kind in KNIVES]
+    held_knife = draft.held is not None and draft.held.object_type in KNIVES
+    if not held_knife:
+        draft.take(next((knife for knife in knives if draft.knows(knife)), knives[0]))
+    opened = draft.reach(thing)
+    draft.say("SliceObject", thing.name)
+    if opened is not None:
+        draft.say("CloseObject", opened)
+
+
+def _rinse(draft: _Draft, thing: Thing) -> str:
+    """Hold a thing under the tap: it gets clean, and full if it can be filled."""
+    draft.put(thing, draft.thing("Sink"))
+    draft.say("ToggleOn", "Faucet")
+    draft.say("ToggleOff", "Faucet")
+    return "Sink"
+
+
+def _coffee(draft: _Draft, thing: Thing) -> str:
+    draft.put(thing, draft.thing("CoffeeMachine"))
+    draft.say("ToggleOn", "CoffeeMachine")
+    return "CoffeeMachine"
+
+
+def _heat(draft: _Draft, thing: Thing, state: str) -> str:
+    """Toast bread; everything else goes into the microwave, an egg is cracked in there."""
+    if base_type(thing.object_type) == "Bread" and state == "cooked":
+        if "sliced" not in thing.states and not thing.object_type.endswith("Sliced"):
+            _slice(draft, thing)
+        draft.put(thing, draft.thing("Toaster"))
+        draft.say("ToggleOn", "Toaster")
+        draft.say("ToggleOff", "Toaster")
+        return "Toaster"
+    oven = draft.thing("Microwave")
+    draft.put(thing, oven, close=False)
+    if thing.object_type == "Egg" and state == "cooked":
+        draft.say("BreakObject", thing.name)
+    draft.say("CloseObject", oven.name)
+    draft.say("ToggleOn", oven.name)
+    draft.say("ToggleOff", oven.name)
+    return "Microwave"
+
+
+def _switch(draft: _Draft, goal: Goal) -> None:
+    """Write the lines that switch or open a thing; what is in the hand stays there."""
+    thing = draft.thing(goal.arguments[0])
+    opened = None if thing.object_type in CLOSED else draft.reach(thing)
+    if thing.object_type in CLOSED:
+        draft.say("GoToObject", thing.name)
+    verb = {"OPEN": "OpenObject", "CLOSED": "CloseObject"}.get(goal.predicate)
+    if verb is None:
+        kind = "Switch" if thing.object_type == "LightSwitch" else "Toggle"
+        verb = kind + ("On" if goal.predicate == "TOGGLEON" else "Off")
+    draft.say(verb, thing.name)
+    if opened is not None:
+        draft.say("CloseObject", opened)

@@ -1,0 +1,173 @@
+"""Tasks in our own form: a JSONL file, one sequence of instructions a line, read strictly.
+
+{"id": "c07", "kind": "composite", "scene": "kitchen_2", "subtasks": [
+    {"instruction": "Wash the apple.", "goals": ["INSIDE(Apple, Sink)", "STATE(Apple, clean)"]}]}
+
+A sub-task of the kind "sequence" may name another room of the home: "scene": "bedroom_1".
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from karma.contracts import Goal, Kind, SubTask, Task
+from karma.errors import FileError, KarmaError
+from karma.files import read_bytes, to_json, write_atomic
+from karma.household.types import object_type, object_types
+from karma.tasks.goals import alternatives, is_position, object_names, parse_goal
+from karma.world.core import scene
+
+
+class _SubTask(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True
+):
+    instruction: str
+    goals: tuple[str, ...]
+    scene: str = ""
+
+
+class _Task(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    id: str
+    kind: Kind
+    scene: str
+    subtasks: tuple[_SubTask, ...]
+
+
+def load_tasks(path: str | Path) -> tuple[Task, ...]:
+    """Read a task file.
+
+    Raises:
+        FileError: a line is no task: unknown key, kind, scene, predicate, state or object type, no
+            goals, or an id that stands twice; names the line and the field.
+    """
+    tasks: dict[str, Task] = {}
+    for number, line in enumerate(read_bytes(path).splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            task = _task(msgspec.json.decode(line, type=_Task))
+        except (KarmaError, msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise FileError(path, f"line {number}: {error}") from error
+        if task.id in tasks:
+            raise FileError(path, f"line {number}: id: {task.id!r} stands twice")
+        tasks[task.id] = task
+    return tuple(tasks.values())
+
+
+def required_types(subtask: SubTask) -> tuple[str, ...]:
+    """Return the types of things that can be carried which the goals mention, in order.
+
+    These are what memory can help with: what is fixed is in the scene graph anyway.
+    """
+    names = (part for goal in subtask.goals for name in object_names(goal)
+             for part in alternatives(name))  # fmt: skip
+    types = dict.fromkeys(name.split("|")[0] for name in names)
+    known = object_types()
+    return tuple(name for name in types if name in known and known[name].can("pickupable"))
+
+
+def _task(row: _Task) -> Task:
+    if not row.subtasks:
+        raise KarmaError("subtasks: there are none")
+    _check_scene(row.scene, "scene")
+    subtasks = tuple(_subtask(sub, f"subtasks[{i}]") for i, sub in enumerate(row.subtasks))
+    _check_rooms(row)
+    return with_whole(Task(id=row.id, kind=row.kind, scene=row.scene, subtasks=subtasks))
+
+
+def with_whole(task: Task) -> Task:
+    """Tell every sub-task the whole text that it is a part of: its own in a sequence."""
+    whole = " ".join(sub.instruction for sub in task.subtasks)
+    alone = task.kind == "sequence"
+    told = (replace(sub, whole=sub.instruction if alone else whole) for sub in task.subtasks)
+    return replace(task, subtasks=tuple(told))
+
+
+def in_rooms(task: Task, place: Callable[[str], str]) -> Task:
+    """Return a task whose rooms go by other names.
+
+    Args:
+        task: any.
+        place: turns a room's name or path into another.
+    """
+    subtasks = (replace(sub, scene=place(sub.scene) if sub.scene else "") for sub in task.subtasks)
+    return replace(task, scene=place(task.scene), subtasks=tuple(subtasks))
+
+
+def write_tasks(path: str | Path, tasks: Iterable[Task]) -> None:
+    """Write a task file, whole or not at all.
+
+    Raises:
+        FileError: the disk is full, or the place is no file.
+    """
+    write_atomic(Path(path), b"".join(to_json(_row(task)) for task in tasks))
+
+
+def _row(task: Task) -> _Task:
+    subtasks = (
+        _SubTask(
+            instruction=sub.instruction,
+            goals=tuple(f"{g.predicate}({', '.join(g.arguments)})" for g in sub.goals),
+            scene="" if sub.scene == task.scene else sub.scene,
+        )
+        for sub in task.subtasks
+    )
+    return _Task(id=task.id, kind=task.kind, scene=task.scene, subtasks=tuple(subtasks))
+
+
+def _check_scene(name: str, where: str) -> None:
+    try:
+        scene.find(name)
+    except FileError as error:
+        raise KarmaError(f"{where}: {error.reason}") from error
+
+
+def _check_rooms(row: _Task) -> None:
+    """Raise KarmaError where a sub-task names a room that is not there, or may not name one."""
+    rooms = {sub.scene: number for number, sub in enumerate(row.subtasks) if sub.scene}
+    for room, number in rooms.items():
+        where = f"subtasks[{number}].scene"
+        if row.kind != "sequence":
+            raise KarmaError(f"{where}: only the kind 'sequence' goes from room to room")
+        _check_scene(room, where)
+    stems = [Path(room).stem for room in {*rooms, row.scene}]
+    if twice := [stem for stem in stems if stems.count(stem) > 1]:
+        raise KarmaError(f"subtasks: two rooms have the name {twice[0]!r}")
+
+
+def _subtask(row: _SubTask, where: str) -> SubTask:
+    if not row.instruction.strip():
+        raise KarmaError(f"{where}.instruction: it is empty")
+    if not row.goals:
+        raise KarmaError(f"{where}.goals: there are none")
+    goals = tuple(_goal(text, f"{where}.goals[{i}]") for i, text in enumerate(row.goals))
+    return SubTask(instruction=row.instruction, goals=goals, scene=row.scene)
+
+
+def _goal(text: str, where: str) -> Goal:
+    try:
+        goal = parse_goal(text)
+        check_goal(goal)
+    except KarmaError as error:
+        raise KarmaError(f"{where}: {error}") from error
+    return goal
+
+
+def check_goal(goal: Goal) -> None:
+    """Raise KarmaError for a type that is not there, or what AI2-THOR lets nobody put together."""
+    for name in object_names(goal):
+        for part in alternatives(name):
+            object_type(part.split("|")[0])
+    if goal.predicate in ("ON", "INSIDE") and not is_position(goal.arguments[1]):
+        check_placement(goal)
+
+
+def check_placement(goal: Goal) -> None:
+    """Raise KarmaError unless some named type may be put into some named receptacle type."""
+    moved, places = (
+        [object_type(part.split("|")[0]) for part in alternatives(name)] for name in goal.arguments
+    )
+    if not any(one.can("pickupable") and one.fits(place) for one in moved for place in places):
+        raise KarmaError(f"{goal}: AI2-THOR lets no {goal.arguments[0]} into {goal.arguments[1]}")

@@ -1,0 +1,371 @@
+"""The paper's symbolic goals (KARMA §4.1, Table 3), and whether a world's events have met them.
+
+A name in a goal is an AI2-THOR object type, an object id, or several of either with `/` between
+them ("any of these"). A type also means its slices and its basin: `Apple` covers AppleSliced, `Egg`
+EggCracked, `Sink` SinkBasin, `Bathtub` BathtubBasin; an id covers what was cut from that object.
+A goal is existential, but all goals of one sub-task that mention the same name must hold of ONE
+object: INSIDE(Apple, Sink) and STATE(Apple, clean) ask for the same apple. A whole that was cut
+has been replaced by its slices; any one slice may stand for it.
+
+ON and INSIDE are the same: the object lies in the receptacle, be it in another that can be carried
+(in a bowl in the fridge). ON a place "(x, y, z)", or ON what holds nothing, is to lie within
+`NEAR_M` of it: the authors' "near".
+"""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from karma.agent.perceive import cooled, heated, washed
+from karma.contracts import Event, Goal, World
+from karma.errors import KarmaError
+
+Thing = Mapping[str, Any]  # one object of the metadata
+
+ARITY = {
+    "ON": 2, "INSIDE": 2, "STATE": 2, "HOLDON": 2, "TOGGLEON": 1, "TOGGLEOFF": 1, "OPEN": 1,
+    "CLOSED": 1,
+}  # fmt: skip
+_SAME_PREDICATE = {
+    "SWITCHON": "TOGGLEON", "SWITCHOFF": "TOGGLEOFF", "IN": "INSIDE", "CLOSE": "CLOSED",
+}  # fmt: skip
+_SAME_STATE = {
+    "clean": "cleaned", "washed": "cleaned", "rinsed": "cleaned", "chopped": "sliced",
+    "cut": "sliced", "hot": "heated", "warm": "heated", "cold": "cooled", "chilled": "cooled",
+    "open": "opened", "close": "closed", "usedup": "used up",
+}  # fmt: skip
+_FLAGS = {
+    "dirty": ("isDirty", True), "cooked": ("isCooked", True), "broken": ("isBroken", True),
+    "filled": ("isFilledWithLiquid", True), "used up": ("isUsedUp", True),
+    "on": ("isToggled", True), "off": ("isToggled", False), "opened": ("isOpen", True),
+    "closed": ("isOpen", False),
+}  # fmt: skip
+STATES = frozenset(_FLAGS) | {"cleaned", "sliced", "heated", "cooled", "empty"}
+MOMENTARY = frozenset(
+    ("Faucet", "ShowerHead", "Microwave", "Toaster", "CoffeeMachine", "StoveBurner", "StoveKnob")
+)
+_PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin", "Egg": "EggCracked"}
+_CUT = ("Sliced", "Cracked")
+NEAR_M = 0.5  # the paper names none
+
+
+# ----------------------------------------------------------------- reading
+
+
+def read_goal(text: str) -> Goal:
+    """Return the predicate and arguments as written: predicate canonical, names unchecked.
+
+    Raises:
+        KarmaError: it is not of the form PREDICATE(argument, ...) with an optional ": 1".
+    """
+    match = re.fullmatch(r"\s*([A-Za-z]+)\s*\((.*)\)\s*(?::\s*1)?\s*", text, re.DOTALL)
+    if match is None:
+        raise KarmaError(f"goal {text!r} is not of the form PREDICATE(argument, ...)")
+    word = match[1].upper()
+    arguments = (part.strip() for part in re.split(r",(?![^(]*\))", match[2]))
+    return Goal(predicate=_SAME_PREDICATE.get(word, word), arguments=tuple(arguments))
+
+
+def parse_goal(text: str) -> Goal:
+    """Return a goal in the paper's notation, e.g. "INSIDE(Apple, Fridge): 1".
+
+    Predicates are case-insensitive; SWITCHON is TOGGLEON; a STATE word becomes its canonical form.
+
+    Raises:
+        KarmaError: unknown predicate or state word, or the wrong number of arguments.
+    """
+    goal = read_goal(text)
+    wanted = ARITY.get(goal.predicate)
+    if wanted is None:
+        raise KarmaError(f"goal {text!r}: unknown predicate; known are {', '.join(ARITY)}")
+    if len(goal.arguments) != wanted or not all(goal.arguments):
+        raise KarmaError(f"goal {text!r}: {goal.predicate} takes {wanted} argument(s)")
+    if goal.predicate == "HOLDON" and goal.arguments[0].lower() not in ("robot", "agent"):
+        raise KarmaError(f"goal {text!r}: HOLDON takes robot and an object")
+    if goal.predicate != "STATE":
+        return goal
+    word = canonical_state(goal.arguments[1])
+    if word is None:
+        raise KarmaError(f"goal {text!r}: unknown state; known are {', '.join(sorted(STATES))}")
+    return Goal(predicate="STATE", arguments=(goal.arguments[0], word))
+
+
+def canonical_state(word: str) -> str | None:
+    """Return the state that a word means ("washed" -> "cleaned"), None if it means none."""
+    word = " ".join(word.lower().split())
+    word = _SAME_STATE.get(word, word)
+    return word if word in STATES else None
+
+
+def object_names(goal: Goal) -> tuple[str, ...]:
+    """Return the arguments that name objects, in order: no robot, state word or coordinates."""
+    arguments = goal.arguments
+    if goal.predicate == "HOLDON":
+        return arguments[1:]
+    if goal.predicate == "STATE" or is_position(arguments[-1]):
+        return arguments[:1]
+    return arguments
+
+
+def alternatives(name: str) -> tuple[str, ...]:
+    """Return the types or ids that a name allows, most likely first."""
+    return tuple(part.strip() for part in name.split("/"))
+
+
+def is_position(argument: str) -> bool:
+    """Return whether an argument is a place "(x, y, z)" in metres instead of a name."""
+    return argument.startswith("(")
+
+
+# ----------------------------------------------------------------- watching
+
+
+class GoalTracker:
+    """Watches the events of one task and says which goals hold.
+
+    Placements, HOLDON, OPEN and CLOSED are read off the event asked about. What metadata does not
+    keep, the tracker remembers over all sub-tasks of the task:
+
+    * cleaned: it was in a basin under running water (ALFRED's rule, `perceive.washed`); a dirtyable
+      object is cleaned when it is not dirty, however that came about.
+    * heated / cooled: Hot / Cold now, or once in a running microwave or on a burner / in a closed
+      fridge; the later of the two counts.
+
+    Slices inherit all three. TOGGLEON of a momentary appliance (`MOMENTARY`) asks that it ran at
+    some moment of the sub-task; of anything else, that it is on when asked.
+    """
+
+    def __init__(self) -> None:
+        self._forget()
+
+    def _forget(self) -> None:
+        self._marks: dict[str, set[str]] = {"cleaned": set(), "heated": set(), "cooled": set()}
+        self._ids: set[str] = set()
+        self._on: frozenset[str] = frozenset()
+        self._ran: set[str] = set()
+
+    def start(self, event: Event) -> None:
+        """Forget everything and take the first event of a task; also begins its first sub-task."""
+        self._forget()
+        self.update(event)
+
+    def begin_subtask(self) -> None:
+        """Begin the next sub-task: what still runs counts as running in it, the rest is over."""
+        self._ran = set(self._on)
+
+    def update(self, event: Event) -> None:
+        """Take in one event, in order."""
+        objects = event.metadata["objects"]
+        ids = {thing["objectId"] for thing in objects}
+        for new in ids - self._ids:
+            whole = new.rpartition("|")[0]
+            for marked in self._marks.values():
+                if whole in marked:
+                    marked.add(new)
+        self._ids = ids
+        self._marks["cleaned"] |= washed(event)
+        self._mark("heated", "cooled", heated(event) | _at_temperature(objects, "Hot"))
+        self._mark("cooled", "heated", cooled(event) | _at_temperature(objects, "Cold"))
+        self._on = frozenset(thing["objectId"] for thing in objects if thing["isToggled"])
+        self._ran |= self._on
+
+    def holds(self, goal: Goal, event: Event) -> bool:
+        """Return whether one goal holds, taken alone."""
+        return not self.unmet((goal,), event)
+
+    def unmet(self, goals: Sequence[Goal], event: Event) -> tuple[Goal, ...]:
+        """Return the goals of one sub-task that do not hold, in order; () when it succeeded.
+
+        Of the ways to choose one object per name, the one that meets most goals counts.
+        """
+        index = _Index(event.metadata)
+        missed: set[Goal] = set()
+        for group in _linked(goals):
+            missed |= _fewest_missed(group, index, self._true)
+        return tuple(goal for goal in goals if goal in missed)
+
+    def _mark(self, state: str, instead_of: str, ids: frozenset[str]) -> None:
+        self._marks[state] |= ids
+        self._marks[instead_of] -= ids
+
+    def _true(self, goal: Goal, things: Sequence[Thing], index: "_Index") -> bool:
+        first = things[0]
+        match goal.predicate:
+            case "ON" | "INSIDE" if is_position(goal.arguments[1]):
+                place = [float(x) for x in goal.arguments[1].strip("() ").split(",")]
+                return _near(first, place) and first["objectId"] not in index.held
+            case "ON" if not things[1]["receptacle"]:
+                place = [things[1]["position"][axis] for axis in "xyz"]
+                return _near(first, place) and first["objectId"] not in index.held
+            case "ON" | "INSIDE":
+                return things[1]["objectId"] in index.holders(first)
+            case "HOLDON":
+                return first["objectId"] in index.held
+            case "STATE":
+                return self._in_state(first, goal.arguments[1])
+            case "TOGGLEON" if first["objectType"] in MOMENTARY:
+                return first["objectId"] in self._ran
+            case _:
+                return self._in_state(first, _END_STATES[goal.predicate])
+
+    def _in_state(self, thing: Thing, word: str) -> bool:
+        state = canonical_state(word) or word
+        if state == "cleaned" and thing["dirtyable"]:
+            return not thing["isDirty"]
+        if state in self._marks:
+            return thing["objectId"] in self._marks[state]
+        if state == "sliced":
+            return bool(thing["isSliced"]) or thing["objectType"].endswith(_CUT)
+        if state == "empty":
+            return not thing["isFilledWithLiquid"] and not thing["receptacleObjectIds"]
+        if state == "closed" and not thing["openable"]:
+            return False
+        if state == "broken" and thing["objectType"] == "EggCracked":
+            return True
+        field, value = _FLAGS[state]
+        return bool(thing[field]) is value
+
+
+class WatchedWorld:
+    """A world whose events a tracker sees; it changes nothing.
+
+    Args:
+        world: any world.
+        tracker: told every event of an action that can change a goal.
+    """
+
+    def __init__(self, world: World, tracker: GoalTracker) -> None:
+        self._world, self._tracker = world, tracker
+
+    @property
+    def last_event(self) -> Event:
+        """The world's own."""
+        return self._world.last_event
+
+    def reset(self, scene: str) -> Event:
+        """Load a scene; the tracker is to be started by whoever resets."""
+        return self._world.reset(scene)
+
+    def step(self, action: str, **arguments: Any) -> Event:
+        """Do one action and show its event to the tracker."""
+        event = self._world.step(action, **arguments)
+        if action not in _CHANGE_NO_GOAL:
+            self._tracker.update(event)
+        return event
+
+    def stop(self) -> None:
+        """Release what the world holds."""
+        self._world.stop()
+
+
+_CHANGE_NO_GOAL = frozenset(
+    (
+        "MoveAhead", "MoveBack", "MoveLeft", "MoveRight", "RotateLeft", "RotateRight", "LookUp",
+        "LookDown", "GetReachablePositions", "GetInteractablePoses", "GetShortestPath",
+    )
+)  # fmt: skip
+
+_END_STATES = {"TOGGLEON": "on", "TOGGLEOFF": "off", "OPEN": "opened", "CLOSED": "closed"}
+
+
+class _Index:
+    """One event's objects, by id and by name."""
+
+    def __init__(self, metadata: Mapping[str, Any]) -> None:
+        self._by_id: dict[str, Thing] = {thing["objectId"]: thing for thing in metadata["objects"]}
+        self.held = {item["objectId"] for item in metadata["inventoryObjects"]}
+        cut = (key.rpartition("|") for key, thing in self._by_id.items() if _is_piece(thing))
+        self._replaced = {whole for whole, _, _ in cut}
+
+    def named(self, name: str) -> list[Thing]:
+        """Return the objects that a name covers; a cut whole gives way to its pieces."""
+        wanted = alternatives(name)
+        return [
+            thing
+            for key, thing in self._by_id.items()
+            if key not in self._replaced and any(_covers(part, thing) for part in wanted)
+        ]
+
+    def holders(self, thing: Thing) -> set[str]:
+        """Return what a thing is in or on, also through receptacles that can be carried."""
+        found: set[str] = set()
+        todo = [thing]
+        while todo:
+            for parent in todo.pop()["parentReceptacles"] or ():
+                if parent in found:
+                    continue
+                found.add(parent)
+                if parent in self._by_id and self._by_id[parent]["pickupable"]:
+                    todo.append(self._by_id[parent])
+        return found
+
+
+def _is_piece(thing: Thing) -> bool:
+    return str(thing["objectType"]).endswith(_CUT)
+
+
+def _covers(name: str, thing: Thing) -> bool:
+    if "|" in name:
+        return bool(thing["objectId"] == name or thing["objectId"].startswith(f"{name}|"))
+    return thing["objectType"] in (name, f"{name}Sliced", _PARTS.get(name))
+
+
+def _at_temperature(objects: Iterable[Thing], temperature: str) -> frozenset[str]:
+    return frozenset(
+        thing["objectId"]
+        for thing in objects
+        if thing["temperature"] == temperature and thing["objectType"] != "Floor"
+    )
+
+
+def _near(thing: Thing, place: Sequence[float]) -> bool:
+    here = [thing["position"][axis] for axis in "xyz"]
+    squares = ((a - b) ** 2 for a, b in zip(here, place, strict=True))
+    return bool(sum(squares) <= NEAR_M**2)
+
+
+def _linked(goals: Sequence[Goal]) -> Iterator[list[Goal]]:
+    """Yield the goals in groups; goals of different groups share no name."""
+    groups: list[tuple[set[str], list[Goal]]] = []
+    for goal in goals:
+        names, group = set(object_names(goal)), [goal]
+        for other in [entry for entry in groups if entry[0] & names]:
+            groups.remove(other)
+            names, group = names | other[0], other[1] + group
+        groups.append((names, group))
+    for _, group in groups:
+        yield group
+
+
+def _fewest_missed(
+    goals: Sequence[Goal],
+    index: _Index,
+    true: Callable[[Goal, Sequence[Thing], _Index], bool],
+) -> frozenset[Goal]:
+    """Search the choices of one object per name, depth first, for the fewest missed goals."""
+    names = list(dict.fromkeys(name for goal in goals for name in object_names(goal)))
+    named = {name: index.named(name) or [{}] for name in names}
+    due: dict[str, list[Goal]] = {name: [] for name in names}  # by the name chosen last
+    for goal in goals:
+        due[max(object_names(goal), key=names.index)].append(goal)
+    best = frozenset(goals)
+
+    def choose(depth: int, chosen: dict[str, Thing], missed: frozenset[Goal]) -> None:
+        nonlocal best
+        if len(missed) >= len(best):
+            return
+        if depth == len(names):
+            best = missed
+            return
+        name = names[depth]
+        for thing in named[name]:
+            now = {**chosen, name: thing}
+            wrong = [goal for goal in due[name] if not meets(goal, now)]
+            choose(depth + 1, now, missed | frozenset(wrong))
+
+    def meets(goal: Goal, chosen: Mapping[str, Thing]) -> bool:
+        things = [chosen[name] for name in object_names(goal)]
+        return all(things) and true(goal, things, index)
+
+    choose(0, {}, frozenset())
+    return best

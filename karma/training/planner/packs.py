@@ -1,0 +1,146 @@
+"""What the nano planner is trained on: packs of examples over one scene, and its tokens.
+
+A pack is the scene's stable text once and several (memory, instruction, program) examples after it.
+Each example attends to the stable text and itself only, at the positions it has when asked alone,
+so a pack trains exactly what inference does.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from karma.agent.program import SKILLS
+from karma.agent.prompt import landmark_types
+from karma.household.types import object_types
+from karma.infer.llama.gguf_export import new_tokenizer
+from karma.seeds import stream
+from karma.tasks.drawing.alfred import Sentence, StepSentence
+from karma.tasks.drawing.phrases import Book
+from karma.tasks.drawing.recollections import Room, pick
+from karma.training.planner.samples import Example, draw, draw_alfred, draw_step
+
+END = "<|end|>"
+PAD = "<|pad|>"
+TYPES = tuple(sorted(object_types()))
+WHOLE = (
+    *(f"{skill.name}(robot, '" for skill in SKILLS),
+    "', '", "', ['", "'])\n", "')\n", " @", " *\n",
+    "#areas\n", "#memory\n", "#held ", "#task ", "#program\n", "#error ",
+    *(f"node_{number}" for number in range(1, 33)), *(f"_{number}" for number in range(2, 10)),
+    *TYPES, *(f" {name}" for name in sorted(landmark_types())),
+)  # pieces of the notation that are one token each, so names stand alone  # fmt: skip
+_PIECES = re.compile("|".join(re.escape(text) for text in sorted(WHOLE, key=len, reverse=True)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recipe:
+    """All that decides the weights, besides the data."""
+
+    seed: int = 0
+    vocabulary: int = 4096
+    hidden: int = 320
+    layers: int = 6
+    heads: int = 5
+    feed_forward: int = 896
+    context: int = 2048
+    packs: int = 20  # per step
+    examples: int = 4  # per pack with long-term memory; half as many more without it
+    steps: int = 9000
+    warmup: int = 200
+    decay: float = 0.4  # share of the steps in which the learning rate falls to zero
+    learning_rate: float = 1.2e-3
+    weight_decay: float = 0.05
+    mapped: float = 0.6  # share of packs with long-term memory
+    alfred: tuple[float, float] = (0.4, 0.5)  # share of ALFRED's goals without and with it
+    steps_said: float = 0.2  # share of what ALFRED's annotators said of single steps, without it
+    plans: float = 0.4  # share of packs with long-term memory in rooms where ALFRED was recorded
+    half: bool = False  # matrices in bfloat16, where the processor has instructions for it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Data:
+    """Where examples come from."""
+
+    rooms: Sequence[Room]
+    book: Book
+    excluded: frozenset[tuple[str, str]]
+    alfred: Sequence[Sentence] = ()
+    steps: Sequence[StepSentence] = ()
+    forbidden: frozenset[str] = frozenset()  # sentences of the tests, see `plain`
+
+    @cached_property
+    def recorded(self) -> Sequence[Room]:
+        """The rooms in which a sentence of ALFRED's was said."""
+        return tuple(room for room in self.rooms if self.said(room))
+
+    def said(self, room: Room) -> Sequence[Sentence]:
+        """Return ALFRED's sentences of a room."""
+        return self._by_plan.get(room.name, ())
+
+    @cached_property
+    def _by_plan(self) -> Mapping[str, Sequence[Sentence]]:
+        found: dict[str, list[Sentence]] = {}
+        for sentence in self.alfred:
+            found.setdefault(sentence.floor_plan, []).append(sentence)
+        return found
+
+
+def draw_pack(recipe: Recipe, data: Data, *name: str) -> list[Example]:
+    """Draw one pack; equal names give equal packs."""
+    rng = stream(recipe.seed, "planner", *name)
+    mapped = bool(rng.random() < recipe.mapped)
+    recorded = data.recorded if mapped and rng.random() < recipe.plans else ()
+    room = pick(rng, recorded or data.rooms)
+    said = data.said(room) if mapped else data.alfred
+    found: list[Example] = []
+    wanted = recipe.examples if mapped else recipe.examples * 3 // 2
+    while len(found) < wanted:
+        example: Example | None = None
+        roll = rng.random()
+        if said and roll < recipe.alfred[mapped]:
+            example = draw_alfred(rng, room, said, mapped=mapped)
+        elif data.steps and not mapped and roll > 1 - recipe.steps_said:
+            example = draw_step(rng, room, data.steps)
+        else:
+            example = draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
+        if example is not None and plain(_task(example)) not in data.forbidden:
+            found.append(example)
+    return found
+
+
+def _task(example: Example) -> str:
+    return example.changing.partition("\n")[0].removeprefix("#task ")
+
+
+def plain(sentence: str) -> str:
+    """Return a sentence as the leak test compares it: lower case, words only.
+
+    >>> plain("Please, wash an apple.")
+    'please wash an apple'
+    """
+    return " ".join(re.findall(r"[a-z0-9]+", sentence.lower()))
+
+
+def corpus(recipe: Recipe, data: Data, packs: int) -> Iterator[str]:
+    """Yield texts to train the tokenizer on."""
+    for number in range(packs):
+        pack = draw_pack(recipe, data, "corpus", str(number))
+        yield pack[0].stable
+        for example in pack:
+            yield example.changing
+            yield example.program
+
+
+def make_tokenizer(recipe: Recipe, data: Data, packs: int) -> Any:
+    """Train the tokenizer on the corpus, the notation's fixed pieces being tokens of their own."""
+    from tokenizers import AddedToken
+
+    bare = new_tokenizer(
+        (piece for text in corpus(recipe, data, packs) for piece in _PIECES.split(text)),
+        recipe.vocabulary - len(WHOLE),
+        [END, PAD],
+    )
+    bare.add_tokens([AddedToken(text, normalized=False, special=False) for text in WHOLE])
+    return bare

@@ -1,0 +1,294 @@
+"""Training examples: a room, a memory and a request, drawn from one seed -> a plain program.
+
+No simulator runs here: what is drawn is what an agent would know (area nodes, recalled units, what
+is in its hand), rendered by the same `karma.agent.prompt` that plans with it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from karma.agent.prompt import Facts, base_type, compact
+from karma.contracts import MemoryUnit, SkillCall
+from karma.tasks.drawing.alfred import Sentence, StepSentence, program_of
+from karma.tasks.drawing.phrases import Book
+from karma.tasks.drawing.programs import plain_program
+from karma.tasks.drawing.recollections import Rng, Room, draw_units, pick, place_type
+from karma.tasks.drawing.references import Situation
+from karma.tasks.drawing.requests import Ask, one_ask, pick_kind, wrapped
+from karma.tasks.expert import Thing, View
+from karma.training.planner.histories import draw_history
+
+ERRORS = (
+    "GoToObject(robot, 'CounterTop'): could not get CounterTop into view and reach",
+    "PutObject(robot, 'Mug', 'Sink'): the hand is empty; PickupObject(robot, 'Mug') first",
+    "PickupObject(robot, 'Mug'): the hand holds Fork; put it down first",
+    "Explore(robot, 'Mug'): could not find Mug; searched 12 places",
+)  # fmt: skip
+RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all
+FEW = 3  # units then
+LIVED = 0.8  # share of memories that a few requests have left behind
+VAGUE = 0.7  # share of draws in which a remembered thing is mostly not called by its name
+TWO = 0.03  # share of sentences with two requests
+TYPOS = 0.04  # share of sentences with a letter wrong
+LONGEST = 30  # lines of a program
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Example:
+    """One (memory, instruction) -> program pair, as text."""
+
+    kind: str
+    stable: str
+    changing: str
+    program: str
+
+
+def draw(
+    rng: Rng,
+    room: Room,
+    book: Book,
+    *,
+    mapped: bool,
+    excluded: frozenset[tuple[str, str]] = frozenset(),
+) -> Example:
+    """Draw one example.
+
+    Args:
+        rng: the example's own stream.
+        room: where.
+        book: phrases of this side of the split.
+        mapped: whether long-term memory is in the prompt.
+        excluded: (object type, receptacle type) pairs that must not be asked for.
+    """
+    while True:
+        facts, held = _draw_facts(rng, room, mapped=mapped)
+        scene = _situation(rng, room, facts, book, excluded, mapped=mapped)
+        ask = _draw_ask(rng, scene)
+        if ask is None:
+            continue
+        if rng.random() < RECALLED:
+            facts = _recalled(rng, scene, ask)
+            scene = replace(scene, facts=facts)
+        calls = plain_program(ask.goals, _view(scene, held))
+        if not calls or len(calls) > LONGEST:
+            continue
+        text = _misspelt(rng, ask.text) if rng.random() < TYPOS else ask.text
+        facts = replace(facts, instruction=text, error=_draw_error(rng, calls))
+        return _example(ask.kind, facts, calls)
+
+
+def _recalled(rng: Rng, scene: Situation, ask: Ask) -> Facts:
+    """Return the facts with what the request means and a few other units, as a recall leaves them.
+
+    Everything stays where a unit would go by another name among the few.
+    """
+    named = {argument for goal in ask.goals for argument in goal.arguments}
+    meant = [unit for unit in scene.units if scene.names[unit.object_id] in named]
+    others = [unit for unit in scene.units if unit not in meant]
+    rng.shuffle(others)
+    kept = {unit.object_id for unit in (*meant, *others[: max(FEW - len(meant), 0)])}
+    few = replace(scene.facts, units=tuple(unit for unit in scene.units if unit.object_id in kept))
+    names = {object_id: name for name, object_id in compact(few).names.items()}
+    return few if all(names[one] == scene.names[one] for one in kept) else scene.facts
+
+
+def draw_step(rng: Rng, room: Room, steps: Sequence[StepSentence]) -> Example | None:
+    """Draw one example with what an annotator said of one step, None if it cannot be.
+
+    What is put down is in the hand, and in memory; it goes by whatever the annotator called it.
+    """
+    step = pick(rng, steps)
+    facts, _ = _draw_facts(rng, room, mapped=False)
+    about = {name for goal in step.goals for name in goal.arguments}
+    units = [
+        unit
+        for unit in facts.units
+        if base_type(unit.object_type) not in about and unit.place_id != "hand"
+    ]
+    if rng.random() < 0.5:
+        units = units[-FEW + 1 :]
+    held = _in_hand(step.held) if step.held else None
+    if held is not None:
+        units.append(held)
+    facts = replace(
+        facts,
+        instruction=step.text,
+        units=tuple(units),
+        held_id=held.object_id if held else None,
+        held_type=held.object_type if held else None,
+    )
+    calls = plain_program(step.goals, View())
+    return _example("step", facts, calls) if calls else None
+
+
+def _in_hand(object_type: str) -> MemoryUnit:
+    return MemoryUnit(
+        object_id=f"{object_type}|held",
+        object_type=object_type,
+        position_m=(0.0, 0.0, 0.0),
+        states=(),
+        place_id="hand",
+        handled=True,
+    )
+
+
+def draw_alfred(
+    rng: Rng, room: Room, sentences: Sequence[Sentence], *, mapped: bool
+) -> Example | None:
+    """Draw one example with a sentence of ALFRED's annotators, None where the room has no place.
+
+    Short-term memory is mostly empty: the prompt holds the sentence, and the map if there is one.
+
+    Args:
+        rng: the example's own stream.
+        room: where; with long-term memory it should be the room that the sentences were said in.
+        sentences: to choose from.
+        mapped: whether long-term memory is in the prompt.
+    """
+    sentence = pick(rng, sentences)
+    wanted = sentence.facts
+    if mapped and wanted.place not in room.landmarks:
+        return None
+    facts, held = _draw_facts(rng, room, mapped=mapped)
+    if rng.random() < 0.8:
+        facts, held = replace(facts, units=(), held_id=None, held_type=None), None
+    book, none = Book(templates={}, adjectives={}, just={}, around={}), frozenset[tuple[str, str]]()
+    scene = _situation(rng, room, facts, book, none, mapped=mapped)
+    known = {base_type(unit.object_type) for unit in facts.units}
+    if known & {wanted.thing, wanted.movable} and (wanted.task == "two" or wanted.sliced):
+        return None
+    calls = program_of(sentence, _view(scene, held))
+    if not calls or len(calls) > LONGEST:
+        return None
+    text = _misspelt(rng, sentence.text) if rng.random() < TYPOS else sentence.text
+    return _example("alfred", replace(facts, instruction=text), calls)
+
+
+def _example(kind: str, facts: Facts, calls: Sequence[SkillCall]) -> Example:
+    prompt = compact(facts).prompt
+    program = "".join(f"{call}\n" for call in calls)
+    return Example(kind=kind, stable=prompt.stable, changing=prompt.changing, program=program)
+
+
+def _draw_facts(rng: Rng, room: Room, *, mapped: bool) -> tuple[Facts, MemoryUnit | None]:
+    units, held = draw_history(rng, room) if rng.random() < LIVED else draw_units(rng, room)
+    if rng.random() < 0.15:
+        units = units[-3:]  # a recall of few
+    if held is not None and (rng.random() < 0.15 or held not in units):
+        units = ()  # without short-term memory the robot still feels what it holds
+    facts = Facts(
+        instruction="",
+        areas=room.areas if mapped else (),
+        units=units,
+        held_id=held.object_id if held else None,
+        held_type=held.object_type if held else None,
+    )
+    return facts, held
+
+
+def _situation(
+    rng: Rng,
+    room: Room,
+    facts: Facts,
+    book: Book,
+    excluded: frozenset[tuple[str, str]],
+    *,
+    mapped: bool,
+) -> Situation:
+    names = {object_id: name for name, object_id in compact(facts).names.items()}
+    vague = 1.0 if rng.random() < VAGUE else 0.0
+    return Situation(
+        room=room,
+        facts=facts,
+        names=names,
+        book=book,
+        excluded=excluded,
+        mapped=mapped,
+        vague=vague,
+    )
+
+
+def _misspelt(rng: Rng, text: str) -> str:
+    """Drop, double or swap one letter of a longer word."""
+    words = text.split(" ")
+    long = [number for number, word in enumerate(words) if len(word) > 4]
+    if not long:
+        return text
+    at = pick(rng, long)
+    word = words[at]
+    place = int(rng.integers(1, len(word) - 1))
+    words[at] = pick(
+        rng,
+        (
+            word[:place] + word[place + 1 :],
+            word[:place] + word[place] + word[place:],
+            word[:place] + word[place + 1] + word[place] + word[place + 2 :],
+        ),
+    )
+    return " ".join(words)
+
+
+def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
+    """Draw what an earlier program failed on, mostly nothing: often that a place was not known."""
+    if rng.random() > 0.06:
+        return ""
+    lost = [call.objects[0] for call in calls if call.skill == "Explore"]
+    shut = [
+        (call.objects[0], then.objects[0])
+        for call, then in pairwise(calls)
+        if call.skill == "OpenObject" and then.skill == "PickupObject"
+    ]
+    if shut and rng.random() < 0.6:
+        place, name = pick(rng, shut)
+        place, name = place.partition("_")[0], name.partition("_")[0]
+        return (
+            f"PickupObject(robot, '{name}'): {name} is in the closed {place}; "
+            f"OpenObject(robot, '{place}') first"
+        )
+    if not lost:
+        return pick(rng, ERRORS)
+    name = pick(rng, lost)
+    skill = pick(rng, ("GoToObject", "PickupObject"))
+    return f"{skill}(robot, '{name}'): " + pick(
+        rng,
+        (
+            f"no {name} is known; Explore(robot, '{name}') first",
+            f"{name} is not at its remembered place; Explore(robot, '{name}') to find it",
+        ),
+    )
+
+
+def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
+    """Draw one request, or two in one sentence."""
+    first = one_ask(rng, scene, pick_kind(rng))
+    if first is None:
+        return None
+    if rng.random() > TWO:
+        return replace(first, text=wrapped(rng, scene.book, first.text))
+    second = one_ask(rng, scene, pick_kind(rng))
+    if second is None or {g.arguments for g in first.goals} & {g.arguments for g in second.goals}:
+        return first
+    joint = pick(rng, (" and ", ", then ", " and then ", ", and "))
+    return Ask(kind="two", text=first.text + joint + second.text, goals=first.goals + second.goals)
+
+
+def _view(scene: Situation, held: MemoryUnit | None) -> View:
+    """Return the teacher's view of the same knowledge that the prompt states."""
+    things = tuple(_thing(scene, unit) for unit in reversed(scene.units))
+    return View(
+        things=things,
+        areas=scene.room.areas if scene.mapped else (),
+        held=_thing(scene, held) if held else None,
+    )
+
+
+def _thing(scene: Situation, unit: MemoryUnit) -> Thing:
+    place = unit.place_id if unit.place_id != "hand" else None
+    return Thing(
+        name=scene.names[unit.object_id],
+        object_type=unit.object_type,
+        states=unit.states,
+        place=scene.names.get(place) if place else None,
+        place_type=place_type(scene.units, place) if place else None,
+    )

@@ -1,0 +1,1 @@
+"""How the nano VLM learns, and how any vision model is scored."""

@@ -1,1 +1,0 @@
-"""The nano VLM: moments of rooms in many states, training, and scoring of any vision model."""

@@ -1,0 +1,416 @@
+"""Actions of the hand: picking up, putting, opening, switching, and changing what a thing is."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import acos, cos, degrees, radians
+from typing import Any
+
+import msgspec
+
+from karma.contracts import Vec3
+from karma.household.types import Capability, object_types
+from karma.world.actions.moving import hang, unknown
+from karma.world.core.objects import Objects, bottom, heading, is_inert, moved
+from karma.world.core.pieces import broken, in_pieces, left_behind
+from karma.world.core.placement import find_place, flight, land, parents_in
+from karma.world.core.posing import emptied
+from karma.world.core.rules import rules
+from karma.world.core.scene import SceneObject
+from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.view import aim
+
+_GRAVITY = 9.81
+
+
+def tilt_deg(rotation: Vec3) -> float:
+    """Return by how much Unity's angles tilt a thing away from upright.
+
+    >>> tilt_deg((0.0, 90.0, 0.0)), round(tilt_deg((90.0, 0.0, 0.0)))
+    (0.0, 90)
+    """
+    up = cos(radians(rotation[0])) * cos(radians(rotation[2]))
+    return degrees(acos(max(-1.0, min(1.0, up))))
+
+
+def target(
+    state: WorldState,
+    action: str,
+    objectId: str | None,
+    x: float | None,
+    y: float | None,
+    force: bool,
+) -> SceneObject | Refusal:
+    """Return the object that an action means, or why it cannot be acted on.
+
+    Checked in AI2-THOR's order: it exists, is in view, and is not only seen through glass.
+    """
+    if objectId is None and (x is None or y is None):
+        message = f"action: {action} is missing the following arguments: objectId"
+        return Refusal(message, "MissingArguments")
+    if objectId is None:
+        return _aimed(state, x or 0.0, y or 0.0)
+    if objectId not in state.objects:
+        return unknown(objectId)
+    thing = state.objects[objectId]
+    if is_inert(thing):
+        return refuse("NullReferenceException", "Target object is not there any more.")
+    if force:
+        return thing
+    if objectId not in state.sight.visible:
+        message = "Target object not found within the specified visibility."
+        return refuse("NullReferenceException", message)
+    if objectId not in state.sight.interactable:
+        return Refusal(f"{thing.name} is visible but not interactable.", "ObjectNotInteractable")
+    return thing
+
+
+def _aimed(state: WorldState, x: float, y: float) -> SceneObject | Refusal:
+    if not (0 <= x <= 1 and 0 <= y <= 1):
+        message = f"x and y must be in [0:1] not (x={x:g}, y={y:g})."
+        return refuse("ArgumentOutOfRangeException", message)
+    settings, seen = state.settings, state.sight.interactable - state.in_hand
+    found = aim(
+        state.objects, state.pose, x, y,
+        seen=frozenset(seen), fov_deg=settings.fov_deg, aspect=settings.aspect,
+    )  # fmt: skip
+    if found is None:
+        return refuse("NullReferenceException", "No object at the given screen coordinates.")
+    return state.objects[found]
+
+
+def changed(state: WorldState, object_id: str, **fields: Any) -> WorldState:
+    """Return the state with some fields of one object replaced."""
+    thing = msgspec.structs.replace(state.objects[object_id], **fields)
+    return replace(state, objects=state.objects.changed({object_id: thing}))
+
+
+def pick_up(
+    state: WorldState,
+    *,
+    objectId: str | None = None,
+    x: float | None = None,
+    y: float | None = None,
+    forceAction: bool = False,
+    manualInteract: bool = False,
+) -> Result:
+    """Take an object, with what lies in it."""
+    thing = target(state, "PickupObject", objectId, x, y, forceAction)
+    if isinstance(thing, Refusal):
+        return thing
+    if "pickupable" not in thing.capabilities:
+        return refuse(
+            "InvalidOperationException", f"{thing.name} must have the property pickupable"
+        )
+    if state.held is not None:
+        message = "Agent hand has something in it already! Can't pick up anything else"
+        return refuse("InvalidOperationException", message)
+    return Done(_grasped(state, thing), thing.id)
+
+
+def _grasped(state: WorldState, thing: SceneObject) -> WorldState:
+    upright = tilt_deg(thing.rotation) <= rules().hand.spills_deg
+    carried = state.objects.carried(thing.id)
+    mine = {thing.id, *carried}
+    changes = {thing.id: msgspec.structs.replace(thing, parents=(), is_picked_up=True)}
+    if not upright:
+        changes |= left_behind(state.objects, thing)
+        carried = ()
+    for child in carried:
+        inner = state.objects[child]
+        parents = tuple(parent for parent in inner.parents if parent in mine)
+        changes[child] = msgspec.structs.replace(inner, parents=parents)
+    after = replace(emptied(state), objects=state.objects.changed(changes), held=thing.id)
+    turn = state.pose.yaw_deg - thing.rotation[1]
+    return replace(after, objects=hang(after, thing.id, turn))
+
+
+def put(
+    state: WorldState,
+    *,
+    objectId: str | None = None,
+    x: float | None = None,
+    y: float | None = None,
+    forceAction: bool = False,
+    placeStationary: bool = True,
+    randomSeed: int = 0,
+    putNearXY: bool = False,
+) -> Result:
+    """Put the held object into or onto a receptacle."""
+    if state.held is None:
+        return Refusal("Can't place an object if Agent isn't holding anything.")
+    receptacle = target(state, "PutObject", objectId, x, y, forceAction)
+    if isinstance(receptacle, Refusal):
+        return receptacle
+    thing = state.objects[state.held]
+    refusal = _does_not_take(state, thing, receptacle, forceAction)
+    if refusal is not None:
+        return refusal
+    place = find_place(state, thing, receptacle)
+    if place is None:
+        return Refusal("No valid positions to place object found")
+    return Done(_released(state, place, receptacle.id))
+
+
+def _does_not_take(
+    state: WorldState, thing: SceneObject, receptacle: SceneObject, force: bool
+) -> Refusal | None:
+    """Return why a receptacle does not take a thing, whatever room there is."""
+    if "receptacle" not in receptacle.capabilities or receptacle.id in state.in_hand:
+        return Refusal("This target object is NOT a receptacle!")
+    kind, place = object_types()[thing.type], object_types()[receptacle.type]
+    if place.must_be_open and "openable" in receptacle.capabilities and receptacle.openness <= 0:
+        return Refusal("Target openable Receptacle is CLOSED, can't place if target is not open!")
+    fits = kind.fits(place) or (
+        not place.accepts_only and (force or thing.type in rules().put.anywhere)
+    )
+    return None if fits else Refusal(f"{thing.name} cannot be placed in {receptacle.name}")
+
+
+def _released(state: WorldState, middle: Vec3, holder: str | None) -> WorldState:
+    """Return the state with the held object, and what it carries, let go somewhere."""
+    thing = state.objects[state.held or ""]
+    objects = state.objects
+    by = (middle[0] - thing.center[0], middle[1] - thing.center[1], middle[2] - thing.center[2])
+    changes = {child: moved(objects[child], by) for child in objects.carried(thing.id)}
+    there = msgspec.structs.replace(moved(thing, by), is_picked_up=False)
+    parents = () if holder is None else parents_in(objects, there, holder)
+    changes[thing.id] = msgspec.structs.replace(there, parents=parents)
+    objects = objects.changed(changes)
+    changes = {child: _nested(objects, child) for child in objects.carried(thing.id)}
+    return replace(emptied(state), objects=objects.changed(changes))
+
+
+def _nested(objects: Objects, child: str) -> SceneObject:
+    """Return what lies in a thing just put down, lying also in what that thing lies in."""
+    thing = objects[child]
+    if not thing.parents:
+        return thing
+    parents = dict.fromkeys(
+        (*thing.parents, *(p for own in thing.parents for p in parents_in(objects, thing, own)))
+    )
+    return msgspec.structs.replace(thing, parents=tuple(parents))
+
+
+def drop(state: WorldState, *, forceAction: bool = False, autoSimulation: bool = True) -> Result:
+    """Let the held object fall."""
+    return _let_go(state, 0.0)
+
+
+def throw(
+    state: WorldState,
+    *,
+    moveMagnitude: float,
+    forceAction: bool = False,
+    autoSimulation: bool = True,
+) -> Result:
+    """Throw the held object forward; moveMagnitude is a force."""
+    if moveMagnitude < 0:
+        return Refusal("moveMagnitude must not be negative")
+    return _let_go(state, float(moveMagnitude))
+
+
+def _let_go(state: WorldState, force: float) -> Result:
+    if state.held is None:
+        return Refusal("Nothing held in hand to drop!")
+    thing, fragile = state.objects[state.held], rules().fragile
+    far = min(force * rules().flight.m_per_n, rules().flight.longest_m)
+    x, z = flight(state.room, thing.position, heading(state.pose.yaw_deg), far)
+    middle, holder = land(state, thing, x, z)
+    height = max(bottom(thing) - (middle[1] - thing.size[1] / 2), 0.0)
+    impulse = force * fragile.impulse_per_force_s
+    impulse += fragile.fall_share * thing.mass_kg * (2 * _GRAVITY * height) ** 0.5
+    after = _struck(_released(state, middle, holder), thing.id, holder, impulse)
+    px, py, pz = after.objects[thing.id].position
+    return Done(after, {"x": px, "y": py, "z": pz}, rules().time.fall_s)
+
+
+def _struck(state: WorldState, fallen: str, under: str | None, impulse: float) -> WorldState:
+    """Return the state with what breaks when a thing comes down: itself, and what it falls on."""
+    fragile, thing = rules().fragile, state.objects[fallen]
+    below = None if under is None else state.objects[under]
+    soft = below is not None and below.type in fragile.soft
+    if _breaks(thing, impulse - (fragile.soft_ns if soft else 0.0)):
+        state = broken(state, thing)
+    if below is not None and thing.type not in fragile.harmless and _breaks(below, impulse):
+        state = broken(state, state.objects[below.id])
+    return state
+
+
+def _breaks(thing: SceneObject, impulse: float) -> bool:
+    fragile = "breakable" in thing.capabilities and not thing.is_broken
+    return fragile and impulse >= rules().fragile.impulse_ns
+
+
+def open_object(
+    state: WorldState,
+    *,
+    objectId: str | None = None,
+    x: float | None = None,
+    y: float | None = None,
+    openness: float = 1.0,
+    moveMagnitude: float | None = None,
+    forceAction: bool = False,
+) -> Result:
+    """Open to a degree; opening what is open succeeds. moveMagnitude is openness's old name."""
+    thing = target(state, "OpenObject", objectId, x, y, forceAction)
+    if isinstance(thing, Refusal):
+        return thing
+    openness = openness if moveMagnitude is None else moveMagnitude or 1.0
+    if not 0.0 <= openness <= 1.0:
+        return refuse("ArgumentOutOfRangeException", "openness must be in [0:1]")
+    if "openable" not in thing.capabilities:
+        return Refusal(f"{thing.id} is not an Openable object")
+    if thing.type in rules().toggle.must_be_off_to_open and thing.is_toggled:
+        return Refusal("Target must be OFF to open!")
+    return Done(changed(state, thing.id, openness=float(openness)))
+
+
+def close_object(
+    state: WorldState,
+    *,
+    objectId: str | None = None,
+    x: float | None = None,
+    y: float | None = None,
+    forceAction: bool = False,
+) -> Result:
+    """Close; closing what is closed succeeds."""
+    return open_object(state, objectId=objectId, x=x, y=y, openness=0.0, forceAction=forceAction)
+
+
+def toggler(on: bool) -> Callable[..., Result]:
+    """Return the action that switches something on or off, with what it controls."""
+    word = "on" if on else "off"
+
+    def toggle(
+        state: WorldState,
+        *,
+        objectId: str | None = None,
+        x: float | None = None,
+        y: float | None = None,
+        forceAction: bool = False,
+    ) -> Result:
+        thing = target(state, f"ToggleObject{word.title()}", objectId, x, y, forceAction)
+        if isinstance(thing, Refusal):
+            return thing
+        refusal = _cannot_switch(thing, on, word)
+        if refusal is not None:
+            return refusal
+        for object_id in (thing.id, *(c for c in thing.controls if c in state.objects)):
+            state = changed(state, object_id, is_toggled=on)
+        return Done(state)
+
+    return toggle
+
+
+def _cannot_switch(thing: SceneObject, on: bool, word: str) -> Refusal | None:
+    toggle = rules().toggle
+    if thing.type in toggle.controlled_only:
+        return Refusal("Target object is controlled by something else; toggle its knob instead.")
+    if "toggleable" not in thing.capabilities:
+        return Refusal(f"{thing.id} is not a toggleable object")
+    if thing.is_toggled == on:
+        return Refusal(f"can't toggle object {word} if it's already {word}!")
+    if on and thing.is_broken:
+        return Refusal(f"{thing.name} is broken and cannot be switched on.")
+    if on and thing.type in toggle.must_be_closed_to_turn_on and thing.openness > 0:
+        return Refusal("Target must be closed to Toggle On!")
+    return None
+
+
+# ----------------------------------------------------------------- changing what a thing is
+
+
+def _able(thing: SceneObject | Refusal, capability: Capability) -> SceneObject | Refusal:
+    """Return an action's object if it is one that this can be done to."""
+    if isinstance(thing, Refusal) or capability in thing.capabilities:
+        return thing
+    return Refusal(f"{thing.name} does not have the property {capability}!")
+
+
+def state_changer(
+    action: str, capability: Capability, field: str, value: bool, already: str
+) -> Callable[..., Result]:
+    """Return the action that gives an object a state, refused when it has it already."""
+
+    def change(
+        state: WorldState,
+        *,
+        objectId: str | None = None,
+        x: float | None = None,
+        y: float | None = None,
+        forceAction: bool = False,
+    ) -> Result:
+        thing = _able(target(state, action, objectId, x, y, forceAction), capability)
+        if isinstance(thing, Refusal):
+            return thing
+        if getattr(thing, field) == value:
+            return Refusal(f"{thing.name} is already {already}!")
+        fields: dict[str, Any] = {field: value}
+        if field == "is_filled":
+            fields["liquid"] = None
+        return Done(changed(state, thing.id, **fields))
+
+    return change
+
+
+def fill(
+    state: WorldState,
+    *,
+    fillLiquid: str = "water",
+    objectId: str | None = None,
+    x: float | None = None,
+    y: float | None = None,
+    forceAction: bool = False,
+) -> Result:
+    """Fill a vessel; coffee makes it hot."""
+    thing = _able(
+        target(state, "FillObjectWithLiquid", objectId, x, y, forceAction), "canFillWithLiquid"
+    )
+    if isinstance(thing, Refusal):
+        return thing
+    if fillLiquid not in rules().liquids.known:
+        known = ", ".join(rules().liquids.known)
+        return Refusal(f"{fillLiquid} is not a valid Liquid Type; valid are: {known}")
+    if thing.is_filled:
+        return Refusal(f"{thing.name} is already filled!")
+    after = changed(state, thing.id, is_filled=True, liquid=fillLiquid)
+    return Done(changed(after, thing.id, temperature="Hot") if fillLiquid == "coffee" else after)
+
+
+def slice_object(
+    state: WorldState,
+    *,
+    objectId: str | None = None,
+    x: float | None = None,
+    y: float | None = None,
+    forceAction: bool = False,
+) -> Result:
+    """Cut into pieces, which stay where the whole was; no knife is needed."""
+    if objectId is not None and objectId in state.objects and state.objects[objectId].is_sliced:
+        return Done(state)  # AI2-THOR: a silent success
+    thing = _able(target(state, "SliceObject", objectId, x, y, forceAction), "sliceable")
+    if isinstance(thing, Refusal):
+        return thing
+    if thing.id in state.in_hand:
+        return Refusal("target object cannot be sliced if it is in the agent's hand")
+    return Done(in_pieces(state, msgspec.structs.replace(thing, is_sliced=True)))
+
+
+def break_object(
+    state: WorldState,
+    *,
+    objectId: str | None = None,
+    x: float | None = None,
+    y: float | None = None,
+    forceAction: bool = False,
+) -> Result:
+    """Break for good; what lies in it and what holds it lose it."""
+    thing = _able(target(state, "BreakObject", objectId, x, y, forceAction), "breakable")
+    if isinstance(thing, Refusal):
+        return thing
+    if thing.is_broken:
+        return Refusal(f"{thing.name} is already broken!")
+    if state.held == thing.id:
+        middle, holder = land(state, thing, thing.center[0], thing.center[2])
+        state = _released(state, middle, holder)
+    return Done(broken(state, state.objects[thing.id]))

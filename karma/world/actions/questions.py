@@ -1,0 +1,139 @@
+"""Questions about what is in the picture; nothing changes."""
+
+import math
+
+import numpy as np
+
+from karma.contracts import Pose
+from karma.world.core.camera import Camera
+from karma.world.core.objects import Floats
+from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.view import CAMERA_M, aim, camera, camera_axes, in_picture, sight
+
+_SCHEMES = ("Collider", "Distance")
+
+
+def coordinate(state: WorldState, *, x: float, y: float) -> Result:
+    """Return the point that a place in the picture shows."""
+    if outside := _outside(x, y):
+        return outside
+    eye, ray = _ray(state, x, y)
+    far, _ = _first_hit(state, eye, ray)
+    far = min(far, _wall(state, eye, ray))
+    point = eye + ray * far if math.isfinite(far) else np.zeros(3)
+    value = {axis: round(float(part), 6) for axis, part in zip("xyz", point, strict=True)}
+    return Done(state, value, 0.0)
+
+
+def object_in_frame(state: WorldState, *, x: float, y: float, checkVisible: bool = False) -> Result:
+    """Return the id of the object that a place in the picture shows."""
+    if outside := _outside(x, y):
+        return outside
+    if checkVisible:
+        settings, seen = state.settings, state.sight.interactable - state.in_hand
+        found = aim(
+            state.objects, state.pose, x, y,
+            seen=frozenset(seen), fov_deg=settings.fov_deg, aspect=settings.aspect,
+        )  # fmt: skip
+    else:
+        _, found = _first_hit(state, *_ray(state, x, y))
+    if found is None:
+        return Refusal(f"No object is shown at ({x:g}, {y:g}).")
+    return Done(state, found, 0.0)
+
+
+def visible_objects(
+    state: WorldState,
+    *,
+    maxDistance: float | None = None,
+    visibilityScheme: str | None = None,
+    thirdPartyCameraIndex: int | None = None,
+) -> Result:
+    """Return the ids of what the agent, or another camera, has in view, in the scene's order."""
+    if visibilityScheme is not None and visibilityScheme not in _SCHEMES:
+        message = f"visibilityScheme must be one of {', '.join(_SCHEMES)}"
+        return refuse("ArgumentException", message)
+    reach = state.settings.visibility_m if maxDistance is None else maxDistance
+    if reach < 0:
+        return refuse("ArgumentOutOfRangeException", "maxDistance must not be negative")
+    if thirdPartyCameraIndex is None:
+        seen = sight(
+            state.objects, state.pose, held=state.in_hand, visibility_m=reach,
+            fov_deg=state.settings.fov_deg, aspect=state.settings.aspect,
+        ).visible  # fmt: skip
+        return Done(state, [i for i in state.objects if i in seen], 0.0)
+    if not 0 <= thirdPartyCameraIndex < len(state.cameras):
+        message = f"there is no third-party camera {thirdPartyCameraIndex}"
+        return refuse("ArgumentOutOfRangeException", message)
+    return _seen_by(state, state.cameras[thirdPartyCameraIndex], reach)
+
+
+def _seen_by(state: WorldState, one: Camera, reach: float) -> Result:
+    if one.orthographic:
+        return refuse("NotSupportedException", "an orthographic camera has no list of what it sees")
+    x, y, z = one.position_m
+    pitch, yaw, _ = one.rotation_deg
+    pose = Pose(position_m=(x, y - CAMERA_M, z), yaw_deg=yaw, horizon_deg=pitch)
+    aspect = state.settings.aspect
+    seen = sight(
+        state.objects, pose, held=state.in_hand, visibility_m=reach, fov_deg=one.fov_deg,
+        aspect=aspect,
+    ).visible  # fmt: skip
+    held = sorted(state.in_hand)
+    offsets = np.array([state.objects[i].center for i in held]).reshape(-1, 3) - np.array((x, y, z))
+    shown = in_picture(offsets, camera_axes(yaw, pitch), one.fov_deg, aspect)
+    shown &= np.linalg.norm(offsets, axis=1) <= reach
+    gone = {object_id for object_id, there in zip(held, shown, strict=True) if not there}
+    return Done(state, [i for i in state.objects if i in seen and i not in gone], 0.0)
+
+
+# ----------------------------------------------------------------- rays
+
+
+def _outside(x: float, y: float) -> Refusal | None:
+    if 0 <= x <= 1 and 0 <= y <= 1:
+        return None
+    message = f"x and y must be in [0:1] not (x={x:g}, y={y:g})."
+    return refuse("ArgumentOutOfRangeException", message)
+
+
+def _ray(state: WorldState, x: float, y: float) -> tuple[Floats, Floats]:
+    """Return the camera's place and the way to a place in the picture, of length 1."""
+    settings, pose = state.settings, state.pose
+    scale = math.tan(math.radians(settings.fov_deg) / 2)
+    right, up, forward = camera_axes(pose.yaw_deg, pose.horizon_deg)
+    ray = forward + right * (2 * x - 1) * scale * settings.aspect + up * (1 - 2 * y) * scale
+    return np.array(camera(pose)), ray / np.linalg.norm(ray)
+
+
+def _first_hit(state: WorldState, eye: Floats, ray: Floats) -> tuple[float, str | None]:
+    """Return how far away the first solid box is, and whose it is; infinity when there is none."""
+    objects = state.objects
+    if not len(objects):
+        return math.inf, None
+    low, high = objects.solid
+    enter, leave = _crossing(eye, ray, low, high)
+    hits = (enter < leave) & (enter > 0) & ~objects.inert & (high[:, 1] > low[:, 1])
+    for object_id in state.in_hand:
+        hits[objects.rows[object_id]] = False
+    if not hits.any():
+        return math.inf, None
+    row = int(np.argmin(np.where(hits, np.round(enter, 9), math.inf)))
+    return float(enter[row]), list(objects)[row]
+
+
+def _crossing(eye: Floats, ray: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Return how far along a ray boxes begin and end, each shape (boxes,)."""
+    along = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
+    ends = (low - eye) / along, (high - eye) / along
+    return np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
+
+
+def _wall(state: WorldState, eye: Floats, ray: Floats) -> float:
+    """Return how far away the room's shell is, seen from inside; infinity from outside."""
+    room = state.room
+    middle, half = np.array(room.bounds_center), np.array(room.bounds_size) / 2
+    low, high = (middle - half)[None], (middle + half)[None]
+    low[0, 1] = room.floor_y
+    enter, leave = _crossing(eye, ray, low, high)
+    return float(leave[0]) if enter[0] <= 0 < leave[0] else math.inf

@@ -1,0 +1,171 @@
+"""The dispatch table: which actions there are, what may be said with each, and who does it."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from karma.world.actions import (
+    cameras,
+    hand,
+    handling,
+    moving,
+    pushing,
+    setup,
+    spawning,
+    stating,
+    teleporting,
+)
+from karma.world.actions import questions as asking
+from karma.world.actions import routes as ways
+from karma.world.actions.left_out import absent, refuser
+from karma.world.core.arguments import fit, kinds
+from karma.world.core.state import Refusal, Result
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One entry of the dispatch table: what may be said, and what it does."""
+
+    name: str
+    handler: Callable[..., Result]
+    takes: Mapping[str, Any]  # argument -> the handler's annotation
+    kinds: Mapping[str, tuple[type, ...]]  # argument -> types it may have
+    required: tuple[str, ...]
+    lenient: bool  # a legacy action: unknown arguments are ignored
+
+    def ready(self, given: Mapping[str, Any]) -> dict[str, Any] | Refusal:
+        """Return the arguments as the handler takes them, or what is wrong with them."""
+        unknown = [name for name in given if name not in self.kinds]
+        if unknown and not self.lenient:
+            return Refusal(self._misfit(unknown, given), "InvalidArgument")
+        if missing := [name for name in self.required if name not in given]:
+            text = f"action: {self.name} is missing the following arguments: {', '.join(missing)}"
+            return Refusal(text, "MissingArguments")
+        found: dict[str, Any] = {}
+        for name, value in given.items():
+            if name in self.takes:
+                value = fit(self.name, name, value, self.takes[name], self.kinds[name])
+                if isinstance(value, Refusal):
+                    return value
+                found[name] = value
+        return found
+
+    def _misfit(self, unknown: list[str], given: Mapping[str, Any]) -> str:
+        return (
+            f"action: {self.name} has invalid arguments: {', '.join(map(str, unknown))}.\n"
+            f"Expected arguments: {', '.join(self.kinds)}\n"
+            f"Your arguments: {', '.join(map(str, given))}"
+        )
+
+
+def _action(name: str, handler: Callable[..., Result], *, lenient: bool = False) -> Action:
+    parameters = list(inspect.signature(handler).parameters.values())[1:]
+    takes = {p.name: p.annotation for p in parameters}
+    types = {name: kinds(annotation) for name, annotation in takes.items()}
+    required = tuple(p.name for p in parameters if p.default is inspect.Parameter.empty)
+    return Action(name, handler, takes, types, required, lenient)
+
+
+def _legacy(name: str, handler: Callable[..., Result]) -> Action:
+    return _action(name, handler, lenient=True)
+
+
+_SIGNED: dict[str, Callable[..., Result]] = {
+    # walking and looking
+    "MoveAhead": moving.mover(0.0),
+    "MoveRight": moving.mover(90.0),
+    "MoveBack": moving.mover(180.0),
+    "MoveLeft": moving.mover(270.0),
+    "RotateRight": moving.turner(+1),
+    "RotateLeft": moving.turner(-1),
+    "Teleport": moving.teleport,
+    "TeleportFull": moving.teleport_full,
+    # asking
+    "GetReachablePositions": ways.reachable_positions,
+    "GetShortestPath": ways.shortest_path,
+    "GetShortestPathToPoint": ways.shortest_path_to_point,
+    "GetInteractablePoses": ways.interactable_poses,
+    "GetObjectInFrame": asking.object_in_frame,
+    "GetCoordinateFromRaycast": asking.coordinate,
+    "GetVisibleObjects": asking.visible_objects,
+    "GetMapViewCameraProperties": cameras.map_view,
+    # handling
+    "PickupObject": handling.pick_up,
+    "PutObject": handling.put,
+    "DropHeldObject": handling.drop,
+    "DropHandObject": handling.drop,
+    "ThrowObject": handling.throw,
+    "OpenObject": handling.open_object,
+    "CloseObject": handling.close_object,
+    "ToggleObjectOn": handling.toggler(True),
+    "ToggleObjectOff": handling.toggler(False),
+    # the hand
+    "MoveHeldObject": hand.move,
+    "MoveHeldObjectAhead": hand.mover(0.0, 0.0, 1.0),
+    "MoveHeldObjectBack": hand.mover(0.0, 0.0, -1.0),
+    "MoveHeldObjectLeft": hand.mover(-1.0, 0.0, 0.0),
+    "MoveHeldObjectRight": hand.mover(1.0, 0.0, 0.0),
+    "MoveHeldObjectUp": hand.mover(0.0, 1.0, 0.0),
+    "MoveHeldObjectDown": hand.mover(0.0, -1.0, 0.0),
+    "RotateHeldObject": hand.rotate,
+    # arranging the household
+    "PlaceObjectAtPoint": teleporting.place_at_point,
+    "TeleportObject": teleporting.teleport_object,
+    "RemoveFromScene": teleporting.remove,
+    "DisableObject": teleporting.disable,
+    "EnableObject": teleporting.enable,
+    "InitialRandomSpawn": spawning.initial_random_spawn,
+    # cameras
+    "AddThirdPartyCamera": cameras.add,
+    "UpdateThirdPartyCamera": cameras.update,
+    # setting up
+    "SetObjectFilter": setup.set_object_filter,
+    "SetObjectFilterForType": setup.set_object_filter_for_type,
+    "ResetObjectFilter": setup.reset_object_filter,
+    "SetRandomSeed": setup.set_random_seed,
+    "SetTemperatureDecayTime": setup.set_decay_time,
+    "ChangeResolution": setup.change_resolution,
+    "ChangeQuality": setup.change_quality,
+    "MakeAllObjectsUnbreakable": setup.make_all_unbreakable,
+    "PausePhysicsAutoSim": setup.wait_for_physics,
+    "UnpausePhysicsAutoSim": setup.wait_for_physics,
+    "AdvancePhysicsStep": setup.advance_physics_step,
+    "TestFastEmit": setup.echo_fast,
+    "TestActionReflectParam": setup.echo,
+}
+_LEGACY: dict[str, Callable[..., Result]] = {
+    "Initialize": setup.initialize,
+    "Pass": moving.wait,
+    "Done": moving.wait,
+    "NoOp": moving.wait,
+    "Crouch": moving.crouch,
+    "Stand": moving.stand,
+    "LookDown": moving.looker(+1),
+    "LookUp": moving.looker(-1),
+    "RotateLook": moving.rotate_look,
+    "GetScenesInBuild": ways.scenes_in_build,
+    "SliceObject": handling.slice_object,
+    "BreakObject": handling.break_object,
+    "FillObjectWithLiquid": handling.fill,
+    "PushObject": pushing.pusher("PushObject", 0.0),
+    "PullObject": pushing.pusher("PullObject", 180.0),
+    "DirectionalPush": pushing.directional_push,
+    "SetObjectPoses": teleporting.set_object_poses,
+    "SetObjectStates": stating.set_object_states,
+    "RandomToggleStateOfAllObjects": stating.random_states,
+    "RandomToggleSpecificState": stating.random_state,
+}
+_STATES: dict[str, tuple[Any, ...]] = {
+    "DirtyObject": ("dirtyable", "is_dirty", True, "dirty"),
+    "CleanObject": ("dirtyable", "is_dirty", False, "clean"),
+    "EmptyLiquidFromObject": ("canFillWithLiquid", "is_filled", False, "empty"),
+    "UseUpObject": ("canBeUsedUp", "is_used_up", True, "used up"),
+    "CookObject": ("cookable", "is_cooked", True, "cooked"),
+}
+ACTIONS: Mapping[str, Action] = {
+    **{name: _action(name, handler) for name, handler in _SIGNED.items()},
+    **{name: _legacy(name, handler) for name, handler in _LEGACY.items()},
+    **{name: _legacy(name, handling.state_changer(name, *row)) for name, row in _STATES.items()},
+    **{name: _legacy(name, refuser(name, reason)) for name, reason in absent().items()},
+}

@@ -1,0 +1,201 @@
+"""Ways across the floor, and places to stand and look from. All orders are fixed."""
+
+from collections import deque
+from collections.abc import Container, Iterator, Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from karma.contracts import Pose
+from karma.world.core.objects import Flags, Floats
+from karma.world.core.state import Cell, WorldState
+from karma.world.core.view import (
+    camera,
+    camera_axes,
+    cut,
+    in_picture,
+    occluders,
+    perhaps_cut,
+    sample_points,
+)
+
+_NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
+_YAWS = (0.0, 90.0, 180.0, 270.0)
+_HORIZONS = (-30.0, 0.0, 30.0, 60.0)
+_CHUNK = 8  # cells looked from at once
+
+
+class _Looks(NamedTuple):
+    standings: Sequence[bool]
+    angles: Sequence[tuple[float, float]]  # yaw, horizon
+
+
+def nearest_cell(state: WorldState, x: float, z: float) -> Cell | None:
+    """Return the cell to stand on that is nearest to a place; None when there is none."""
+    key = state.room.key(x, z)
+    if key in state.cells:
+        return key
+    far = (((c[0] - x) ** 2 + (c[1] - z) ** 2, key) for key, c in state.cells.items())
+    return min(far, default=(0.0, None))[1]
+
+
+def walk(cells: Container[Cell], start: Cell) -> dict[Cell, Cell]:
+    """Return each cell that can be reached, the nearest first, with the cell before it.
+
+    The start comes first and stands for itself.
+    """
+    before = {start: start}
+    queue = deque([start])
+    while queue:
+        column, row = cell = queue.popleft()
+        for across, along in _NEIGHBOURS:
+            other = (column + across, row + along)
+            if other in cells and other not in before:
+                before[other] = cell
+                queue.append(other)
+    return before
+
+
+def path(cells: Container[Cell], start: Cell, goal: Cell) -> list[Cell] | None:
+    """Return a shortest way in single steps, both ends included; None when there is none."""
+    before = walk(cells, start)
+    if goal not in before:
+        return None
+    found = [goal]
+    while found[-1] != start:
+        found.append(before[found[-1]])
+    return found[::-1]
+
+
+def corners(cells: Sequence[Cell]) -> list[Cell]:
+    """Return the ends and turning points of a way."""
+    found = list(cells[:1])
+    for before, here, after in zip(cells, cells[1:], cells[2:], strict=False):
+        if (here[0] - before[0], here[1] - before[1]) != (after[0] - here[0], after[1] - here[1]):
+            found.append(here)
+    return found + list(cells[1:])[-1:]
+
+
+def approach(state: WorldState, object_id: str) -> Cell | None:
+    """Return the reachable cell nearest to an object's box; None without cells."""
+    start = agent_cell(state)
+    if start is None:
+        return None
+    cells = list(walk(state.cells, start))
+    row = state.objects.rows[object_id]
+    gap = _gap(state, row, cells)
+    return cells[int(np.argmin(np.round(gap, 6)))]
+
+
+def agent_cell(state: WorldState) -> Cell | None:
+    """Return the cell that the agent stands on, or the nearest one."""
+    return nearest_cell(state, state.pose.position_m[0], state.pose.position_m[2])
+
+
+def interactable_poses(
+    state: WorldState,
+    object_id: str,
+    *,
+    cells: Sequence[Cell] | None = None,
+    yaws: Sequence[float] = _YAWS,
+    horizons: Sequence[float] = _HORIZONS,
+    standings: Sequence[bool] = (True, False),
+    max_m: float | None = None,
+    limit: int | None = None,
+) -> list[Pose]:
+    """Return poses from which an object can be interacted with.
+
+    Args:
+        state: the moment; what the agent holds is not in the way.
+        object_id: of the object.
+        cells: to stand on; None = all that the agent can walk to.
+        yaws: to look to, degrees.
+        horizons: to look to, degrees.
+        standings: standing, crouching, or both.
+        max_m: reach across the floor; None = the world's.
+        limit: how many poses at most.
+
+    Returns:
+        Nearest to the agent first by walking distance, standing first, the object's middle
+        nearest to the picture's; so the first is a good one to take.
+    """
+    objects, row = state.objects, state.objects.rows[object_id]
+    start = agent_cell(state)
+    if objects.hidden[row] or start is None:
+        return []
+    order = list(walk(state.cells, start))
+    wanted = order if cells is None else [cell for cell in order if cell in set(cells)]
+    reach = state.settings.visibility_m if max_m is None else max_m
+    gaps = _gap(state, row, wanted)
+    near = [cell for cell, gap in zip(wanted, gaps, strict=True) if gap <= reach]
+    found: list[Pose] = []
+    looks = _Looks(tuple(dict.fromkeys(standings)), list(product(yaws, horizons)))
+    for chunk in _chunks(near):
+        found.extend(_look(state, row, chunk, looks))
+        if limit is not None and len(found) >= limit:
+            return found[:limit]
+    return found
+
+
+def _chunks(cells: Sequence[Cell]) -> Iterator[Sequence[Cell]]:
+    for first in range(0, len(cells), _CHUNK):
+        yield cells[first : first + _CHUNK]
+
+
+def _gap(state: WorldState, row: int, cells: Sequence[Cell]) -> Floats:
+    """Return each cell's distance from a box across the floor, shape (cells,)."""
+    places = np.array([state.room.cells[cell] for cell in cells]).reshape(-1, 2)
+    center, half = state.objects.center[row], state.objects.half[row]
+    gap = np.maximum(np.abs(places - center[[0, 2]]) - half[[0, 2]], 0.0)
+    found: Floats = np.hypot(gap[:, 0], gap[:, 1])
+    return found
+
+
+def _look(state: WorldState, row: int, cells: Sequence[Cell], looks: _Looks) -> Iterator[Pose]:
+    """Yield the poses on some cells that have the object in view, best first on each cell."""
+    y, settings = state.pose.position_m[1], state.settings
+    places = [state.room.cells[cell] for cell in cells]
+    good: list[list[tuple[bool, float, float, float]]] = [[] for _ in cells]
+    axes = np.stack([camera_axes(yaw, horizon) for yaw, horizon in looks.angles])
+    for standing in looks.standings:
+        at = [
+            Pose(position_m=(x, y, z), yaw_deg=0.0, horizon_deg=0.0, standing=standing)
+            for x, z in places
+        ]
+        eyes = np.array([camera(pose) for pose in at])
+        points, clear = _open_points(state, row, eyes)
+        shown = in_picture(
+            (points - eyes[:, None])[:, None], axes[None], settings.fov_deg, settings.aspect
+        )
+        middle = state.objects.center[row] - eyes
+        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-9)
+        off = np.round(1.0 - middle @ axes[:, 2].T, 6)
+        for index, look in np.argwhere(np.any(shown & clear[:, None], axis=2)):
+            score = (not standing, float(off[index, look]), *looks.angles[look])
+            good[index].append(score)
+    for (x, z), scores in zip(places, good, strict=True):
+        for crouching, _, yaw, horizon in sorted(scores):
+            yield Pose(
+                position_m=(x, y, z), yaw_deg=yaw, horizon_deg=horizon, standing=not crouching
+            )
+
+
+def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Flags]:
+    """Return per camera the sample points, shape (eyes, points, 3), and which nothing hides."""
+    objects = state.objects
+    targets = np.array([row])
+    reach = state.settings.visibility_m
+    points = np.stack([sample_points(objects, targets, eye, reach)[0] for eye in eyes])
+    hiding, _ = occluders(objects, state.in_hand)
+    rows = np.flatnonzero(hiding & objects.blocks[row])
+    low, high = objects.solid
+    beside = np.abs(objects.center[None, rows] - eyes[:, None]) - objects.half[None, rows]
+    away = np.any(beside[..., [0, 2]] > 0, axis=2)  # not what the agent stands in
+    hidden = np.zeros(points.shape[:2], dtype=bool)
+    for index, eye in enumerate(eyes):
+        near = perhaps_cut(eye, points[index], low[rows], high[rows]) & away[index]
+        ray, box = np.nonzero(near)
+        hits = cut(eye, points[index, ray], low[rows[box]], high[rows[box]])
+        hidden[index, ray[hits]] = True
+    return points, ~hidden

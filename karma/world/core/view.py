@@ -1,0 +1,288 @@
+"""What the agent sees: reach, field of view and rays, over boxes instead of meshes.
+
+As AI2-THOR's default scheme: an object counts when its box is within `visibility_m` of the agent's
+axis, measured across the floor, and a ray from the camera meets one of its sample points inside
+the picture before anything else. Simplified: the held object and the agent's body hide nothing,
+doors do not swing, and hollow furniture hides only the part of its box that `rules.toml` names.
+"""
+
+import math
+from collections.abc import Iterable
+from functools import cached_property
+from itertools import compress
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.contracts import Pose, Vec3
+from karma.world.core.objects import Flags, Floats, Objects, heading
+from karma.world.core.rules import rules
+
+CAMERA_M = 0.675  # above the agent's origin
+CROUCH_M = 0.22  # lower when crouching
+BEYOND_M = 0.5  # how much farther than its reach across the floor the agent sees things
+_BODY_TOP_M = 0.9  # of the agent's capsule, above its origin
+_MOST_VANTAGES = 256  # places remembered; a few kilobytes each
+_PULL = (-0.85, 0.0, 0.85)
+SAMPLES = np.array([(x, y, z) for x in _PULL for y in _PULL for z in _PULL])  # of the half sizes
+
+
+class Sight:
+    """What is in view, and what of it is not only seen through glass."""
+
+    def __init__(self, ids: Iterable[str], visible: Flags, interactable: Flags) -> None:
+        self._ids = ids
+        self.visible_rows = visible  # shape (objects,)
+        self.interactable_rows = interactable
+
+    @cached_property
+    def visible(self) -> frozenset[str]:
+        """Ids in view."""
+        return frozenset(compress(self._ids, self.visible_rows))
+
+    @cached_property
+    def interactable(self) -> frozenset[str]:
+        """Ids in view that are not only seen through glass."""
+        return frozenset(compress(self._ids, self.interactable_rows))
+
+
+class _Vantage(NamedTuple):
+    """What can be seen from one place, whichever way one looks: points that nothing hides."""
+
+    x: float
+    z: float
+    reach_m: float  # across the floor, to the farthest point that was looked for
+    offsets: Floats  # of the points from the eye, shape (points, 3)
+    rows: NDArray[np.intp]  # of the objects that the points are on
+    clear: Flags  # whether no glass is in between
+
+    def reaches(self, x0: float, z0: float, x1: float, z1: float) -> bool:
+        """Return whether something on this ground may change what is seen."""
+        far_x = max(x0 - self.x, self.x - x1, 0.0)
+        far_z = max(z0 - self.z, self.z - z1, 0.0)
+        return far_x * far_x + far_z * far_z <= self.reach_m * self.reach_m
+
+
+def camera(pose: Pose) -> Vec3:
+    """Return the camera's place, metres."""
+    x, y, z = pose.position_m
+    return (x, y + CAMERA_M - (0.0 if pose.standing else CROUCH_M), z)
+
+
+def camera_axes(yaw_deg: float, horizon_deg: float) -> Floats:
+    """Return the rows right, up and forward of a camera, shape (3, 3)."""
+    sine, cosine = heading(yaw_deg)
+    dip_sine, dip_cosine = heading(horizon_deg)
+    return np.array(
+        [
+            (cosine, 0.0, -sine),
+            (sine * dip_sine, dip_cosine, cosine * dip_sine),
+            (sine * dip_cosine, -dip_sine, cosine * dip_cosine),
+        ]
+    )
+
+
+def in_picture(offsets: Floats, axes: Floats, fov_deg: float, aspect: float) -> Flags:
+    """Return which points fall inside the picture.
+
+    Args:
+        offsets: points relative to the camera, shape (..., points, 3).
+        axes: of `camera_axes`, shape (3, 3), or more that broadcast with the offsets.
+        fov_deg: vertical field of view.
+        aspect: width over height.
+    """
+    turned = offsets @ axes.swapaxes(-1, -2)
+    right, up, forward = turned[..., 0], turned[..., 1], turned[..., 2]
+    reach = forward * math.tan(math.radians(fov_deg) / 2)
+    inside: Flags = (forward > 0) & (abs(right) < reach * aspect) & (abs(up) < reach)
+    return inside
+
+
+def cut(starts: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
+    """Return which segments pass through their boxes, shape (n,); a box at the end does not count.
+
+    Args:
+        starts: shape (n, 3), or (3,) when shared.
+        ends: shape (n, 3).
+        low: lower box corners, shape (n, 3), or (3,) when shared.
+        high: upper box corners, likewise.
+    """
+    along = ends - starts
+    along[np.abs(along) < 1e-9] = 1e-9
+    near, far = (low - starts) / along, (high - starts) / along
+    enter = np.minimum(near, far).max(axis=1)
+    leave = np.maximum(near, far).min(axis=1)
+    passes: Flags = (np.maximum(enter, 0.0) < np.minimum(leave, 1.0)) & (enter < 0.999)
+    return passes
+
+
+def perhaps_cut(eye: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
+    """Return which segments come near which boxes' bounding spheres, shape (segments, boxes).
+
+    Quick; never False where `cut` is True.
+    """
+    along = (ends - eye).astype(np.float32)
+    far = np.sqrt((along**2).sum(axis=1, keepdims=True))
+    along /= np.maximum(far, 1e-6)
+    middle = ((low + high) / 2 - eye).astype(np.float32)
+    radius = (np.sqrt(((high - low) ** 2).sum(axis=1)) / 2 + 1e-3).astype(np.float32)
+    on_way = along @ middle.T  # of each box's middle, from the eye
+    room = (middle**2).sum(axis=1) - radius**2
+    near: Flags = (on_way**2 > room) & (on_way > -radius) & (on_way < far + radius)
+    return near
+
+
+def across(objects: Objects, x: float, z: float) -> Floats:
+    """Return each box's distance from a vertical axis, shape (n,), metres."""
+    gap_x = np.maximum(np.abs(objects.center[:, 0] - x) - objects.half[:, 0], 0.0)
+    gap_z = np.maximum(np.abs(objects.center[:, 2] - z) - objects.half[:, 2], 0.0)
+    return np.hypot(gap_x, gap_z)
+
+
+def sight(
+    objects: Objects,
+    pose: Pose,
+    *,
+    held: frozenset[str] = frozenset(),
+    visibility_m: float = 1.5,
+    fov_deg: float = 90.0,
+    aspect: float = 1.0,
+) -> Sight:
+    """Return what is in view from a pose.
+
+    Args:
+        objects: of this moment.
+        pose: where the agent stands and looks.
+        held: ids in the hand, with their contents; always seen, hide nothing.
+        visibility_m: reach across the floor.
+        fov_deg: vertical field of view.
+        aspect: of the picture, width over height.
+    """
+    visible, interactable = np.zeros((2, len(objects)), dtype=bool)
+    if len(objects):
+        seen = _vantage(objects, pose, held, visibility_m)
+        axes = camera_axes(pose.yaw_deg, pose.horizon_deg)
+        inside = in_picture(seen.offsets, axes, fov_deg, aspect)
+        visible[seen.rows[inside]] = True
+        interactable[seen.rows[inside & seen.clear]] = True
+        for object_id in held:
+            visible[objects.rows[object_id]] = interactable[objects.rows[object_id]] = True
+    return Sight(objects, visible, interactable)
+
+
+def _vantage(objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float) -> _Vantage:
+    """Return what can be seen from the camera's place; known places are looked up."""
+    eye = camera(pose)
+    key = (eye, pose.position_m, visibility_m)
+    known = objects.vantages
+    found = known.get(key)
+    if not isinstance(found, _Vantage):
+        if len(known) >= _MOST_VANTAGES:
+            del known[next(iter(known))]
+        found = known[key] = _look_round(objects, pose, held, visibility_m)
+    return found
+
+
+def _look_round(
+    objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float
+) -> _Vantage:
+    x, y, z = pose.position_m
+    near = across(objects, x, z) <= visibility_m
+    near &= objects.low[:, 1] <= y + _BODY_TOP_M + visibility_m
+    near &= ~objects.hidden
+    for object_id in held:
+        near[objects.rows[object_id]] = False
+    candidates = np.flatnonzero(near)
+    eye = np.array(camera(pose))
+    points = sample_points(objects, candidates, eye, visibility_m)
+    targets = np.repeat(candidates, points.shape[1])
+    points = points.reshape(-1, 3)
+    offsets = points - eye
+    solid, glass = _blocked(objects, eye, points, targets, held)
+    reach_m = max(visibility_m, float(np.hypot(offsets[:, 0], offsets[:, 2]).max(initial=0.0)))
+    return _Vantage(x, z, reach_m + 0.01, offsets[~solid], targets[~solid], ~glass[~solid])
+
+
+def sample_points(
+    objects: Objects, targets: np.ndarray, eye: Floats, visibility_m: float
+) -> Floats:
+    """Return points of some boxes, the one nearest to the eye last, shape (targets, 28, 3).
+
+    Of a long counter, or the floor, they are spread over the part within reach and a little more.
+    """
+    reach = np.array((visibility_m + BEYOND_M, np.inf, visibility_m + BEYOND_M))
+    low, high = objects.low[targets], objects.high[targets]
+    low, high = (
+        np.minimum(np.maximum(low, eye - reach), high),
+        np.maximum(np.minimum(high, eye + reach), low),
+    )
+    center, half = ((low + high) / 2)[:, None], ((high - low) / 2)[:, None]
+    nearest = np.clip(eye, center - half * 0.95, center + half * 0.95)
+    return np.concatenate([center + half * SAMPLES, nearest], axis=1)
+
+
+def _blocked(
+    objects: Objects, eye: Floats, ends: Floats, targets: np.ndarray, held: frozenset[str]
+) -> tuple[Flags, Flags]:
+    """Return per ray whether something solid, or something see-through, is in its way."""
+    hiding, glass = occluders(objects, held)
+    low, high = objects.solid
+    hiding &= ~_over(objects, eye)
+    rows = np.flatnonzero(hiding)
+    near = perhaps_cut(eye, ends, low[rows], high[rows]) & objects.blocks[targets][:, rows]
+    ray, box = np.nonzero(near)
+    hits = cut(eye, ends[ray], low[rows[box]], high[rows[box]])
+    ray, clear = ray[hits], glass[rows[box[hits]]]
+    solid, through_glass = np.zeros((2, len(ends)), dtype=bool)
+    solid[ray[~clear]] = True
+    through_glass[ray[clear]] = True
+    return solid, through_glass
+
+
+def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
+    """Return which objects hide others, and which of them are see-through, each shape (n,)."""
+    low, high = objects.solid
+    hiding = (high[:, 1] - low[:, 1] > 1e-6) & ~objects.hidden
+    for object_id in held:
+        hiding[objects.rows[object_id]] = False
+    glass = np.zeros(len(objects), dtype=bool)
+    for kind in rules().view.see_through:
+        glass[[objects.rows[object_id] for object_id in objects.by_type.get(kind, ())]] = True
+    return hiding, glass
+
+
+def _over(objects: Objects, eye: Floats) -> Flags:
+    """Return whose box the agent stands in: L-shaped counters, open doors; they hide nothing."""
+    across_eye = np.abs(objects.center[:, [0, 2]] - eye[[0, 2]]) <= objects.half[:, [0, 2]]
+    inside: Flags = np.all(across_eye, axis=1)
+    return inside
+
+
+def aim(
+    objects: Objects, pose: Pose, x: float, y: float, *, seen: frozenset[str], fov_deg: float,
+    aspect: float = 1.0,
+) -> str | None:  # fmt: skip
+    """Return the visible object nearest behind a point of the picture.
+
+    Args:
+        objects: of this moment.
+        pose: where the agent stands and looks.
+        x: in [0, 1], from the left.
+        y: in [0, 1], from the top.
+        seen: ids in view.
+        fov_deg: vertical field of view.
+        aspect: of the picture, width over height.
+    """
+    scale = math.tan(math.radians(fov_deg) / 2)
+    right, up, forward = camera_axes(pose.yaw_deg, pose.horizon_deg)
+    ray = forward + right * (2 * x - 1) * scale * aspect + up * (1 - 2 * y) * scale
+    eye = np.array(camera(pose))
+    best: tuple[float, float, str] | None = None
+    for object_id in seen:
+        row = objects.rows[object_id]
+        if cut(eye, (eye + ray * 20.0)[None], objects.low[row], objects.high[row])[0]:
+            size = float(np.prod(objects.half[row]))
+            found = (float(np.linalg.norm(objects.center[row] - eye)), size, object_id)
+            best = found if best is None else min(best, found)
+    return None if best is None else best[2]

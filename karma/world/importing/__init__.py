@@ -1,0 +1,1 @@
+"""AI2-THOR's metadata dumps made into scenes."""

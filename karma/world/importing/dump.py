@@ -1,0 +1,222 @@
+"""AI2-THOR metadata as it lies in files: decoded strictly, with the place of what is wrong."""
+
+import gzip
+import json
+import zlib
+from collections.abc import Iterator, Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+
+from karma.contracts import Vec3
+from karma.errors import FileError
+from karma.files import read_bytes
+from karma.household.types import object_types
+from karma.world.core.boxes import Box, Cell
+from karma.world.core.scene import AgentPose, Temperature
+
+_COPY = "copy the file again"
+EXPORT = (
+    "scripts/export_thor_scenes.py writes such files; ALFRED's trials: --alfred when importing, "
+    "no --events when replaying"
+)
+
+
+class _Vector(msgspec.Struct, frozen=True):
+    x: float
+    y: float
+    z: float
+
+    @property
+    def tuple(self) -> Vec3:
+        return (self.x, self.y, self.z)
+
+
+class _Box(msgspec.Struct, frozen=True):
+    center: _Vector
+    size: _Vector
+
+
+class _Corners(msgspec.Struct, frozen=True, rename="camel"):
+    corner_points: Annotated[tuple[Vec3, ...], msgspec.Meta(min_length=8, max_length=8)]
+
+
+class Seen(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
+    """One object of `metadata["objects"]`: the fields that a scene keeps."""
+
+    name: str
+    object_id: str
+    object_type: str
+    asset_id: str = ""
+    position: _Vector
+    rotation: _Vector
+    axis_aligned_bounding_box: _Box
+    object_oriented_bounding_box: _Corners | None = None
+    receptacle: bool
+    receptacle_object_ids: tuple[str, ...] | None = None
+    parent_receptacles: tuple[str, ...] | None = None
+    pickupable: bool
+    is_picked_up: bool = False
+    moveable: bool
+    mass: float = 0.0
+    salient_materials: tuple[str, ...] | None = None
+    openable: bool
+    openness: float
+    is_open: bool
+    toggleable: bool
+    is_toggled: bool
+    controlled_objects: tuple[str, ...] | None = None
+    breakable: bool
+    is_broken: bool
+    can_fill_with_liquid: bool
+    is_filled_with_liquid: bool
+    fill_liquid: str | None = None
+    dirtyable: bool
+    is_dirty: bool
+    can_be_used_up: bool
+    is_used_up: bool
+    cookable: bool
+    is_cooked: bool
+    temperature: Temperature
+    is_heat_source: bool
+    is_cold_source: bool
+    sliceable: bool
+    is_sliced: bool
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it can neither be carried nor pushed."""
+        return not (self.pickupable or self.moveable)
+
+    @property
+    def box(self) -> Box:
+        """Its axis-aligned box."""
+        shape = self.axis_aligned_bounding_box
+        return Box.around(shape.center.tuple, shape.size.tuple)
+
+
+def _text(path: Path) -> bytes:
+    data = read_bytes(path, fix=f"ls {path.parent}")
+    if data[:2] != b"\x1f\x8b" and path.suffix != ".gz":
+        return data
+    try:
+        return gzip.decompress(data)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FileError(path, f"torn gzip: {error}", fix=_COPY) from error
+
+
+def rows(path: Path) -> Iterator[tuple[str, Any]]:
+    """Yield (where, JSON value): one per line, or one per element of a lone array.
+
+    Raises:
+        FileError: unreadable, torn, not JSON, or nothing in it.
+    """
+    data = _text(path)
+    if data.strip() in (b"", b"[]"):
+        raise FileError(path, "line 1: the file is empty", fix=_COPY)
+    try:
+        whole = json.loads(data)
+    except (ValueError, RecursionError):
+        lines = data.splitlines()
+    else:
+        many = whole if isinstance(whole, list) else [whole]
+        yield from ((f"scene {number}", row) for number, row in enumerate(many, 1))
+        return
+    for number, line in enumerate(lines, 1):
+        if line.strip():
+            yield f"line {number}", _json(line, path, f"line {number}")
+
+
+def _json(data: bytes, path: Path, place: str) -> Any:
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise FileError(path, f"{place}: not JSON: {error}", fix=_COPY) from error
+
+
+def named(row: Any, path: str | Path, place: str) -> tuple[str, list[Any]]:
+    """Return a row's scene name and objects, or raise FileError with the place and the key."""
+    if not isinstance(row, dict):
+        reason = f"{place}: expected an object with `scene` and `objects`"
+        raise FileError(path, reason, fix=EXPORT)
+    for key, kind in (("scene", str), ("objects", list)):
+        if not isinstance(row.get(key), kind):
+            word = "missing" if key not in row else f"not a {kind.__name__}"
+            raise FileError(path, f"{place}: `{key}` is {word}", fix=EXPORT)
+    return row["scene"], row["objects"]
+
+
+class _Turn(msgspec.Struct, frozen=True):
+    y: float
+
+
+class _Agent(msgspec.Struct, frozen=True, rename="camel"):
+    position: _Vector
+    rotation: _Turn
+    camera_horizon: float
+
+
+class _Stance(msgspec.Struct, frozen=True):
+    """What an export of ours tells besides the objects."""
+
+    agent: _Agent | None = None
+    reachable: tuple[_Vector, ...] = ()
+
+
+def stance(row: Any, path: str | Path, place: str) -> tuple[AgentPose | None, tuple[Cell, ...]]:
+    """Return a row's agent and the cells it can reach, where it has them.
+
+    Raises:
+        FileError: they have another form than AI2-THOR's; says where.
+    """
+    try:
+        found = msgspec.convert(row, _Stance)
+    except msgspec.ValidationError as error:
+        raise FileError(path, f"{place}: {error}", fix=EXPORT) from error
+    cells = tuple(sorted((cell.x, cell.z) for cell in found.reachable))
+    if found.agent is None:
+        return None, cells
+    one = found.agent
+    pose = AgentPose(position=one.position.tuple, yaw=one.rotation.y, horizon=one.camera_horizon)
+    return pose, cells
+
+
+class _Cells(msgspec.Struct, frozen=True):
+    reachable: tuple[Cell, ...]
+
+
+def read_layouts(path: str | Path) -> dict[str, tuple[Cell, ...]]:
+    """Read ALFRED's cells by scene name.
+
+    Raises:
+        FileError: torn or of the wrong form.
+    """
+    data = _text(Path(path))
+    try:
+        table = msgspec.json.decode(data, type=dict[str, _Cells])
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise FileError(path, str(error), fix="--layouts none goes without") from error
+    return {name: row.reachable for name, row in table.items()}
+
+
+def seen_object(scene_name: str, index: int, row: Mapping[str, Any]) -> Seen:
+    """Decode one object.
+
+    Raises:
+        FileError: a field is missing or wrong, or the type unknown; names object and field.
+    """
+    label = row.get("objectId", index) if isinstance(row, Mapping) else index
+    try:
+        one = msgspec.convert(row, Seen)
+    except msgspec.ValidationError as error:
+        raise FileError(scene_name, f"object {label!r}: {error}", fix=EXPORT) from error
+    if one.object_type not in object_types():
+        reason = f"object {label!r}: unknown objectType {one.object_type!r}"
+        raise FileError(scene_name, reason)
+    shape = one.axis_aligned_bounding_box
+    numbers = (*one.position.tuple, *one.rotation.tuple, *shape.center.tuple, *shape.size.tuple)
+    if not all(map(isfinite, numbers)) or min(shape.size.tuple) < 0:
+        raise FileError(scene_name, f"object {label!r}: position or box is not a finite number")
+    return one

@@ -1,0 +1,340 @@
+"""AI2-THOR metadata dumps into scenes: what the genuine simulator reported at reset."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma.contracts import Vec3
+from karma.errors import FileError
+from karma.household.types import Capability, RoomType, object_types
+from karma.world.core.boxes import (
+    AGENT_RADIUS_M,
+    Box,
+    Cell,
+    distances,
+    free_parts,
+    nearest_to_centre,
+)
+from karma.world.core.scene import AgentPose, Scene, SceneObject, check
+from karma.world.importing.dump import Seen, named, read_layouts, rows, seen_object, stance
+
+ORIGIN_M = 0.9  # the agent's origin above the floor
+FLAGS: tuple[Capability, ...] = Capability.__args__  # type: ignore[attr-defined]
+ROOMS: tuple[RoomType, ...] = ("Kitchen", "LivingRoom", "Bedroom", "Bathroom")  # by hundreds
+REACH_M = 1.5
+STRAIGHT_M = 0.95  # a deeper counter is bent: its box covers free floor
+ROOM_OF_HUNDRED = {0: 0, 2: 1, 3: 2, 4: 3}
+
+
+# ----------------------------------------------------------------- a file of dumps
+
+
+def import_dump(
+    path: str | Path,
+    *,
+    layouts: str | Path | None = None,
+    only: Sequence[str] | None = None,
+) -> Iterator[Scene]:
+    """Read scenes from a dump: lines or one array of {"scene": name, "objects": [...]}.
+
+    What scripts/export_thor_scenes.py writes also has `agent` and `reachable`; they are used.
+
+    Args:
+        path: .json or .jsonl, also gzipped; one JSON object alone is one scene.
+        layouts: ALFRED's JSON of {scene: {"reachable": [[x, z], ...]}}, also gzipped; scenes
+            without an entry get cells computed from the boxes.
+        only: names to read; None = all.
+
+    Raises:
+        FileError: torn, not JSON, a missing or wrong field, an unknown object type, or a name
+            of `only` that is not there; says in which line and object.
+    """
+    cells = read_layouts(layouts) if layouts is not None else {}
+    wanted = None if only is None else set(only)
+    there: list[str] = []
+    for place, row in rows(Path(path)):
+        name, objects = named(row, path, place)
+        there.append(name)
+        if wanted is None or name in wanted:
+            try:
+                agent, known = stance(row, path, place)
+                yield scene_from_dump(
+                    name, objects, reachable=cells.get(name) or known, agent=agent
+                )
+            except FileError as error:
+                raise FileError(path, f"{place}: {error.reason}", fix=error.fix) from error
+            if wanted is not None:
+                wanted.discard(name)
+    if wanted:
+        reason = f"no scene named {sorted(wanted)[0]!r} among {len(there)}, such as {there[0]}"
+        raise FileError(path, reason, fix="leave --only out, or give it other names")
+
+
+def scene_from_dump(
+    scene_name: str,
+    objects: Sequence[Mapping[str, Any]],
+    *,
+    reachable: Sequence[Cell] | None = None,
+    agent: AgentPose | None = None,
+    grid_m: float = 0.25,
+    room: RoomType | None = None,
+) -> Scene:
+    """Return a scene from AI2-THOR's object metadata at reset.
+
+    Args:
+        scene_name: "FloorPlan1" and so on; its number says which room it is.
+        objects: `event.metadata["objects"]`.
+        reachable: (x, z) cells; computed from the boxes when None.
+        agent: its start, which is a cell of its own; the cell nearest to the middle of all when
+            None.
+        grid_m: distance of the cells.
+        room: what the scene is; by its name when None, or by what stands in it.
+
+    Raises:
+        FileError: a field is missing or wrong, or the objects contradict each other; the path
+            is the scene's name.
+    """
+    seen = [seen_object(scene_name, index, row) for index, row in enumerate(objects)]
+    if not seen:
+        raise FileError(scene_name, "objects: there are none")
+    floor_y = _floor_y(seen)
+    cells = tuple(sorted((float(x), float(z)) for x, z in reachable or ()))
+    box = _room_box(seen, floor_y, cells)
+    if agent is not None:
+        cells = _with_start(cells or _cells_round(seen, box, agent.position, grid_m), agent, grid_m)
+    cells = cells or _free_cells(seen, box, grid_m)
+    if not cells:
+        raise FileError(scene_name, "nowhere to stand: every cell is blocked")
+    x, z = nearest_to_centre(cells)
+    parents = _parents(seen)
+    scene = Scene(
+        name=scene_name,
+        room=room or room_by_name(scene_name) or room_by_things(objects),
+        source="AI2-THOR metadata at reset",
+        floor_y=floor_y,
+        grid_m=grid_m,
+        agent=agent or AgentPose(position=(x, round(floor_y + ORIGIN_M, 4), z)),
+        reachable=cells,
+        bounds_center=box.center,
+        bounds_size=box.size,
+        objects=tuple(_object(one, parents[one.object_id]) for one in seen),
+    )
+    check(scene, scene_name)
+    return scene
+
+
+# ----------------------------------------------------------------- geometry
+
+
+def room_by_name(scene_name: str) -> RoomType | None:
+    """Return the room by AI2-THOR's numbers: 1-30 kitchen, 201-, 301-, 401-; None without one."""
+    found = re.match(r"FloorPlan(\d+)", scene_name)
+    hundred = int(found[1]) // 100 if found else -1
+    return ROOMS[ROOM_OF_HUNDRED[hundred]] if hundred in ROOM_OF_HUNDRED else None
+
+
+def room_by_things(objects: Sequence[Mapping[str, Any]]) -> RoomType:
+    """Return the room in which AI2-THOR has most of the types seen; the first of equals.
+
+    For scenes named otherwise (RoboTHOR, houses): a type counts the more, the fewer rooms have it.
+    """
+    weight = dict.fromkeys(ROOMS, 0.0)
+    for kind in sorted({str(row.get("objectType")) for row in objects}):
+        rooms_of = object_types()[kind].rooms if kind in object_types() else ()
+        for room in rooms_of:
+            weight[room] += 1 / len(rooms_of)
+    return max(ROOMS, key=lambda room: weight[room])
+
+
+def _floor_y(seen: Sequence[Seen]) -> float:
+    """Return the floor's height: its upper side, or the lowest lower side of any object.
+
+    The Floor's origin does not tell: in 5.0.0 it lies up to 1.3 m off its surface.
+    """
+    floors = [one.box.y1 for one in seen if one.object_type == "Floor"]
+    low = floors or [one.box.y0 for one in seen]
+    return round(min(low), 4) + 0.0
+
+
+def _room_box(seen: Sequence[Seen], floor_y: float, cells: Sequence[Cell]) -> Box:
+    """Return what holds all boxes and cells; the Floor's own box reaches beyond the walls."""
+    boxes = [one.box for one in seen if one.object_type != "Floor"] or [seen[0].box]
+    r = AGENT_RADIUS_M
+    boxes += [Box(x - r, floor_y, z - r, x + r, floor_y, z + r) for x, z in cells]
+    return Box(
+        min(box.x0 for box in boxes), floor_y, min(box.z0 for box in boxes),
+        max(box.x1 for box in boxes), max(floor_y + 2.0, *(box.y1 for box in boxes)),
+        max(box.z1 for box in boxes),
+    )  # fmt: skip
+
+
+def _free_cells(seen: Sequence[Seen], room: Box, grid_m: float) -> tuple[Cell, ...]:
+    solid = _solid(seen)
+    things = [one.box for one in seen if one.pickupable] or solid
+    parts = free_parts(room, solid, grid_m=grid_m)
+    # beside the room there can be larger free ground within the bounds, with nothing in reach
+    return max(parts, key=lambda part: _in_reach(part, things), default=())
+
+
+def _solid(seen: Sequence[Seen]) -> list[Box]:
+    """Return the boxes that nobody walks through: furniture, and what lies on bent counters."""
+    bent = {one.object_id for one in seen if _is_bent(one)}
+    return [
+        one.box
+        for one in seen
+        if not (_spans(one) or (one.pickupable and bent.isdisjoint(one.parent_receptacles or ())))
+    ]
+
+
+def _cells_round(seen: Sequence[Seen], room: Box, start: Vec3, grid_m: float) -> tuple[Cell, ...]:
+    """Return the cells in steps of the grid from where the agent stands, that it can walk to."""
+    x, _, z = start
+    parts = free_parts(
+        room.shifted(-x, -z), [one.shifted(-x, -z) for one in _solid(seen)], grid_m=grid_m
+    )
+
+    def far(part: tuple[Cell, ...]) -> float:
+        return min(across * across + along * along for across, along in part)
+
+    mine = min(parts, key=far, default=())
+    return tuple((round(x + across, 6), round(z + along, 6)) for across, along in mine)
+
+
+def _with_start(cells: Sequence[Cell], agent: AgentPose, grid_m: float) -> tuple[Cell, ...]:
+    """Return the cells with the one that the agent stands on."""
+    x, _, z = agent.position
+    if any(abs(a - x) < grid_m / 2 and abs(b - z) < grid_m / 2 for a, b in cells):
+        return tuple(cells)
+    return tuple(sorted((*cells, (x, z))))
+
+
+def _in_reach(cells: Sequence[Cell], boxes: Sequence[Box]) -> tuple[int, int]:
+    return int((distances(cells, boxes) <= REACH_M).sum()), len(cells)
+
+
+def _spans(one: Seen) -> bool:
+    """Return whether a box says nothing about where to stand.
+
+    Floors, counters round a corner, and basins: their sinks and tubs stand there already.
+    """
+    return _is_bent(one) or one.object_type in ("Floor", "BathtubBasin", "SinkBasin")
+
+
+def _is_bent(one: Seen) -> bool:
+    x, _, z = one.box.size
+    return one.object_type == "CounterTop" and min(x, z) > STRAIGHT_M
+
+
+# ----------------------------------------------------------------- containment
+
+
+def _parents(seen: Sequence[Seen]) -> dict[str, tuple[str, ...]]:
+    """Return for each id its receptacles, the nearest first.
+
+    The two lists of the dump are joined: an id counts as a parent if either side says so. Then
+    goes what a household cannot mean: unknown ids, the object itself, a fixed object in a smaller
+    one that can be moved, and, of two that contain each other, the larger in the smaller.
+    """
+    by_id = {one.object_id: one for one in seen}
+    pairs = {(one.object_id, parent) for one in seen for parent in one.parent_receptacles or ()}
+    pairs |= {(child, one.object_id) for one in seen for child in one.receptacle_object_ids or ()}
+    kept = {
+        (child, parent)
+        for child, parent in pairs
+        if child != parent and child in by_id and parent in by_id
+        and not _swallows(by_id[child], by_id[parent])
+        and not ((parent, child) in pairs and not _smaller(by_id[child], by_id[parent]))
+    }  # fmt: skip
+    parents: dict[str, tuple[str, ...]] = {}
+    for one in seen:
+        mine = [by_id[parent] for child, parent in kept if child == one.object_id]
+        mine.sort(key=lambda parent, child=one: _nearness(child, parent))  # type: ignore[misc]
+        parents[one.object_id] = tuple(parent.object_id for parent in mine)
+    return _without_loops(parents)
+
+
+def _swallows(child: Seen, parent: Seen) -> bool:
+    """Return whether something movable would hold a fixed thing with more ground than its own."""
+    ground = [one.box.size[0] * one.box.size[2] for one in (child, parent)]
+    return child.fixed and not parent.fixed and ground[0] >= ground[1]
+
+
+def _smaller(one: Seen, other: Seen) -> bool:
+    """Return whether one may lie in the other when each claims the other."""
+    if one.fixed and other.fixed:
+        return False
+    return (one.fixed, _volume(one), one.object_id) < (other.fixed, _volume(other), other.object_id)
+
+
+def _volume(one: Seen) -> float:
+    x, y, z = one.box.size
+    return x * y * z
+
+
+def _nearness(child: Seen, parent: Seen) -> tuple[bool, float, float, str]:
+    gap = round(parent.box.distance(*child.box.center), 2)
+    return parent.object_type == "Floor", gap, _volume(parent), parent.object_id
+
+
+def _without_loops(parents: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Drop, in the order of ids, every parent that would close a circle."""
+    clean: dict[str, tuple[str, ...]] = {one: () for one in parents}
+
+    def above(start: str) -> set[str]:
+        found: set[str] = set()
+        queue = [start]
+        while queue:
+            for parent in clean[queue.pop()]:
+                if parent not in found:
+                    found.add(parent)
+                    queue.append(parent)
+        return found
+
+    for one in sorted(parents):
+        for parent in parents[one]:
+            if one not in above(parent):
+                clean[one] = (*clean[one], parent)
+    return clean
+
+
+# ----------------------------------------------------------------- records
+
+
+def _object(one: Seen, parents: tuple[str, ...]) -> SceneObject:
+    oriented = one.object_oriented_bounding_box
+    shape = one.axis_aligned_bounding_box
+    return SceneObject(
+        id=one.object_id,
+        type=one.object_type,
+        name=one.name,
+        asset=one.asset_id,
+        position=one.position.tuple,
+        rotation=one.rotation.tuple,
+        center=shape.center.tuple,
+        size=shape.size.tuple,
+        corners=oriented.corner_points if oriented else None,
+        capabilities=_capabilities(one),
+        mass_kg=one.mass,
+        materials=one.salient_materials,
+        parents=parents,
+        controls=one.controlled_objects or (),
+        openness=(one.openness or 1.0) if one.is_open else 0.0,  # 5.0.0 says 1.0 for a few closed
+        is_toggled=one.is_toggled,
+        is_broken=one.is_broken,
+        is_filled=one.is_filled_with_liquid,
+        liquid=one.fill_liquid,
+        is_dirty=one.is_dirty,
+        is_used_up=one.is_used_up,
+        is_cooked=one.is_cooked,
+        is_sliced=one.is_sliced,
+        is_picked_up=one.is_picked_up,
+        temperature=one.temperature,
+    )
+
+
+def _capabilities(one: Seen) -> tuple[Capability, ...]:
+    flags = {field.encode_name: field.name for field in msgspec.structs.fields(Seen)}
+    return tuple(flag for flag in FLAGS if getattr(one, flags[flag]))

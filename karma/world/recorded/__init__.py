@@ -1,0 +1,1 @@
+"""Recorded sessions of the real simulator, replayed and compared."""

@@ -1,0 +1,292 @@
+"""Recorded sessions of the real simulator, replayed here and compared flag by flag.
+
+A recording is a file of lines {"action": {...}, "metadata": {...}}, one per step; the first is
+Initialize, and its metadata is the scene. Every following action is done by `EmbeddedWorld.step`,
+and what the world then reports is held against what AI2-THOR reported.
+
+Compared: `blame.FLAGS` of every object, lists of ids as sets; the inventory, the agent's pose,
+and whether the action succeeded. An object that only one side has counts as different in
+all its flags. Apart stand `visible` and `isInteractable` (geometry of boxes) and `isMoving`
+(physics): they are counted, but are no state. Not compared: positions and boxes of objects.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma.errors import FileError
+from karma.world.core.boxes import Cell
+from karma.world.core.scene import AgentPose, Scene
+from karma.world.importing.dump import EXPORT, read_layouts, rows
+from karma.world.importing.scenes import scene_from_dump
+from karma.world.recorded.differences import (
+    ABSENT,
+    KINDS,
+    Blame,
+    Key,
+    Moment,
+    Row,
+    Values,
+    alike,
+    shown,
+    values,
+)
+from karma.world.sim import EmbeddedWorld
+
+_SETTINGS = ("visibilityDistance", "fieldOfView", "rotateStepDegrees", "snapToGrid")
+_OF_THE_CLIENT = ("sequenceId", "raise_for_failure")
+_LAYOUT_M = 0.25  # ALFRED's cells
+
+# ----------------------------------------------------------------- the report
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """One value on which the two simulators do not agree."""
+
+    step: int  # 1 is the first action after Initialize
+    action: str
+    object_id: str  # "" for the agent, the inventory and the action's success
+    field: str
+    ours: Any
+    theirs: Any
+    cause: str  # one of `blame.CAUSES`; it counts as a difference whatever the cause
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """How many of some values agree."""
+
+    compared: int
+    equal: int
+
+    @property
+    def rate(self) -> float | None:
+        """Share in [0, 1]; None when nothing was compared."""
+        return self.equal / self.compared if self.compared else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventReport:
+    """One recording: how many values were compared, and those that differ."""
+
+    path: str
+    scene: str
+    steps: int
+    compared: int
+    equal: int
+    changes: Share  # of the values that AI2-THOR's actions changed, those that changed alike here
+    seen: Share  # `visible` and `isInteractable`; not part of `compared`
+    motion: Share  # `isMoving`; not part of `compared`
+    differences: tuple[Difference, ...]  # of what `compared` counts
+
+    @property
+    def rate(self) -> float | None:
+        """Share of equal values; None when nothing was compared."""
+        return self.equal / self.compared if self.compared else None
+
+    @property
+    def causes(self) -> dict[str, int]:
+        """How many differences each cause has, the most frequent first."""
+        return dict(Counter(one.cause for one in self.differences).most_common())
+
+
+def total_rate(reports: Sequence[EventReport]) -> float | None:
+    """Return the share of equal values over several recordings; None when none was compared."""
+    compared = sum(report.compared for report in reports)
+    return sum(report.equal for report in reports) / compared if compared else None
+
+
+# ----------------------------------------------------------------- reading
+
+
+class _Vector(msgspec.Struct, frozen=True):
+    x: float
+    y: float
+    z: float
+
+
+class _Agent(msgspec.Struct, frozen=True, rename="camel"):
+    position: _Vector
+    rotation: _Vector
+    camera_horizon: float
+    is_standing: bool | None = None
+
+
+class _Named(msgspec.Struct, frozen=True, rename="camel"):
+    object_id: str
+
+
+class _Metadata(msgspec.Struct, frozen=True, rename="camel"):
+    scene_name: str
+    last_action_success: bool
+    agent: _Agent
+    objects: list[_Named]
+    inventory_objects: list[_Named]
+
+
+class _Action(msgspec.Struct, frozen=True):
+    action: str
+
+
+class _Step(msgspec.Struct, frozen=True):
+    action: _Action
+    metadata: _Metadata
+
+
+def read_events(path: str | Path) -> list[tuple[Row, Row]]:
+    """Return a recording's steps, each (action, metadata).
+
+    Raises:
+        FileError: unreadable, or a line is not a step; names it.
+    """
+    steps: list[tuple[Row, Row]] = []
+    for place, row in rows(Path(path)):
+        try:
+            msgspec.convert(row, _Step)
+        except msgspec.ValidationError as error:
+            reason = f"{place}: not a recorded step: {error}"
+            raise FileError(path, reason, fix=EXPORT) from error
+        steps.append((row["action"], row["metadata"]))
+    return steps
+
+
+def scene_of(action: Row, metadata: Row, *, reachable: Sequence[Cell] | None = None) -> Scene:
+    """Return the scene that a recording's first event describes.
+
+    Args:
+        action: Initialize and its arguments; `gridSize` is the grid.
+        metadata: of its event.
+        reachable: (x, z) cells; computed from the boxes when None.
+
+    Raises:
+        FileError: the metadata is no scene; the path is the scene's name.
+    """
+    name, agent = str(metadata["sceneName"]), metadata["agent"]
+    x, y, z = (float(agent["position"][axis]) for axis in "xyz")
+    pose = AgentPose(
+        position=(x, y, z),
+        yaw=float(agent["rotation"]["y"]) % 360,
+        horizon=float(agent["cameraHorizon"]) + 0.0,
+    )
+    return scene_from_dump(
+        name.removesuffix("_physics"),
+        metadata["objects"],
+        reachable=reachable,
+        agent=pose,
+        grid_m=float(action.get("gridSize") or _LAYOUT_M),
+    )
+
+
+# ----------------------------------------------------------------- replaying
+
+
+def replay_events(path: str | Path, *, layouts: str | Path | None = None) -> EventReport:
+    """Replay one recording and compare every step.
+
+    Args:
+        path: .jsonl, also gzipped.
+        layouts: ALFRED's cells by scene name, used where the recording's grid is theirs; without
+            them cells are computed from the boxes.
+
+    Raises:
+        FileError: unreadable, not a recording, or its scene does not import.
+    """
+    steps = read_events(path)
+    cells = {} if layouts is None else read_layouts(layouts)
+    moments = list(_replayed(str(path), steps, cells))
+    return _compared(str(path), str(steps[0][1]["sceneName"]), moments)
+
+
+def _replayed(
+    path: str, steps: Sequence[tuple[Row, Row]], cells: Mapping[str, Sequence[Cell]]
+) -> Iterator[Moment]:
+    """Yield both sides after each step; an Initialize further on begins a room anew."""
+    world = EmbeddedWorld()
+    for number, (action, theirs) in enumerate(steps):
+        if number == 0 or action["action"] == "Initialize":
+            world = _begun(f"{path}, step {number}", action, theirs, cells)
+        else:
+            arguments = {k: v for k, v in action.items() if k not in _OF_THE_CLIENT}
+            with suppress(ValueError):  # misuse: the world keeps the refusal as its last event
+                world.step(arguments)
+        yield Moment(action=action, ours=world.last_event.metadata, theirs=theirs)
+
+
+def _begun(
+    place: str, action: Row, theirs: Row, cells: Mapping[str, Sequence[Cell]]
+) -> EmbeddedWorld:
+    """Return a world with the room that an Initialize reported."""
+    usual = float(action.get("gridSize") or _LAYOUT_M) == _LAYOUT_M
+    known = cells.get(str(theirs["sceneName"]).removesuffix("_physics")) if usual else None
+    settings = {key: action[key] for key in _SETTINGS if action.get(key) is not None}
+    try:
+        return EmbeddedWorld(scene_of(action, theirs, reachable=known), **settings)
+    except FileError as error:
+        raise FileError(place, error.reason, fix=error.fix) from error
+    except ValueError as error:
+        raise FileError(place, f"Initialize: {error}", fix=EXPORT) from error
+
+
+# ----------------------------------------------------------------- comparing
+
+
+def _compared(path: str, scene: str, moments: Sequence[Moment]) -> EventReport:
+    counts = Counter[tuple[str, str]]()
+    found: list[Difference] = []
+    blame = Blame(moments[0])
+    before = values(moments[0].theirs)
+    for step, moment in enumerate(moments[1:], 1):
+        ours, theirs = values(moment.ours), values(moment.theirs)
+        blame.follow(moment, before, theirs)
+        unlike = _count(counts, ours, before, theirs)
+        for object_id, field in unlike:
+            mine, real = (side.get((object_id, field), ABSENT) for side in (ours, theirs))
+            cause = blame.cause(object_id, field, mine, real)
+            found.append(
+                Difference(
+                    step=step, action=str(moment.action["action"]), object_id=object_id,
+                    field=field, ours=shown(mine), theirs=shown(real), cause=cause,
+                )
+            )  # fmt: skip
+        before = theirs
+    return EventReport(
+        path=path,
+        scene=scene,
+        steps=len(moments) - 1,
+        compared=counts["state", "all"],
+        equal=counts["state", "equal"],
+        changes=_share(counts, "changes"),
+        seen=_share(counts, "seen"),
+        motion=_share(counts, "motion"),
+        differences=tuple(found),
+    )
+
+
+def _share(counts: Mapping[tuple[str, str], int], kind: str) -> Share:
+    return Share(compared=counts[kind, "all"], equal=counts[kind, "equal"])
+
+
+def _count(
+    counts: Counter[tuple[str, str]], ours: Values, before: Values, theirs: Values
+) -> list[Key]:
+    """Count what is equal after one action, and return the keys of the states that are not."""
+    unlike = []
+    for key in (*theirs, *(key for key in ours if key not in theirs)):
+        kind, real = KINDS.get(key[1], "state"), theirs.get(key, ABSENT)
+        same = alike(ours.get(key, ABSENT), real)
+        counts[kind, "all"] += 1
+        counts[kind, "equal"] += same
+        if kind != "state":
+            continue
+        if not alike(before.get(key, ABSENT), real):
+            counts["changes", "all"] += 1
+            counts["changes", "equal"] += same
+        if not same:
+            unlike.append(key)
+    return unlike

@@ -1,0 +1,164 @@
+"""From facts to a program: constrained language, bounded retries, ids for short names."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from karma.agent.planner import Decoding, Planner, grounded, program_spec
+from karma.agent.program import SKILLS, parse_program
+from karma.agent.prompt import Facts, compact, landmark_types
+from karma.contracts import Area, MemoryUnit, SkillCall
+from karma.errors import ModelError
+from karma.infer.llama.constrain import ProgramAutomaton
+from karma.infer.scripted import ScriptedModel
+from karma.tasks.expert import Thing, View, solve
+from karma.tasks.goals import parse_goal
+
+GOOD = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
+BAD = "FlyToObject(robot, 'Apple')\n"
+AREAS = (
+    Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("CounterTop", "Fridge", "Sink")),
+    Area(name="node_2", position_m=(1.0, 0.9, 0.0), contains=("DiningTable", "Microwave")),
+)
+UNITS = (
+    MemoryUnit(object_id="Apple|1", object_type="Apple", position_m=(0, 0, 0)),
+    MemoryUnit(object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), place_id="Fridge|1"),
+    MemoryUnit(object_id="Apple|2", object_type="AppleSliced", position_m=(0, 0, 0)),
+)
+FACTS = Facts(instruction="Fetch the apple", areas=AREAS, units=UNITS)
+
+
+def plans(answers, facts=FACTS, profile="compact", **decoding):
+    model = ScriptedModel(answers)
+    return model, list(Planner(model, profile, Decoding(**decoding)).plan(facts))
+
+
+# ----------------------------------------------------------------- asking
+
+
+@pytest.mark.parametrize("profile", ["compact", "full"])
+def test_plan_of_a_good_answer_holds_calls_names_and_what_was_recalled(profile):
+    model, (plan,) = plans([GOOD], profile=profile)
+    assert [str(call) for call in plan.calls] == GOOD.splitlines()
+    assert (plan.error, plan.recalled, plan.completion.text) == ("", UNITS, GOOD)
+    assert plan.names["Apple"] == "Apple|2"
+    assert model.prompts == [plan.prompt]
+
+
+def test_plan_after_a_bad_answer_quotes_the_error_and_asks_again():
+    model, (first, second) = plans([BAD, GOOD])
+    assert first.calls == ()
+    assert "there is no skill FlyToObject" in first.error
+    assert (second.error, len(second.calls)) == ("", 2)
+    assert "#error" not in model.prompts[0].changing
+    assert "there is no skill FlyToObject. Did you mean GoToObject?" in model.prompts[1].changing
+    assert model.prompts[0].stable == model.prompts[1].stable
+
+
+def test_plan_quotes_the_refused_line_to_a_model_of_the_full_profile():
+    model, _ = plans([BAD, GOOD], profile="full")
+    assert BAD.strip() in model.prompts[1].changing
+
+
+@pytest.mark.parametrize("attempts", [1, 2, 5])
+def test_plan_gives_up_after_the_attempts_it_has(attempts):
+    model, found = plans([BAD] * 9, attempts=attempts)
+    assert len(found) == len(model.prompts) == attempts
+    assert all(plan.error and not plan.calls for plan in found)
+
+
+@pytest.mark.parametrize("text", ["", "# I cannot do that\n", "```python\n```"])
+def test_plan_of_an_answer_without_calls_is_an_error(text):
+    _, (plan,) = plans([text], attempts=1)
+    assert plan.error == "the answer holds no skill call"
+
+
+def test_plan_s_facts_error_stands_in_the_first_prompt():
+    model, _ = plans([GOOD], Facts(instruction="go", error="the hand already holds Knife"))
+    assert "#error the hand already holds Knife\n" in model.prompts[0].changing
+
+
+def test_planner_gives_a_spec_only_when_constrained():
+    assert plans([GOOD])[0].specs[0].skills == SKILLS
+    assert plans([GOOD], constrained=False)[0].specs == [None]
+
+
+def test_planner_lets_a_model_that_fails_fail():
+    with pytest.raises(ModelError, match="run out"):
+        plans([])
+
+
+# ----------------------------------------------------------------- the language
+
+
+def test_spec_has_no_furniture_that_the_map_does_not_show():
+    area = Area(name="node_1", position_m=(0, 0, 0), contains=("Sofa",))
+    mapped = program_spec(Facts(instruction="go", areas=(area,)), {}).objects
+    assert "Sofa" in mapped and "ArmChair" not in mapped
+    assert {"LightSwitch", "Apple", "Chair"} <= set(mapped)  # may be overlooked, or carried
+    assert "ArmChair" in program_spec(Facts(instruction="go"), {}).objects
+
+
+GOALS = (
+    "INSIDE(Apple, Fridge)", "ON(Mug, DiningTable)", "STATE(Apple, clean)", "STATE(Mug, filled)",
+    "STATE(Apple_2, sliced)", "HOLDON(robot, Book)", "STATE(Potato, cooked)", "ON(Tomato, Plate)",
+    "TOGGLEON(Television)", "STATE(Bread, cooked)", "STATE(Egg, cooked)", "OPEN(Fridge)",
+)  # fmt: skip
+
+
+def test_what_was_searched_for_in_vain_is_not_offered_again_unless_memory_has_it():
+    facts = Facts(instruction="go", missing=("Laptop", "Mug"))
+    objects = program_spec(facts, {"Mug": "Mug|+00.10|+01.00|+00.20"}).objects
+    assert "Laptop" not in objects
+    assert "Mug" in objects
+
+
+@given(
+    texts=st.lists(st.sampled_from(GOALS), min_size=1, max_size=4, unique=True),
+    units=st.lists(st.sampled_from(UNITS), unique=True),
+    mapped=st.booleans(),
+)
+def test_spec_admits_every_program_of_the_teacher(texts, units, mapped):
+    home = Area(name="home", position_m=(0, 0, 0), contains=tuple(sorted(landmark_types())))
+    facts = Facts(instruction="go", areas=(*AREAS, home) if mapped else (), units=units)
+    names = compact(facts).names
+    name_of = {object_id: name for name, object_id in names.items()}
+    things = [
+        Thing(
+            name=name_of[unit.object_id],
+            object_type=unit.object_type,
+            place=name_of.get(unit.place_id),
+            place_type="Fridge" if unit.place_id else None,
+        )
+        for unit in reversed(units)
+    ]
+    goals = [parse_goal(text) for text in texts if "_2" not in text or "Apple_2" in names]
+    calls = solve(goals, View(things=tuple(things), areas=facts.areas))
+    text = "".join(f"{call}\n" for call in calls)
+    automaton = ProgramAutomaton(program_spec(facts, names))
+    state = automaton.advance(automaton.start(), text)
+    assert state is not None, text
+    assert not calls or automaton.accepts(state)
+
+
+def test_spec_refuses_names_that_nothing_known_has():
+    automaton = ProgramAutomaton(program_spec(FACTS, compact(FACTS).names))
+    for line in ("GoToObject(robot, 'Apple_3')\n", "GoToObject(robot, 'Unicorn')\n",
+                 "Explore(robot, 'Apple', ['node_3'])\n"):  # fmt: skip
+        assert automaton.advance(automaton.start(), line) is None, line
+
+
+# ----------------------------------------------------------------- grounding
+
+
+def test_grounded_puts_ids_for_short_names_and_keeps_types():
+    calls = parse_program("PutObject(robot, 'Apple', 'Fridge')\nPutObject(robot, 'Cup', 'Shelf')")
+    first, second = grounded(calls, {"Apple": "Apple|2", "Fridge": "Fridge|1"})
+    assert first.objects == ("Apple|2", "Fridge|1")
+    assert second.objects == ("Cup", "Shelf")
+
+
+def test_grounded_keeps_positions_and_lines():
+    call = SkillCall(skill="Explore", objects=("Mug",), positions=("node_1",), line=3)
+    (found,) = grounded((call,), {"Mug": "Mug|1", "node_1": "never"})
+    assert (found.objects, found.positions, found.line) == (("Mug|1",), ("node_1",), 3)

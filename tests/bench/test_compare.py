@@ -1,0 +1,254 @@
+"""Two arms over the same tasks and seeds: pairs, differences, refusals, and the command."""
+
+import json
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.made_records import answer, episode, plain, sub, write_run
+from typer.testing import CliRunner
+
+from karma.bench.compare import Arm, compare, compare_kinds
+from karma.bench.metrics import episodes_of
+from karma.bench.records import EpisodeTiming, SubTaskTiming
+from karma.bench.run_folder import RESULTS
+from karma.cli import app
+from karma.errors import KarmaError
+
+
+def arm(name, records, timings=None):
+    return Arm(name=name, episodes=episodes_of(records, timings))
+
+
+def outcomes(rows, **common):
+    """Return episodes from task -> outcomes by seed."""
+    return [
+        plain(solved == "+", task=task, seed=seed, **common)
+        for task, seeds in rows.items()
+        for seed, solved in enumerate(seeds)
+    ]
+
+
+def line(comparison, key):
+    return next(one for one in comparison.lines if one.key == key)
+
+
+# ----------------------------------------------------------------- what is said
+
+
+def test_comparison_says_where_arms_agree_and_which_tasks_only_one_solved():
+    found = compare(
+        arm("A", outcomes({"t1": "++", "t2": "+-", "t3": "--"})),
+        arm("B", outcomes({"t1": "++", "t2": "-+", "t3": "+-"})),
+    )
+    assert (found.pairs, found.tasks, found.seeds) == (6, 3, (0, 1))
+    assert found.agreement == 0.5
+    assert [(one.task, one.seeds) for one in found.only_first] == [("t2", (0,))]
+    assert [(one.task, one.seeds) for one in found.only_second] == [("t2", (1,)), ("t3", (0,))]
+    assert line(found, "success").difference.value == pytest.approx(-1 / 6)
+    assert found.ratio.value == pytest.approx(3 / 4)
+    assert (found.p, found.p_tasks) == (1.0, 1.0)
+
+
+def test_comparison_keeps_a_task_s_seeds_together():
+    """Five seeds of six tasks, always won: thirty pairs for McNemar, six tasks in truth."""
+    tasks = [f"t{number}" for number in range(6)]
+    found = compare(
+        arm("A", outcomes(dict.fromkeys(tasks, "+++++"))),
+        arm("B", outcomes(dict.fromkeys(tasks, "-----"))),
+    )
+    assert found.p == 2 / 2**30
+    assert found.p_tasks == 2 / 2**6
+    assert line(found, "success").detectable == pytest.approx(2 * 0.8 ** (1 / 6) - 1, abs=1e-3)
+
+
+def test_comparison_pairs_only_what_both_have():
+    first = [*outcomes({"t1": "+", "t2": "+"}), plain(True, task="t1", seed=9)]
+    found = compare(arm("A", first), arm("B", outcomes({"t1": "-", "t2": "-"})))
+    assert (found.pairs, found.seeds) == (2, (0,))
+    assert line(found, "success").first.value == 1
+
+
+def test_comparison_of_kinds_gives_all_and_each():
+    records = [
+        *outcomes({"t1": "+", "t2": "-"}, kind="simple"), *outcomes({"t3": "+"}, kind="complex")
+    ]  # fmt: skip
+    found = compare_kinds(arm("A", records), arm("B", records))
+    assert [(one.kind, one.pairs) for one in found] == [("all", 3), ("simple", 2), ("complex", 1)]
+    one = compare_kinds(arm("A", records[:2]), arm("B", records[:2]))
+    assert [(part.kind, part.pairs) for part in one] == [("simple", 2)]
+
+
+def test_comparison_puts_tokens_seconds_and_programs_side_by_side():
+    def record(tokens, program):
+        said = answer(program, prompt_tokens=tokens)
+        return episode(sub("HOLDON(robot, Apple): 1", answers=[said]), sub("OPEN(Fridge): 1"))
+
+    def timing(seconds):
+        one = EpisodeTiming(
+            row="KARMA", task="t1", seed=0, subtasks=(SubTaskTiming(seconds=seconds),)
+        )
+        return {one.key: one}
+
+    found = compare(arm("A", [record(100, "x")], timing(1.0)), arm("B", [record(40, "y")]))
+    tokens = line(found, "prompt_tokens")
+    assert (tokens.first.value, tokens.second.value, tokens.difference.value) == (200, 140, 60)
+    seconds = line(found, "seconds")
+    assert (seconds.first.value, seconds.second.value, seconds.difference.value) == (1, None, None)
+    assert found.same_programs == 0.5
+
+
+def test_comparison_tells_how_many_more_seeds_a_half_width_takes():
+    rows = {f"t{number}": "+-" if number % 2 else "-+" for number in range(40)}
+    found = compare(arm("A", outcomes(rows)), arm("B", outcomes(rows)), half_width=0.08)
+    assert found.more_seeds_first == found.more_seeds_second > 0
+    wide = compare(arm("A", outcomes(rows)), arm("B", outcomes(rows)), half_width=0.4)
+    assert wide.more_seeds_first == 0
+
+
+@settings(max_examples=10)
+@given(rows=st.lists(st.tuples(st.booleans(), st.integers(0, 20)), min_size=2, max_size=20))
+def test_identical_arms_differ_in_nothing(rows):
+    records = [
+        plain(solved, places=places, task=f"t{number}")
+        for number, (solved, places) in enumerate(rows)
+    ]
+    found = compare(arm("A", records), arm("B", records))
+    assert (found.agreement, found.p, found.p_tasks) == (1.0, 1.0, 1.0)
+    assert (found.only_first, found.only_second) == ((), ())
+    for one in found.lines:
+        if one.difference.value is not None:
+            assert one.difference.value == 0
+            assert 0 in one.difference.interval
+
+
+@settings(max_examples=10)
+@given(gains=st.lists(st.integers(3, 5), min_size=8, max_size=20))
+def test_a_known_difference_is_recovered(gains):
+    first = [plain(True, places=10 + gain, task=f"t{n}") for n, gain in enumerate(gains)]
+    second = [plain(True, places=10, task=f"t{n}") for n, _ in enumerate(gains)]
+    found = line(compare(arm("A", first), arm("B", second)), "explorations").difference
+    assert found.value == pytest.approx(sum(gains) / len(gains))
+    assert 3 <= found.interval.low <= found.interval.high <= 5
+
+
+# ----------------------------------------------------------------- what is refused
+
+
+def test_runs_over_different_tasks_are_refused_with_their_names():
+    with pytest.raises(KarmaError, match="different tasks") as caught:
+        compare(
+            arm("A", outcomes({"t1": "+", "t2": "+"})), arm("B", outcomes({"t1": "+", "t3": "-"}))
+        )
+    assert "only A has t2" in str(caught.value)
+    assert "only B has t3" in str(caught.value)
+    assert "karma eval" in str(caught.value)
+
+
+@pytest.mark.parametrize("changed", [{"scene": "kitchen_2"}, {"kind": "complex"}, {"goal": "OPEN"}])
+def test_tasks_of_one_name_that_ask_something_else_are_refused(changed):
+    from dataclasses import replace
+
+    first = plain(True)
+    if "goal" in changed:
+        second = replace(first, subtasks=(sub("OPEN(Fridge): 1"),))
+    else:
+        second = replace(first, **changed)
+    with pytest.raises(KarmaError, match="task t1 asks"):
+        compare(arm("A", [first]), arm("B", [second]))
+
+
+def test_an_episode_that_an_error_cut_short_asks_the_same_as_far_as_it_got():
+    full = episode(sub("OPEN(Fridge): 1"), sub("HOLDON(robot, Apple): 1"))
+    torn = episode(sub("OPEN(Fridge): 1"), error="ModelError: x")
+    found = compare(arm("A", [full]), arm("B", [torn]))
+    assert (found.pairs, line(found, "success").second.value) == (1, 0)
+
+
+def test_arms_without_a_common_seed_are_refused_with_their_seeds():
+    with pytest.raises(KarmaError, match=r"\[0\] against \[4\]"):
+        compare(arm("A", [plain(True)]), arm("B", [plain(True, seed=4)]))
+
+
+# ----------------------------------------------------------------- the command
+
+
+@pytest.fixture
+def folders(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    rows = {f"t{number}": "++" for number in range(8)}
+    worse = {f"t{number}": "+-" if number < 4 else "--" for number in range(8)}
+    both = [*outcomes(rows, row="KARMA"), *outcomes(worse, row="memory off")]
+    write_run(tmp_path / "local", both)
+    write_run(tmp_path / "hosted", [*outcomes(worse), *outcomes(worse, row="memory off")])
+    write_run(tmp_path / "other", outcomes({"t9": "+"}))
+    write_run(tmp_path / "empty", [])
+    return tmp_path
+
+
+def karma(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def test_compare_command_sets_rows_of_one_name_side_by_side(folders):
+    text = karma("compare", folders / "local", folders / "hosted", "--json", folders / "x.json")
+    found = json.loads((folders / "x.json").read_text())
+    assert [one["kind"] for one in found] == ["simple", "simple"]
+    assert found[0]["first"].endswith("local:KARMA")
+    assert found[1]["second"].endswith("hosted:memory off")
+    first = next(one for one in found[0]["lines"] if one["key"] == "success")
+    assert first["difference"]["value"] == 0.75
+    for word in ("McNemar", "16 pairs", "8 tasks", "seeds 0, 1", "+0.75 [", "t0 (seed 1)"):
+        assert word in text
+
+
+def test_compare_command_compares_rows_of_one_run(folders):
+    text = karma("compare", f"{folders / 'local'}:KARMA", f"{folders / 'local'}:memory off")
+    assert "1.00 [" in text
+    assert "0.25 [" in text
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("local",), "it takes two"),
+        (("local", "other:KARMA"), "which row"),
+        (("local:KARMA", "other"), "different tasks"),
+        (("local:nobody", "hosted:KARMA"), "no row 'nobody'; there are 'KARMA', 'memory off'"),
+        (("local", "nowhere"), "no run in this folder"),
+        (("local", "empty"), "no episodes yet"),
+    ],
+)
+def test_compare_command_refuses_what_it_cannot_compare(folders, names, words):
+    text = karma("compare", *(folders / name for name in names), code=1)
+    assert words in text
+    assert "karma " in text.split("To fix: ")[1]
+    assert "Traceback" not in text
+
+
+def test_compare_command_names_what_sets_the_runs_apart_and_refuses_other_rooms(tmp_path):
+    for name, model, room in (("a", "nano 12", "1"), ("b", "gpt", "1"), ("c", "gpt", "2")):
+        write_run(
+            tmp_path / name, outcomes({"t1": "+"}), models={"planner": model},
+            scenes={"kitchen_1": room * 64},
+        )  # fmt: skip
+    text = karma("compare", tmp_path / "a", tmp_path / "b")
+    assert "models: planner: nano 12 became gpt" in text
+    refused = karma("compare", tmp_path / "a", tmp_path / "c", code=1)
+    assert "kitchen_1 is not the same room" in refused
+    assert "To fix: karma eval" in refused
+
+
+def test_compare_command_says_which_run_is_not_finished(folders):
+    (folders / "hosted" / RESULTS).write_text("[]")
+    text = karma("compare", folders / "local", folders / "hosted")
+    assert "local: not finished, the figures are of the 32 episodes that are done" in text
+    assert "hosted: not finished" not in text
+
+
+def test_compare_command_refuses_a_half_width_that_is_none(folders):
+    assert "between 0 and 0.5" in karma(
+        "compare", folders / "local", folders / "hosted", "--half-width", "0", code=1
+    )

@@ -1,0 +1,177 @@
+"""One task, one method, one world: what the record says of it."""
+
+import pytest
+
+from karma import registry
+from karma.agent.planner import Planner
+from karma.bench.episode import run_episode
+from karma.contracts import MemoryUnit, Outcome, SubTask, Task
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+from karma.memory.recall import CosineRecall
+from karma.methods.expert import OracleMethod
+from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.tasks.goals import parse_goal
+from karma.world.sim import EmbeddedWorld
+
+AWAY = (
+    "Explore(robot, 'Apple')\nGoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
+    "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\n"
+    "PutObject(robot, 'Apple', 'Fridge')\nCloseObject(robot, 'Fridge')\n"
+)
+BACK = (
+    "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\n"
+    "CloseObject(robot, 'Fridge')\n"
+)
+
+
+def task(*pairs, scene="kitchen_1"):
+    subtasks = tuple(
+        SubTask(instruction=text, goals=tuple(parse_goal(goal) for goal in goals))
+        for text, *goals in pairs
+    )
+    return Task(id="t1", kind="simple", scene=scene, subtasks=subtasks, notes=("a note",))
+
+
+PUT_AND_FETCH = task(
+    ("Put the apple away.", "INSIDE(Apple, Fridge)", "CLOSED(Fridge)"),
+    ("Fetch it again.", "HOLDON(robot, Apple)"),
+)
+
+
+@pytest.fixture(scope="module")
+def recall():
+    return CosineRecall(registry.load("embedders", "minilm")())
+
+
+@pytest.fixture
+def run(recall, tmp_path):
+    """A function that runs a task with a KARMA agent whose model says the given answers."""
+
+    def run_with(answers, task=PUT_AND_FETCH, **settings):
+        method = KarmaMethod(
+            Planner(ScriptedModel(answers), "compact"), recall, MetadataVision(),
+            KarmaSettings(**{"witnesses": 0, "attempts": 1, **settings}),
+        )  # fmt: skip
+        return run_episode(method, EmbeddedWorld(), task, row="a row", seed=7, folder=tmp_path)
+
+    return run_with
+
+
+def test_record_of_a_success_says_what_was_asked_answered_and_done(run):
+    record = run([AWAY, BACK])
+    assert (record.row, record.task, record.kind, record.scene, record.seed) == (
+        "a row", "t1", "simple", "kitchen_1", 7,
+    )  # fmt: skip
+    assert record.notes == ("a note",)
+    assert record.success
+    first, second = record.subtasks
+    assert first.instruction == "Put the apple away."
+    assert first.goals == ("INSIDE(Apple, Fridge): 1", "CLOSED(Fridge): 1")
+    assert [answer.program for answer in first.answers] == [AWAY]
+    assert len(first.calls) == 7
+    assert all(call.ok for call in first.calls)
+    assert sum(call.actions for call in first.calls) > 7
+    assert first.calls[0].explorations > 0
+    assert (first.recalled, first.finished) == ((), True)
+    assert len(second.recalled) == 1
+
+
+def test_record_counts_hits_among_what_can_be_carried_cold_start_included(run):
+    first, second = run([AWAY, BACK]).subtasks
+    assert (first.queries, first.hits) == (1, 0)  # the fridge is no query
+    assert (second.queries, second.hits) == (1, 1)
+
+
+def test_record_without_short_term_memory_hits_nothing(run):
+    record = run([AWAY, BACK], short_term=False)
+    assert [sub.hits for sub in record.subtasks] == [0, 0]
+
+
+def test_record_names_the_goals_that_do_not_hold(run):
+    record = run([AWAY.replace("CloseObject(robot, 'Fridge')\n", ""), BACK])
+    assert not record.success
+    first, second = record.subtasks
+    assert first.unmet == ("CLOSED(Fridge): 1",)
+    assert first.finished  # the program ran to its end; it was the wrong program
+    assert second.success
+
+
+def test_what_ran_in_an_earlier_instruction_does_not_count_again(run):
+    tap = "GoToObject(robot, 'Sink')\nToggleOn(robot, 'Faucet')\nToggleOff(robot, 'Faucet')\n"
+    twice = task(("Run the tap.", "TOGGLEON(Faucet)"), ("And again.", "TOGGLEON(Faucet)"))
+    first, second = run([tap, "GoToObject(robot, 'Fridge')\n"], twice).subtasks
+    assert first.success
+    assert second.unmet == ("TOGGLEON(Faucet): 1",)
+
+
+def test_record_keeps_refused_answers_and_failed_calls(run):
+    record = run(["Fly(robot)", AWAY, "GoToObject(robot, 'Unicorn')\n"])
+    first, second = record.subtasks
+    assert [bool(answer.error) for answer in first.answers] == [True, False]
+    assert "no skill Fly" in first.answers[0].error
+    assert (second.finished, second.calls[0].ok) == (False, False)
+    assert "Unicorn" in second.calls[0].reason
+
+
+def test_error_ends_the_episode_and_is_recorded_with_what_was_done(run):
+    record = run([AWAY])
+    assert record.error.startswith("ModelError: the script has run out")
+    assert len(record.subtasks) == 1
+    assert record.subtasks[0].success
+    assert not record.success
+
+
+def test_scene_that_is_not_there_is_a_recorded_error(run):
+    record = run([AWAY], task(("Go.", "OPEN(Fridge)"), scene="attic"))
+    assert "no scene named 'attic'" in record.error
+    assert (record.subtasks, record.success) == ((), False)
+
+
+def test_task_without_goals_cannot_succeed(run):
+    record = run([AWAY], task(("Put the apple away.",)))
+    assert record.subtasks[0].success
+    assert not record.success
+
+
+class Mute:
+    """A method that ends without an outcome."""
+
+    name = "mute"
+
+    def begin(self, world, scene, *, seed, folder):
+        pass
+
+    def do(self, subtask):
+        return iter(())
+
+
+class Blurting(Mute):
+    """A method whose memory holds a slice before anything was done."""
+
+    def do(self, subtask):
+        unit = MemoryUnit(object_id="x", object_type="AppleSliced", position_m=(0, 0, 0))
+        yield Outcome(finished=True, resident=(unit,), handled_ids=())
+
+
+def test_method_without_an_outcome_is_a_recorded_error(tmp_path):
+    record = run_episode(
+        Mute(), EmbeddedWorld(), PUT_AND_FETCH, row="mute", seed=0, folder=tmp_path
+    )
+    assert "mute ended an instruction without an outcome" in record.error
+
+
+def test_slice_in_memory_is_a_hit_for_the_whole(tmp_path):
+    record = run_episode(
+        Blurting(), EmbeddedWorld(), PUT_AND_FETCH, row="x", seed=0, folder=tmp_path
+    )
+    assert [sub.hits for sub in record.subtasks] == [1, 1]
+    assert not record.success
+
+
+def test_oracle_s_record_has_calls_but_no_answers(tmp_path):
+    record = run_episode(
+        OracleMethod(), EmbeddedWorld(), PUT_AND_FETCH, row="oracle", seed=0, folder=tmp_path
+    )
+    assert record.success
+    assert all(sub.calls and not sub.answers for sub in record.subtasks)

@@ -1,0 +1,441 @@
+"""Experiments, their records on disk, and what the records add up to."""
+
+import io
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+from support.paths import ROOT
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.bench.records import (
+    Answer,
+    AnswerTiming,
+    Call,
+    EpisodeRecord,
+    EpisodeTiming,
+    SubTaskRecord,
+    SubTaskTiming,
+    by_task,
+    read_records,
+    read_timings,
+    spent_by,
+    summarise,
+    untimed,
+    waited,
+    write_record,
+)
+from karma.bench.run import Run
+from karma.cli import app, show
+from karma.errors import FileError, KarmaError, UnknownNameError
+from karma.files import decode_json, to_json
+from karma.infer.hosted.cost import Spent
+
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+
+
+def call(**changes):
+    return Call(
+        **{"text": "OpenObject(robot, 'Fridge')", "ok": True, "reason": "", "actions": 3,
+           "explorations": 1, **changes}
+    )  # fmt: skip
+
+
+def answer(**changes):
+    return Answer(
+        **{"program": "x\n", "error": "", "finish": "stop", "prompt_tokens": 9,
+           "completion_tokens": 5, **changes}
+    )  # fmt: skip
+
+
+def part(**changes):
+    return SubTaskRecord(
+        **{"instruction": "Öffne den Kühlschrank.", "goals": ("OPEN(Fridge): 1",), "unmet": (),
+           "finished": True, "answers": (answer(),), "calls": (call(),), "recalled": ("Mug|1",),
+           "queries": 2, "hits": 1, **changes}
+    )  # fmt: skip
+
+
+def episode(**changes):
+    return EpisodeRecord(
+        **{"row": "KARMA", "task": "t1", "kind": "simple", "scene": "kitchen_1", "seed": 0,
+           "notes": ("unresolved X: y",), "subtasks": (part(), part()), **changes}
+    )  # fmt: skip
+
+
+def timing(record, seconds=1.5):
+    """1.5 s for each instruction."""
+    parts = tuple(
+        SubTaskTiming(
+            seconds=seconds,
+            answers=(AnswerTiming(first_token_s=0.25, total_s=0.5, reused_tokens=4),),
+            hosted_s=tuple(2.0 for _ in sub.hosted),
+        )
+        for sub in record.subtasks
+    )
+    return EpisodeTiming(row=record.row, task=record.task, seed=record.seed, subtasks=parts)
+
+
+def timings(*records):
+    return {record.key: timing(record) for record in records}
+
+
+FAILED = episode(task="t2", subtasks=(part(unmet=("OPEN(Fridge): 1",), hits=0, queries=1),))
+BROKEN = episode(task="t3", kind="complex", subtasks=(part(queries=0, hits=0),), error="broke")
+SILENT = episode(
+    row="oracle",
+    subtasks=(part(answers=(), recalled=(), hits=0, calls=(call(), call(actions=5))),),
+)
+
+
+# ----------------------------------------------------------------- records on disk
+
+
+def test_records_read_back_as_they_were_written(tmp_path):
+    path = tmp_path / "run" / "episodes.jsonl"
+    assert read_records(path) == []
+    for record in (episode(), FAILED, BROKEN, SILENT):
+        write_record(path, record)
+    assert read_records(path) == [episode(), FAILED, BROKEN, SILENT]
+    assert path.read_bytes().count(b"\n") == 4
+
+
+@given(text=st.text(), other=st.text(), seconds=st.floats(0, 1e6))
+def test_record_of_any_text_survives_a_round_trip_in_one_line(text, other, seconds):
+    said = part(instruction=text, answers=(answer(program=other),))
+    record = episode(subtasks=(said,), error=other)
+    for one, kind in ((record, EpisodeRecord), (timing(record, seconds), EpisodeTiming)):
+        line = to_json(one)
+        assert line.count(b"\n") == 1
+        assert decode_json(line, kind, path="x") == one
+
+
+def test_torn_last_line_is_passed_over_and_left_to_the_run(tmp_path):
+    path = tmp_path / "episodes.jsonl"
+    write_record(path, episode())
+    whole = path.read_bytes()
+    for cut in (1, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole + whole[:cut])
+        assert read_records(path) == [episode()]
+        assert path.read_bytes() == whole + whole[:cut]
+
+
+def test_only_line_torn_is_no_record(tmp_path):
+    path = tmp_path / "episodes.jsonl"
+    path.write_bytes(to_json(episode())[:40])
+    assert read_records(path) == []
+    path.write_bytes(to_json(timing(episode()))[:40])
+    assert read_timings(path) == []
+
+
+def test_record_holds_nothing_that_two_equal_runs_do_not_share():
+    words = to_json(episode(subtasks=(part(hosted=untimed([SPENT])),))).decode()
+    for word in ("first_token_s", "total_s", "reused_tokens", "threads", "batch", "2.5"):
+        assert word not in words
+    assert '"seconds":null' in words
+
+
+SPENT = Spent(
+    role="planner", model="m", requests=2, failures=0, prompt_tokens=9, completion_tokens=5,
+    cost=0.5, seconds=2.5,
+)  # fmt: skip
+
+
+def test_costs_and_their_seconds_come_together_again():
+    record = episode(
+        subtasks=(part(hosted=untimed([SPENT])), part()), hosted=untimed([SPENT, SPENT])
+    )
+    assert spent_by(record, None) == untimed([SPENT, SPENT, SPENT])
+    first = SubTaskTiming(seconds=1.0, hosted_s=waited([SPENT]))
+    taken = replace(
+        timing(record), subtasks=(first, SubTaskTiming(seconds=1.0)), hosted_s=(3.0, 4.0)
+    )
+    assert [one.seconds for one in spent_by(record, taken)] == [2.5, 3.0, 4.0]
+    assert replace(spent_by(record, taken)[0], seconds=2.5) == SPENT
+
+
+def test_damaged_line_before_the_last_is_refused_with_its_number(tmp_path):
+    path = tmp_path / "episodes.jsonl"
+    path.write_bytes(to_json(episode()) + b'{"row": 1}\n' + to_json(FAILED))
+    with pytest.raises(FileError, match=r"episodes\.jsonl: line 2: .*\n.*take line 2 out"):
+        read_records(path)
+
+
+# ----------------------------------------------------------------- figures
+
+
+def test_summary_equals_figures_computed_by_hand():
+    records = [episode(), FAILED, BROKEN, SILENT]
+    lines = summarise(records, timings(*records))
+    assert [(line.row, line.kind) for line in lines] == [
+        ("KARMA", "simple"), ("KARMA", "complex"), ("KARMA", "all"),
+        ("oracle", "simple"), ("oracle", "all"),
+    ]  # fmt: skip
+    simple, broken, every, _, oracle = lines
+    assert (simple.episodes, simple.successes, simple.success_rate) == (2, 1, 0.5)
+    assert (simple.explorations, simple.actions) == (1.5, 4.5)  # 3 calls of 1 and 3 in 2 episodes
+    assert (simple.planner_calls, simple.seconds) == (1.5, 2.25)
+    assert simple.memory_hit_rate == pytest.approx(2 / 5)
+    assert (broken.successes, broken.success_rate, broken.memory_hit_rate) == (0, 0.0, None)
+    assert (every.episodes, every.successes) == (3, 1)
+    assert every.success_rate == pytest.approx(1 / 3)
+    assert every.memory_hit_rate == pytest.approx(2 / 5)
+    assert (oracle.success_rate, oracle.actions, oracle.explorations) == (1.0, 8.0, 2.0)
+    assert (oracle.planner_calls, oracle.memory_hit_rate) == (None, None)
+
+
+def test_summary_of_an_episode_that_broke_at_once_measures_no_planner():
+    (_, line) = summarise([episode(subtasks=(), error="no scene")])
+    assert (line.success_rate, line.actions) == (0.0, 0.0)
+    assert (line.planner_calls, line.memory_hit_rate) == (None, None)
+
+
+def test_summary_without_the_timing_of_every_episode_has_no_seconds():
+    records = [episode(), FAILED]
+    assert [line.seconds for line in summarise(records)] == [None, None]
+    assert [line.seconds for line in summarise(records, timings(FAILED))] == [None, None]
+    assert [line.seconds for line in summarise(records, timings(*records))] == [2.25, 2.25]
+
+
+def test_summary_of_nothing_is_nothing():
+    assert summarise([]) == ()
+
+
+def test_success_needs_every_goal_no_error_and_a_goal_at_all():
+    assert episode().success
+    assert not FAILED.success
+    assert not BROKEN.success
+    assert not episode(subtasks=()).success
+    assert not episode(subtasks=(part(goals=()),)).success
+    assert episode(subtasks=(part(), part(goals=()))).success
+
+
+def test_by_task_keeps_the_last_seed_of_each_row():
+    last = episode(seed=1)
+    assert by_task([episode(), SILENT, last]) == {"t1": {"KARMA": last, "oracle": SILENT}}
+
+
+def printed(renderable):
+    console = Console(file=io.StringIO(), width=160)
+    console.print(renderable)
+    return console.file.getvalue()
+
+
+def test_tables_print_a_dash_for_what_was_not_measured():
+    text = printed(show.summary_table(summarise([SILENT], timings(SILENT)), "a title"))
+    (line,) = [line for line in text.splitlines() if " simple" in line]
+    assert re.sub(r"[│\s]+", " ", line).strip() == "oracle simple 1/1 1.00 2.0 8 – 1.50 –"
+    tasks = printed(show.task_table([episode(), FAILED, SILENT]))
+    assert "✗ 0/1" in tasks
+    assert "–" in tasks
+    assert "unresolved X: y" in tasks
+
+
+# ----------------------------------------------------------------- runs
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
+
+
+@pytest.fixture
+def experiment(tmp_path, planner):
+    """A function that writes an experiment and returns its path."""
+
+    def write(*rows, only=("simple-12",), more="", name="x"):
+        rows = rows or ('name = "oracle"\nmethod = "oracle"',)
+        path = tmp_path / f"{name}.toml"
+        path.write_text(
+            f'name = "{name}"\ntasks = "{TASKS}"\nonly = {list(only)}\n{more}\n'
+            + "".join(f"[[rows]]\n{row}\n" for row in rows)
+            + f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
+        )
+        return path
+
+    return write
+
+
+BABBLE = 'name = "babble"\noptions = { attempts = 1 }'
+
+
+@pytest.fixture(scope="module")
+def two_rows(planner, tmp_path_factory):
+    """A finished run of two rows on two tasks: (experiment, folder)."""
+    folder = tmp_path_factory.mktemp("two")
+    path = folder / "two.toml"
+    path.write_text(
+        f'name = "two"\ntasks = "{TASKS}"\nonly = ["simple-04", "simple-12"]\n'
+        f'[[rows]]\nname = "oracle"\nmethod = "oracle"\n[[rows]]\n{BABBLE}\n'
+        f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
+    )
+    run = Run(path, folder / "run")
+    assert run.total == len(list(run.episodes())) == 4
+    return path, folder / "run"
+
+
+def test_run_leaves_records_header_and_maps(two_rows):
+    _, folder = two_rows
+    records = read_records(folder / "episodes.jsonl")
+    assert [(record.row, record.task) for record in records] == [
+        ("oracle", "simple-04"), ("oracle", "simple-12"),
+        ("babble", "simple-04"), ("babble", "simple-12"),
+    ]  # fmt: skip
+    assert all(record.error == "" for record in records)
+    assert [record.success for record in records[:2]] == [True, True]
+    assert all(sub.answers for sub in records[2].subtasks)
+    header = json.loads((folder / "header.json").read_text())
+    assert re.fullmatch(r"tiny [0-9a-f]{64}", header["models"]["planner"])
+    assert sorted(path.stem for path in (folder / "maps").iterdir()) == sorted(
+        {record.scene for record in records}
+    )
+
+
+def test_finished_run_is_not_run_again(two_rows):
+    path, folder = two_rows
+    before = (folder / "episodes.jsonl").read_bytes()
+    run = Run(path, folder)
+    assert list(run.episodes()) == []
+    assert len(run.records) == 4
+    assert (folder / "episodes.jsonl").read_bytes() == before
+
+
+def test_run_started_afresh_forgets_the_earlier_one(two_rows, tmp_path, experiment):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "episodes.jsonl").write_bytes(to_json(episode()))
+    (folder / "header.json").write_text('{"torn')
+    run = Run(experiment(), folder, fresh=True)
+    assert run.records == []
+
+
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        ("colour = 1", "unknown field `colour`"),
+        ("seeds = []", r"seeds = \[\]: one or more"),
+        ("seeds = [2, 2]", "seeds: 2 stands twice"),
+        ("seeds = [-1]", "each 0 or above"),
+        ('world = "thorr"', "world: no worlds named 'thorr'. Did you mean 'thor'"),
+        ('seeds = "many"', r"Expected `array`, got `str` - at `\$\.seeds`"),
+        ('authors = ["x.json"]', "give either `tasks` or `authors`"),
+        ("= 1", "Invalid"),
+    ],
+)
+def test_wrong_experiment_is_refused_by_key(experiment, tmp_path, more, named):
+    with pytest.raises(FileError, match=rf"x\.toml: .*{named}"):
+        Run(experiment(more=more), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_unknown_key_of_a_row_is_refused_by_place(experiment, tmp_path):
+    path = experiment('name = "x"\nmodel = "y"')
+    with pytest.raises(FileError, match=r"unknown field `model` - at `\$\.rows\[0\]`"):
+        Run(path, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fix"),
+    [
+        ("only = ", "onyl = ", "write 'only'"),
+        ("profile = ", "profil = ", "write 'profile'"),
+        ("attempts", "attempts = 1 }\nmethud = { x", "write 'method'"),
+        ("only = ", "zzz = ", "known here: name, rows, tasks, "),
+    ],
+)
+def test_misspelt_key_is_refused_with_the_one_that_was_meant(experiment, tmp_path, old, new, fix):
+    path = experiment(BABBLE)
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(FileError, match=rf"x\.toml: .*unknown field .*\n  To fix: {fix}"):
+        Run(path, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("models", "named"),
+    [
+        ('vision = "nanovlm"', r"models\.vision: .*Did you mean 'nano-vlm'"),
+        ('recall = "cosinus"', r"models\.recall: .*Did you mean 'cosine'"),
+        ('embedder = "sentense:bge-small-en"', r"models\.embedder: .*Did you mean 'sentence'"),
+    ],
+)
+def test_misspelt_name_is_refused_before_any_model_is_loaded(experiment, tmp_path, models, named):
+    path = experiment()
+    path.write_text(path.read_text() + models + "\n")
+    with pytest.raises(FileError, match=rf"x\.toml: {named}"):
+        Run(path, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_missing_experiment_is_refused_with_where_they_lie(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    result = CliRunner().invoke(app, ["eval", str(tmp_path / "none.toml")])
+    assert result.exit_code == 1
+    assert "none.toml: No such file or directory" in result.output
+    assert "To fix: karma eval eval/demo.toml" in result.output
+
+
+def test_two_rows_of_one_name_are_refused(experiment, tmp_path):
+    with pytest.raises(FileError, match="rows: 'x' stands twice"):
+        Run(experiment('name = "x"', 'name = "x"\nmethod = "oracle"'), tmp_path / "run")
+
+
+def test_unknown_task_is_refused_with_the_known_ones(experiment, tmp_path):
+    with pytest.raises(
+        FileError,
+        match=r"only: no task 'simple-99'; did you mean 'simple-0\d'\? there are .*simple-01",
+    ):
+        Run(experiment(only=["simple-99"]), tmp_path / "run")
+
+
+def test_missing_task_file_is_named(experiment, tmp_path):
+    path = experiment()
+    path.write_text(path.read_text().replace("tasks.jsonl", "none.jsonl"))
+    with pytest.raises(FileError, match=r"none\.jsonl: No such file"):
+        Run(path, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("row", "named"),
+    [
+        ('name = "x"\noptions = { colour = "red" }', "unknown option 'colour'; known options: lo"),
+        ('name = "x"\nmethod = "oracle"\noptions = { k = 1 }', "unknown option 'k'"),
+        ('name = "x"\nmethod = "orakel"', "Did you mean 'oracle'"),
+        ('name = "x"\noptions = { recall_k = "three" }', "Expected `int`.*recall_k"),
+    ],
+)
+def test_wrong_row_is_refused_by_name_before_any_row_runs_and_mended_in_place(
+    experiment, tmp_path, row, named
+):
+    folder, right = tmp_path / "run", 'name = "oracle"\nmethod = "oracle"'
+    with pytest.raises(KarmaError, match=f"row 'x': .*{named}"):
+        list(Run(experiment(right, row), folder).episodes())
+    assert not (folder / "episodes.jsonl").exists()
+    mended = Run(experiment(right, only=["simple-04"]), folder)  # though it is another one now
+    assert [record.success for record in mended.episodes()] == [True]
+
+
+def test_folder_that_another_run_has_taken_meanwhile_is_not_written(experiment, tmp_path):
+    oracle = 'name = "oracle"\nmethod = "oracle"'
+    first = Run(experiment(oracle), tmp_path / "run")
+    second = Run(experiment(oracle, only=["simple-04"]), tmp_path / "run")
+    assert len(list(second.episodes())) == 1
+    with pytest.raises(FileError, match="this folder holds a run of something else"):
+        next(first.episodes())
+
+
+def test_unknown_planner_is_refused_with_the_known_ones(experiment, tmp_path):
+    path = experiment()
+    path.write_text(re.sub(r'planner = ".*"', 'planner = "karma-nanno"', path.read_text()))
+    with pytest.raises(UnknownNameError, match=r"no model named 'karma-nanno'.*minilm"):
+        Run(path, tmp_path / "run")
+
+
+def test_seeds_multiply_the_episodes(experiment, tmp_path):
+    run = Run(experiment(more="seeds = [3, 5]"), tmp_path / "run")
+    assert run.total == 2
+    assert [(record.seed, record.error) for record in run.episodes()] == [(3, ""), (5, "")]

@@ -1,0 +1,402 @@
+"""Metrics of hand-made records, reductions against twins, and the causes of failures."""
+
+from dataclasses import replace
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.made_records import APPLE, KNIFE, MUG, answer, call, episode, plain, runs, sub
+
+from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
+from karma.bench.failures import CAUSES, count, failures
+from karma.bench.metrics import (
+    ACTIONS,
+    EXPLORATIONS,
+    METRICS,
+    episodes_of,
+    figures,
+    needs,
+    related_needs,
+)
+from karma.bench.records import AnswerTiming, EpisodeTiming, SubTaskTiming
+from karma.bench.steps import Ended, Enter, Instruction, Start, Unit
+
+CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
+HOLD = "HOLDON(robot, Mug): 1"
+TAP = "TOGGLEON(Faucet): 1"
+
+
+def value(records, key, *, row="KARMA", kind="all", timings=None):
+    """Return one figure."""
+    lines = {(line.row, line.kind): line for line in figures(records, timings)}
+    return lines[row, kind].values[key].value
+
+
+# ----------------------------------------------------------------- success
+
+
+def test_success_of_a_task_needs_every_sub_task():
+    records = [
+        episode(sub(CUT), sub(KEEP), task="t1"),
+        episode(sub(CUT), sub(KEEP, unmet=True), task="t2"),
+    ]
+    assert value(records, "success") == 0.5
+    assert value(records, "subtasks_done") == 0.75
+
+
+def test_errors_stay_in_every_denominator_with_what_was_never_tried():
+    records = [
+        episode(sub(CUT), sub(KEEP, HOLD), seed=0),
+        episode(sub(CUT), seed=1, error="WorldLost: gone"),
+    ]
+    assert value(records, "success") == 0.5
+    assert value(records, "subtasks_done") == 0.75
+    assert value(records, "goals_met") == 4 / 6
+    assert value(records, "planner_calls") == 1.5
+
+
+def test_goals_are_counted_one_by_one():
+    records = [episode(sub(CUT, KEEP, HOLD, TAP, unmet=[HOLD]))]
+    assert value(records, "goals_met") == 0.75
+    assert value(records, "success") == 0
+
+
+# ----------------------------------------------------------------- memory
+
+
+def test_needs_are_things_that_can_be_carried_with_their_alternatives():
+    goals = (KEEP, "ON(Apple/Tomato, Plate): 1", TAP, "ON(AppleSliced, CounterTop): 1")
+    assert needs(goals) == ({"Apple"}, {"Apple", "Tomato"}, {"Plate"})
+
+
+def test_mra_asks_for_the_things_that_an_earlier_sub_task_was_about():
+    first = sub(CUT)
+    right = episode(first, sub(KEEP, recalled=[KNIFE, APPLE], hits=1, queries=1), task="t1")
+    wrong = episode(first, sub(KEEP, recalled=[KNIFE], hits=1, queries=1), task="t2")
+    gone = episode(first, sub(KEEP, recalled=[KNIFE], hits=0, queries=1), task="t3")
+    assert value([right], "retrieved") == 1
+    assert value([right, wrong], "retrieved") == 0.5
+    assert value([right, wrong, gone], "retrieved") == 1 / 3
+    assert value([right, wrong, gone], "retrieved_of_held") == 0.5  # what is gone cannot be found
+
+
+def test_mra_of_several_things_wants_them_all_and_any_alternative():
+    first = sub(CUT, HOLD)
+    both = sub("ON(Apple, Fridge): 1", HOLD, recalled=[MUG, f"{APPLE}|AppleSliced_1"])
+    one = sub("ON(Apple, Fridge): 1", HOLD, recalled=[APPLE])
+    either = sub("HOLDON(robot, Apple/Mug): 1", recalled=[MUG])
+    assert value([episode(first, both)], "retrieved") == 1
+    assert value([episode(first, one)], "retrieved") == 0
+    assert value([episode(first, either)], "retrieved") == 1
+
+
+def test_mra_of_unrelated_tasks_and_of_rows_without_memory_is_undefined():
+    unrelated = episode(sub(CUT, recalled=[KNIFE]), sub(HOLD, recalled=[APPLE]))
+    assert value([unrelated], "retrieved") is None
+    forgetful = episode(sub(CUT), sub(KEEP, queries=1))
+    for key in ("retrieved", "retrieved_of_held", "hits", "hits_later"):
+        assert value([forgetful], key) is None
+    teacher = episode(sub(CUT, answers=[]), sub(KEEP, answers=[], queries=1))
+    assert value([teacher], "retrieved") is None
+    assert value([teacher], "planner_calls") is None
+
+
+def test_hits_count_things_cold_and_in_the_later_half():
+    parts = [sub(CUT, hits=0, queries=2), sub(CUT, hits=0, queries=1),
+             sub(KEEP, hits=1, queries=1), sub(KEEP, hits=1, queries=2)]  # fmt: skip
+    assert value([episode(*parts)], "hits") == 2 / 6
+    assert value([episode(*parts)], "hits_later") == 2 / 3
+    assert value([episode(*parts[:3])], "hits_later") == 1  # the middle one is not later
+
+
+# ----------------------------------------------------------------- cost
+
+
+def test_amounts_are_means_per_episode_and_unknown_ones_stay_unknown():
+    known = episode(sub(CUT, answers=[answer(prompt_tokens=70), answer(prompt_tokens=30)],
+                        calls=[call("A", actions=4, explorations=2), call("B", actions=5)]),
+                    task="t1")  # fmt: skip
+    unknown = episode(sub(CUT, answers=[answer(prompt_tokens=None)]), task="t2")
+    assert value([known], "prompt_tokens") == 100
+    assert value([known], "explorations") == 2
+    assert value([known], "actions") == 9
+    assert value([known, unknown], "prompt_tokens") == 100
+    assert value([unknown], "prompt_tokens") is None
+    assert value([known], "cost") is None
+
+
+def test_seconds_come_from_timings_alone():
+    record = episode(sub(CUT))
+    one = AnswerTiming(first_token_s=0.1, total_s=0.5, reused_tokens=3)
+    timing = EpisodeTiming(
+        row="KARMA", task="t1", seed=0, subtasks=(SubTaskTiming(seconds=2.0, answers=(one,)),)
+    )
+    assert value([record], "seconds") is None
+    assert value([record], "seconds", timings={timing.key: timing}) == 2.0
+    assert value([record], "answer_s", timings={timing.key: timing}) == 0.5
+    assert value([record], "first_token_s", timings={timing.key: timing}) == 0.1
+
+
+@given(records=runs(), data=st.data())
+@settings(max_examples=12)
+def test_figures_do_not_depend_on_the_order_of_records(records, data):
+    turned = data.draw(st.permutations(records))
+    named = {(line.row, line.kind): line for line in figures(turned)}
+    for line in figures(records):
+        assert named[line.row, line.kind] == line
+    saved = {(one.row, one.kind): one for one in reductions(turned)}
+    assert saved == {(one.row, one.kind): one for one in reductions(records)}
+
+
+@given(records=runs())
+@settings(max_examples=15)
+def test_rates_are_undefined_or_between_0_and_1_inside_their_intervals(records):
+    for line in figures(records):
+        for metric in METRICS:
+            found = line.values[metric.key]
+            assert (found.value is None) == (found.number == 0)
+            if found.value is not None and metric.is_rate:
+                assert 0 <= found.value <= 1
+            if found.interval is not None:
+                assert found.value in found.interval
+
+
+# ----------------------------------------------------------------- reductions
+
+
+def twins(*amounts, row="KARMA"):
+    """Return a row's and its memory-off twin's episodes from (task, seed, places, places off)."""
+    records = []
+    for task, seed, places, off in amounts:
+        records.append(plain(True, places=places, steps=10 * places, row=row, task=task, seed=seed))
+        records.append(
+            plain(True, places=off, steps=10 * off, row=OFF_ROW, task=task, seed=seed)
+        )  # fmt: skip
+    return records
+
+
+def test_reduction_is_what_the_twin_spent_less_what_the_row_spent():
+    records = twins(("t1", 0, 1, 10), ("t1", 1, 3, 10), ("t2", 0, 0, 20))
+    line = next(one for one in reductions(records) if one.kind == "all")
+    assert (line.row, line.reference, line.pairs) == ("KARMA", OFF_ROW, 3)
+    assert line.explorations.value == pytest.approx(1 - 4 / 40)
+    assert line.actions.value == pytest.approx(1 - 4 / 40)
+    assert line.seconds.value is None  # nobody timed it
+
+
+def test_reduction_below_0_is_said_and_of_nothing_undefined():
+    worse = next(one for one in reductions(twins(("t1", 0, 6, 4))) if one.kind == "all")
+    assert worse.explorations.value == pytest.approx(-0.5)
+    nothing = next(one for one in reductions(twins(("t1", 0, 0, 0))) if one.kind == "all")
+    assert nothing.explorations.value is None
+
+
+def test_reduction_pairs_by_task_and_seed_whatever_else_is_there():
+    records = twins(("t1", 0, 2, 4), ("t2", 0, 3, 6))
+    records += [plain(True, places=99, task="t1", seed=7), plain(True, places=50, row=LOTA_ROW)]
+    line = next(one for one in reductions(records) if (one.row, one.kind) == ("KARMA", "all"))
+    assert (line.pairs, line.explorations.value) == (2, 0.5)
+    other = next(one for one in reductions(records, reference=LOTA_ROW) if one.row == "KARMA")
+    assert other.explorations.value == pytest.approx(1 - 2 / 50)
+    assert reductions(records, reference="nobody") == ()
+
+
+def test_reduction_of_related_sub_tasks_leaves_out_the_first_search():
+    def row(name, first, second):
+        looks = [call("Explore(robot, 'Apple')", explorations=n) for n in (first, second)]
+        return episode(sub(CUT, calls=looks[:1]), sub(KEEP, calls=looks[1:]), row=name)
+
+    line = next(
+        one for one in reductions([row("KARMA", 8, 1), row(OFF_ROW, 8, 8)]) if one.kind == "all"
+    )
+    assert line.explorations.value == pytest.approx(1 - 9 / 16)
+    assert line.explorations_related.value == pytest.approx(1 - 1 / 8)
+    assert line.actions_related.value == 0
+
+
+def test_reduction_of_solved_pairs_leaves_out_who_gave_up():
+    records = [*twins(("t1", 0, 5, 10)), plain(False, places=0, task="t2"),
+               plain(True, places=10, row=OFF_ROW, task="t2")]  # fmt: skip
+    line = next(one for one in reductions(records) if one.kind == "all")
+    assert line.explorations.value == 0.75
+    assert (line.solved_pairs, line.explorations_solved.value) == (1, 0.5)
+
+
+@given(places=st.lists(st.tuples(st.integers(1, 30), st.floats(0, 1)), min_size=8, max_size=30))
+@settings(max_examples=10)
+def test_a_known_reduction_is_recovered_inside_its_interval(places):
+    """Every twin searches so many places, and the row a fifth of them, give or take one."""
+    records = twins(*(
+        (f"t{number}", 0, off + round(wobble), 5 * off)
+        for number, (off, wobble) in enumerate(places)
+    ))  # fmt: skip
+    line = next(one for one in reductions(records) if one.kind == "all")
+    assert line.explorations.value in line.explorations.interval
+    assert 0.6 - 1e-9 <= line.explorations.value <= 0.8 + 1e-9
+
+
+@given(amounts=st.lists(st.integers(0, 30), min_size=2, max_size=20))
+@settings(max_examples=10)
+def test_identical_arms_save_nothing(amounts):
+    records = twins(*((f"t{number}", 0, one, one) for number, one in enumerate(amounts)))
+    episodes = episodes_of(records)
+    rows = [[e for e in episodes if e.record.row == row] for row in ("KARMA", OFF_ROW)]
+    for metric in (EXPLORATIONS, ACTIONS):
+        found = reduced(metric, paired(*rows))
+        assert found.value == (0 if any(amounts) else None)
+        if found.interval is not None:
+            assert 0 in found.interval
+
+
+# ----------------------------------------------------------------- causes
+
+
+def cause(*subtasks, steps=None, error=""):
+    """Return the causes of an episode's failures, in order."""
+    (one,) = episodes_of([episode(*subtasks, error=error)])
+    return [found.cause for found in failures(one, steps)]
+
+
+def unit(object_id):
+    return Unit(
+        object_id=object_id, object_type=object_id.split("|")[0], states=(), place_id=None,
+        handled=True, position_m=(0.0, 0.0, 0.0), image=None,
+    )  # fmt: skip
+
+
+def log(*before_and_after):
+    """Return a step log that knows memory before and after each sub-task."""
+    steps = []
+    for number, (before, after) in enumerate(before_and_after):
+        held = tuple(map(unit, before))
+        steps.append(Instruction(number=number, instruction="", memory=held))
+        steps.append(Ended(finished=True, memory=tuple(map(unit, after)), unmet=()))
+    return steps
+
+
+NEVER_NAMED = sub(KEEP, unmet=True, queries=1, calls=[call("GoToObject(robot, 'Mug')")])
+
+
+def test_cause_of_no_program_is_the_planner():
+    unread = [answer(error="line 1: no skill"), answer(error="line 1: no skill")]
+    assert cause(sub(CUT, unmet=True, answers=unread, finished=False)) == ["planner"]
+    assert cause(sub(CUT, unmet=True, answers=[], finished=False)) == ["planner"]
+
+
+def test_cause_of_a_program_that_ran_is_the_planner():
+    ran = sub(CUT, unmet=True, calls=[call("PickupObject(robot, 'Apple')")])
+    assert cause(ran) == ["planner"]
+
+
+def test_cause_of_a_thing_held_but_not_recalled_is_recall():
+    held = sub(KEEP, unmet=True, queries=1, hits=1, recalled=[KNIFE],
+               calls=[call("GoToObject(robot, 'Knife')")])  # fmt: skip
+    assert cause(sub(CUT), held) == ["recall"]
+    assert cause(sub(CUT), held, steps=log(([], [APPLE]), ([APPLE, KNIFE], []))) == ["recall"]
+
+
+def test_cause_of_a_thing_that_memory_lost_is_that_and_the_log_tells_whether_it_had_it():
+    assert cause(sub(CUT), NEVER_NAMED) == ["evicted"]
+    assert cause(sub(CUT), NEVER_NAMED, steps=log(([], [APPLE]), ([KNIFE], []))) == ["evicted"]
+    assert cause(sub(CUT), NEVER_NAMED, steps=log(([], [KNIFE]), ([KNIFE], []))) == ["not stored"]
+
+
+def in_room(scene, *object_ids):
+    return tuple(msgspec.structs.replace(unit(one), scene=scene) for one in object_ids)
+
+
+@pytest.mark.parametrize(("room", "expected"), [("kitchen", "recall"), ("bedroom", "evicted")])
+def test_only_what_memory_held_of_the_room_concerned_was_held(room, expected):
+    """Apple and knife have the same ids in both rooms."""
+    before, after = in_room("kitchen", APPLE), in_room(room, APPLE)
+    steps = [
+        Start(scene="kitchen", seed=0),
+        Instruction(number=0, instruction="", memory=()),
+        Ended(finished=True, memory=before, unmet=()),
+        Enter(scene="bedroom"),
+        Instruction(number=1, instruction="", memory=before),
+        Ended(finished=True, memory=after, unmet=()),
+        Enter(scene="kitchen"),
+        Instruction(number=2, instruction="", memory=after),
+    ]
+    elsewhere = replace(sub(KEEP), scene="bedroom")
+    assert cause(sub(CUT), elsewhere, NEVER_NAMED, steps=steps) == [expected]
+
+
+def test_nothing_is_come_back_to_in_another_room():
+    elsewhere = replace(sub(CUT), scene="bedroom")
+    assert related_needs(episode(elsewhere, NEVER_NAMED)) == [(), ()]
+    assert related_needs(episode(sub(CUT), elsewhere, NEVER_NAMED)) == [(), (), ({"Apple"},)]
+
+
+def test_cause_of_a_recalled_or_named_thing_is_not_memory():
+    recalled = sub(KEEP, unmet=True, recalled=[APPLE], hits=1, queries=1,
+                   calls=[call("GoToObject(robot, 'Mug')")])  # fmt: skip
+    named = sub(KEEP, unmet=True, queries=1, calls=[call("Explore(robot, 'Apple')")])
+    unrelated = sub(HOLD, unmet=True, queries=1, calls=[call("GoToObject(robot, 'Knife')")])
+    assert cause(sub(CUT), recalled) == ["planner"]
+    assert cause(sub(CUT), named) == ["planner"]
+    assert cause(sub(CUT), unrelated) == ["planner"]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason", "expected"),
+    [
+        ("Explore(robot, 'Knife')", "could not find Knife; searched 31 places", "skill"),
+        ("Explore(robot, 'Safe')", "no Safe there", "skill"),
+        ("OpenObject(robot, 'Fridge')", "CAPEAM has no sub-goal for it", "planner"),
+        ("GoToObject(robot, 'Knife')", "gave up after 600 actions on Knife", "skill"),
+        ("GoToObject(robot, 'Sink')", "could not get Sink into view and reach", "skill"),
+        (f"GoToObject(robot, '{KNIFE}')", f"no {KNIFE} is known; Explore(robot, 'Knife') first",
+         "skill"),
+        ("GoToObject(robot, 'Knife')", "no Knife is known; Explore(robot, 'Knife') first",
+         "planner"),
+        ("PickupObject(robot, 'Knife')", "the hand holds Apple; put it down first, e.g. x",
+         "planner"),
+        ("PutObject(robot, 'Apple', 'Sofa')", "Apple cannot be placed in Sofa", "planner"),
+        ("PickupObject(robot, 'Egg')",
+         "Egg is in the closed Fridge; OpenObject(robot, 'Fridge') first", "planner"),
+        ("OpenObject(robot, 'Microwave')", "Target must be off to open! Do ToggleOff first.",
+         "planner"),
+        ("PutObject(robot, 'Apple', 'Plate')", "No valid positions to place object found",
+         "world"),
+        ("PickupObject(robot, 'Apple')", "Apple would collide with the wall", "world"),
+    ],
+)  # fmt: skip
+def test_cause_of_a_refused_call_follows_from_its_reason(text, reason, expected):
+    broken = sub(CUT, unmet=True, finished=False, calls=[call("A"), call(text, reason)])
+    assert cause(broken) == [expected]
+
+
+def test_cause_of_a_search_for_what_memory_should_have_known_is_memory():
+    lost = call("Explore(robot, 'Apple')", "could not find Apple; searched 31 places")
+    part = sub(KEEP, unmet=True, finished=False, queries=1, calls=[lost])
+    assert cause(sub(CUT), part) == ["evicted"]
+    assert cause(sub(CUT), part, steps=log(([], [APPLE]), ([APPLE], []))) == ["recall"]
+    assert cause(part) == ["skill"]  # nobody spoke of it before
+
+
+def test_cause_of_what_was_never_tried_is_the_error():
+    full = episode(sub(CUT), sub(KEEP), sub(HOLD), seed=1)
+    for error, expected in (("WorldLost: gone", "world"), ("ModelError: torn", "error")):
+        torn = episode(sub(CUT), error=error)
+        one = episodes_of([full, torn])[1]
+        found = failures(one)
+        assert [f.cause for f in found] == [expected] * 2
+        assert [f.number for f in found] == [1, 2]
+        assert [f.is_first for f in found] == [True, False]
+
+
+@given(records=runs())
+@settings(max_examples=30)
+def test_every_failed_sub_task_has_one_cause(records):
+    for one in episodes_of(records):
+        found = failures(one)
+        assert [f.number for f in found] == [
+            number for number, part in enumerate(one.record.subtasks) if not part.success
+        ]
+        counts = count(found)
+        assert tuple(counts) == CAUSES
+        assert sum(counts.values()) == len(found)
+        assert sum(count(found, first_only=True).values()) == bool(found)

@@ -1,0 +1,313 @@
+"""Seeds are added until success rates are as sure as they are wanted, and no seed for nothing."""
+
+import json
+import textwrap
+import time
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.made_records import plain
+from support.run_files import TASKS, files, lines_in, started, write_experiment
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.bench.metrics import figures
+from karma.bench.precision import Precision, reached, takes_another
+from karma.bench.records import read_records
+from karma.bench.run import Run
+from karma.bench.run_folder import EPISODES, RESULTS, read_run
+from karma.cli import app
+from karma.errors import FileError, KarmaError
+from karma.seeds import stream
+from karma.tasks.files import load_tasks, write_tasks
+
+
+def drawn(seeds, chances, row="KARMA"):
+    """Episodes of tasks with these chances to be solved."""
+    return [
+        plain(bool(stream(seed, row, str(task)).random() < chance), task=f"t{task}", seed=seed,
+              row=row)
+        for seed in range(seeds)
+        for task, chance in enumerate(chances)
+    ]  # fmt: skip
+
+
+# ----------------------------------------------------------------- the rule
+
+
+@pytest.mark.parametrize("half_width", [0.2, 0.1])
+def test_seeds_are_taken_until_the_half_width_and_then_no_more(half_width):
+    wanted = Precision(half_width=half_width, max_seeds=200)
+    seeds = 1
+    while takes_another(drawn(seeds, [0.5] * 10), wanted, seeds):
+        seeds += 1
+    (line,) = reached(drawn(seeds, [0.5] * 10), wanted)
+    assert line.reached
+    assert line.success.interval.half_width <= half_width
+    (before,) = reached(drawn(seeds - 1, [0.5] * 10), wanted)
+    assert before.success.interval.half_width > half_width
+    assert 10 * seeds == pytest.approx(0.25 * (1.96 / half_width) ** 2, rel=0.5)
+
+
+def test_no_seed_is_taken_beyond_the_maximum():
+    records, wanted = drawn(3, [0.5] * 10), Precision(half_width=0.05, max_seeds=4)
+    assert takes_another(records, wanted, 3)
+    assert not takes_another(records, wanted, 4)
+
+
+def test_tasks_that_never_change_take_tasks_and_not_one_seed_more():
+    records, wanted = drawn(2, [0, 1] * 5), Precision(half_width=0.05)
+    (line,) = reached(records, wanted)
+    assert (line.takes_tasks, line.reached, line.tasks, line.seeds) == (True, False, 10, 2)
+    assert not takes_another(records, wanted, 2)
+
+
+def test_one_task_alone_is_as_sure_as_its_seeds_make_it():
+    wanted, seeds = Precision(half_width=0.2), 1
+    while takes_another(drawn(seeds, [1]), wanted, seeds):
+        seeds += 1
+    (line,) = reached(drawn(seeds, [1]), wanted)
+    assert line.reached
+    assert 2 < seeds < 12
+
+
+def test_two_seeds_that_agree_by_chance_do_not_end_a_run_of_coins():
+    """As coins do now and then: if tasks did differ as much as they seem to, seeds were no use."""
+    outcomes = [(1, 1)] * 4 + [(0, 0)] * 2 + [(0, 1), (1, 0)] * 2
+    records = [
+        plain(bool(solved), task=f"t{task}", seed=seed)
+        for task, pair in enumerate(outcomes)
+        for seed, solved in enumerate(pair)
+    ]
+    wanted = Precision(half_width=0.1)
+    (line,) = reached(records, wanted)
+    assert (line.more_seeds, line.takes_tasks) == (None, False)
+    assert takes_another(records, wanted, 2)
+
+
+def test_one_seed_says_nothing_about_seeds_so_a_second_is_taken():
+    records, wanted = drawn(1, [0, 1] * 5), Precision(half_width=0.05)
+    (line,) = reached(records, wanted)
+    assert (line.takes_tasks, line.more_seeds) == (False, None)
+    assert takes_another(records, wanted, 1)
+
+
+def test_row_that_seeds_help_goes_on_beside_one_that_they_do_not():
+    wanted = Precision(half_width=0.1)
+    oracle, karma = drawn(2, [1] * 10, row="oracle"), drawn(2, [0.5] * 10)
+    assert not takes_another(oracle, wanted, 2)
+    assert takes_another(oracle + karma, wanted, 2)
+
+
+def test_kind_is_judged_by_itself_and_one_that_nobody_asked_is_not_there():
+    hard = [plain(seed % 2 == task % 2, kind="complex", task=f"c{task}", seed=seed)
+            for seed in range(2) for task in range(3)]  # fmt: skip
+    lines = reached(drawn(2, [1] * 100) + hard, Precision(half_width=0.1))
+    assert [(line.kind, line.tasks, line.reached) for line in lines] == [
+        ("simple", 100, True), ("complex", 3, False),
+    ]  # fmt: skip
+
+
+@given(order=st.randoms(), seeds=st.integers(1, 4), chances=st.lists(st.floats(0, 1), min_size=1))
+def test_figures_are_the_table_s_and_no_order_of_records_changes_them(order, seeds, chances):
+    records = drawn(seeds, chances)
+    wanted = Precision(half_width=0.1)
+    lines = reached(records, wanted)
+    order.shuffle(records)
+    assert reached(records, wanted) == lines
+    (table,) = [line for line in figures(records, {}) if line.kind == "simple"]
+    assert lines[0].success == table.values["success"]
+
+
+def test_interval_of_a_run_that_stopped_when_it_was_sure_still_holds_the_truth():
+    """Fifteen tasks with success rates of their own, 0.5 on average, 60 runs of them."""
+    wanted, held = Precision(half_width=0.15), 0
+    for run in range(60):
+        chances, seeds = stream(run, "chances").beta(2, 2, size=15), 1
+        while takes_another(drawn(seeds, chances, row=f"run {run}"), wanted, seeds):
+            seeds += 1
+        (line,) = reached(drawn(seeds, chances, row=f"run {run}"), wanted)
+        held += 0.5 in line.success.interval
+    assert held / 60 > 0.85
+
+
+@pytest.mark.parametrize(("width", "seeds"), [(0, 5), (0.5, 5), (-1, 5), (0.1, 0)])
+def test_precision_that_makes_no_sense_is_refused(width, seeds):
+    with pytest.raises(ValueError, match="it is"):
+        Precision(half_width=width, max_seeds=seeds)
+
+
+# ----------------------------------------------------------------- runs
+
+
+COIN = """
+from karma.methods.expert import OracleMethod
+from karma.contracts import Outcome
+from karma.seeds import stream
+
+class Coin(OracleMethod):
+    name = "coin"
+
+    @classmethod
+    def build(cls, kit, options):
+        return cls()
+
+    def begin(self, world, scene, *, seed, folder):
+        super().begin(world, scene, seed=seed, folder=folder)
+        self._seed, self._works = seed, None
+
+    def do(self, subtask):
+        if self._works is None:
+            self._works = stream(self._seed, "flip", subtask.instruction).random() < 0.5
+        if self._works:
+            yield from super().do(subtask)
+        else:
+            yield Outcome(finished=True, resident=(), handled_ids=())
+"""
+ONLY = ("simple-11", "simple-12", "simple-13", "simple-14")
+ROWS = '[[rows]]\nname = "coin"\nmethod = "coin"\n[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+WIDTH, MOST = 0.2, 12
+
+
+@pytest.fixture(scope="module")
+def coin(tmp_path_factory):
+    """An installed method that does as the teacher does, or nothing, by the toss of a coin."""
+    place = tmp_path_factory.mktemp("plugin")
+    info = place / "coin-1.0.dist-info"
+    info.mkdir(parents=True)
+    (place / "coin.py").write_text(textwrap.dedent(COIN))
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: coin\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[karma.methods]\ncoin = coin:Coin\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(place))
+        yield
+
+
+@pytest.fixture(scope="module")
+def whole(coin, tmp_path_factory):
+    """An undisturbed run: (experiment, folder, how many episodes)."""
+    folder = tmp_path_factory.mktemp("whole")
+    planner = export_tiny(folder / "tiny.gguf")
+    more = f"half_width = {WIDTH}\nmax_seeds = {MOST}"
+    path = write_experiment(folder / "x.toml", planner, rows=ROWS, only=ONLY, more=more)
+    return path, folder / "run", len(list(Run(path, folder / "run").episodes()))
+
+
+def test_run_adds_seeds_until_it_is_sure_enough(whole):
+    path, folder, number = whole
+    run = Run(path, folder)
+    seeds = run.seeds
+    assert seeds == tuple(range(len(seeds)))
+    assert 2 < len(seeds) < MOST
+    assert (number, run.left, run.total) == (8 * len(seeds), 0, number)
+    coin, oracle = reached(run.records, run.precision)
+    assert coin.reached
+    assert coin.success.interval.half_width <= WIDTH
+    assert oracle.success.value == 1
+    earlier = [record for record in run.records if record.seed < len(seeds) - 1]
+    assert not reached(earlier, run.precision)[0].reached
+    assert [record.seed for record in run.records] == sorted(r.seed for r in run.records)
+    assert {line["episodes"] for line in json.loads((folder / RESULTS).read_text())} == {
+        4 * len(seeds)
+    }
+
+
+@pytest.mark.parametrize("kept", [3, 8])
+def test_run_cut_within_or_between_seeds_ends_in_the_same_bytes(whole, tmp_path, kept):
+    path, folder, _ = whole
+    going = Run(path, tmp_path / "run").episodes()
+    for _ in range(kept):
+        next(going)
+    going.close()
+    list(Run(path, tmp_path / "run").episodes())
+    assert files(tmp_path / "run") == files(folder)
+
+
+def test_run_with_half_widths_that_is_killed_ends_in_the_same_bytes(whole, tmp_path):
+    path, folder, _ = whole
+    process = started(path, tmp_path / "run")
+    while process.is_alive() and lines_in(tmp_path / "run" / EPISODES) < 10:
+        time.sleep(0.002)
+    process.kill()
+    process.join()
+    assert process.exitcode < 0
+    list(Run(path, tmp_path / "run").episodes())
+    assert files(tmp_path / "run") == files(folder)
+
+
+def test_two_workers_add_the_same_seeds_as_one(whole, tmp_path):
+    path, folder, number = whole
+    assert len(list(Run(path, tmp_path / "run").episodes(workers=2))) == number
+    assert files(tmp_path / "run") == files(folder)
+
+
+def test_folder_of_listed_seeds_is_gone_on_with_and_nothing_is_thrown_away(whole, tmp_path):
+    path, folder, number = whole
+    listed = path.with_name("listed.toml")
+    listed.write_text(path.read_text().replace("half_width", "# half_width"))
+    run = Run(listed, tmp_path / "run")
+    assert (run.precision, run.total, run.seeds) == (None, 8, (0,))
+    list(run.episodes())
+    more = Run(listed, tmp_path / "run", half_width=WIDTH, max_seeds=MOST)
+    assert (len(more.records), more.left) == (8, 8)  # the next seed is begun
+    going = more.episodes()
+    next(going)
+    going.close()
+    assert not read_run(tmp_path / "run").finished
+    begun = Run(listed, tmp_path / "run")  # without: what was begun is finished, and no more
+    assert (begun.seeds, begun.left) == ((0, 1), 7)
+    list(Run(listed, tmp_path / "run", half_width=WIDTH, max_seeds=MOST).episodes())
+    assert files(tmp_path / "run") == files(folder)
+    assert Run(listed, tmp_path / "run").total == number
+
+
+def test_run_stops_at_the_maximum_and_says_what_was_reached(whole, tmp_path):
+    path, *_ = whole
+    json_path = tmp_path / "figures.json"
+    asked = ["--half-width", "0.1", "--max-seeds", "2", "--workers", "1", "--json", str(json_path)]
+    result = CliRunner().invoke(app, ["eval", str(path), "--out", str(tmp_path / "run"), *asked])
+    assert result.exit_code == 0, result.output
+    assert {r.seed for r in read_records(tmp_path / "run" / EPISODES)} == {0, 1}
+    said = " ".join(result.output.split())
+    assert "success to ± 0.1" in said
+    assert "takes more tasks, not seeds" in said  # the teacher, who always succeeds
+    assert {line["episodes"] for line in json.loads(json_path.read_text())} == {8}
+
+
+def test_teacher_alone_ends_after_the_second_seed_whatever_is_allowed(whole, tmp_path):
+    path, *_ = whole
+    rows = '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    other = write_experiment(
+        tmp_path / "x.toml", path.with_name("tiny.gguf"), rows=rows, only=ONLY[:2], more=""
+    )
+    assert len(list(Run(other, tmp_path / "run", half_width=0.05).episodes())) == 4
+
+
+def test_maximum_without_a_half_width_is_refused(whole, tmp_path):
+    path, *_ = whole
+    listed = path.with_name("listed2.toml")
+    listed.write_text(path.read_text().replace("half_width", "# half_width"))
+    with pytest.raises(KarmaError, match="--max-seeds is for runs with --half-width"):
+        Run(listed, tmp_path / "run", max_seeds=3)
+    with pytest.raises(KarmaError, match=r"half-width 0\.7: it is between 0 and 0\.5"):
+        Run(listed, tmp_path / "run", half_width=0.7)
+    path.with_name("wrong.toml").write_text(path.read_text().replace(str(WIDTH), "0.9"))
+    with pytest.raises(FileError, match=r"wrong\.toml: half-width 0\.9: it is between"):
+        Run(path.with_name("wrong.toml"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_sequences_have_one_seed_so_a_half_width_is_refused(whole, tmp_path):
+    path, *_ = whole
+    one = next(task for task in load_tasks(TASKS) if task.id == ONLY[0])
+    write_tasks(tmp_path / "tasks.jsonl", [replace(one, kind="sequence")])
+    rows = '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    other = write_experiment(
+        tmp_path / "x.toml", path.with_name("tiny.gguf"), rows=rows, only=ONLY[:1], more=""
+    )
+    other.write_text(other.read_text().replace(str(TASKS), str(tmp_path / "tasks.jsonl")))
+    with pytest.raises(KarmaError, match=r"is a sequence, which has one seed.*\n.*karma sequences"):
+        Run(other, tmp_path / "run", half_width=0.1)
+    assert len(list(Run(other, tmp_path / "run").episodes())) == 1

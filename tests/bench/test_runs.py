@@ -1,0 +1,473 @@
+"""Runs that are killed, shared among workers and gone on with: always the same bytes."""
+
+import gzip
+import json
+import multiprocessing
+import os
+import re
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started, write_experiment
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.bench.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
+from karma.bench.run import Run
+from karma.bench.run_folder import (
+    EPISODES,
+    FORMAT,
+    HEADER,
+    RESULTS,
+    TIMINGS,
+    Finished,
+    Header,
+    Machine,
+    RunFolder,
+    differences,
+    read_run,
+)
+from karma.bench.steps import Action, Ended, Instruction, Start, read_steps, slug, steps_path
+from karma.cli import app
+from karma.errors import FileError, KarmaError
+from karma.seeds import stream
+from karma.tasks.goals import GoalTracker, WatchedWorld
+from karma.world.sim import EmbeddedWorld
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
+
+
+@pytest.fixture(scope="module")
+def whole(planner, tmp_path_factory):
+    """An undisturbed run: (experiment, folder)."""
+    folder = tmp_path_factory.mktemp("whole")
+    path = write_experiment(folder / "x.toml", planner)
+    assert len(list(Run(path, folder / "run").episodes())) == 12
+    return path, folder / "run"
+
+
+# ----------------------------------------------------------------- what is in the folder
+
+
+def test_finished_run_is_in_the_order_of_seed_row_and_task(whole):
+    _, folder = whole
+    order = [
+        (row, task, seed)
+        for seed in (0, 1)
+        for row in ("oracle", "babble (K = 3)")
+        for task in ONLY
+    ]
+    # the experiment's order of tasks is the task file's
+    listed = [json.loads(line)["id"] for line in TASKS.read_text().splitlines()]
+    order.sort(key=lambda key: (key[2], key[0] != "oracle", listed.index(key[1])))
+    data = read_run(folder)
+    assert [record.key for record in data.records] == order
+    assert list(data.timings) == order
+    assert all(timing.seconds > 0 for timing in data.timings.values())
+    assert (data.folder, data.header.name, data.header.format) == (folder, "x", FORMAT)
+    assert all(
+        len(sub.answers) == len(taken.answers)
+        for record in data.records
+        for sub, taken in zip(record.subtasks, data.timings[record.key].subtasks, strict=True)
+    )
+
+
+def test_header_names_all_that_a_run_depends_on(whole):
+    _, folder = whole
+    header = json.loads((folder / HEADER).read_text())
+    assert set(header["models"]) == {"planner", "embedder", "vision"}
+    assert set(header["prompts"]) == {p.name for p in (ROOT / "karma" / "prompts").glob("*.txt")}
+    scenes = {record.scene for record in read_run(folder).records}
+    assert set(header["scenes"]) == scenes
+    assert {"karma", "llama-cpp-python", "numpy", "python"} <= set(header["versions"])
+    assert header["machine"]["cores"] >= 1
+    hashes = [*header["prompts"].values(), *header["scenes"].values(), header["tasks"]]
+    assert all(re.fullmatch("[0-9a-f]{64}", text) for text in hashes)
+
+
+def test_results_hold_no_times(whole):
+    _, folder = whole
+    lines = json.loads((folder / RESULTS).read_text())
+    assert {line["seconds"] for line in lines} == {None}
+    assert sum(line["episodes"] for line in lines if line["kind"] == "all") == 12
+
+
+def test_step_log_leads_the_world_through_the_episode_again(whole):
+    """Whatever a log says of an action happens again, and the same goals are met at the end."""
+    _, folder = whole
+    replayed = 0
+    for record in read_run(folder).records:
+        start, *steps = read_steps(steps_path(folder, *record.key))
+        assert start == Start(scene=record.scene, seed=record.seed)
+        world, tracker = EmbeddedWorld(), GoalTracker()
+        world.reset(start.scene)
+        watched, begun, ends = WatchedWorld(world, tracker), False, []
+        for step in steps:
+            if isinstance(step, Instruction):
+                if not begun:
+                    tracker.start(world.last_event)
+                begun = True
+                tracker.begin_subtask()
+            elif isinstance(step, Action):
+                event = watched.step(step.action, **step.arguments)
+                assert bool(event) == step.ok, (record.key, step)
+                assert step.ok or event.metadata["errorMessage"] == step.error
+                replayed += 1
+            elif isinstance(step, Ended):
+                ends.append((step.finished, step.unmet))
+        assert ends == [(sub.finished, sub.unmet) for sub in record.subtasks]
+        logged = [sub.instruction for sub in steps if isinstance(sub, Instruction)]
+        assert logged == [sub.instruction for sub in record.subtasks]
+    assert replayed > 500
+
+
+def test_step_logs_of_equal_runs_are_equal_files_without_a_time_of_day(whole):
+    _, folder = whole
+    (log, *_) = sorted(folder.glob("steps/*/*.gz"))
+    assert log.read_bytes()[4:8] == bytes(4)
+    lines = [json.loads(line) for line in gzip.decompress(log.read_bytes()).splitlines()]
+    assert lines[0]["kind"] == "start"
+    assert {"subtask", "plan", "action", "skill", "outcome", "map"} == {
+        line["kind"] for line in lines[1:]
+    }
+
+
+def test_step_logs_can_be_left_out_but_not_midway(planner, tmp_path):
+    path = write_experiment(
+        tmp_path / "x.toml", planner, only=ONLY[:1], more="[run]\nsteps = false"
+    )
+    run = Run(path, tmp_path / "run")
+    assert len(list(run.episodes())) == 2
+    assert not (tmp_path / "run" / "steps").exists()
+    assert len(run.records) == 2
+    with pytest.raises(FileError, match="step logs: False became True"):
+        Run(path, tmp_path / "run", steps=True)
+
+
+@given(one=st.text(min_size=1), other=st.text(min_size=1))
+def test_slug_is_a_file_name_and_tells_texts_apart(one, other):
+    assert re.fullmatch(r"[a-z0-9-]+", slug(one))
+    assert (slug(one) == slug(other)) == (one == other)
+
+
+def test_damaged_step_log_is_named(tmp_path):
+    path = tmp_path / "x.jsonl.gz"
+    with pytest.raises(FileError, match="No such file"):
+        read_steps(path)
+    path.write_bytes(b"no gzip")
+    with pytest.raises(FileError, match=r"x\.jsonl\.gz: no gzip file"):
+        read_steps(path)
+    path.write_bytes(gzip.compress(b'{"kind":"start","scene":"a","seed":0}\n{"kind":"jump"}\n'))
+    with pytest.raises(FileError, match=r"line 2: .*jump"):
+        read_steps(path)
+
+
+# ----------------------------------------------------------------- going on
+
+
+@pytest.mark.parametrize("kept", [3, 8])
+def test_run_goes_on_to_the_same_bytes_wherever_it_was_cut(whole, tmp_path, kept):
+    path, folder = whole
+    cut = copy(folder, tmp_path / "cut")
+    (cut / RESULTS).unlink()
+    records = (cut / EPISODES).read_bytes().splitlines(keepends=True)
+    timings = (cut / TIMINGS).read_bytes().splitlines(keepends=True)
+    (cut / EPISODES).write_bytes(b"".join(records[:kept]) + records[kept][:99])
+    (cut / TIMINGS).write_bytes(b"".join(timings[: kept + 1]))
+    (cut / ".episodes.jsonl.a1b2c3d4").write_bytes(b"torn")
+    run = Run(path, cut)
+    assert len(run.records) == kept
+    assert len(list(run.episodes())) == 12 - kept
+    assert files(cut) == files(folder)
+
+
+def test_episode_whose_step_log_is_missing_is_done_again(whole, tmp_path):
+    path, folder = whole
+    cut = copy(folder, tmp_path / "cut")
+    steps_path(cut, "oracle", ONLY[1], 1).unlink()
+    (again,) = Run(path, cut).episodes()
+    assert again.key == ("oracle", ONLY[1], 1)
+    assert files(cut) == files(folder)
+
+
+def test_reading_a_run_that_is_under_way_changes_nothing(whole, tmp_path):
+    _, folder = whole
+    cut = copy(folder, tmp_path / "cut")
+    records = (cut / EPISODES).read_bytes().splitlines(keepends=True)
+    (cut / EPISODES).write_bytes(b"".join(records[:4]) + records[4][:99])
+    before = {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()}
+    assert len(read_run(cut).records) == 4
+    assert {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()} == before
+
+
+def test_two_runs_at_once_in_one_folder_are_refused(whole, tmp_path):
+    path, folder = whole
+    cut = copy(folder, tmp_path / "cut")
+    (cut / EPISODES).write_bytes(b"")
+    first, second = Run(path, cut), Run(path, cut)
+    going = first.episodes()
+    next(going)
+    with pytest.raises(KarmaError, match="another run is at work in this folder"):
+        Run(path, cut)
+    with pytest.raises(KarmaError, match="another run is at work in this folder"):
+        next(second.episodes())
+    going.close()
+    assert next(second.episodes()).key != first.records[0].key
+
+
+# ----------------------------------------------------------------- refusing to mix
+
+
+def changed(text, path):
+    """The experiment with something of it, or of what it names, changed."""
+    if text == "task file":
+        tasks = path.with_name("tasks.jsonl")
+        tasks.write_text(TASKS.read_text().replace("candle", "red candle"))
+        return path.read_text().replace(str(TASKS), str(tasks))
+    if text == "weights":
+        planner = re.search('planner = "(.*)"', path.read_text())[1]
+        other = path.with_name("tiny.gguf")
+        data = bytearray(Path(planner).read_bytes())
+        data[-1] ^= 1
+        other.write_bytes(data)
+        return path.read_text().replace(planner, str(other))
+    if text == "row":
+        return path.read_text().replace("recall_k = 3", "recall_k = 4")
+    return path.read_text().replace("seeds = [0, 1]", "seeds = [0, 1, 2]")
+
+
+@pytest.mark.parametrize(
+    ("what", "named"),
+    [
+        ("task file", r"tasks: [0-9a-f]{12} became [0-9a-f]{12}"),
+        ("weights", r"models: planner: tiny [0-9a-f]{12} became tiny [0-9a-f]{12}"),
+        ("row", "experiment file: .* became "),
+        ("seeds", "experiment file: .* became "),
+    ],
+)
+def test_changed_input_is_refused_by_name_and_with_the_fix(whole, tmp_path, what, named):
+    path, folder = whole
+    run, other = copy(folder, tmp_path / "run"), tmp_path / "x.toml"
+    shutil.copy(path, other)
+    other.write_text(changed(what, other))
+    with pytest.raises(FileError, match=named) as caught:
+        Run(other, run)
+    assert f"{run / HEADER}: this folder holds a run of something else" in str(caught.value)
+    assert f"--out another folder, or karma eval {other} --fresh, which throws" in str(caught.value)
+    assert files(run) == files(folder)
+
+
+def test_episodes_without_a_header_are_nobody_s_and_refused(whole, tmp_path):
+    path, folder = whole
+    run = copy(folder, tmp_path / "run")
+    (run / HEADER).unlink()
+    with pytest.raises(FileError, match=r"header\.json: this folder holds .*\n  header: none"):
+        Run(path, run)
+    assert (run / EPISODES).read_bytes() == (folder / EPISODES).read_bytes()
+
+
+def test_comment_in_the_experiment_and_another_machine_change_nothing(whole, tmp_path):
+    path, folder = whole
+    run, other = copy(folder, tmp_path / "run"), tmp_path / "x.toml"
+    other.write_text("# a comment\n" + path.read_text())
+    header = json.loads((run / HEADER).read_text())
+    header["machine"]["cpu"] = "an abacus"
+    (run / HEADER).write_text(json.dumps(header))
+    assert list(Run(other, run).episodes()) == []
+
+
+def header(**changes):
+    machine = Machine(platform="p", cpu="c", cores=2, memory_mb=1, threads=1)
+    return Header(
+        **{"name": "x", "experiment": "a" * 64, "tasks": "b" * 64, "versions": {"karma": "1"},
+           "models": {"planner": f"m {'c' * 64}"}, "prompts": {"p": "d" * 64},
+           "scenes": {"kitchen_1": "e" * 64}, "format": 2, "machine": machine, **changes}
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"versions": {"karma": "2"}}, "versions: karma: 1 became 2"),
+        ({"prompts": {"p": "f" * 64}}, f"prompts: p: {'d' * 12} became {'f' * 12}"),
+        ({"scenes": {}}, f"scenes: kitchen_1: {'e' * 12} became none"),
+        ({"network": True}, "--allow-network: False became True"),
+        ({"models": {"planner": "m"}}, f"models: planner: m {'c' * 12} became m"),
+    ],
+)
+def test_difference_of_two_headers_is_said_in_words(change, said):
+    assert differences(header(), header(**change)) == [said]
+    assert differences(header(), header()) == []
+
+
+def test_folder_of_the_earlier_form_is_refused_with_the_fix(planner, tmp_path):
+    path = write_experiment(tmp_path / "x.toml", planner)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    old = {"version": "0.1.0", "experiment": "a", "tasks": "b", "planner": "c", "network": False}
+    (folder / HEADER).write_text(json.dumps(old))
+    for attempt in (lambda: read_run(folder), lambda: Run(path, folder)):
+        with pytest.raises(FileError, match="no run of the present form") as caught:
+            attempt()
+        assert "To fix: run it again: karma eval FILE --fresh" in str(caught.value)
+    assert Run(path, folder, fresh=True).records == []
+    with pytest.raises(FileError, match="there is no run in this folder"):
+        read_run(tmp_path)
+
+
+def test_fresh_run_forgets_what_the_earlier_one_left_and_nothing_else(whole, tmp_path):
+    path, folder = whole
+    run = copy(folder, tmp_path / "run")
+    (run / "notes.txt").write_text("mine")
+    assert Run(path, run, fresh=True).records == []
+    assert sorted(p.name for p in run.iterdir()) == [HEADER, "notes.txt"]
+
+
+# ----------------------------------------------------------------- killed at any byte
+
+
+def finished(number):
+    record = EpisodeRecord(
+        row="r", task=f"t{number}", kind="simple", scene="s", seed=0, notes=(), subtasks=()
+    )
+    timing = EpisodeTiming(row="r", task=f"t{number}", seed=0, subtasks=(SubTaskTiming(seconds=1),))
+    return Finished(record=record, timing=timing, steps=f"step {number}\n".encode())
+
+
+ORDER = [("r", f"t{number}", 0) for number in range(4)]
+
+
+def complete(folder, order=range(4)):
+    """Do what is missing."""
+    files = RunFolder(folder, steps=True)
+    with files.locked():
+        done = {record.key for record in files.done()[0]}
+        for number in order:
+            if ORDER[number] not in done:
+                files.commit(finished(number))
+        files.finish(ORDER)
+
+
+@settings(max_examples=30)
+@given(
+    order=st.permutations(range(4)),
+    whole_episodes=st.integers(0, 3),
+    stage=st.sampled_from(["steps", "timings", "episodes"]),
+    cut=st.integers(0, 400),
+)
+def test_run_killed_at_any_byte_ends_in_the_same_bytes(
+    tmp_path_factory, order, whole_episodes, stage, cut
+):
+    base = tmp_path_factory.mktemp("kill")
+    complete(base / "whole")
+    folder = base / "killed"
+    folder.mkdir()
+    run = RunFolder(folder, steps=True)
+    for number in order[:whole_episodes]:
+        run.commit(finished(number))
+    before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    run.commit(finished(order[whole_episodes]))
+    # take back what a process that died in that stage would not have written
+    record, timing = folder / EPISODES, folder / TIMINGS
+    for path, torn_at in ((record, "episodes"), (timing, "timings")):
+        old, new = before.get(path, b""), path.read_bytes()
+        later = torn_at == "episodes" or stage == "steps"
+        if torn_at == stage:
+            path.write_bytes(new[: len(old) + cut % (len(new) - len(old))])
+        elif later:
+            path.write_bytes(old)
+    if stage == "steps":
+        log = steps_path(folder, *ORDER[order[whole_episodes]])
+        log.rename(log.with_name(f".{log.name}.0a1b2c3d"))
+    complete(folder, order)
+    assert files(folder) == files(base / "whole")
+
+
+# ----------------------------------------------------------------- killed for real
+
+
+def test_run_killed_five_times_ends_in_the_same_bytes(whole, tmp_path):
+    """The long form is scripts/check_kills.py: 100 episodes, 20 kills, 1 and 2 workers."""
+    path, folder = whole
+    killed, rng, kills = tmp_path / "killed", stream(5, "kills"), 0
+    for wanted in sorted(int(n) for n in rng.integers(0, 12, 5)):
+        process = started(path, killed)
+        while process.is_alive() and lines_in(killed / EPISODES) < wanted:
+            time.sleep(0.002)
+        process.join(float(rng.uniform(0, 0.5)))
+        kills += process.is_alive()
+        process.kill()
+        process.join()
+    assert kills > 0
+    process = started(path, killed)
+    process.join()
+    assert process.exitcode == 0
+    assert files(killed) == files(folder)
+
+
+def test_full_disk_ends_the_run_and_counts_as_nobody_s_failure(whole, tmp_path):
+    """No file may grow beyond 6,000 bytes: a map of a room does, which the second row makes."""
+    path, folder = whole
+    full = tmp_path / "full"
+    process = started(path, full, most_bytes=6_000)
+    process.join()
+    assert process.exitcode == 1
+    kept = read_run(full)
+    assert not kept.finished
+    assert kept.records == read_run(folder).records[: len(ONLY)]
+    assert len(list(Run(path, full).episodes())) == 12 - len(ONLY)
+    assert files(full) == files(folder)
+
+
+def test_interrupted_run_says_how_to_go_on(whole, tmp_path):
+    path, folder = whole
+    stopped = tmp_path / "stopped"
+    process = started(path, stopped)
+    while process.is_alive() and lines_in(stopped / EPISODES) < 2:
+        time.sleep(0.002)
+    os.kill(process.pid, signal.SIGINT)
+    process.join()
+    assert process.exitcode == 130
+    kept = read_records(stopped / EPISODES)
+    assert 2 <= len(kept) < 12
+    assert kept == list(read_run(folder).records[: len(kept)])
+    assert not (stopped / RESULTS).exists()
+    assert len(Run(path, stopped).records) == len(kept)
+
+
+def test_two_workers_leave_the_same_bytes_as_one(whole, tmp_path):
+    path, folder = whole
+    run = Run(path, tmp_path / "run")
+    records = list(run.episodes(workers=2))
+    assert {record.key for record in records} == {r.key for r in read_run(folder).records}
+    assert files(tmp_path / "run") == files(folder)
+    assert multiprocessing.active_children() == []
+
+
+def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
+    path = tmp_path / "fig.toml"
+    path.write_text(
+        'kind = "trace"\nname = "x"\npolicies = ["fifo-merge[3]"]\nworkloads = ["type"]\n'
+        'unit_sets = ["m"]\nsequences = 2\nlength = 10\ncheckpoints = [5, 10]\n'
+    )
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / EPISODES).write_text("{}")
+    taken = CliRunner().invoke(
+        app, ["eval", str(path), "--fresh", "--out", str(tmp_path / "taken")]
+    )
+    assert (taken.exit_code, "holds a run's episodes" in taken.output) == (1, True)
+    arguments = ["eval", str(path), "--out", str(tmp_path / "run")]
+    refused = CliRunner().invoke(app, [*arguments, "--half-width", "0.1"])
+    assert (refused.exit_code, "has no seeds to add" in refused.output) == (1, True)
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert f"results: {tmp_path / 'run' / 'results.json'}" in result.output.replace("\n", "")
+    assert json.loads((tmp_path / "run" / RESULTS).read_text())["cells"]

@@ -1,0 +1,117 @@
+"""Workers of a run: how many, one that dies, and what is for one process only."""
+
+import os
+import textwrap
+
+import pytest
+from support.run_files import ONLY, write_experiment
+from support.tiny import export_tiny
+
+from karma.bench.experiment import Models
+from karma.bench.run import Run
+from karma.bench.worker_count import suggest_workers
+from karma.errors import KarmaError
+from karma.infer.hosted.cassette import Cassette
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
+
+
+DEADLY = """
+import os, signal
+from karma.contracts import Outcome
+
+class Deadly:
+    name = "deadly"
+
+    @classmethod
+    def build(cls, kit, options):
+        return cls()
+
+    def begin(self, world, scene, *, seed, folder):
+        self._folder = folder
+
+    def do(self, subtask):
+        mark = self._folder / "once"
+        if "soap" in subtask.instruction or not mark.exists():
+            mark.write_text("a worker was here")
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield Outcome(finished=True, resident=(), handled_ids=())
+"""
+
+
+@pytest.fixture
+def deadly(tmp_path, monkeypatch):
+    """An installed method whose episodes kill their process: those with an apple, and one more."""
+    place = tmp_path / "plugin"
+    info = place / "deadly-1.0.dist-info"
+    info.mkdir(parents=True)
+    (place / "deadly.py").write_text(textwrap.dedent(DEADLY))
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: deadly\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[karma.methods]\ndeadly = deadly:Deadly\n")
+    monkeypatch.syspath_prepend(str(place))
+
+
+def test_worker_that_dies_is_replaced_and_its_episode_done_once_more(
+    deadly, planner, tmp_path, caplog
+):
+    rows = '[[rows]]\nname = "deadly"\nmethod = "deadly"\n'
+    path = write_experiment(tmp_path / "x.toml", planner, rows=rows, only=ONLY[:2], more="")
+    run = Run(path, tmp_path / "run")
+    records = {record.task: record for record in run.episodes(workers=2)}
+    lost = [record for record in records.values() if record.error]
+    assert [record.task for record in lost] == ["simple-14"]
+    assert lost[0].error == (
+        "WorkerLost: 2 workers died of it, the last was killed by SIGKILL, as happens when memory "
+        "runs out"
+    )
+    assert (lost[0].subtasks, lost[0].success) == ((), False)
+    assert all(record.subtasks for record in records.values() if not record.error)
+    assert "a worker was killed by SIGKILL" in caplog.text
+    assert list(Run(path, tmp_path / "run").episodes()) == []
+
+
+HOSTED = """
+[models.hosted.planner]
+base_url = "http://127.0.0.1:9/v1"
+model = "m"
+"""
+
+
+def test_hosted_models_and_cassettes_are_for_one_process(planner, tmp_path):
+    path = write_experiment(tmp_path / "x.toml", "openai")
+    path.write_text(path.read_text() + HOSTED)
+    hosted = Run(path, tmp_path / "hosted")
+    assert hosted.suggest().number == 1
+    path = write_experiment(tmp_path / "y.toml", planner)
+    recorded = Run(path, tmp_path / "tape-run", cassette=Cassette(tmp_path / "tape", "record"))
+    assert recorded.suggest().number == 1
+    for run, named in ((hosted, "hosted models are asked by"), (recorded, "a cassette is for")):
+        for how in ({"workers": 2}, {"ray": "127.0.0.1:1"}):
+            with pytest.raises(KarmaError, match=rf"{named} one process.*\n.*leave out --workers"):
+                next(run.episodes(**how))
+
+
+@pytest.mark.parametrize(
+    ("free_mb", "cores", "episodes", "number"),
+    [(100_000, 4, 1000, 4), (100_000, 4, 30, 2), (100_000, 4, 3, 1), (1700, 4, 1000, 2),
+     (300, 4, 1000, 1), (100_000, 1, 1000, 1)],
+)  # fmt: skip
+def test_workers_are_as_many_as_cores_memory_and_episodes_allow(
+    monkeypatch, tmp_path, free_mb, cores, episodes, number
+):
+    (tmp_path / "meminfo").write_text(f"MemAvailable: {free_mb * 1_000_000 // 1024} kB\n")
+    monkeypatch.setattr("karma.infer.manifest.memory_check.MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr("karma.infer.manifest.memory_check.CGROUP", tmp_path)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
+    found = suggest_workers(Models(), episodes)
+    assert found.number == number
+    assert f"{cores} cores, {free_mb} MB free, about 650 MB each" in found.reason
+
+
+def test_workers_that_use_more_threads_are_fewer(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(4)))
+    monkeypatch.setattr("karma.bench.worker_count.available_mb", lambda: None)
+    assert suggest_workers(Models(threads=2), 1000).number == 2

@@ -1,0 +1,137 @@
+"""Runs of sequences over several rooms: the same bytes whoever does them, killed or not."""
+
+import time
+from dataclasses import replace
+
+import pytest
+from support.run_files import ROOT, TASKS, copy, files, lines_in, started
+from support.tiny import export_tiny
+
+from karma.bench.metrics import related_needs
+from karma.bench.results import result_of
+from karma.bench.run import Run
+from karma.bench.run_folder import EPISODES, RESULTS, read_run
+from karma.bench.steps import Enter, Start, read_steps, steps_path
+from karma.bench.tables import sheets, to_csv
+from karma.contracts import Task
+from karma.errors import KarmaError
+from karma.tasks.files import load_tasks, with_whole, write_tasks
+
+ROOMS = ("kitchen_1", "bedroom_1")
+
+
+def sequence(name, length):
+    """Return a sequence that asks in the two rooms in turn for what our tasks ask there."""
+    tasks = load_tasks(TASKS)
+    pools = [[sub for task in tasks if task.scene == room for sub in task.subtasks]
+             for room in ROOMS]  # fmt: skip
+    parts = [
+        replace(pools[number % 2][number // 2 % 5], scene=ROOMS[number % 2])
+        for number in range(length)
+    ]
+    return with_whole(Task(id=name, kind="sequence", scene=ROOMS[0], subtasks=tuple(parts)))
+
+
+def write_experiment(folder, planner, seeds="[0]"):
+    write_tasks(folder / "tasks.jsonl", [sequence("s-a", 6), sequence("s-b", 4)])
+    path = folder / "x.toml"
+    path.write_text(
+        f'name = "x"\ntasks = "{folder / "tasks.jsonl"}"\nseeds = {seeds}\n'
+        '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+        '[[rows]]\nname = "KARMA"\noptions = { attempts = 1, recall_k = 3 }\n'
+        '[[rows]]\nname = "memory off"\noptions = { attempts = 1, short_term = false }\n'
+        f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    return export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf")
+
+
+@pytest.fixture(scope="module")
+def whole(planner, tmp_path_factory):
+    """An undisturbed run: (experiment, folder)."""
+    folder = tmp_path_factory.mktemp("whole")
+    path = write_experiment(folder, planner)
+    assert len(list(Run(path, folder / "run").episodes())) == 6
+    return path, folder / "run"
+
+
+def test_record_tells_room_method_and_what_it_comes_back_to(whole):
+    _, folder = whole
+    data = read_run(folder)
+    assert set(data.header.scenes) == set(ROOMS)
+    for record in data.records:
+        assert (record.kind, record.scene, record.error) == ("sequence", ROOMS[0], "")
+        scenes = [sub.scene or record.scene for sub in record.subtasks]
+        assert scenes == [ROOMS[number % 2] for number in range(len(scenes))]
+        related = related_needs(record)
+        assert not related[0]
+        assert not related[1]  # the first in the other room
+    methods = {record.row: record.method for record in data.records}
+    assert methods == {
+        "oracle": "oracle", "KARMA": "KARMA", "memory off": "KARMA (w/o short term memory)",
+    }  # fmt: skip
+
+
+def test_log_begins_in_the_first_room_and_enters_the_others(whole):
+    _, folder = whole
+    for record in read_run(folder).records:
+        start, *steps = read_steps(steps_path(folder, *record.key))
+        assert start == Start(scene=ROOMS[0], seed=0)
+        moves = [step.scene for step in steps if isinstance(step, Enter)]
+        assert moves == [sub.scene or ROOMS[0] for sub in record.subtasks][1:]
+
+
+def test_same_bytes_again_and_with_two_workers(whole, tmp_path):
+    path, folder = whole
+    list(Run(path, tmp_path / "run").episodes(workers=2))
+    assert files(tmp_path / "run") == files(folder)
+
+
+def test_killed_run_goes_on_to_the_same_bytes(whole, tmp_path):
+    path, folder = whole
+    cut = copy(folder, tmp_path / "cut")
+    (cut / RESULTS).unlink()
+    lines = (cut / EPISODES).read_bytes().splitlines(keepends=True)
+    (cut / EPISODES).write_bytes(b"".join(lines[:3]))
+    process = started(path, cut)
+    while process.is_alive() and lines_in(cut / EPISODES) < 4:
+        time.sleep(0.02)
+    process.kill()
+    process.join()
+    process = started(path, cut)
+    process.join()
+    assert process.exitcode == 0
+    assert files(cut) == files(folder)
+
+
+def test_other_seeds_are_refused_before_anything_is_run(planner, tmp_path):
+    path = write_experiment(tmp_path, planner, seeds="[0, 1]")
+    with pytest.raises(KarmaError, match="'s-a' has no other days, only seed 0"):
+        Run(path, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_tables_have_the_kind_and_print_no_hits_without_memory(whole):
+    _, folder = whole
+    result = result_of(read_run(folder), {})
+    main, costs, *_ = sheets(result)
+    assert main.title == "x: sequence tasks"
+    assert "read their share in the next table" in main.caption
+    assert [line[0] for line in main.lines] == ["oracle", "KARMA", "memory off"]
+    assert {line[column] for line in main.lines for column in (2, 4, 6, 8)} == {"–"}  # published
+    assert main.lines[1][5] != "–"  # RE against the twin
+    for row in costs.lines:
+        found = dict(zip(costs.head, row, strict=True))
+        assert found["MHR cold"] == "–" or row[0] == "KARMA"
+        assert found["sub-tasks"] != "–"
+    assert ",sequence,success," in to_csv(result)
+
+
+def test_alfred_tasks_are_no_sequence():
+    assert {task.kind for task in load_tasks(ROOT / "eval" / "alfred_l" / "tasks.jsonl")} == {
+        "simple", "composite", "complex",
+    }  # fmt: skip

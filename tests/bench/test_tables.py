@@ -1,0 +1,284 @@
+"""The paper's tables from a run, as Markdown, LaTeX and CSV, beside the published figures."""
+
+import csv
+import io
+import re
+
+import pytest
+from support.made_records import plain, write_run
+from support.paths import ROOT
+from typer.testing import CliRunner
+
+from karma.bench.experiment import read_experiment
+from karma.bench.margins import claims
+from karma.bench.metrics import METRICS
+from karma.bench.results import result_of
+from karma.bench.run_folder import RESULTS, read_run
+from karma.bench.tables import (
+    COLUMNS,
+    Sheet,
+    load_published,
+    sheets,
+    to_csv,
+    to_latex,
+    to_markdown,
+)
+from karma.cli import app
+from karma.errors import FileError
+
+PAPER = ROOT / "eval" / "paper"
+PUBLISHED = load_published(PAPER / "published.csv")
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run of three rows over four tasks of two kinds and two seeds."""
+    records = [
+        plain(
+            row == "KARMA" or (task == "t1" and row == "memory off"),
+            places={"KARMA": 2, "memory off": 10, "oracle | &": 0}[row],
+            row=row, task=task, kind="simple" if task in ("t1", "t2") else "complex", seed=seed,
+        )
+        for seed in (0, 1)
+        for row in ("KARMA", "memory off", "oracle | &")
+        for task in ("t1", "t2", "t3", "t4")
+    ]  # fmt: skip
+    return read_run(write_run(tmp_path / "run", records, name="table_1"))
+
+
+@pytest.fixture
+def result(run):
+    return result_of(run, PUBLISHED)
+
+
+def rows_of(markdown, title):
+    """Return a Markdown table's rows as dictionaries."""
+    part = markdown.split(f"### {title}\n", 1)[1].split("###")[0]
+    lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in part.splitlines() if line[:1] == "|"]
+    head, _, *body = [[cell.strip() for cell in line] for line in lines]
+    assert all(len(line) == len(head) for line in body)
+    return [list(zip(head, line, strict=True)) for line in body]
+
+
+def test_markdown_sets_ours_beside_the_published(result):
+    first, second, third = rows_of(to_markdown(sheets(result)), "table_1: simple tasks")
+    assert first[0] == ("method", "KARMA")
+    assert first[1:3] == [("SR", "1.00 [0.34, 1.00]"), ("published", "0.42")]
+    assert first[5:7] == [("RE", "0.80 [0.80, 0.80]"), ("published", "0.582")]
+    assert ("MRA", "–") in first
+    assert second[1:3] == [("SR", "0.50 [0.09, 0.91]"), ("published", "–")]
+    assert third[0] == ("method", r"oracle \| &")
+
+
+def test_captions_say_how_many_episodes_and_seeds(result):
+    found = sheets(result)
+    assert "4 episodes a row (2 tasks × 2 seeds)" in found[0].caption
+    assert any("8 episodes a row (4 tasks × 2 seeds)" in sheet.caption for sheet in found)
+    assert any("detectable" in sheet.head for sheet in found)
+
+
+def test_sheets_compare_the_first_row_with_every_other(result):
+    (sheet,) = [one for one in sheets(result) if one.title == "Success compared"]
+    assert [line[:3] for line in sheet.lines] == [
+        ("KARMA", other, kind)
+        for other in ("memory off", "oracle | &")
+        for kind in ("all", "simple", "complex")
+    ]
+    assert sheet.lines[0][3] == "8 (4 × 2)"
+
+
+def test_sheets_count_causes(result):
+    (sheet,) = [one for one in sheets(result) if "the first failed" in one.title]
+    lines = {(line[0], line[1]): line[2:] for line in sheet.lines}
+    assert lines["KARMA", "all"][0] == "0"
+    assert lines["memory off", "all"][0] == "6"
+    assert dict(zip(sheet.head[2:], lines["memory off", "all"], strict=True))["planner"] == "6"
+
+
+def test_sheets_leave_out_what_nobody_measured(result):
+    (sheet,) = [one for one in sheets(result) if "took" in one.title]
+    assert "cost" not in sheet.head
+    assert "places searched" in sheet.head
+
+
+def test_latex_escapes_and_balances(result):
+    text = to_latex(sheets(result))
+    assert r"oracle | \&" in text
+    assert r"table\_1" in text
+    assert "×" not in text
+    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == len(sheets(result))
+    for row in re.findall(r"^(.*) \\\\$", text, flags=re.M):
+        assert not row.startswith("[")  # would be read as the optional argument of \\
+    plain_text = re.sub(r"\\[{}]", "", text)
+    assert plain_text.count("{") == plain_text.count("}")
+
+
+def test_latex_rows_have_as_many_cells_as_the_table_has_columns():
+    sheet = Sheet(title="a_b", caption="50 %", head=("m & n", "x"), lines=(("1", "[2]"),))
+    text = to_latex([sheet])
+    assert r"\begin{tabular}{lr}" in text
+    assert r"m \& n & x \\" in text
+    assert r"1 & {[}2{]} \\" in text
+    assert r"50 \%" in text
+
+
+def test_csv_has_every_metric_of_every_row(result):
+    rows = list(csv.DictReader(io.StringIO(to_csv(result))))
+    assert len(rows) == 3 * 3 * (len(METRICS) + 2)
+    one = next(
+        r for r in rows if (r["row"], r["kind"], r["metric"]) == ("KARMA", "simple", "success")
+    )
+    assert (one["value"], one["published"], one["episodes"], one["seeds"]) == (
+        "1",
+        "0.42",
+        "4",
+        "2",
+    )
+    assert float(one["low"]) < 1 == float(one["high"])
+    saved = next(
+        r for r in rows if (r["row"], r["kind"], r["metric"]) == ("KARMA", "complex", "re")
+    )
+    assert (saved["value"], saved["published"]) == ("0.8", "0.867")
+    unknown = next(r for r in rows if r["metric"] == "cost")
+    assert (unknown["value"], unknown["low"]) == ("", "")
+
+
+def test_table_of_an_unfinished_run_says_what_stands_behind_each_row(tmp_path):
+    records = [plain(True, task="t1"), plain(True, task="t2"), plain(True, row="other", task="t1")]
+    result = result_of(read_run(write_run(tmp_path / "run", records)), PUBLISHED)
+    assert not result.comparisons
+    caption = sheets(result)[0].caption
+    assert "1 episode a row (1 task × 1 seed) or 2 episodes a row (2 tasks × 1 seed)" in caption
+
+
+# ----------------------------------------------------------------- the paper's margins
+
+
+def margins(tmp_path, **solved):
+    """Return claims of a run over ten composite tasks, from row -> tasks solved, places 1 to 10."""
+    records = [
+        plain(number < count, places=1 if row == "KARMA" else 10, row=row.replace("_", " "),
+              task=f"t{number}", kind="composite")
+        for row, count in solved.items() for number in range(10)
+    ]  # fmt: skip
+    run = read_run(write_run(tmp_path / "run", records))
+    return {claim.text: claim for claim in claims(result_of(run, PUBLISHED))}
+
+
+def test_claims_take_the_best_baseline_and_no_twin_ablation_or_teacher(tmp_path):
+    found = margins(
+        tmp_path, KARMA=9, HELPER=4, CAPEAM=6, KARMA_w_o=8, memory_off=8, oracle=10
+    )  # fmt: skip
+    text = "SR of KARMA, composite tasks, times that of the best baseline"
+    claim = found[text]
+    assert (claim.rival, claim.ours.value, claim.wanted) == ("CAPEAM", 1.5, 1.3)
+    assert claim.verdict == "yes, not surely"
+    saved = found["RE of KARMA, composite tasks"]
+    assert (saved.rival, saved.ours.value, saved.verdict) == (
+        "memory off", pytest.approx(0.9), "yes",
+    )  # fmt: skip
+    assert found["RT of KARMA, composite tasks"].verdict == "no"  # ten steps each
+
+
+def test_claims_that_fail_or_cannot_be_judged_are_said_to(tmp_path):
+    text = "SR of KARMA, composite tasks, times that of the best baseline"
+    assert margins(tmp_path / "a", KARMA=5, HELPER=5)[text].verdict == "no"
+    assert margins(tmp_path / "b", KARMA=5, HELPER=0)[text].verdict == "undefined"
+    assert margins(tmp_path / "c", KARMA=6, HELPER=5)[text].verdict == "no, not surely"
+    assert margins(tmp_path / "d", KARMA=6) == {}
+
+
+# ----------------------------------------------------------------- the published figures
+
+
+def test_published_figures_are_those_of_the_paper(shared):
+    """Every row of Tables 1 and 2 in the paper's text, cell by cell; "-" is no figure."""
+    text = (shared / "paper" / "karma.txt").read_text()
+    names = {name.replace(" ", ""): row for row, name in _paper_rows().items()}
+    seen = set()
+    for line in text.splitlines():
+        name, *cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        name = re.sub(r"\(\w+ et al\., \w+\)", "", name).replace(" ", "")
+        if name not in names or len(cells) != 12:
+            continue
+        for number, cell in enumerate(cells):
+            kind, column = ("simple", "composite", "complex")[number // 4], COLUMNS[number % 4]
+            found = PUBLISHED.get((names[name], kind, column))
+            assert (found.value if found else "-") == (float(cell) if cell != "-" else "-")
+            if found:
+                seen.add((names[name], kind, column))
+    assert seen == set(PUBLISHED)
+
+
+def _paper_rows():
+    return {row: one.paper_row for (row, _, _), one in PUBLISHED.items()}
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("Table 1,KARMA,KARMA,simple,success,high", "line 2: could not convert"),
+        ("Table 1,KARMA,KARMA,simple,joy,0.1", "line 2: metric 'joy'"),
+        ("Table 1,KARMA", "line 2"),
+    ],
+)
+def test_published_figures_that_are_damaged_are_refused_by_line(tmp_path, line, words):
+    path = tmp_path / "published.csv"
+    path.write_text(f"source,paper_row,row,kind,metric,value\n{line}\n")
+    with pytest.raises(FileError, match=words):
+        load_published(path)
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(FileError, match="line 2"):
+        load_published(path)
+
+
+@pytest.mark.parametrize("path", sorted(PAPER.glob("table*.toml")), ids=lambda path: path.stem)
+def test_experiments_of_the_tables_have_the_published_rows_and_five_seeds(path):
+    experiment = read_experiment(path)
+    names = [row.name for row in experiment.rows]
+    assert experiment.seeds == (0, 1, 2, 3, 4)
+    source = "Table 1" if path.stem.startswith("table1") else "Table 2"
+    published = {row for (row, _, _), one in PUBLISHED.items() if one.source == source}
+    assert published <= set(names)
+    assert "memory off" in names
+
+
+# ----------------------------------------------------------------- the command
+
+
+def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    out = tmp_path / "out"
+    arguments = ["table", str(run.folder), "--published", str(PAPER / "published.csv")]
+    said = CliRunner().invoke(app, [*arguments, "--out", str(out), "--json", str(out / "x.json")])
+    assert said.exit_code == 0, said.output
+    assert "table_1: simple tasks" in said.output
+    unfinished = f"not finished, the figures are of the {len(run.records)} episodes that are done"
+    assert unfinished in " ".join(said.output.split())
+    assert sorted(path.name for path in out.iterdir()) == [
+        "table.csv", "table.md", "table.tex", "x.json",
+    ]  # fmt: skip
+    result = result_of(run, PUBLISHED)
+    assert (out / "table.md").read_text().startswith(to_markdown(sheets(result)))
+    again = CliRunner().invoke(app, [*arguments, "--off", "nobody"])
+    assert again.exit_code == 1
+    assert "no row 'nobody'" in again.output
+    (run.folder / RESULTS).write_text("[]")  # what a run writes last
+    done = CliRunner().invoke(app, [*arguments, "--out", str(out)])
+    assert "not finished" not in done.output
+
+
+def test_one_kind_of_task_has_no_line_over_all_kinds(tmp_path):
+    records = [
+        plain(row == "KARMA", places=3, row=row, task=task, kind="complex", seed=0)
+        for row in ("KARMA", "memory off")
+        for task in ("t1", "t2")
+    ]
+    result = result_of(read_run(write_run(tmp_path / "run", records, name="table_1")), PUBLISHED)
+    text = to_markdown(sheets(result))
+    assert "| KARMA | complex |" in text
+    assert "| KARMA | all |" not in text
+
+
+def test_several_kinds_of_task_have_a_line_over_all_kinds(result):
+    assert "| KARMA | all |" in to_markdown(sheets(result))

@@ -1,0 +1,283 @@
+"""The `karma` command: what it prints and writes, and how it says that something is wrong."""
+
+import json
+import re
+import struct
+from pathlib import Path
+
+import pytest
+import typer
+from support.paths import ROOT
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.cli import app
+from karma.errors import KarmaError
+from karma.infer.manifest.manifest import find_model, verify
+from karma.world.core import scene as scenes
+from karma.world.sim import EmbeddedWorld
+
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory):
+    return str(export_tiny(tmp_path_factory.mktemp("planner") / "tiny.gguf"))
+
+
+def karma(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def refused(*arguments):
+    """The error of a command that fails as it should: one message, no traceback."""
+    text = karma(*arguments, code=1)
+    assert "error:" in text
+    assert "Traceback" not in text
+    return text
+
+
+def need_nano():
+    try:
+        verify(find_model("karma-nano"))
+    except KarmaError as error:
+        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
+
+
+# ----------------------------------------------------------------- world
+
+
+def test_world_list_names_every_scene(tmp_path):
+    text = karma("world", "list", "--json", tmp_path / "list.json")
+    rows = json.loads((tmp_path / "list.json").read_text())
+    assert {row["scene"] for row in rows} == {path.stem for path in scenes.SCENES.glob("*.json")}
+    assert all(row["scene"] in text and row["objects"] > 10 for row in rows)
+
+
+def test_world_show_draws_a_picture(tmp_path):
+    path = tmp_path / "new" / "picture.png"
+    assert "kitchen_1" in karma("world", "show", "kitchen_1", "--out", path)
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    width, height = struct.unpack(">II", data[16:24])
+    assert min(width, height) > 300
+    assert len(data) > 20_000
+
+
+def test_world_show_of_an_unknown_scene_says_which_command_lists_them():
+    text = refused("world", "show", "attic")
+    assert "no scene named 'attic'" in text
+    assert "To fix: karma world list" in text
+    assert not list(Path().iterdir())
+
+
+@pytest.fixture
+def dump(tmp_path):
+    objects = EmbeddedWorld("bathroom_1").last_event.metadata["objects"]
+    path = tmp_path / "dump.jsonl"
+    path.write_text(json.dumps({"scene": "FloorPlan401", "objects": list(objects)}) + "\n")
+    return path
+
+
+def test_world_import_writes_scenes_that_load(dump, tmp_path):
+    report = tmp_path / "report.json"
+    text = karma("world", "import", dump, "--out", tmp_path / "scenes", "--json", report)
+    assert "1 scenes" in text
+    (row,) = json.loads(report.read_text())
+    found = scenes.load(row["path"])
+    ours = scenes.load("bathroom_1")
+    assert (found.name, found.room) == ("FloorPlan401", "Bathroom")
+    assert {thing.id for thing in found.objects} == {thing.id for thing in ours.objects}
+    assert "FloorPlan401" in karma("world", "show", row["path"])
+
+
+def test_world_import_of_a_name_that_is_not_there_is_refused(dump, tmp_path):
+    text = refused("world", "import", dump, "--only", "FloorPlan2", "--out", tmp_path / "scenes")
+    assert "dump.jsonl: no scene named 'FloorPlan2'" in text
+    assert not (tmp_path / "scenes").exists()
+
+
+# ----------------------------------------------------------------- models
+
+
+def test_models_list_shows_role_size_and_licence(tmp_path):
+    text = karma("models", "list", "--json", tmp_path / "models.json")
+    assert "minilm" in text
+    assert "embedder" in text
+    assert "minilm" in [row["name"] for row in json.loads((tmp_path / "models.json").read_text())]
+
+
+def test_models_verify_checks_every_model():
+    assert "✓ minilm: 9 files as they must be" in karma("models", "verify")
+
+
+def test_models_verify_of_a_wrong_file_names_it_with_the_command(tmp_path, monkeypatch):
+    (tmp_path / "manifest.toml").write_text(
+        '[[models]]\nname = "nano"\nrole = "planner"\nformat = "gguf"\nlicence = "x"\n'
+        'source = "x"\nrestore = "git restore models"\nprompt_profile = "compact"\n'
+        'context_length = 64\nfiles = [{ path = "n.gguf", bytes = 3, sha256 = "'
+        + "0" * 64
+        + '" }]\n'
+    )
+    (tmp_path / "n.gguf").write_bytes(b"abc")
+    monkeypatch.setenv("KARMA_MODELS", str(tmp_path))
+    text = refused("models", "verify")
+    for part in ("n.gguf: its SHA-256 is", "git restore models", "karma models verify"):
+        assert part in text
+
+
+def test_models_list_without_a_manifest_says_what_to_set(tmp_path, monkeypatch):
+    monkeypatch.setenv("KARMA_MODELS", str(tmp_path / "none"))
+    assert "set KARMA_MODELS" in refused("models", "list")
+
+
+# ----------------------------------------------------------------- run
+
+
+def test_run_with_any_gguf_shows_programs_and_memory(planner, tmp_path):
+    report = tmp_path / "report.json"
+    result = CliRunner().invoke(
+        app,
+        ["run", "Open the fridge, then close it", "--planner", planner, "--profile", "compact",
+         "--json", str(report)],
+    )  # fmt: skip
+    assert result.exit_code in (0, 2), result.output  # random weights may fail, but do not break
+    assert "1. Open the fridge" in result.output
+    assert "2. close it" in result.output
+    assert "program (" in result.output
+    found = json.loads(report.read_text())
+    assert found["finished"] == (result.exit_code == 0)
+    assert [part["instruction"] for part in found["instructions"]] == [
+        "Open the fridge",
+        "close it",
+    ]
+    assert Path("runs/maps/kitchen_1.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--planner", "karma-nanno"], "no model named 'karma-nanno'"),
+        (["--planner", "none.gguf"], "none.gguf"),
+        (["--profile", "terse"], "no prompt profile named 'terse'"),
+        (["--scene", "attic"], "To fix: karma world list"),
+        (["--policy", "fifo[0]"], "fifo[0]"),
+        (["--policy", "fifoo[3]"], "Did you mean 'fifo'"),
+    ],
+)
+def test_run_with_a_wrong_option_says_so(planner, options, named):
+    arguments = ["run", "go", "--planner", planner, "--profile", "compact", *options]
+    assert named in refused(*arguments)
+
+
+@pytest.mark.model
+def test_run_with_the_shipped_planner_puts_the_apple_into_the_fridge(tmp_path):
+    need_nano()
+    report = tmp_path / "report.json"
+    karma("run", "Put the apple in the fridge.", "--json", report)
+    (part,) = json.loads(report.read_text())["instructions"]
+    assert part["calls"][-1]["ok"]
+    assert any(call["text"].startswith("PutObject") for call in part["calls"])
+
+
+# ----------------------------------------------------------------- eval
+
+
+@pytest.fixture
+def experiment(planner, tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text(
+        f'name = "x"\ntasks = "{TASKS}"\nonly = ["simple-12"]\n'
+        f'[[rows]]\nname = "oracle"\nmethod = "oracle"\n[models]\nplanner = "{planner}"\n'
+    )
+    return path
+
+
+def test_eval_prints_the_table_and_writes_figures(experiment, tmp_path):
+    text = karma("eval", experiment, "--tasks", "--json", tmp_path / "figures.json")
+    assert "1/1" in text
+    assert "simple-12" in text
+    assert "records: runs/x/episodes.jsonl" in text
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert [(line["row"], line["kind"], line["success_rate"]) for line in figures] == [
+        ("oracle", "simple", 1.0), ("oracle", "all", 1.0),
+    ]  # fmt: skip
+    assert all(line["seconds"] > 0 for line in figures)
+    kept = json.loads(Path("runs/x/results.json").read_text())
+    assert kept == [{**line, "seconds": None} for line in figures]
+    again = karma("eval", experiment, "--json", tmp_path / "again.json")
+    assert "1/1" in again
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "figures.json").read_bytes()
+
+
+def test_eval_in_another_run_s_folder_names_the_way_out(experiment):
+    karma("eval", experiment)
+    experiment.write_text(experiment.read_text().replace("simple-12", "simple-04"))
+    text = refused("eval", experiment)
+    assert f"karma eval {experiment} --fresh" in text
+    assert "1/1" in karma("eval", experiment, "--fresh")
+
+
+def test_error_with_brackets_is_printed_as_it_is(tmp_path):
+    assert "[bold]x[/nothing].toml: No such file" in refused("eval", "[bold]x[/nothing].toml")
+
+
+@pytest.mark.model
+def test_shipped_experiments_are_read_by_the_shipped_planner(monkeypatch, tmp_path):
+    need_nano()
+    from karma.bench.run import Run
+
+    monkeypatch.chdir(ROOT)
+    for name in ("alfred_l", "demo"):
+        run = Run(Path("eval") / f"{name}.toml", tmp_path / name)
+        assert run.total == len(run.experiment.rows) * len(run.tasks)
+
+
+def test_run_of_no_words_is_refused_with_an_example():
+    assert 'To fix: karma run "wash the tomato"' in refused("run", "  ")
+
+
+# ----------------------------------------------------------------- help
+
+
+def commands(group, above="karma"):
+    """Every command, with its whole name."""
+    for name, one in group.commands.items():
+        yield f"{above} {name}", one
+        if hasattr(one, "commands"):
+            yield from commands(one, f"{above} {name}")
+
+
+COMMANDS = dict(commands(typer.main.get_command(app)))
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_command_says_in_one_line_what_it_does_and_what_each_option_is(name):
+    command = COMMANDS[name]
+    line = command.get_short_help_str(limit=200)
+    assert re.fullmatch(r"[A-Z].*\.", line), line
+    assert len(line) <= 92  # what fits beside the names in 110 columns
+    unsaid = [one.name for one in command.params if one.name != "help" and not one.help]
+    assert unsaid == []
+
+
+def test_help_leads_with_the_agent_and_groups_the_rest():
+    text = karma("--help")
+    heads = ["The agent at work", "What runs show", "What runs are made of", "Parts by themselves",
+             "This machine"]  # fmt: skip
+    places = [text.index(head) for head in heads]
+    assert places == sorted(places)
+    assert text.index(" run ") < text.index(" eval ") < places[1]
+    assert "Begin with: karma run" in text
+
+
+def test_misspelt_command_is_answered_with_the_one_that_was_meant():
+    assert "'eval'" in karma("evla", code=2)

@@ -1,0 +1,476 @@
+"""Language models: llama.cpp over random weights made here, and the scripted one."""
+
+import hashlib
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support.tiny_models import save_clip, save_dino, save_sam, save_sentence
+
+from karma.contracts import ProgramSpec, Prompt, SeenObject, SkillSignature
+from karma.errors import ModelError
+from karma.infer.llama import model as llama
+from karma.infer.llama.constrain import ProgramAutomaton
+from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
+from karma.infer.llama.grammar import load_gbnf
+from karma.infer.llama.model import LlamaModel
+from karma.infer.manifest import memory_check
+from karma.infer.manifest.gguf_check import check_gguf
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+from karma.registry import load, names
+
+CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nThe apple is in the fridge; put it on the table.\n"]
+CHAT = (
+    "{% for m in messages %}<|{{ m.role }}|>{{ m.content }}<|eos|>\n{% endfor %}<|assistant|>"
+)  # fmt: skip
+SKILLS = (
+    SkillSignature(name="GoToObject", arguments=("object",)),
+    SkillSignature(name="PutObject", arguments=("object", "object"), optional=1),
+    SkillSignature(name="Explore", arguments=("object", "positions"), optional=1),
+)
+SPEC = ProgramSpec(
+    skills=SKILLS, objects=("Apple", "Fridge", "Apple|-00.47|+01.15|+00.48"),
+    positions=("node_1", "node_2"), max_calls=3,
+)  # fmt: skip
+SCENE = Prompt(
+    stable="You are a robot.\nThe fridge is in the kitchen.\n" * 3, changing="Task: go.\n"
+)
+OTHER = Prompt(stable="Another scene, with a table.\n" * 5, changing="Task: put.\n")
+
+
+def random_llama():
+    import torch
+    from transformers import LlamaConfig, LlamaForCausalLM
+
+    torch.manual_seed(3)
+    config = LlamaConfig(
+        vocab_size=420, hidden_size=64, intermediate_size=160, num_hidden_layers=2,
+        num_attention_heads=4, num_key_value_heads=2, max_position_embeddings=512,
+        tie_word_embeddings=True, initializer_range=0.2,
+    )  # fmt: skip
+    return LlamaForCausalLM(config)
+
+
+def export(path, *, dtype="F16", template=None, add_bos=False):
+    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
+    export_llama_gguf(
+        random_llama(), tokenizer, path, name="tiny", eos_token="<|eos|>",
+        bos_token="<|bos|>", add_bos=add_bos, dtype=dtype, chat_template=template,
+    )  # fmt: skip
+    return path
+
+
+@pytest.fixture(scope="module", params=["F16", "Q8_0"])
+def gguf(request, tmp_path_factory):
+    return export(tmp_path_factory.mktemp("m") / "tiny.gguf", dtype=request.param, template=CHAT)
+
+
+@pytest.fixture(scope="module")
+def model(gguf):
+    return opened(gguf, n_threads=1)
+
+
+def opened(path, **options):
+    """The model of a file that is vouched for, which saves the trial in another process."""
+    return LlamaModel(path, sha256=hashlib.sha256(path.read_bytes()).hexdigest(), **options)
+
+
+def answer(model, prompt, **options):
+    """The text and the logits after the prompt, to the bit."""
+    model.complete(prompt, max_tokens=1)
+    bits = hashlib.sha256(model.logits().tobytes()).hexdigest()
+    return model.complete(prompt, max_tokens=24, **options).text, bits
+
+
+@pytest.mark.parametrize("temperature", [0.0, 0.8])
+def test_warm_answer_equals_cold_to_the_bit(gguf, temperature):
+    options = {"temperature": temperature, "seed": 5}
+    cold = answer(opened(gguf, n_threads=1), SCENE, **options)
+    model = opened(gguf, n_threads=2)
+    assert answer(model, SCENE, **options) == cold
+    assert answer(model, Prompt(stable=SCENE.stable, changing="What else?\n")) != cold
+    assert answer(model, SCENE, **options) == cold
+    answer(model, OTHER)
+    assert answer(model, SCENE, **options) == cold
+
+
+def test_answer_in_a_new_process_is_the_same(gguf, model):
+    program = (
+        "import hashlib, json, sys\n"
+        "from karma.contracts import Prompt\n"
+        "from karma.infer.llama.model import LlamaModel\n"
+        "path, stable, changing = json.loads(sys.argv[1])\n"
+        "model = LlamaModel(path)\n"
+        "prompt = Prompt(stable=stable, changing=changing)\n"
+        "model.complete(prompt, max_tokens=1)\n"
+        "bits = hashlib.sha256(model.logits().tobytes()).hexdigest()\n"
+        "print(json.dumps([model.complete(prompt, max_tokens=24).text, bits]))\n"
+    )
+    argument = json.dumps([str(gguf), SCENE.stable, SCENE.changing])
+    result = subprocess.run(
+        [sys.executable, "-c", program, argument], capture_output=True, text=True, check=True
+    )
+    assert tuple(json.loads(result.stdout)) == answer(model, SCENE)
+    assert result.stderr == ""
+
+
+def test_completion_counts_what_it_reused_and_cost(gguf):
+    model = opened(gguf, n_threads=1)
+    first = model.complete(SCENE, max_tokens=5)
+    again = model.complete(SCENE, max_tokens=5)
+    other = model.complete(OTHER, max_tokens=5)
+    assert first.reused_tokens == 0 == other.reused_tokens
+    assert 0 < again.reused_tokens < again.prompt_tokens == first.prompt_tokens
+    assert first.completion_tokens == 5
+    assert first.finish == "length"
+    assert 0 < first.first_token_s <= first.total_s
+
+
+def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
+    import torch
+
+    path = export(tmp_path / "f32.gguf", dtype="F32")
+    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
+    tokens = tokenizer.encode(SCENE.stable).ids + tokenizer.encode(SCENE.changing).ids
+    with torch.no_grad():
+        expected = random_llama()(torch.tensor([tokens])).logits[0, -1].numpy()
+    model = opened(path, kv="f32")
+    for _ in range(2):
+        model.complete(SCENE, max_tokens=1)
+        assert np.abs(model.logits() - expected).max() < 1e-3
+
+
+@pytest.mark.parametrize("temperature", [0.0, 1.5])
+@pytest.mark.parametrize("max_tokens", [3, 40, 400])
+def test_constrained_answers_are_programs_however_long(model, temperature, max_tokens):
+    automaton = ProgramAutomaton(SPEC)
+    for seed in range(4):
+        found = model.complete(
+            SCENE, spec=SPEC, max_tokens=max_tokens, temperature=temperature, seed=seed
+        )
+        state = automaton.advance(automaton.start(), found.text)
+        assert state is not None
+        assert automaton.accepts(state) or (found.text == "" and found.finish == "length")
+        if found.finish == "stop":
+            assert found.text.endswith(")\n")
+
+
+def test_seed_decides_sampled_answers(model):
+    def texts():
+        return [
+            model.complete(SCENE, max_tokens=12, temperature=1.0, seed=s).text for s in range(3)
+        ]
+
+    assert texts() == texts()
+    assert len(set(texts())) == 3
+
+
+def test_prompt_longer_than_context_names_both_numbers(gguf):
+    model = opened(gguf, n_ctx=64)
+    with pytest.raises(ModelError, match=r"the prompt has \d+ tokens .* context of 64"):
+        model.complete(SCENE)
+    assert model.complete(Prompt(stable="", changing="Go")).text  # and it works on
+    with pytest.raises(ModelError, match="empty"):
+        model.complete(Prompt(stable="", changing=""))
+
+
+def test_answer_ends_where_the_context_does(gguf):
+    model = opened(gguf, n_ctx=4096)
+    assert model.n_ctx == 512  # what it was trained for
+    found = model.complete(Prompt(stable="", changing="Go"), max_tokens=9999)
+    assert found.prompt_tokens + found.completion_tokens <= 512
+
+
+@pytest.mark.parametrize("changing", ["", "T"])
+def test_prompt_cut_before_its_last_token_is_answered_alike_warm_and_cold(gguf, changing):
+    """One token alone is multiplied by another routine than many: here the cut shows in F16."""
+    model = opened(gguf, n_threads=1)
+    for more in range(8):  # at some lengths only
+        prompt = Prompt(stable=SCENE.stable * 2 + "!\n" * more, changing=changing)
+        cold, warm = (model.complete(prompt, max_tokens=1) and model.logits() for _ in range(2))
+        assert np.array_equal(cold, warm)
+
+
+def test_bos_is_put_in_once(tmp_path):
+    plain, begun = (opened(export(tmp_path / f"{bos}.gguf", add_bos=bos)) for bos in (False, True))
+    counts = [m.complete(SCENE, max_tokens=1).prompt_tokens for m in (plain, begun)]
+    assert counts[1] == counts[0] + 1
+
+
+def test_chat_template_is_applied_and_cut_at_the_same_place(gguf):
+    chat, plain = opened(gguf, chat=True), opened(gguf)
+    written = Prompt(
+        stable=f"<|system|>{SCENE.stable}", changing=f"{SCENE.changing}"
+    )  # the plain model takes no control tokens from text, so only the halves are compared
+    before, after = chat._rendered(SCENE)
+    assert before == f"{written.stable}<|eos|>\n<|user|>"
+    assert after == f"{written.changing}<|eos|>\n<|assistant|>"
+    cold, warm = (chat.complete(SCENE, spec=SPEC, max_tokens=60) for _ in range(2))
+    assert cold.text == warm.text
+    assert warm.reused_tokens > 0
+    assert cold.prompt_tokens > plain.complete(SCENE, max_tokens=1).prompt_tokens
+
+
+def test_chat_without_system_role_puts_all_into_the_user_s_message(tmp_path):
+    template = (
+        "{% for m in messages %}{% if m.role == 'system' %}{{ raise_exception('no') }}{% endif %}"
+        "[{{ m.content }}]{% endfor %}"
+    )
+    model = opened(export(tmp_path / "x.gguf", template=template), chat=True)
+    assert model._rendered(SCENE) == ("[" + SCENE.stable, SCENE.changing + "]")
+
+
+# -------------------------------------------------------------------- files that are not right
+
+
+def test_missing_file_is_named_with_hash_and_command(tmp_path):
+    for options in ({}, {"sha256": "ab" * 32}):
+        with pytest.raises(ModelError) as caught:
+            LlamaModel(tmp_path / "nope.gguf", **options)
+        for part in ("nope.gguf", "karma models verify", "make setup", *options.values()):
+            assert part in str(caught.value)
+
+
+def test_wrong_hash_is_refused_before_parsing(tmp_path):
+    path = tmp_path / "x.gguf"
+    path.write_bytes(b"not a model at all")
+    with pytest.raises(ModelError, match="SHA-256") as caught:
+        LlamaModel(path, sha256="0" * 64)
+    assert hashlib.sha256(path.read_bytes()).hexdigest() in str(caught.value)
+
+
+def test_right_hash_is_accepted(gguf):
+    assert opened(gguf).name == "tiny"
+
+
+def test_cut_off_or_foreign_file_is_a_model_error(gguf, tmp_path):
+    data = gguf.read_bytes()
+    path = tmp_path / "bad.gguf"
+    cuts = [0, 3, 4, 20, 100, 1000, 9000, len(data) // 2, len(data) - 1]
+    for content in [data[:cut] for cut in cuts] + [b"PK\3\4" + data[4:], b"\0" * 5000]:
+        path.write_bytes(content)
+        with pytest.raises(ModelError, match=r"bad\.gguf"):
+            LlamaModel(path)
+
+
+def test_file_that_makes_llama_cpp_abort_is_a_model_error(gguf, tmp_path):
+    letter = b"\1" + bytes(7)  # a token of one byte
+    path = tmp_path / "bad.gguf"
+    path.write_bytes(gguf.read_bytes().replace(letter + b"(", letter + b")", 1))
+    assert check_gguf(path)  # the header looks right: one token is there twice
+    with pytest.raises(ModelError, match=r"bad\.gguf: llama\.cpp cannot run it \(code -6\)"):
+        LlamaModel(path)
+
+
+def test_header_with_flipped_bytes_is_refused_or_read_never_worse(gguf, tmp_path):
+    data, generator = gguf.read_bytes(), np.random.default_rng(0)
+    path = tmp_path / "bad.gguf"
+    for _ in range(300):
+        changed = bytearray(data)
+        for place in generator.integers(4, 2000, 3):
+            changed[place] = generator.integers(256)
+        path.write_bytes(changed)
+        try:
+            assert check_gguf(path)["general.architecture"]
+        except ModelError as error:
+            assert "bad.gguf" in str(error)
+
+
+def test_chat_without_template_is_a_model_error(tmp_path):
+    with pytest.raises(ModelError, match="no chat template"):
+        opened(export(tmp_path / "x.gguf"), chat=True)
+
+
+@pytest.mark.parametrize(
+    "text", ["root ::= foo\n", 'root ::= root "a" | "b"\n', "root ::= (\n", ""]
+)
+def test_bad_grammar_is_a_model_error_and_the_process_lives(tmp_path, text):
+    path = tmp_path / "bad.gbnf"
+    path.write_text(text)
+    with pytest.raises(ModelError, match=r"bad\.gbnf"):
+        load_gbnf(path)
+
+
+def test_good_grammar_is_loaded(gguf):
+    import llama_cpp
+
+    llama = llama_cpp.Llama(str(gguf), n_ctx=64, verbose=False)
+    grammar = load_gbnf('root ::= "yes\\n" | "no\\n"\n')
+    assert llama("Go", grammar=grammar, max_tokens=8)["choices"][0]["text"] in ("yes\n", "no\n")
+
+
+def test_answer_tells_the_threads_and_the_batch_that_made_it(gguf):
+    found = opened(gguf, n_threads=1, n_ctx=128).complete(OTHER, max_tokens=1)
+    assert (found.threads, found.batch) == (1, 128)
+    assert opened(gguf, n_threads=2).complete(OTHER, max_tokens=1).batch == 512
+    assert ScriptedModel(["x"]).complete(OTHER).threads is None
+
+
+def test_file_too_big_for_the_free_memory_is_refused_before_it_is_opened(
+    gguf, tmp_path, monkeypatch
+):
+    (tmp_path / "meminfo").write_text("MemAvailable: 1000 kB\n")
+    monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr(llama, "open_gguf", None)  # not reached
+    with pytest.raises(ModelError, match=r"tiny\.gguf: needs about .* 1 MB are free") as caught:
+        opened(gguf)
+    assert "a context of 512 tokens" in str(caught.value)
+    assert "karma models list" in str(caught.value)
+
+
+def test_second_cache_too_big_for_the_free_memory_is_refused(gguf, tmp_path, monkeypatch):
+    model = opened(gguf)
+    (tmp_path / "meminfo").write_text("MemAvailable: 100 kB\n")
+    monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
+    with pytest.raises(ModelError, match=r"tiny: needs about 1 MB .*a second cache, of 5000 tok"):
+        model.sequences(2, cells=5000)
+
+
+def test_keys_and_values_of_32_bits_are_counted_as_such(gguf, tmp_path, monkeypatch):
+    parts = {"context": 512, "batch": 512}
+    half, whole = (
+        memory_check.gguf_parts_mb(gguf, check_gguf(gguf), **parts, bytes_each=size)
+        for size in (2, 4)
+    )
+    assert whole - half == pytest.approx(2 * 512 * 2 * (2 * 2 * 16) / 1e6)
+    monkeypatch.setattr(memory_check, "available_mb", lambda: (half + whole) / 2)
+    assert opened(gguf, kv="f16").name == "tiny"
+    with pytest.raises(ModelError, match="needs about"):
+        opened(gguf, kv="f32")
+
+
+def test_model_that_was_closed_fails_in_python_and_closing_again_does_nothing(gguf):
+    model = opened(gguf)
+    model.close()
+    model.close()
+    with pytest.raises(AttributeError):
+        model.complete(SCENE)
+
+
+@pytest.mark.parametrize("spec", [None, SPEC])
+@pytest.mark.parametrize("temperature", [0.0, 1.0])
+def test_damaged_weights_are_a_model_error_not_an_answer(tmp_path, spec, temperature):
+    weights = random_llama()
+    weights.model.norm.weight.data[:] = np.nan
+    tokenizer = new_tokenizer(CORPUS, 420, ["<|bos|>", "<|eos|>"])
+    export_llama_gguf(weights, tokenizer, tmp_path / "nan.gguf", name="nan", eos_token="<|eos|>")
+    with pytest.raises(ModelError, match="best score of a token is nan: damaged weights"):
+        opened(tmp_path / "nan.gguf").complete(SCENE, spec=spec, temperature=temperature)
+
+
+def test_machine_that_does_not_tell_its_memory_refuses_nothing(gguf, tmp_path, monkeypatch):
+    for name in ("MEMINFO", "CGROUP"):
+        monkeypatch.setattr(memory_check, name, tmp_path / "none")
+    assert memory_check.available_mb() is None
+    assert opened(gguf).name == "tiny"
+
+
+# ------------------------------------------------------------------------------ the other models
+
+
+@pytest.mark.parametrize(("role", "members"), [
+    ("language_models", ("complete",)), ("vision_models", ("read_states",)),
+    ("embedders", ("embed",)), ("image_embedders", ("embed", "embed_images")),
+    ("detectors", ("detect",)),
+])  # fmt: skip
+def test_every_registered_model_has_the_contract_s_members(role, members):
+    assert names(role)
+    for name in names(role):
+        found = load(role, name)
+        assert all(callable(getattr(found, member)) for member in members)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A function that makes a registered model over files of its own."""
+    root = tmp_path_factory.mktemp("models")
+
+    def folder(save):
+        place = root / save.__name__
+        return place / "out" if place.exists() and save is save_sentence else _saved(place, save)
+
+    def make(role, name):
+        if name == "openai":
+            pytest.skip("needs a server: tests/infer/test_hosted.py")
+        arguments = {
+            "minilm": (), "sentence": (save_sentence,), "clip": (save_clip,),
+            "grounded-sam": (save_dino, save_sam),
+        }[name]  # to register is to be tested  # fmt: skip
+        return load(role, name)(*map(folder, arguments))
+
+    return make
+
+
+def _saved(place, save):
+    if place.exists():
+        return place
+    place.mkdir()
+    return save(place)
+
+
+@pytest.mark.parametrize("name", names("embedders"))
+def test_every_registered_embedder_gives_the_same_unit_rows_in_any_order(made, name):
+    model = made("embedders", name)
+    texts = ["red mug", "", "the apple is in the fridge", "red mug"]
+    rows = model.embed(texts)
+    assert rows.shape == (4, model.dimension)
+    assert rows.dtype == np.float32
+    assert np.allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-5)
+    assert np.array_equal(rows[0], rows[3])
+    assert np.array_equal(made("embedders", name).embed(texts[::-1]), rows[::-1])
+    assert model.embed([]).shape == (0, model.dimension)
+    assert model.name
+
+
+@pytest.mark.parametrize("name", names("image_embedders"))
+def test_every_registered_image_embedder_gives_unit_rows_of_the_texts_space(made, name):
+    model = made("image_embedders", name)
+    frames = np.random.default_rng(1).integers(0, 256, (2, 30, 40, 3), dtype=np.uint8)
+    rows = model.embed_images(list(frames))
+    assert rows.shape == (2, model.dimension) == model.embed(["a", "b"]).shape
+    assert np.allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-5)
+    assert np.array_equal(model.embed_images(list(frames[::-1])), rows[::-1])
+    assert model.embed_images([]).shape == (0, model.dimension)
+
+
+@pytest.mark.parametrize("name", names("detectors"))
+def test_every_registered_detector_finds_words_inside_the_picture_the_best_first(made, name):
+    model = made("detectors", name)
+    frame = np.random.default_rng(2).integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    found = model.detect(frame, ["apple", "red mug"])
+    assert found == model.detect(frame, ["apple", "red mug"])
+    scores = [one.score for one in found]
+    assert scores == sorted(scores, reverse=True)
+    for one in found:
+        assert one.label in ("apple", "red mug")
+        left, top, right, bottom = one.box_px
+        assert 0 <= left <= right <= 40
+        assert 0 <= top <= bottom <= 30
+        assert one.mask is None or one.mask.shape == (30, 40)
+    assert len(model.detect(frame, [])) == 0
+
+
+def test_scripted_model_says_its_script_and_then_fails():
+    model = ScriptedModel(["a b", "c"])
+    assert [model.complete(SCENE, spec=SPEC).text, model.complete(OTHER).text] == ["a b", "c"]
+    assert model.prompts == [SCENE, OTHER]
+    assert model.specs == [SPEC, None]
+    with pytest.raises(ModelError, match="run out: 2 answers"):
+        model.complete(SCENE)
+
+
+def test_metadata_vision_repeats_the_states_of_the_objects_given():
+    def seen(name, *states):
+        return SeenObject(
+            object_id=name, object_type="X", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
+            box_size_m=(1, 1, 1), pickupable=True, states=states,
+        )  # fmt: skip
+
+    objects = [seen("a", "dirty", "off"), seen("b")]
+    assert MetadataVision().read_states(None, "clean it", objects) == {
+        "a": ("dirty", "off"),
+        "b": (),
+    }

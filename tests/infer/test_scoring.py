@@ -1,0 +1,293 @@
+"""Skill scoring against its definition, on random weights and on the shipped planner."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.paths import ROOT
+from support.tiny import export_tiny
+
+from karma.contracts import Prompt
+from karma.errors import ModelError
+from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.scoring import END, SkillScorer
+from karma.infer.llama.token_trie import trie_of
+
+NANO = ROOT / "models/nano/planner.gguf"
+PROMPT = ("#areas\nunknown\n", "#task put the apple in the fridge\n#memory\n#program\n")
+SKILLS = [
+    END,
+    "GoToObject(robot, 'Apple')\n",
+    "GoToObject(robot, 'AppleSliced')\n",
+    "GoToObject(robot, 'Fridge')\n",
+    "PutObject(robot, 'Apple', 'Fridge')\n",
+    "PutObject(robot, 'Apple', 'Fridge')\nCloseObject(robot, 'Fridge')\n",
+    "a",
+    "go",
+]
+WORDS = st.text("apb (\n", min_size=1, max_size=9)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    opened = LlamaModel(export_tiny(tmp_path_factory.mktemp("tiny") / "tiny.gguf"), n_threads=1)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def scorer(model):
+    made = SkillScorer(model)
+    yield made
+    made.close()
+
+
+def tokens_of(model, text):
+    return [model.end_token] if text == END else model.tokens(text)
+
+
+def naive(model, prompt, texts):
+    """The definition: prompt and text in one run for each text, token by token."""
+    context = _Plain(model)
+    given = [t for i, part in enumerate(prompt) for t in model.tokens(part, begins=i == 0)]
+    found = np.array([context.score(given, tokens_of(model, text)) for text in texts])
+    context.close()
+    return found
+
+
+class _Plain:
+    """One sequence, all logits, nothing kept."""
+
+    def __init__(self, model):
+        import llama_cpp
+
+        self.model, self.context = model, model.sequences(1, cells=model.n_ctx)
+        self.batch = llama_cpp.llama_batch_init(model.n_batch, 0, 1)
+
+    def score(self, prompt, tokens):
+        import llama_cpp
+
+        llama_cpp.llama_memory_clear(llama_cpp.llama_get_memory(self.context.ctx), True)
+        whole, size = [*prompt, *tokens], self.model.n_batch
+        rows = [self.decode(whole[i : i + size], i) for i in range(0, len(whole), size)]
+        rows = np.concatenate(rows)[len(prompt) - 1 : -1].astype(np.float64)
+        top = rows.max(axis=1)
+        total = top + np.log(np.exp(rows - top[:, None]).sum(axis=1))
+        return float((rows[np.arange(len(tokens)), tokens] - total).sum())
+
+    def decode(self, tokens, place):
+        import llama_cpp
+
+        self.batch.n_tokens = len(tokens)
+        for i, token in enumerate(tokens):
+            self.batch.token[i], self.batch.pos[i], self.batch.logits[i] = token, place + i, True
+            self.batch.n_seq_id[i], self.batch.seq_id[i][0] = 1, 0
+        assert llama_cpp.llama_decode(self.context.ctx, self.batch) == 0
+        pointer = llama_cpp.llama_get_logits(self.context.ctx)
+        shape = len(tokens), self.model.vocabulary
+        return np.ctypeslib.as_array(pointer, shape=shape).copy()
+
+    def close(self):
+        import llama_cpp
+
+        llama_cpp.llama_batch_free(self.batch)
+        self.context.close()
+
+
+# ----------------------------------------------------------------- all scores
+
+
+@pytest.mark.parametrize(
+    "prompt",
+    [PROMPT, ("".join(PROMPT),), (*PROMPT, "a"), ("a",), ("Möhre 🥕 in die Tür\n", "x")],
+    ids=["segments", "whole", "one token last", "one token", "not ASCII"],
+)
+def test_scores_are_the_sums_of_the_definition(model, scorer, prompt):
+    texts = [*SKILLS, "Möhre\n", "人参\n", "🥕", "a\udc80b"]
+    values = scorer.scores(prompt, texts).values
+    assert values == pytest.approx(naive(model, prompt, texts), abs=1e-5)
+    assert (values < 0).all()
+
+
+def test_text_longer_than_a_batch_is_scored_as_defined(model, scorer):
+    texts = ["go " * 300, "go " * 299 + "b" * 3, "ab"]
+    assert max(len(model.tokens(text)) for text in texts) > model.n_batch
+    expected = naive(model, PROMPT, texts)
+    assert scorer.scores(PROMPT, texts).values == pytest.approx(expected, rel=1e-6)
+    assert scorer.scores(PROMPT, texts, one_batch=True).values == pytest.approx(expected, rel=1e-5)
+
+
+def test_one_batch_costs_the_same_tokens_and_is_nearly_as_good(model, scorer):
+    alone, together = scorer.scores(PROMPT, SKILLS), scorer.scores(PROMPT, SKILLS, one_batch=True)
+    # its attention adds up in another order, which long sums show
+    assert together.values == pytest.approx(alone.values, abs=1e-4, rel=2e-5)
+    assert together.cost.run == alone.cost.run
+    assert scorer.scores(PROMPT, SKILLS).values.tobytes() == alone.values.tobytes()
+
+
+def test_average_divides_by_the_number_of_tokens(model, scorer):
+    lengths = [len(tokens_of(model, text)) for text in SKILLS]
+    sums = scorer.scores(PROMPT, SKILLS).values
+    averages = scorer.scores(PROMPT, SKILLS, scoring="average").values
+    assert averages == pytest.approx(sums / lengths, abs=1e-12)
+
+
+def test_a_text_that_begins_another_scores_no_less(model, scorer):
+    short, long = SKILLS[4:6]
+    assert tokens_of(model, long)[: len(tokens_of(model, short))] == tokens_of(model, short)
+    one, other = scorer.scores(PROMPT, [short, long]).values
+    assert one > other
+
+
+def test_one_token_texts_need_no_run(model, scorer):
+    texts = [text for text in "abcdefgh" if len(model.tokens(text)) == 1]
+    found = scorer.scores(PROMPT, texts)
+    assert found.cost.run == 0
+    assert found.values == pytest.approx(naive(model, PROMPT, texts), abs=1e-3)
+    assert scorer.best(PROMPT, texts).cost.run == 0
+
+
+def test_equal_texts_score_the_same_and_the_first_is_the_best(scorer):
+    values = scorer.scores(PROMPT, ["go go", "go", "go"]).values
+    assert values[1] == values[2]
+    assert scorer.best(PROMPT, ["go go", "go", "go"]).number == 1
+
+
+def test_more_texts_than_sequences_take_more_than_one_batch(model, scorer):
+    texts = [f"{a}{b}{c}x" for a in "abcdefghij" for b in "klmnopqrst" for c in "uvw"]
+    assert len({tuple(model.tokens(text)[:-1]) for text in texts}) > 255
+    values = scorer.scores(PROMPT, texts).values
+    some = list(range(0, 300, 23))
+    expected = naive(model, PROMPT, [texts[i] for i in some])
+    assert values[some] == pytest.approx(expected, abs=1e-5)
+    together = scorer.scores(PROMPT, texts, one_batch=True).values
+    assert together[some] == pytest.approx(expected, abs=1e-3)
+    assert scorer.best(PROMPT, texts).number == int(np.argmax(values))
+
+
+def test_shared_beginnings_run_once_and_last_tokens_not_at_all(model, scorer):
+    lists = [tokens_of(model, text) for text in SKILLS]
+    inner = {tuple(tokens[:n]) for tokens in lists for n in range(1, len(tokens))}
+    assert scorer.scores(PROMPT, SKILLS).cost.run == len(inner)
+
+
+# ----------------------------------------------------------------- the best alone
+
+
+@given(st.lists(WORDS, min_size=1, max_size=30), st.sampled_from(["sum", "average"]))
+@settings(max_examples=40, deadline=None)
+def test_best_first_search_finds_the_argmax_of_all_scores(shared_scorer, texts, scoring):
+    values = shared_scorer.scores(PROMPT, texts, scoring=scoring).values
+    best = shared_scorer.best(PROMPT, texts, scoring=scoring)
+    assert best.score == pytest.approx(values.max(), abs=1e-6)
+    assert values[best.number] == pytest.approx(values.max(), abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def shared_scorer(model):
+    made = SkillScorer(model)
+    yield made
+    made.close()
+
+
+def test_best_runs_less_than_all(model, scorer):
+    texts = [f"{a}{b}{c}{d}" for a in "abcdef" for b in "ghijkl" for c in "mnop" for d in "qrst"]
+    all_of_them = scorer.scores(PROMPT, texts).cost.run
+    assert scorer.best(PROMPT, texts).cost.run < all_of_them / 2
+
+
+def test_a_longer_text_never_wins_against_its_beginning_unless_averaged(model, scorer):
+    texts = ["go", "go go go go go go"]
+    assert model.tokens(texts[1])[: len(model.tokens("go"))] == model.tokens("go")
+    assert scorer.best(PROMPT, texts).number == 0
+    averages = scorer.scores(PROMPT, texts, scoring="average").values
+    assert scorer.best(PROMPT, texts, scoring="average").number == int(averages.argmax())
+
+
+# ----------------------------------------------------------------- what is kept
+
+
+def test_a_kept_prompt_changes_no_bit(model, scorer):
+    longer = (*PROMPT, "GoToObject(robot, 'Apple')\n")
+    cold = scorer.scores(longer, SKILLS)
+    scorer.best(PROMPT, SKILLS)
+    scorer.scores(("#other\n",), SKILLS)
+    before = scorer.scores(PROMPT, SKILLS)
+    warm = scorer.scores(longer, SKILLS)
+    assert (before.cost.reused, warm.cost.reused) == (0, before.cost.prompt)
+    assert warm.values.tobytes() == cold.values.tobytes()
+    again = SkillScorer(model)
+    assert again.scores(longer, SKILLS).values.tobytes() == cold.values.tobytes()
+    again.close()
+
+
+def test_scoring_leaves_the_models_kept_prompt_and_answers_alone(model, scorer):
+    prompt = Prompt(stable=PROMPT[0], changing=PROMPT[1])
+    before = model.complete(prompt, max_tokens=12)
+    logits = model.logits()
+    scorer.scores(PROMPT, SKILLS)
+    scorer.best(PROMPT, SKILLS)
+    assert model.logits().tobytes() == logits.tobytes()
+    after = model.complete(prompt, max_tokens=12)
+    assert (after.text, model.logits().tobytes()) == (before.text, logits.tobytes())
+    assert after.reused_tokens > 0
+
+
+# ----------------------------------------------------------------- refusals
+
+
+def test_a_prompt_without_room_for_the_longest_text_is_refused(model, scorer):
+    prompt = ("x " * model.n_ctx,)
+    tokens = len(model.tokens(*prompt, begins=True))
+    longest = max(len(tokens_of(model, text)) for text in SKILLS)
+    words = f"context of {tokens + longest - 1}, but tiny has {model.n_ctx}$"
+    for ask in (scorer.scores, scorer.best):
+        with pytest.raises(ModelError, match=words):
+            ask(prompt, SKILLS)
+    assert scorer.scores(PROMPT, SKILLS).values.shape == (len(SKILLS),)
+
+
+def test_context_smaller_than_a_token_of_each_sequence(model, tmp_path):
+    small = LlamaModel(export_tiny(tmp_path / "tiny.gguf"), n_ctx=16, n_threads=1)
+    scorer, texts = SkillScorer(small), ["a", "b c", "go go go go"]
+    for one_batch in (False, True):
+        values = scorer.scores(("#t\n",), texts, one_batch=one_batch).values
+        assert values == pytest.approx(naive(model, ("#t\n",), texts), abs=1e-4)
+    with pytest.raises(ModelError, match=r"needs a context of \d+, but tiny has 16"):
+        scorer.best(PROMPT, SKILLS)
+    scorer.close()
+    small.close()
+
+
+@pytest.mark.parametrize(
+    "prompt, texts, words", [(PROMPT, [], "no continuation"), (("", ""), ["a"], "no prompt")]
+)
+def test_nothing_to_score_is_refused(scorer, prompt, texts, words):
+    with pytest.raises(ValueError, match=words):
+        scorer.scores(prompt, texts)
+
+
+def test_trie_refuses_a_text_without_tokens():
+    for nothing in ([], [-1]):  # -1: a model without a token that ends
+        with pytest.raises(ValueError, match="continuation 1 has no token"):
+            trie_of([[1], nothing])
+
+
+# ----------------------------------------------------------------- the shipped planner
+
+
+@pytest.mark.model
+def test_shipped_planner_scores_as_defined_and_knows_the_first_step():
+    model = LlamaModel(NANO, n_ctx=2048, n_threads=1)
+    steps = [f"{skill}(robot, '{name}')\n" for skill in ("GoToObject", "OpenObject", "PickupObject")
+             for name in ("Apple", "Fridge", "Mug", "Potato", "CounterTop")]  # fmt: skip
+    texts = [END, *steps, "PutObject(robot, 'Apple', 'Fridge')\n", "人参\n"]
+    scorer = SkillScorer(model)
+    for prompt in (PROMPT, (*PROMPT, steps[0]), (*PROMPT, "GoToObject")):
+        values = scorer.scores(prompt, texts).values
+        assert values == pytest.approx(naive(model, prompt, texts), abs=1e-5)
+        best = scorer.best(prompt, texts)
+        assert best.number == int(values.argmax())
+        assert best.score == pytest.approx(values.max(), abs=1e-6)
+    assert texts[scorer.best(PROMPT, texts).number] == steps[0]
+    model.close()

@@ -1,0 +1,221 @@
+"""Each family's own architecture, small and of random weights, through its real files."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support.tiny_vision import FAMILIES, save_family
+
+from karma.contracts import SeenObject
+from karma.errors import KarmaError, ModelError
+from karma.infer.manifest import memory_check
+from karma.infer.vision import transformers as transformers_vision
+from karma.infer.vision.crop import LINE, cut
+from karma.infer.vision.transformers import Asking, TransformersVision
+
+MUG = SeenObject(
+    object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
+    box_size_m=(1, 1, 1), pickupable=True, region=(100.0, 100.0, 160.0, 180.0),
+)  # fmt: skip
+FRAME = np.random.default_rng(0).integers(0, 255, (300, 300, 3), dtype=np.uint8)
+SHORT = Asking(max_tokens=6)
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    root = tmp_path_factory.mktemp("vision")
+    return {family: save_family(family, root / family) for family in FAMILIES}
+
+
+@pytest.fixture
+def copied(folders, tmp_path):
+    return shutil.copytree(folders["llava"], tmp_path / "model")
+
+
+class Saying(TransformersVision):
+    """A real model whose words are put into its mouth; the rest of the adapter is as it is."""
+
+    def say(self, *answers):
+        self.answers, self.heard, self.pictures = list(answers), [], []
+        return self
+
+    def answer(self, image, messages):
+        super().answer(image, messages[:2])
+        self.heard.append([dict(message) for message in messages])
+        self.pictures.append(image)
+        return self.answers.pop(0)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_model_of_each_family_looks_and_says_something(folders, family):
+    assert sum(file.stat().st_size for file in folders[family].iterdir()) < 600_000
+    model = TransformersVision(folders[family], asking=SHORT)
+    assert model.name == family
+    states = model.read_states(FRAME, "wash the mug", [MUG])
+    assert set(states) <= {"Mug|1"}
+    tally = model.tally
+    assert (tally.asked, tally.read + tally.unread) == (1, 1)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_answers_are_the_same_twice(folders, family):
+    question = [{"role": "user", "content": [{"type": "image"}, {"type": "text", "text": "mug?"}]}]
+    said = [
+        TransformersVision(folders[family], asking=SHORT).answer(FRAME, question) for _ in range(2)
+    ]
+    assert said[0] == said[1]
+
+
+def test_the_paper_s_question_reaches_the_model_with_the_picture(folders):
+    model = Saying(folders["llava"], asking=SHORT).say("1. A mug.\nMug: dirty")
+    assert model.read_states(FRAME, "wash the mug", [MUG]) == {"Mug|1": ("dirty",)}
+    system, user = model.heard[0]
+    assert "image analysis expert" in system["content"][0]["text"]
+    assert [part["type"] for part in user["content"]] == ["image", "text"]
+    assert "wash the mug" in user["content"][1]["text"]
+    assert model.pictures[0] is FRAME
+
+
+def test_an_unusable_answer_is_quoted_once_and_then_counted(folders):
+    model = Saying(folders["llava"], asking=SHORT).say("Mug: sparkling", "Mug: cleaned")
+    assert model.read_states(FRAME, "look", [MUG]) == {"Mug|1": ("cleaned",)}
+    assert "'sparkling' is not a state" in model.heard[1][-1]["content"][0]["text"]
+    model.say("no idea", "still none")
+    assert model.read_states(FRAME, "look", [MUG]) == {}
+    assert (model.tally.asked, model.tally.read) == (2, 1)
+    assert (model.tally.retried, model.tally.unread) == (2, 1)
+
+
+def test_a_model_with_crops_is_asked_about_one_thing_at_a_time(folders):
+    asking = Asking(profile="compact", crop=1.5, max_tokens=4, attempts=1)
+    model = Saying(folders["llava"], asking=asking).say("Mug: off")
+    hidden = SeenObject(**{f: getattr(MUG, f) for f in MUG.__slots__} | {
+        "object_id": "Mug|2", "region": None})  # fmt: skip
+    assert model.read_states(FRAME, "look", [MUG, hidden]) == {"Mug|1": ("off",)}
+    assert model.pictures[0].shape == (120, 120, 3)
+    assert model.tally.unread == 1
+
+
+def test_karma_json_says_how_a_model_is_asked(copied):
+    (copied / "karma.json").write_text('{"profile": "compact", "crop": 1.4, "max_tokens": 9}')
+    assert TransformersVision(copied).asking == Asking(profile="compact", crop=1.4, max_tokens=9)
+    (copied / "karma.json").write_text('{"profil": "compact"}')
+    with pytest.raises(KarmaError, match=r"karma\.json.*profil"):
+        TransformersVision(copied)
+
+
+def test_without_a_picture_it_does_not_guess(folders):
+    model = TransformersVision(folders["llava"], asking=SHORT)
+    with pytest.raises(ModelError, match="there is none"):
+        model.read_states(None, "look", [MUG])
+    assert model.read_states(None, "look", []) == {}
+
+
+# ------------------------------------------------------------------ what is refused
+
+
+def test_another_architecture_is_refused_by_name(copied):
+    config = json.loads((copied / "config.json").read_text())
+    config["model_type"] = "bert"
+    (copied / "config.json").write_text(json.dumps(config))
+    with pytest.raises(ModelError, match=r"model_type is 'bert', this adapter opens .*qwen2_5_vl"):
+        TransformersVision(copied)
+
+
+@pytest.mark.parametrize("name", ["config.json", "tokenizer.json", "model.safetensors"])
+def test_a_missing_file_is_named(copied, name):
+    (copied / name).unlink()
+    with pytest.raises(ModelError, match=name.replace(".", r"\.")):
+        TransformersVision(copied)
+
+
+def test_missing_processor_files_are_named(copied):
+    for name in ("processor_config.json", "preprocessor_config.json"):
+        (copied / name).unlink()
+    with pytest.raises(ModelError, match=r"processor_config\.json nor preprocessor_config\.json"):
+        TransformersVision(copied)
+
+
+def test_a_missing_chat_template_is_told(copied):
+    (copied / "chat_template.jinja").unlink()
+    with pytest.raises(ModelError, match="no chat template"):
+        TransformersVision(copied)
+
+
+def test_pickles_are_not_opened(copied):
+    (copied / "model.safetensors").rename(copied / "pytorch_model.bin")
+    with pytest.raises(ModelError, match=r"pytorch_model\.bin is not opened"):
+        TransformersVision(copied)
+
+
+def test_a_cut_off_file_is_refused_before_it_is_loaded(copied):
+    path = copied / "model.safetensors"
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ModelError, match="cut off"):
+        TransformersVision(copied)
+
+
+def test_weights_of_something_else_are_refused(copied, folders):
+    shutil.copy(folders["smolvlm"] / "model.safetensors", copied / "model.safetensors")
+    with pytest.raises(ModelError, match=r"missing|not a AutoModel"):
+        TransformersVision(copied)
+
+
+def test_too_little_memory_is_told_with_both_figures(copied, tmp_path, monkeypatch):
+    (tmp_path / "meminfo").write_text("MemAvailable:       20480 kB\n")
+    monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
+    with pytest.raises(ModelError, match=r"needs about \d+ MB of memory .* 21 MB are free"):
+        TransformersVision(copied)
+
+
+def test_the_adapter_s_module_loads_no_heavy_library():
+    code = (
+        "import sys, karma.infer.vision.transformers, karma.cli\n"
+        "print([n for n in ('torch', 'transformers', 'PIL') if n in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_large_model_that_is_stored_in_16_bits_stays_so(copied, monkeypatch):
+    import torch
+    from transformers import LlavaForConditionalGeneration
+
+    monkeypatch.setattr(transformers_vision, "LARGE", 1000)
+    assert TransformersVision(copied)._model.dtype == torch.float32
+    whole = LlavaForConditionalGeneration.from_pretrained(copied, dtype=torch.bfloat16)
+    whole.save_pretrained(copied)
+    half = TransformersVision(copied, asking=SHORT)
+    assert half._model.dtype == torch.bfloat16
+    half.read_states(FRAME, "look", [MUG])
+
+
+# ------------------------------------------------------------------ crops
+
+
+def test_a_silhouette_is_drawn_into_the_crop_and_nowhere_else():
+    corners = ((110.0, 110.0), (150.0, 110.0), (150.0, 170.0), (110.0, 170.0))
+    plain = cut(FRAME, (100, 100, 160, 180), 1.5)
+    drawn = cut(FRAME, (100, 100, 160, 180), 1.5, corners)
+    ys, xs = np.nonzero((drawn != plain).any(axis=-1))
+    assert set(map(tuple, drawn[ys, xs].tolist())) == {LINE}
+    assert abs(xs.min() - 40) <= 1 and abs(xs.max() - 80) <= 1
+    assert abs(ys.min() - 30) <= 1 and abs(ys.max() - 90) <= 1
+    assert (drawn[40:80, 50:70] == plain[40:80, 50:70]).all()
+
+
+def test_a_crop_is_square_and_centred_and_black_beyond_the_frame():
+    crop = cut(FRAME, (100, 100, 160, 180), 1.5)
+    assert crop.shape == (120, 120, 3)
+    assert (crop == FRAME[80:200, 70:190]).all()
+    corner = cut(FRAME, (0, 0, 40, 40), 2.0)
+    assert corner.shape == (80, 80, 3)
+    assert not corner[:20].any()
+    assert (corner[20:, 20:] == FRAME[:60, :60]).all()
+
+
+def test_small_things_are_shown_with_more_around_them():
+    assert cut(FRAME, (100, 100, 104, 103), 1.5).shape == (32, 32, 3)

@@ -1,0 +1,441 @@
+"""The policy laboratory: traces, the fast loops against the policies themselves, the bound.
+
+Covered: every registered policy, fast and slow, on random traces of single requests and of tasks;
+hit counts of two real traces; libcachesim; Belady's bound against all choices; damaged trace files.
+"""
+
+import gzip
+import json
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from karma import registry
+from karma.errors import FileError, KarmaError, UnknownNameError
+from karma.lab.array_policies import kernel_of, run_object
+from karma.lab.hits import belady_hits, replay_tasks
+from karma.lab.intervals import Resampler, block_interval
+from karma.lab.simulate import best, simulate, simulate_with
+from karma.lab.sweep import registered, run_rows, size_of, sized, sweep_of
+from karma.lab.trace import Trace, read_traces, traces_json
+from karma.memory.policies import Fifo, Lru, make_policy
+from karma.seeds import stream
+
+REAL = ("alfred_rooms_m_seq0", "alfred_type_r4_seq0")
+TASKS = st.lists(st.lists(st.sampled_from("abcdefgh"), max_size=4), max_size=40)
+SEGMENTS = ["[1,9]", "[3,2]", "[0,4]", "[4,0]", "[2,8]"]
+TEXTS = [
+    *(f"{name}[{size}]" for name in registry.names("policies") for size in (1, 3, 6)),
+    *(
+        f"wtinylfu-{kind}{sizes}{more}"
+        for kind in ("karma", "caffeine")
+        for sizes in SEGMENTS
+        for more in ("", " W=5", " W=inf", " cm4")
+    ),
+]
+
+
+def single(keys):
+    return Trace.of((key,) for key in keys)
+
+
+def zipf_keys(count, kinds=60, seed=1):
+    weights = 1 / stream(seed, "lab-tests", "order").permutation(range(1, kinds + 1))
+    return stream(seed, "lab-tests").choice(kinds, size=count, p=weights / weights.sum()).tolist()
+
+
+# ----------------------------------------------------------------- fast and slow
+
+
+@pytest.mark.parametrize("text", TEXTS)
+@settings(max_examples=10)
+@given(tasks=TASKS)
+def test_every_policy_in_a_tight_loop_answers_as_itself(text, tasks):
+    trace = Trace.of(tasks)
+    slow = run_object(make_policy(text), trace.named())
+    fast = simulate(text, trace)
+    assert fast.answers == bytes(slow.hits)
+    assert (fast.left, fast.warm_task) == (slow.left, slow.warm_task)
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_every_policy_in_a_tight_loop_answers_as_itself_on_a_long_trace(text):
+    trace = single(zipf_keys(1500))
+    slow = run_object(make_policy(text), trace.named())
+    fast = simulate(text, trace)
+    assert (fast.answers, fast.left) == (bytes(slow.hits), slow.left)
+
+
+@pytest.mark.parametrize("text", ["fifo-merge[3]", "wtinylfu-karma[3,2]", "arc[4]"])
+@given(tasks=TASKS)
+def test_hits_of_tasks_are_those_of_the_memory_package(text, tasks):
+    found, reference = simulate(text, Trace.of(tasks)), replay_tasks(make_policy(text), tasks)
+    assert (found.hits, found.requests) == (reference.hits, reference.requests)
+
+
+def test_which_policies_have_a_tight_loop_is_known():
+    without = {
+        name for name in registry.names("policies") if not kernel_of(make_policy(f"{name}[3]"))
+    }
+    assert without <= {"arc"} | (set(registry.names("policies")) - set(OURS))
+    assert kernel_of(make_policy("wtinylfu-karma[9,1] cm4")) is not None
+
+
+OURS = ("fifo", "fifo-merge", "fifo-merge-full", "lru", "lfu", "unbounded",
+        "wtinylfu-caffeine", "wtinylfu-karma")  # fmt: skip
+
+
+def test_subclass_of_a_known_policy_runs_by_its_own_rules():
+    class Forgetful(Lru):
+        def __contains__(self, key):
+            return False
+
+    assert simulate_with(Forgetful(5), single("aaaa")).hits == 0
+
+
+# ----------------------------------------------------------------- outside counts
+
+
+def golden(shared, name):
+    data = json.loads((shared / "data" / "traces" / f"{name}.json").read_bytes())
+    return {int(size): row["hits"] for size, row in data["golden"].items()}
+
+
+def policy_of(row, size):
+    """Return our text for a row of the golden files, "" where we have none."""
+    plain = {"FIFO (libCacheSim)": "fifo-merge", "LRU (libCacheSim)": "lru",
+             "LFU (libCacheSim)": "lfu", "ARC (libCacheSim)": "arc"}  # fmt: skip
+    if row in plain:
+        return f"{plain[row]}[{size}]"
+    if not row.startswith("W-TinyLFU"):
+        return ""
+    window = int(row.split()[1].removeprefix("w="))
+    return f"wtinylfu-caffeine[{window},{size - window}]" + " cm4" * row.endswith("cm4")
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", REAL)
+def test_real_traces_give_the_golden_counts(shared, name):
+    (trace,) = read_traces(shared / "data" / "traces" / f"{name}.json")
+    checked = 0
+    for size, rows in golden(shared, name).items():
+        bound = simulate(f"belady[{size}]", trace).hits
+        assert max(rows.values()) <= bound
+        for row, hits in rows.items():
+            if text := policy_of(row, size):
+                assert simulate(text, trace).hits == hits, (size, row)
+                checked += 1
+    assert checked == 32
+
+
+def library_hits(kind, keys, size):
+    """Count hits of a policy of libcachesim, telling it when each key comes next."""
+    cachesim = pytest.importorskip("libcachesim", reason="has no wheel for this machine")
+    cache, upcoming, later = getattr(cachesim, kind)(size), [], {}
+    for index in range(len(keys) - 1, -1, -1):
+        upcoming.append(later.get(keys[index], 1 << 62))
+        later[keys[index]] = index
+    hits = 0
+    for key, use in zip(keys, reversed(upcoming), strict=True):
+        request = cachesim.Request()
+        request.obj_id, request.obj_size, request.next_access_vtime = key, 1, use
+        hits += cache.get(request)
+    return hits
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 10, 25])
+@pytest.mark.parametrize(
+    "kind, name", [("FIFO", "fifo-merge"), ("LRU", "lru"), ("LFU", "lfu"), ("ARC", "arc")]
+)
+def test_hits_equal_those_of_libcachesim(kind, name, size):
+    for seed in range(4):
+        keys = zipf_keys(800, seed=seed)
+        found = simulate(f"{name}[{size}]", single(keys)).hits
+        assert found == library_hits(kind, keys, size), seed
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 10, 25])
+def test_belady_of_libcachesim_must_take_every_newcomer_and_hits_less(size):
+    keys = zipf_keys(800)
+    must = library_hits("Belady", keys, size)
+    assert must == hits_of_min_without_refusal(keys, size)
+    assert must <= best(single(keys), size).hits
+    assert best(single(keys), size).hits == belady_hits(keys, size)
+
+
+def hits_of_min_without_refusal(keys, size):
+    """Belady's rule where the newcomer cannot be refused, searched anew each time."""
+    held, hits = set(), 0
+    for index, key in enumerate(keys):
+        if key in held:
+            hits += 1
+            continue
+        if len(held) == size:
+            rest = keys[index + 1 :]
+            held.remove(max(held, key=lambda o: rest.index(o) if o in rest else len(keys)))
+        held.add(key)
+    return hits
+
+
+# ----------------------------------------------------------------- the bound
+
+
+def slow_best(tasks, capacity):
+    """Try every choice of what to keep between tasks."""
+    kept = {frozenset(): 0}
+    for task in tasks:
+        following = {}
+        for held, hits in kept.items():
+            now = hits + len(held & set(task))
+            for option in subsets(sorted(held | set(task)), capacity):
+                following[option] = max(now, following.get(option, 0))
+        kept = following
+    return max(kept.values())
+
+
+def subsets(keys, most):
+    found = [()]
+    for key in keys:
+        found += [(*one, key) for one in found if len(one) < most]
+    return map(frozenset, found)
+
+
+@settings(max_examples=60)
+@given(
+    tasks=st.lists(st.lists(st.sampled_from("abcde"), max_size=3), max_size=7),
+    capacity=st.integers(0, 3),
+)
+def test_bound_is_the_best_of_all_choices_between_tasks(tasks, capacity):
+    assert best(Trace.of(tasks), capacity).hits == slow_best(tasks, capacity)
+
+
+@pytest.mark.parametrize("name", [n for n in registry.names("policies") if n != "unbounded"])
+@given(tasks=TASKS, capacity=st.integers(1, 6))
+def test_no_policy_hits_more_than_the_bound_of_tasks(name, tasks, capacity):
+    trace = Trace.of(tasks)
+    assert simulate(f"{name}[{capacity}]", trace).hits <= best(trace, capacity).hits
+
+
+@given(tasks=TASKS, capacity=st.integers(0, 6))
+def test_bound_grows_with_the_memory_up_to_every_repeat(tasks, capacity):
+    trace = Trace.of(tasks)
+    assert best(trace, capacity).hits <= best(trace, capacity + 1).hits
+    assert best(trace, len(trace.keys)).hits == trace.requests - len(trace.keys)
+    with pytest.raises(ValueError, match="negative"):
+        best(trace, -1)
+
+
+# ----------------------------------------------------------------- what holds of all (note, 6)
+
+
+@given(tasks=TASKS, window=st.integers(1, 8))
+def test_karma_without_aging_or_protection_hits_as_perfect_lfu(tasks, window):
+    """All splits with nothing protected are one policy: the window's size is no matter."""
+    trace = Trace.of(tasks)
+    found = simulate(f"wtinylfu-karma[{window},1] W=inf", trace)
+    assert found.answers == simulate(f"wtinylfu-karma[{window + 1},0] W=inf", trace).answers
+
+
+@given(tasks=TASKS, size=st.integers(1, 6))
+def test_window_alone_is_lru_under_caffeines_rule(tasks, size):
+    trace = Trace.of(tasks)
+    assert (
+        simulate(f"wtinylfu-caffeine[{size},0]", trace).answers
+        == simulate(f"lru[{size}]", trace).answers
+    )
+
+
+@pytest.mark.parametrize("name", OURS)
+@given(tasks=TASKS)
+def test_memory_for_all_units_misses_first_uses_only(name, tasks):
+    trace = Trace.of(tasks)
+    room = max(1, trace.requests if name.startswith("fifo") else len(trace.keys))
+    assert simulate(f"{name}[{room}]", trace).hits == trace.requests - len(trace.keys)
+
+
+@given(tasks=TASKS, size=st.integers(1, 6))
+def test_lru_of_more_units_hits_wherever_one_of_fewer_does(tasks, size):
+    """Not so of FIFO, which has Belady's anomaly."""
+    trace = Trace.of(tasks)
+    small, large = simulate(f"lru[{size}]", trace), simulate(f"lru[{size + 1}]", trace)
+    assert all(b >= a for a, b in zip(small.answers, large.answers, strict=True))
+
+
+# ----------------------------------------------------------------- outcomes
+
+
+def test_outcome_of_a_known_trace():
+    trace = Trace.of(["ab", "ab", "c", "b", "a", "a"])
+    found = simulate("lru[2]", trace)
+    assert list(found.answers) == [0, 0, 1, 1, 0, 1, 0, 1]
+    assert (found.requests, found.hits, found.left, found.warm_task) == (8, 4, 2, 1)
+    assert (found.cold_rate, found.steady_rate, found.first_rate) == (4 / 8, 2 / 3, 4 / 8)
+    assert found.between(1, 3) == (2, 3)
+
+
+def test_rates_of_nothing_are_undefined():
+    found = simulate("lru[2]", Trace.of([[], []]))
+    assert (found.cold_rate, found.steady_rate, found.first_rate) == (None, None, None)
+    assert found.warm_task is None
+
+
+def test_units_named_twice_in_a_task_count_once():
+    assert Trace.of(["aab"]).tasks == ((0, 1),)
+
+
+# ----------------------------------------------------------------- names and sizes
+
+
+def test_policies_take_their_sizes():
+    assert sized(["lru", "wtinylfu-karma W=inf"], [5, 10]) == (
+        "lru[5]", "lru[10]", "wtinylfu-karma[5] W=inf", "wtinylfu-karma[10] W=inf",
+    )  # fmt: skip
+    assert sized(["wtinylfu-caffeine[9/1]"], [5, 10, 25]) == (
+        "wtinylfu-caffeine[4,1]", "wtinylfu-caffeine[9,1]", "wtinylfu-caffeine[23,2]",
+    )  # fmt: skip
+    assert sized(["lru[7]", "lru"], [7]) == ("lru[7]",)
+    assert size_of("wtinylfu-karma[23,2] W=5") == 25
+
+
+def test_registered_policies_and_the_bound_are_the_default():
+    assert registered([5]) == tuple(f"{n}[5]" for n in [*registry.names("policies"), "belady"])
+
+
+def test_policies_that_are_none_are_refused():
+    with pytest.raises(KarmaError, match="no size"):
+        sized(["lru"], [])
+    with pytest.raises(UnknownNameError, match="'lru'"):
+        sized(["lruu"], [5])
+    with pytest.raises(KarmaError, match="at least 1"):
+        sized(["belady[0]"], [])
+    with pytest.raises(KarmaError, match="only W-TinyLFU"):
+        sized(["lru[9/1]"], [10])
+
+
+# ----------------------------------------------------------------- intervals
+
+
+def test_interval_over_sequences_covers_the_mean_and_shrinks():
+    rng = stream(3, "lab-tests", "normal")
+    few, many = rng.normal(5, 1, 20).tolist(), rng.normal(5, 1, 2000).tolist()
+    small, large = Resampler(20, 0).mean(few), Resampler(2000, 0).mean(many)
+    assert small.low < small.value < small.high
+    assert large.high - large.low < (small.high - small.low) / 5
+    assert large.high - large.low == pytest.approx(2 * 1.96 / 2000**0.5, rel=0.1)
+
+
+def test_interval_covers_the_truth_about_as_often_as_it_says():
+    rng = stream(4, "lab-tests", "cover")
+    resampler = Resampler(40, 0)
+    covered = sum(resampler.mean(rng.exponential(1, 40).tolist()).holds(1) for _ in range(300))
+    assert 0.88 <= covered / 300 <= 0.98
+
+
+def test_difference_of_equal_policies_has_no_width():
+    resampler = Resampler(10, 0)
+    assert resampler.mean([0.0] * 10) == resampler.ratio([0.0] * 10, [2.0] * 10)
+    ratio = resampler.ratio([2.0 * n for n in range(1, 11)], [float(n) for n in range(1, 11)])
+    assert (ratio.low, ratio.value, ratio.high) == (2, 2, 2)
+
+
+def test_correlation_of_a_line_is_one_and_of_a_constant_undefined():
+    x = [float(n) for n in range(10)]
+    found = Resampler(10, 0).correlation(x, [3 * one - 1 for one in x])
+    assert (found.low, found.value, found.high) == (1, 1, 1)
+    assert Resampler(10, 0).correlation(x, [1.0] * 10) is None
+
+
+def test_one_sequence_has_blocks_and_nothing_asked_no_interval():
+    found = block_interval([0, 1] * 50, [1] * 100, 0)
+    assert found.value == 0.5
+    assert found.low <= 0.5 <= found.high
+    assert block_interval([0], [0], 0) is None
+    assert Resampler(1, 0).mean([0.5]).low is None
+
+
+def test_rows_have_the_hits_of_each_sequence():
+    traces = [single(zipf_keys(300, seed=seed)) for seed in (1, 2, 3)]
+    rows = list(run_rows(traces, ["lru[5]", "belady[5]"], checkpoints=[10, 300, 900]))
+    found = sweep_of(traces, rows)
+    assert rows[0].hits == [simulate("lru[5]", trace).hits for trace in traces]
+    assert rows[0].cold.value == pytest.approx(sum(rows[0].hits) / 900, abs=1e-5)
+    assert [point.tasks for point in rows[0].curve] == [10, 300]
+    assert rows[0].curve[-1].rate == rows[0].cold
+    assert (found.requests, found.steady_requests) == ([300] * 3, [150] * 3)
+    assert (rows[1].left, rows[1].warm_task, rows[1].warm) == (None, None, None)
+
+
+# ----------------------------------------------------------------- files
+
+
+def written(path, data):
+    path.write_bytes(gzip.compress(data, mtime=0) if path.name.endswith(".gz") else data)
+    return path
+
+
+@pytest.mark.parametrize(
+    "name, data",
+    [
+        ("a.json", b'{"trace": [7, 8, 7], "golden": {}}'),
+        ("a.json", b'{"tasks": [[7], [8], [7, 7]]}'),
+        ("a.json", b'{"sequences": [[[7], [8], [7]]]}'),
+        ("a.json.gz", b'{"trace": [7, 8, 7]}'),
+        ("a.trace", b"7\n*\n8\n7\n"),
+        ("a.trace.gz", b"7\n*\n8\r\n\n7\n*\n"),
+    ],
+)
+def test_traces_of_each_form_are_read(tmp_path, name, data):
+    (trace,) = read_traces(written(tmp_path / name, data))
+    assert trace.named() == [[7], [8], [7]]
+
+
+@pytest.mark.parametrize("name", ["keys", "keys.txt", "keys.txt.gz"])
+def test_lists_of_keys_are_read_as_texts(tmp_path, name):
+    (trace,) = read_traces(written(tmp_path / name, "Tasse|1\n\nÄpfel\nTasse|1\n".encode()))
+    assert trace.named() == [["Tasse|1"], ["Äpfel"], ["Tasse|1"]]
+
+
+@pytest.mark.parametrize(
+    "name, data, says",
+    [
+        ("a.json", b'{"trace": [7, 8', "truncated"),
+        ("a.json", b'{"trace": [7.5]}', "float"),
+        ("a.json", b"{}", "0 traces in it"),
+        ("a.json", b'{"trace": [1], "tasks": [[1]]}', "2 traces in it"),
+        ("a.json", b'{"trace": []}', "no requests"),
+        ("a.json", b'{"sequences": []}', "no requests"),
+        ("a.trace", b"7\n8 x\n", "line 2: '8 x' is no block number"),
+        ("a.trace", b"*\n", "no requests"),
+        ("a.txt", b"\n\n", "no requests"),
+        ("a.txt", b"ab\xff\xfe", "one key a line"),
+    ],
+)
+def test_damaged_traces_are_refused_with_the_place(tmp_path, name, data, says):
+    path = written(tmp_path / name, data)
+    with pytest.raises(FileError, match=says) as caught:
+        read_traces(path)
+    assert str(path) in str(caught.value)
+
+
+def test_torn_and_missing_packed_traces_are_refused(tmp_path):
+    whole = gzip.compress(b"7\n8\n" * 100)
+    for data in (whole[:-9], b"not gzip", whole[:20] + b"\0\0\0" + whole[23:], b""):
+        path = tmp_path / "a.trace.gz"
+        path.write_bytes(data)
+        with pytest.raises(FileError, match=r"torn|no requests"):
+            read_traces(path)
+    with pytest.raises(FileError, match="No such file"):
+        read_traces(tmp_path / "none.trace.gz")
+
+
+@given(tasks=st.lists(TASKS.filter(any), min_size=1, max_size=3))
+def test_what_is_written_is_read_again(tmp_path_factory, tasks):
+    path = tmp_path_factory.mktemp("traces") / "saved.json"
+    traces = tuple(map(Trace.of, tasks))
+    path.write_bytes(traces_json(traces))
+    assert read_traces(path) == traces
+
+
+def test_fifo_object_is_what_the_lab_says_it_is():
+    assert simulate_with(Fifo(2), single("aab")).left == 0  # one line of a is still there

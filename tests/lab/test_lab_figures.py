@@ -1,0 +1,312 @@
+"""The laboratory's costs, claims and figures, and `karma trace`.
+
+Covered: figures that are killed and go on, verdicts on made-up results, the command.
+"""
+
+import json
+from itertools import pairwise
+
+import pytest
+from support.lab_trials import many_trials, write_trials
+from support.paths import ROOT
+from typer.testing import CliRunner
+
+from karma.cli import app, shared
+from karma.errors import FileError, KarmaError, UnknownNameError
+from karma.files import read_toml
+from karma.lab.exploration import Exploration, explore
+from karma.lab.figure import Figure, draw_figure, is_figure, read_figure, run_figure
+from karma.lab.intervals import Interval
+from karma.lab.paper_claims import CellResults, claims_of, claims_text
+from karma.lab.simulate import simulate
+from karma.lab.sweep import Row, Sweep, sized
+from karma.lab.tasks import alfred_pool
+from karma.lab.trace import Trace, read_traces
+from karma.lab.workloads import WORKLOADS
+
+PAPER = sorted((ROOT / "eval" / "paper").glob("fig*.toml"))
+
+
+@pytest.fixture(scope="module")
+def pool(tmp_path_factory):
+    return alfred_pool([write_trials(tmp_path_factory.mktemp("t") / "t.jsonl.gz", many_trials())])
+
+
+@pytest.fixture(scope="module")
+def real(request):
+    shared = request.getfixturevalue("shared")
+    return alfred_pool([shared / "data" / "alfred" / "train.jsonl.gz"])
+
+
+# ----------------------------------------------------------------- exploration and claims
+
+
+def test_saved_exploration_is_the_hit_rate_where_all_costs_are_equal():
+    traces = [Trace.of((key,) for key in keys) for keys in ("aabb", "abab", "aaaa", "abcd")]
+    found = explore("lru[1]", traces, [[2.0] * 4] * 4, 0)
+    assert found.reduced == found.rates == [0.5, 0.0, 0.75, 0.0]
+    assert (found.slope, found.intercept, found.r.value) == (1, 0, 1)
+
+
+def test_saved_exploration_weighs_hits_by_what_they_save():
+    (trace,) = [Trace.of(["a", "a", "b"])]
+    found = explore("lru[1]", [trace], [[1.0, 6.0, 1.0]], 0)
+    assert found.reduced == [0.75]
+    assert (found.r, found.slope) == (None, None)
+
+
+def made_row(policy, size, hits):
+    cold = Interval(value=sum(hits) / 100 / len(hits))
+    return Row(policy=policy, size=size, cold=cold, first=None, steady=None, warm=None, hits=hits,
+               steady_hits=[hit // 2 for hit in hits], left=None, warm_task=None,
+               curve=[])  # fmt: skip
+
+
+def made_cell(rows):
+    count = len(rows[0].hits)
+    sweep = Sweep(requests=[100] * count, steady_requests=[50] * count, units=9.0, interval="none",
+                  rows=rows)  # fmt: skip
+    return CellResults("type", "r4", sweep, [])
+
+
+@pytest.mark.parametrize(
+    "nine, eight, fifo, holds",
+    [
+        ([60, 62, 61], [50, 51, 52], [40, 45, 41], "yes"),
+        ([60, 62, 61], [50, 51, 52], [70, 75, 71], "no"),
+        ([60, 62, 61], [70, 71, 72], [40, 45, 41], "no"),
+        ([60, 62, 61], [60, 62, 61], [40, 45, 41], "tie"),
+        ([60, 62, 61], [50, 70, 52], [40, 45, 41], "tie"),
+    ],
+)
+def test_best_split_must_beat_every_other_one_and_fifo(nine, eight, fifo, holds):
+    rows = [made_row("wtinylfu-karma[9,1] W=9", 10, nine),
+            made_row("wtinylfu-karma[8,2] W=9", 10, eight),
+            made_row("wtinylfu-caffeine[8,2]", 10, [99, 99, 99]),
+            made_row("fifo-merge[10]", 10, fifo)]  # fmt: skip
+    (claim,) = claims_of(["split"], [made_cell(rows)])
+    assert (claim.policy, claim.holds) == ("wtinylfu-karma W=9", holds)
+
+
+@pytest.mark.parametrize("large, holds", [([46, 92, 69], "yes"), ([40, 80, 60], "no")])
+def test_ratio_of_sizes_is_held_against_the_published_one(large, holds):
+    rows = [made_row("fifo-merge[5]", 5, [10, 20, 15]), made_row("fifo-merge[25]", 25, large),
+            made_row("belady[5]", 5, [20, 20, 20]), made_row("belady[25]", 25, [40, 40, 40]),
+            made_row("wtinylfu-karma[4,1]", 5, [10, 20, 15]),
+            made_row("wtinylfu-karma[23,2]", 25, [39, 78, 58])]  # fmt: skip
+    fifo, other = claims_of(["fifo-ratio", "wtinylfu-ratio"], [made_cell(rows)])
+    assert (fifo.policy, fifo.holds) == ("fifo-merge", holds)
+    assert dict(fifo.figures)["Belady's ratio"].startswith("2.00")
+    assert (other.policy, other.holds) == ("wtinylfu-karma 9/1", "yes")
+    assert "| type | R4 | wtinylfu-karma 9/1 |" in claims_text([fifo, other], "made up")
+
+
+@pytest.mark.parametrize(
+    "r, holds", [((0.85, 0.9, 0.95), "yes"), ((0.7, 0.79, 0.85), "tie"), ((0.1, 0.3, 0.5), "no")]
+)
+def test_line_is_a_line_where_the_interval_says_so(r, holds):
+    low, value, high = r
+    found = Exploration(policy="lru[5]", rates=[0.1, 0.2], reduced=[0.1, 0.3], slope=2.0,
+                        intercept=-0.1, r=Interval(value=value, low=low, high=high))  # fmt: skip
+    cell = made_cell([made_row("lru[5]", 5, [10, 20])])._replace(exploration=[found])
+    (claim,) = claims_of(["linear"], [cell])
+    assert (claim.holds, dict(claim.figures)["hit rate"]) == (holds, "15.0")
+
+
+def test_headroom_names_the_best_policy_of_ten():
+    rows = [made_row("lru[10]", 10, [40, 42]), made_row("lfu[10]", 10, [50, 52]),
+            made_row("belady[10]", 10, [60, 62]), made_row("lru[25]", 25, [90, 92])]  # fmt: skip
+    (claim,) = claims_of(["headroom"], [made_cell(rows)])
+    assert claim.policy == "lfu[10]"
+    assert dict(claim.figures)["headroom"] == "+10.00 [+10.00, +10.00]"
+
+
+# ----------------------------------------------------------------- figures
+
+SMALL = """
+kind = "trace"
+name = "small"
+claims = ["split", "headroom"]
+tasks = ["{tasks}"]
+workloads = ["type", "rooms"]
+unit_sets = ["m"]
+policies = ["fifo-merge[10]", "wtinylfu-karma[9,1]", "wtinylfu-karma[5,5]", "arc[10]"]
+sequences = 4
+length = 60
+checkpoints = [10, 60]
+"""
+
+
+@pytest.fixture
+def small(tmp_path):
+    tasks = write_trials(tmp_path / "t.jsonl.gz", many_trials())
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL.format(tasks=tasks), encoding="utf-8")
+    return path
+
+
+def files(folder):
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def test_figure_that_was_killed_goes_on_to_the_same_bytes(small, tmp_path):
+    steps = list(run_figure(small, tmp_path / "whole"))
+    assert all(b.done >= a.done for a, b in pairwise(steps))
+    assert steps[-1].done == steps[-1].total == 2 * 5
+    for kill_at in (2, 8):
+        folder = tmp_path / f"killed-{kill_at}"
+        for number, _ in enumerate(run_figure(small, folder)):
+            if number == kill_at:
+                break
+        kept = len(list((folder / "cells").glob("*.json"))) if (folder / "cells").exists() else 0
+        again = list(run_figure(small, folder))
+        assert sum(b.done == a.done + 1 for a, b in pairwise(again)) <= (2 - kept) * 5
+        assert files(folder) == files(tmp_path / "whole")
+
+
+def test_figure_draws_and_states_its_claims(small, tmp_path):
+    *_, last = run_figure(small, tmp_path / "out")
+    assert last.doing == "drawn"
+    results = read_figure(tmp_path / "out")
+    assert [(cell.workload, cell.unit_set) for cell in results.cells] == [
+        ("type", "m"),
+        ("rooms", "m"),
+    ]
+    for cell in results.cells:
+        bound = next(row for row in cell.sweep.rows if row.policy == "belady[10]")
+        assert all(
+            hits <= most
+            for row in cell.sweep.rows
+            for hits, most in zip(row.hits, bound.hits, strict=True)
+        )
+    assert {claim.claim for claim in results.claims} == {"split", "headroom"}
+    pictures = draw_figure(tmp_path / "out")
+    assert {path.name for path in pictures} == {"figure-m.png", "figure-m.svg"}
+    for path in pictures:
+        start = path.read_bytes()[:5]
+        assert start == (b"<?xml" if path.suffix == ".svg" else b"\x89PNG\r")
+    assert "4 sequences of 60 tasks" in (tmp_path / "out" / "claims.md").read_text("utf-8")
+
+
+def test_figure_of_exploration_has_a_line_for_each_policy(small, tmp_path):
+    text = small.read_text("utf-8").replace('name = "small"', 'name = "x"\nshows = "exploration"')
+    small.write_text(text.replace('"split", "headroom"', '"linear"'), encoding="utf-8")
+    list(run_figure(small, tmp_path / "out"))
+    results = read_figure(tmp_path / "out")
+    assert all(len(cell.exploration) == 5 for cell in results.cells)
+    assert all(0 <= one <= 1 for c in results.cells for e in c.exploration for one in e.reduced)
+    assert len(results.claims) == 2 * 4  # not of the bound
+
+
+def test_folder_of_another_figure_is_refused_unless_fresh(small, tmp_path):
+    list(run_figure(small, tmp_path / "out"))
+    small.write_text(small.read_text("utf-8") + "seed = 5\n", encoding="utf-8")
+    with pytest.raises(FileError, match="another figure"):
+        next(run_figure(small, tmp_path / "out"))
+    list(run_figure(small, tmp_path / "out", fresh=True))
+    list(run_figure(small, tmp_path / "new"))
+    assert files(tmp_path / "out") == files(tmp_path / "new")
+
+
+@pytest.mark.parametrize(
+    "change, error, says",
+    [
+        (('claims = ["split"', 'claims = ["splat"'), KarmaError, "no claim 'splat'"),
+        (('"arc[10]"', '"ark[10]"'), UnknownNameError, "arc"),
+        (("length = 60", "length = 0"), FileError, "at least 1"),
+        (('"rooms"]', '"attic"]'), FileError, "attic"),
+        (('kind = "trace"', 'kind = "trace"\nfoo = 1'), FileError, "foo"),
+    ],
+)
+def test_figures_that_make_no_sense_are_refused_at_once(small, tmp_path, change, error, says):
+    small.write_text(small.read_text("utf-8").replace(*change), encoding="utf-8")
+    with pytest.raises(error, match=says):
+        next(run_figure(small, tmp_path / "out"))
+
+
+def test_missing_tasks_are_an_error_or_said_aloud(small, tmp_path):
+    (tmp_path / "t.jsonl.gz").unlink()
+    with pytest.raises(FileError, match=r"t\.jsonl\.gz"):
+        next(run_figure(small, tmp_path / "out"))
+    text = small.read_text("utf-8").replace("sequences = 4", 'sequences = 2\notherwise = "grammar"')
+    small.write_text(text, encoding="utf-8")
+    list(run_figure(small, tmp_path / "out"))
+    assert read_figure(tmp_path / "out").source.startswith("our task grammar")
+
+
+@pytest.mark.parametrize("path", PAPER, ids=lambda path: path.stem)
+def test_figures_of_the_paper_name_policies_and_claims_there_are(path):
+    figure = read_toml(path, Figure)
+    assert is_figure(path)
+    assert len(sized(figure.policies, figure.sizes)) > 1
+    assert claims_of(figure.claims, []) == []
+    assert figure.workloads == WORKLOADS
+
+
+def test_experiments_with_a_world_are_no_such_figures():
+    assert not is_figure(ROOT / "eval" / "demo.toml")
+
+
+def test_all_four_figures_are_there():
+    assert [path.stem for path in PAPER] == ["fig4", "fig5", "fig6", "fig7"]
+
+
+# ----------------------------------------------------------------- the command
+
+
+def trace_command(*words):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shared.console, "width", 200)
+        return CliRunner().invoke(app, ["trace", *map(str, words)])
+
+
+def test_trace_shows_every_policy_beside_the_bound(tmp_path):
+    path = tmp_path / "keys.txt"
+    path.write_text("a\nb\na\nc\nb\na\n" * 9, encoding="utf-8")
+    kept = ("--json", tmp_path / "found.json", "--save", tmp_path / "saved.json")
+    done = trace_command(path, "--sizes", "1,2", "--plot", tmp_path / "plot.png", *kept)
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "found.json").read_bytes())
+    rows = {row["policy"]: row for row in found["sweep"]["rows"]}
+    assert rows["lru[2]"]["hits"] == [simulate("lru[2]", read_traces(path)[0]).hits]
+    assert rows["belady[2]"]["hits"][0] >= max(r["hits"][0] for n, r in rows.items() if "arc" in n)
+    assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "plot.svg").exists()
+    assert read_traces(tmp_path / "saved.json") == read_traces(path)
+    for name in ("lru[1]", "wtinylfu-karma[2]", "belady[1]", "blocks of tasks"):
+        assert name in done.output
+
+
+def test_trace_draws_workloads_from_the_tasks_it_is_given(tmp_path):
+    tasks = write_trials(tmp_path / "t.jsonl.gz", many_trials())
+    words = ("--workload", "habit", "--unit-set", "m", "--tasks", tasks, "--sequences", 3,
+             "--length", 25, "--policies", "lru; wtinylfu-karma[9,1] W=inf",
+             "--sizes", "4")  # fmt: skip
+    done = trace_command(*words)
+    assert done.exit_code == 0, done.output
+    for text in ("habit m, ALFRED", "wtinylfu-karma[9,1] W=inf", "belady[10]", "lru[4]",
+                 "3 sequence(s), 75 tasks"):  # fmt: skip
+        assert text in done.output
+    assert trace_command(*words).output == done.output
+
+
+@pytest.mark.parametrize(
+    "words, says",
+    [
+        ((), "FILE or --workload"),
+        (("x", "--workload", "type"), "FILE or --workload"),
+        (("--workload", "attic"), "there are type, house"),
+        (("--workload", "type", "--unit-set", "r5"), "there are r4, m"),
+        (("--workload", "type", "--sizes", "5,x"), "numbers of units"),
+        (("--workload", "type", "--policies", "lruu"), "Did you mean 'lru'"),
+        (("none.json",), "No such file"),
+    ],
+)
+def test_trace_says_what_is_wrong(words, says):
+    done = trace_command(*words)
+    assert done.exit_code == 1
+    assert says in done.output

@@ -1,0 +1,396 @@
+"""Each policy against a second, slow telling of the same rule, and against outside hit counts."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.paths import SHARED
+
+from karma.errors import KarmaError, UnknownNameError
+from karma.lab.hits import HitStatistics, belady_hits, replay, replay_tasks, unbounded_hits
+from karma.memory.policies import Arc, Fifo, FifoMerge, FifoMergeWhenFull, Lfu, Lru, make_policy
+from karma.memory.sketch import CAP, CountMin4, ExactCounts
+from karma.memory.wtinylfu import CaffeineWTinyLfu, KarmaWTinyLfu
+
+TRACES = ("alfred_rooms_m_seq0", "alfred_type_r4_seq0")
+
+KEYS = st.text("01234567", max_size=70)
+SIZES = st.integers(1, 6)
+SEGMENTS = st.tuples(st.integers(0, 5), st.integers(0, 10)).filter(any)
+
+
+def answers(policy, keys):
+    return [policy.touch(key) for key in keys]
+
+
+# ----------------------------------------------------------------- outside hit counts
+
+
+def golden(trace):
+    path = SHARED / "data" / "traces" / f"{trace}.json"
+    if not path.exists():
+        pytest.skip(f"reference data not found: {path}")
+    data = json.loads(path.read_bytes())
+    return data["trace"], {int(size): row["hits"] for size, row in data["golden"].items()}
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("trace", TRACES)
+@pytest.mark.parametrize(
+    "kind, row", [(Arc, "ARC"), (FifoMerge, "FIFO"), (Lru, "LRU"), (Lfu, "LFU")]
+)
+def test_hits_equal_those_of_libcachesim(trace, kind, row):
+    keys, rows = golden(trace)
+    for size, hits in rows.items():
+        assert replay(kind(size), keys).hits == hits[f"{row} (libCacheSim)"], size
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("trace", TRACES)
+@pytest.mark.parametrize("counts", ["exact", "cm4"])
+def test_hits_equal_those_of_the_caffeine_simulator(trace, counts):
+    keys, rows = golden(trace)
+    checked = 0
+    for size, hits in rows.items():
+        for row, expected in hits.items():
+            if row.startswith("W-TinyLFU") and row.endswith(counts):
+                window = int(row.split()[1].removeprefix("w="))
+                policy = CaffeineWTinyLfu(size, window=window, sketch=counts == "cm4")
+                assert replay(policy, keys).hits == expected, (size, row)
+                checked += 1
+    assert checked >= 10
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("trace", TRACES)
+def test_hits_lie_below_belady_and_that_below_unbounded(trace):
+    keys, rows = golden(trace)
+    for size, hits in rows.items():
+        assert max(hits.values()) <= belady_hits(keys, size) <= unbounded_hits(keys)
+
+
+# ----------------------------------------------------------------- slow tellings
+
+
+def slow_fifo_merge(keys, capacity):
+    queue = []
+    for key in keys:
+        left = None
+        if key not in queue:
+            queue.append(key)
+            if len(queue) > capacity:
+                left = queue.pop(0)
+        yield left
+
+
+def slow_fifo(keys, capacity, *, merge_when_full):
+    queue = []
+    for key in keys:
+        if merge_when_full and len(queue) == capacity and key in queue:
+            yield None
+            continue
+        if len(queue) == capacity:
+            first = queue.pop(0)
+            queue.append(key)
+            yield None if first in queue else first
+        else:
+            queue.append(key)
+            yield None
+
+
+def slow_lru(keys, capacity):
+    last = {}
+    for now, key in enumerate(keys):
+        last[key] = now
+        oldest = min(last, key=last.__getitem__)
+        if len(last) > capacity:
+            del last[oldest]
+            yield oldest
+        else:
+            yield None
+
+
+def slow_lfu(keys, capacity):
+    count, last = {}, {}
+    for now, key in enumerate(keys):
+        left = None
+        if key not in count and len(count) == capacity:
+            left = min(count, key=lambda other: (count[other], last[other]))
+            del count[left], last[left]
+        count[key] = count.get(key, 0) + 1
+        last[key] = now
+        yield left
+
+
+def slow_karma(keys, window, main, period):
+    """Segments as a label per key, everything searched anew each time."""
+    where, used, count, uses = {}, {}, {}, 0
+
+    def oldest(segment):
+        return min((k for k in where if where[k] == segment), key=used.__getitem__)
+
+    def size(segment):
+        return list(where.values()).count(segment)
+
+    for now, key in enumerate(keys):
+        if period is None or count.get(key, 0) < 15:
+            count[key] = count.get(key, 0) + 1
+        uses += 1
+        if uses == period:
+            count = {k: c // 2 for k, c in count.items()}
+            uses //= 2
+        used[key] = now
+        left = None
+        if where.get(key) == "elimination" and main * 8 // 10 > 0:
+            where[key] = "protected"
+            if size("protected") > main * 8 // 10:
+                where[oldest("protected")] = "elimination"
+        elif key not in where:
+            where[key] = "window"
+            if len(where) > window + main:
+                rivals = [k for k in where if where[k] != "protected"]
+                left = min(rivals, key=lambda k: (count[k], used[k]))
+                del where[left]
+            if size("window") > window:
+                where[oldest("window")] = "elimination"
+        yield left
+
+
+@given(keys=KEYS, capacity=SIZES)
+def test_queues_answer_as_their_slow_tellings(keys, capacity):
+    assert answers(FifoMerge(capacity), keys) == list(slow_fifo_merge(keys, capacity))
+    plain = list(slow_fifo(keys, capacity, merge_when_full=False))
+    assert answers(Fifo(capacity), keys) == plain
+    letter = list(slow_fifo(keys, capacity, merge_when_full=True))
+    assert answers(FifoMergeWhenFull(capacity), keys) == letter
+
+
+@given(keys=KEYS, capacity=SIZES)
+def test_lru_and_lfu_answer_as_their_slow_tellings(keys, capacity):
+    assert answers(Lru(capacity), keys) == list(slow_lru(keys, capacity))
+    assert answers(Lfu(capacity), keys) == list(slow_lfu(keys, capacity))
+
+
+@given(keys=KEYS, sizes=SEGMENTS, period=st.none() | st.integers(1, 40))
+def test_karma_rule_answers_as_its_slow_telling(keys, sizes, period):
+    policy = KarmaWTinyLfu.with_segments(*sizes, period=period)
+    assert answers(policy, keys) == list(slow_karma(keys, *sizes, period))
+
+
+def slow_best_hits(keys, capacity):
+    """Try every choice of what to hold after each request; a hit needs no other change."""
+    best = {frozenset(): 0}
+    for key in keys:
+        following = {}
+        for held, hits in best.items():
+            wide = held | {key}
+            fitting = [wide] if len(wide) <= capacity else [wide - {other} for other in wide]
+            for option in fitting:
+                following[option] = max(hits + (key in held), following.get(option, 0))
+        best = following
+    return max(best.values())
+
+
+@given(keys=st.text("01234", max_size=12), capacity=st.integers(1, 3))
+def test_belady_hits_are_the_best_of_all_choices(keys, capacity):
+    assert belady_hits(keys, capacity) == slow_best_hits(keys, capacity)
+
+
+def test_belady_without_room_hits_nothing_and_refuses_less():
+    assert belady_hits("aaa", 0) == 0
+    with pytest.raises(ValueError, match="negative"):
+        belady_hits("aaa", -1)
+
+
+@given(keys=KEYS, capacity=SIZES)
+def test_lru_of_more_lines_holds_what_fewer_hold(keys, capacity):
+    small, large = Lru(capacity), Lru(capacity + 1)
+    for key in keys:
+        small.touch(key)
+        large.touch(key)
+        assert set(small) <= set(large)
+
+
+# ----------------------------------------------------------------- W-TinyLFU
+
+
+@pytest.mark.parametrize("kind", [CaffeineWTinyLfu, KarmaWTinyLfu])
+@given(keys=KEYS, sizes=SEGMENTS, sketch=st.booleans())
+def test_segments_add_up_and_keep_their_sizes(kind, keys, sizes, sketch):
+    window, main = sizes
+    policy = kind.with_segments(window, main, sketch=sketch)
+    assert (policy.capacity, policy.window_size) == (window + main, window)
+    before = 0
+    for key in keys:
+        protected = policy.segments().protected
+        left = policy.touch(key)
+        now = policy.segments()
+        every = [*now.window, *now.elimination, *now.protected]
+        assert sorted(every) == sorted(policy) == sorted(set(every))
+        assert len(every) == len(policy) <= window + main
+        assert len(now.window) <= window
+        assert len(now.protected) <= main * 8 // 10
+        assert len(policy) >= before
+        assert left is None or left not in protected
+        before = len(policy)
+
+
+@given(keys=KEYS, capacity=SIZES)
+def test_caffeine_with_nothing_but_a_window_is_lru(keys, capacity):
+    policy = CaffeineWTinyLfu.with_segments(capacity, 0)
+    for key in keys:
+        challenger = next(iter(policy)) if len(policy) == capacity and key not in policy else None
+        assert policy.touch(key) == challenger
+    assert list(policy) == list(_after(Lru(capacity), keys))
+
+
+def _after(policy, keys):
+    for key in keys:
+        policy.touch(key)
+    return policy
+
+
+@given(keys=KEYS, window=st.integers(0, 6))
+def test_karma_that_never_ages_nor_protects_is_perfect_lfu_with_admission(keys, window):
+    policy = KarmaWTinyLfu.with_segments(window, 1, period=None)
+    count, last, held = {}, {}, set()
+    for now, key in enumerate(keys):
+        count[key], last[key] = count.get(key, 0) + 1, now
+        held.add(key)
+        left = None
+        if len(held) > window + 1:
+            left = min(held, key=lambda other: (count[other], last[other]))
+            held.remove(left)
+        assert policy.touch(key) == left
+
+
+def test_sizes_default_to_each_sources_own():
+    caffeine, karma = CaffeineWTinyLfu(10), KarmaWTinyLfu(10)
+    assert (caffeine.window_size, caffeine.protected_size) == (1, 7)
+    assert (karma.window_size, karma.protected_size) == (9, 0)
+    assert CaffeineWTinyLfu(1).window_size == KarmaWTinyLfu(1).window_size == 1
+    with pytest.raises(ValueError, match="window"):
+        KarmaWTinyLfu(10, window=11)
+
+
+def test_karma_newcomer_may_be_refused_and_is_gone():
+    policy = KarmaWTinyLfu.with_segments(1, 1)
+    assert answers(policy, "aabb") == [None] * 4
+    assert policy.touch("c") == "c"
+    assert "c" not in policy
+
+
+def test_caffeine_challenger_must_be_used_strictly_more_often():
+    policy = CaffeineWTinyLfu.with_segments(1, 1)
+    assert answers(policy, "abc") == [None, None, "b"]  # b challenges a, both used once
+    assert answers(policy, "cd") == [None, "a"]  # c, used twice, beats a
+
+
+# ----------------------------------------------------------------- counts
+
+
+@given(keys=KEYS, period=st.integers(1, 20))
+def test_exact_counts_halve_at_the_period(keys, period):
+    counts, expected, uses = ExactCounts(period, cap=None), {}, 0
+    for key in keys:
+        counts.add(key)
+        expected[key] = expected.get(key, 0) + 1
+        uses += 1
+        if uses == period:
+            expected = {other: count // 2 for other, count in expected.items()}
+            uses //= 2
+        assert all(counts.estimate(other) == count for other, count in expected.items())
+
+
+@pytest.mark.parametrize("kind", [int, str])
+@given(keys=st.binary(max_size=120), capacity=SIZES)
+def test_sketch_never_counts_too_little_below_the_cap(kind, keys, capacity):
+    sketch, exact = CountMin4(capacity, period=None), {}
+    for key in map(kind, keys):
+        sketch.add(key)
+        exact[key] = exact.get(key, 0) + 1
+        assert min(exact[key], CAP) <= sketch.estimate(key) <= CAP
+
+
+@given(keys=st.binary(max_size=120), capacity=SIZES)
+def test_sketch_halves_every_estimate_rounding_down(keys, capacity):
+    sketch = CountMin4(capacity)
+    for key in keys:
+        uses = sketch.uses
+        others = {other: sketch.estimate(other) for other in range(0, 256, 5) if other != key}
+        sketch.add(key)
+        if sketch.uses < uses:  # the use may have raised a shared counter before the halving
+            for other, count in others.items():
+                assert count // 2 <= sketch.estimate(other) <= (count + 1) // 2
+
+
+def test_saturated_uses_age_only_when_told_to():
+    silent, told = ExactCounts(20, cap=3), ExactCounts(20, cap=3, count_saturated=True)
+    for _ in range(25):
+        silent.add("a")
+        told.add("a")
+    assert (silent.uses, told.uses) == (3, 15)
+
+
+@pytest.mark.parametrize("period", [0, -5])
+def test_period_below_one_is_refused(period):
+    for make in (lambda: ExactCounts(period), lambda: CountMin4(4, period=period)):
+        with pytest.raises(ValueError, match="period"):
+            make()
+    with pytest.raises(ValueError, match="capacity"):
+        CountMin4(0)
+
+
+# ----------------------------------------------------------------- names and statistics
+
+
+def test_policy_text_gives_the_sizes_it_says():
+    assert isinstance(make_policy("fifo-merge[10]"), FifoMerge)
+    policy = make_policy(" wtinylfu-karma[9,1] W=inf ")
+    assert isinstance(policy, KarmaWTinyLfu)
+    assert (policy.capacity, policy.window_size, policy.counts.period) == (10, 9, None)
+    assert make_policy("wtinylfu-caffeine[10] W=70").counts.period == 70
+    assert isinstance(make_policy("wtinylfu-caffeine[10] cm4").counts, CountMin4)
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("fifo-merge", "name\\[size\\]"),
+        ("fifo[x]", "not understood"),
+        ("lru[9,1]", "only W-TinyLFU"),
+        ("lru[10] W=5", "only W-TinyLFU"),
+        ("lru[0]", "at least 1"),
+        ("wtinylfu-karma[0,0]", "at least 1"),
+        ("wtinylfu-karma[9,1] W=0", "period"),
+        ("wtinylfu-karma[9,1] w=5", "unknown option 'w=5'"),
+    ],
+)
+def test_policy_text_that_makes_no_sense_is_refused(text, says):
+    with pytest.raises(KarmaError, match=says):
+        make_policy(text)
+
+
+def test_policy_of_unknown_name_suggests_the_nearest():
+    with pytest.raises(UnknownNameError, match="wtinylfu-karma"):
+        make_policy("wtinylfu-kama[9,1]")
+
+
+def test_statistics_of_a_known_trace():
+    found = replay(Lru(2), "abababcab")
+    assert found == HitStatistics(
+        requests=9, hits=4, warm_requests=7, warm_hits=4, half_requests=5, half_hits=2
+    )
+    assert (found.cold_rate, found.steady_rate, found.half_rate) == (4 / 9, 4 / 7, 2 / 5)
+
+
+def test_statistics_without_requests_are_undefined():
+    found = replay(Lru(2), "")
+    assert (found.cold_rate, found.steady_rate, found.half_rate) == (None, None, None)
+    assert replay(make_policy("unbounded[5]"), "aabb").steady_rate is None
+
+
+def test_tasks_ask_before_they_touch_and_once_for_each_unit():
+    found = replay_tasks(Lru(5), [("a", "b", "a"), ("a", "c"), ()])
+    assert (found.requests, found.hits) == (4, 1)

@@ -1,0 +1,152 @@
+"""With a model that looks, states of memory units come from pictures, and the pictures are kept."""
+
+import io
+
+import numpy as np
+import pytest
+from support.household import kitchen
+
+from karma.agent.perceive import shown_states
+from karma.agent.planner import Decoding, Planner
+from karma.agent.sightings import Sightings
+from karma.contracts import SubTask
+from karma.files import to_json
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+from karma.memory.recall import CosineRecall
+from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.methods.picture_states import keep, look_at, png
+from karma.world.sim import EmbeddedWorld
+
+PROGRAM = (
+    "Explore(robot, 'Apple', ['node_3'])\nGoToObject(robot, 'Apple')\n"
+    "PickupObject(robot, 'Apple')\nGoToObject(robot, 'SinkBasin')\n"
+    "PutObject(robot, 'Apple', 'SinkBasin')\n"
+)
+
+
+class Looking:
+    """Answers from a list, and keeps what it was shown."""
+
+    name, sees = "looking", True
+
+    def __init__(self, **words):
+        self.words, self.shown = words, []
+
+    def read_states(self, image, instruction, objects):
+        self.shown.append((image, instruction, objects))
+        return {
+            one.object_id: self.words[one.object_type]
+            for one in objects
+            if one.object_type in self.words
+        }
+
+
+class One:
+    name, dimension = "one", 2
+
+    def embed(self, texts):
+        return np.tile(np.array([1.0, 0.0], dtype=np.float32), (len(texts), 1))
+
+
+@pytest.fixture
+def acted(tmp_path):
+    """A function that carries an apple to the sink and returns what memory holds then."""
+    scene = tmp_path / "room.json"
+    scene.write_bytes(to_json(kitchen()))
+
+    def run(vision):
+        method = KarmaMethod(
+            Planner(ScriptedModel([PROGRAM]), "compact", Decoding(attempts=1)),
+            CosineRecall(One(), text="sentence"), vision, KarmaSettings(witnesses=1),
+        )  # fmt: skip
+        world = EmbeddedWorld(str(scene))
+        method.begin(world, str(scene), seed=0, folder=tmp_path / "run")
+        list(method.do(SubTask(instruction="put the apple in the sink")))
+        return {unit.object_type: unit for unit in method.short_term.units()}
+
+    return run
+
+
+def test_states_of_units_are_what_the_model_said(acted):
+    vision = Looking(Apple=("cooked", "heated"))
+    apple = acted(vision)["Apple"]
+    assert apple.states == ("cooked", "heated")
+    image, instruction, objects = next(
+        one for one in vision.shown if any(o.object_type == "Apple" for o in one[2])
+    )
+    assert image.shape == (300, 300, 3)
+    assert instruction == "put the apple in the sink"
+    assert all(one.states == () and one.region is not None for one in objects)
+
+
+def test_the_picture_is_kept_in_the_run_folder_and_the_unit_names_it(acted, tmp_path):
+    from PIL import Image
+
+    vision = Looking()
+    unit = acted(vision)["Apple"]
+    assert unit.image.startswith("short_term/images/")
+    with Image.open(tmp_path / "run" / unit.image) as kept:
+        frames = [image for image, _, _ in vision.shown]
+        assert any((np.asarray(kept) == frame).all() for frame in frames)
+
+
+def test_an_object_without_a_usable_answer_has_no_states(acted):
+    assert acted(Looking())["Apple"].states == ()
+
+
+def test_a_model_that_does_not_look_draws_and_keeps_nothing(acted, tmp_path):
+    assert acted(MetadataVision())["Apple"].image is None
+    assert not (tmp_path / "run" / "short_term").exists()
+
+
+def test_the_picture_asked_about_is_that_of_the_last_sight(tmp_path):
+    world, log = EmbeddedWorld("kitchen_1"), Sightings()
+    log.observe(world.last_event)
+    first = dict(log.views)
+    log.observe(world.step("RotateRight"))
+    turned = world.last_event
+    assert {id(event) for event in first.values()} != {id(turned)}
+    for object_id in log.in_view:
+        assert log.views[object_id] is turned
+    gone = set(first) - set(log.in_view)
+    assert all(log.views[object_id] is first[object_id] for object_id in gone)
+
+
+def test_objects_of_one_picture_are_asked_about_at_once_and_unseen_ones_not():
+    world, log, vision = EmbeddedWorld("kitchen_1"), Sightings(), Looking()
+    log.observe(world.last_event)
+    sights = list(log.seen.values())
+    look_at(vision, "look", sights, log.views, None)
+    assert [len(objects) for _, _, objects in vision.shown] == [len(sights)]
+    assert look_at(vision, "look", sights, {}, None).states == {}
+
+
+def test_equal_pictures_are_one_file_and_any_reader_opens_it(tmp_path):
+    from PIL import Image
+
+    frame = np.random.default_rng(1).integers(0, 255, (5, 7, 3), dtype=np.uint8)
+    assert keep(frame, tmp_path) == keep(frame.copy(), tmp_path)
+    assert len(list((tmp_path / "short_term/images").iterdir())) == 1
+    with Image.open(io.BytesIO(png(frame))) as opened:
+        assert (np.asarray(opened) == frame).all()
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        ({}, ("none",)),
+        ({"dirtyable": True}, ("cleaned",)),
+        ({"dirtyable": True, "isDirty": True, "isFilledWithLiquid": True}, ("dirty", "filled")),
+        ({"openable": True, "toggleable": True, "isToggled": True}, ("closed", "on")),
+        ({"temperature": "Hot", "isCooked": True}, ("cooked", "heated")),
+        ({"objectType": "EggCracked"}, ("sliced",)),
+    ],
+)
+def test_what_a_picture_can_tell(flags, words):
+    plain = dict.fromkeys(
+        ("isCooked", "isDirty", "isFilledWithLiquid", "isSliced", "isUsedUp", "isToggled",
+         "toggleable", "openable", "isOpen", "dirtyable"), False,
+    )  # fmt: skip
+    thing = {**plain, "objectType": "Mug", "temperature": "RoomTemp", **flags}
+    assert shown_states(thing) == words

@@ -1,0 +1,131 @@
+"""A small real run: an agent whose model says what it was told, in the embedded world, on disk."""
+
+import hashlib
+
+import numpy as np
+
+from karma.agent.planner import Planner
+from karma.bench.episode import TimeLog, run_episode
+from karma.bench.run_folder import FORMAT, Finished, Header, Machine, RunFolder
+from karma.bench.steps import StepLog
+from karma.contracts import SubTask, Task
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+from karma.memory.recall import CosineRecall
+from karma.methods.expert import OracleMethod
+from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.tasks.goals import parse_goal
+from karma.world.home import Home
+from karma.world.sim import EmbeddedWorld
+
+AGENT, TEACHER = "KARMA <b>&amp;", "oracle"  # a row may be called anything
+EVIL = "Fetch it </script><script>document.title = 'owned'</script><img src=x onerror=alert(1)>."
+AWAY = (
+    "Explore(robot, 'Apple')\nGoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
+    "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\n"
+    "PutObject(robot, 'Apple', 'Fridge')\nCloseObject(robot, 'Fridge')\n"
+)
+BACK = (
+    "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\n"
+    "CloseObject(robot, 'Fridge')\n"
+)
+POURED = "</script><script>document.title = 'owned'</script>"  # no program
+DISC = "Explore(robot, 'CD')\nGoToObject(robot, 'CD')\nPickupObject(robot, 'CD')\n"
+MUG = "Explore(robot, 'Mug')\nGoToObject(robot, 'Mug')\n"
+SEQUENCE_KEYS = ((AGENT, "s4", 0), (TEACHER, "s4", 0), (TEACHER, "s16", 0))
+KEYS = ((AGENT, "t1", 0), (AGENT, "t2", 0), (TEACHER, "t1", 0), (TEACHER, "t1", 1))
+
+
+class Words:
+    """Texts as counts of their words: an embedder without weights."""
+
+    name, dimension = "words", 64
+
+    def embed(self, texts):
+        rows = np.zeros((len(texts), self.dimension), dtype=np.float32)
+        for row, text in zip(rows, texts, strict=True):
+            for word in text.lower().split():
+                row[hashlib.sha256(word.encode()).digest()[0] % self.dimension] += 1
+            row /= np.linalg.norm(row) or 1
+        return rows
+
+
+def task(name, *pairs):
+    subtasks = tuple(
+        SubTask(instruction=text, goals=tuple(parse_goal(goal) for goal in goals))
+        for text, *goals in pairs
+    )
+    return Task(id=name, kind="complex" if name == "t2" else "simple", scene="kitchen_1",
+                subtasks=subtasks)  # fmt: skip
+
+
+TASKS = {
+    "t1": task(
+        "t1",
+        ("Put the apple away.", "INSIDE(Apple, Fridge)", "CLOSED(Fridge)"),
+        (EVIL, "HOLDON(robot, Apple)"),
+    ),
+    "t2": task("t2", ("Look for the mug.", "HOLDON(robot, Mug)"), ("Bring it.", "ON(Mug, Sink)")),
+}
+ANSWERS = {
+    "t1": [AWAY, BACK],
+    "t2": [MUG, POURED, POURED, POURED],  # then the script has run out
+    "s4": [AWAY, DISC, BACK, DISC],
+}
+
+
+def sequence(name, *parts):
+    """Return a sequence in the kitchen and the bedroom: each part is a room, words and goals."""
+    subtasks = tuple(
+        SubTask(instruction=words, whole=words, scene=scene, goals=tuple(map(parse_goal, goals)))
+        for scene, words, *goals in parts
+    )
+    return Task(id=name, kind="sequence", scene="kitchen_1", subtasks=subtasks)
+
+
+FRIDGE = (
+    ("kitchen_1", "Open the fridge.", "OPEN(Fridge)"),
+    ("kitchen_1", "Shut it.", "CLOSED(Fridge)"),
+)
+PEN = (
+    ("bedroom_1", "Fetch the pen.", "HOLDON(robot, Pen)"),
+    ("bedroom_1", "Put the pen on the bed.", "ON(Pen, Bed)"),
+)
+TASKS["s4"] = sequence(
+    "s4",
+    ("kitchen_1", "Put the apple away.", "INSIDE(Apple, Fridge)"),
+    ("bedroom_1", "Fetch the disc.", "HOLDON(robot, CD)"),
+    ("kitchen_1", "Fetch the apple.", "HOLDON(robot, Apple)"),
+    ("bedroom_1", "Put the disc on the bed.", "ON(CD, Bed)"),
+)
+TASKS["s16"] = sequence("s16", *4 * (*FRIDGE, *PEN))
+
+
+def make_run(folder, keys=KEYS):
+    """Write the run of some episodes into a folder and return it."""
+    files = RunFolder(folder, steps=True)
+    machine = Machine(platform="x", cpu="y", cores=1, memory_mb=None, threads=1)
+    header = Header(
+        name="small <i>run</i>", experiment="e" * 64, tasks="t" * 64, versions={"karma": "0"},
+        models={"planner": "scripted"}, prompts={}, scenes={}, format=FORMAT, machine=machine,
+    )  # fmt: skip
+    files.claim(header, fix="")
+    for row, name, seed in keys:
+        world = Home(EmbeddedWorld) if len(TASKS[name].scenes) > 1 else EmbeddedWorld()
+        steps, times = StepLog(), TimeLog()
+        record = run_episode(
+            _method(row, name, folder), world, TASKS[name],
+            row=row, seed=seed, folder=folder, steps=steps, times=times,
+        )  # fmt: skip
+        files.commit(Finished(record=record, timing=times.of(record), steps=steps.data()))
+    files.finish(keys)
+    return folder
+
+
+def _method(row, name, folder):
+    if row == TEACHER:
+        return OracleMethod()
+    return KarmaMethod(
+        Planner(ScriptedModel(ANSWERS[name]), "compact"), CosineRecall(Words()), MetadataVision(),
+        KarmaSettings(policy="fifo-merge[2]", attempts=1, witnesses=2), maps=folder / "maps",
+    )  # fmt: skip

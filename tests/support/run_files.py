@@ -1,0 +1,73 @@
+"""Small experiments in folders: written, done, killed, and held against each other."""
+
+import json
+import multiprocessing
+import os
+import resource
+import shutil
+import signal
+from pathlib import Path
+
+from karma.bench.run_folder import TIMINGS
+from karma.cli import app
+from support.paths import ROOT
+
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+ONLY = ["simple-11", "simple-14", "composite-14"]
+ROWS = (
+    '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    '[[rows]]\nname = "babble (K = 3)"\noptions = { attempts = 1, recall_k = 3 }\n'
+)
+
+
+def write_experiment(path, planner, *, rows=ROWS, only=ONLY, more="seeds = [0, 1]"):
+    path.write_text(
+        f'name = "x"\ntasks = "{TASKS}"\nonly = {list(only)}\n{more}\n{rows}'
+        f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
+    )
+    return path
+
+
+def files(folder):
+    """All that must be the same in every run: path -> content; timings by their keys only."""
+    found = {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+    found[TIMINGS] = [
+        (line["row"], line["task"], line["seed"], len(line["subtasks"]))
+        for line in map(json.loads, found[TIMINGS].splitlines())
+    ]
+    return found
+
+
+def copy(folder, to):
+    shutil.copytree(folder, to)
+    return to
+
+
+def evaluate(path, folder, workers=1, most_bytes=None):
+    """Do as `karma eval` does, on a disk that has room for no larger files."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
+    if most_bytes is not None:
+        with Path(os.devnull).open("w") as nowhere:  # what it prints may be in a file too
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(nowhere.fileno(), 2)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+    app(["eval", str(path), "--out", str(folder), "--workers", str(workers)])
+
+
+def started(path, folder, **how):
+    """`karma eval` in a process of its own, which finds the libraries imported."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(
+        ["karma.cli", "karma.bench.run", "llama_cpp", "sentence_transformers"]
+    )
+    process = context.Process(target=evaluate, args=(path, folder), kwargs=how)
+    process.start()
+    return process
+
+
+def lines_in(path):
+    return path.read_bytes().count(b"\n") if path.exists() else 0

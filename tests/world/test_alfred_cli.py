@@ -1,0 +1,145 @@
+"""`karma world import --alfred` and `karma world replay`: lines, files, refusals."""
+
+import gzip
+import json
+
+import pytest
+from support import alfred_kitchen as ours
+from support.household import kitchen
+from typer.testing import CliRunner
+
+from karma.cli import app
+from karma.world.core import scene as scenes
+from karma.world.sim import EmbeddedWorld
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("KARMA_SHARED", str(tmp_path / "nowhere"))
+    monkeypatch.setenv("COLUMNS", "120")
+
+
+@pytest.fixture
+def trials(tmp_path):
+    """Three demonstrations, the second of which lacks a step."""
+    rows = [ours.trial() | {"id": f"ours_{number}"} for number in range(3)]
+    rows[1]["plan"]["low_actions"].pop(8)
+    return ours.write(tmp_path / "trials.jsonl.gz", *rows)
+
+
+def karma(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def test_replay_names_what_fails_and_counts_in_the_last_line(trials, tmp_path):
+    text = karma("world", "replay", trials, "--json", tmp_path / "out.json").splitlines()
+    assert text[0].startswith("ours_1 FloorPlan7 action 8: is at loc|3|-2|1|30, the planner's")
+    assert text[-2] == "actions on objects 8, in view 8 (100.0 %)"
+    assert text[-1] == "trials 3, ok 2"
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert (report["trials"], report["ok"]) == (3, 2)
+    assert [(row["id"], row["ok"]) for row in report["results"]] == [
+        ("ours_0", True), ("ours_1", False), ("ours_2", True),
+    ]  # fmt: skip
+    assert report["results"][1]["step"] == 8
+
+
+def test_replay_with_workers_and_several_files_says_the_same(trials):
+    one = karma("world", "replay", trials, trials)
+    assert one == karma("world", "replay", trials, trials, "--workers", 2)
+    assert one.splitlines()[-1] == "trials 6, ok 4"
+
+
+@pytest.mark.parametrize("form", [["ours_2", "ours_0"], {"ids": ["ours_0", "ours_2"]}])
+def test_replay_of_some_ids_or_the_first_few(trials, tmp_path, form):
+    ids = tmp_path / "ids.json"
+    ids.write_text(json.dumps(form))
+    assert karma("world", "replay", trials, "--ids", ids).splitlines()[-1] == "trials 2, ok 2"
+    assert karma("world", "replay", trials, "--limit", 2).splitlines()[-1] == "trials 2, ok 1"
+    only = karma("world", "replay", trials, "--only", "ours_1").splitlines()
+    assert only[-1] == "trials 1, ok 0"
+
+
+def test_replay_mutated_counts_what_was_caught_and_repeats_itself(trials, tmp_path):
+    out = tmp_path / "out.json"
+    text = karma("world", "replay", trials, "--mutate", 3, "--json", out)
+    assert text == karma("world", "replay", trials, "--mutate", 3)
+    report = json.loads(out.read_text())
+    caught = sum(not row["ok"] for row in report["results"])
+    assert text.splitlines()[-1] == f"trials 3, caught {caught}"
+    assert report["caught"] == caught
+    assert all(row["deleted"] is not None for row in report["results"])
+
+
+def test_replay_takes_side_files_or_none(trials, tmp_path):
+    dump = ours.write(tmp_path / "dump.jsonl", ours.dump())
+    layouts = ours.write(tmp_path / "layouts.json", ours.layout())
+    given = karma("world", "replay", trials, "--dumps", dump, "--layouts", layouts)
+    bare = karma("world", "replay", trials, "--dumps", "none", "--layouts", "none")
+    assert given.splitlines()[-1] == bare.splitlines()[-1] == "trials 3, ok 2"
+
+
+def test_replay_of_side_files_that_lie_in_the_usual_place(trials, tmp_path, monkeypatch):
+    folder = tmp_path / "ref/data/alfred"
+    folder.mkdir(parents=True)
+    (folder / "layouts.json.gz").write_bytes(gzip.compress(b"torn")[:-3])
+    monkeypatch.setenv("KARMA_SHARED", str(tmp_path / "ref"))
+    assert "layouts.json.gz: torn gzip" in karma("world", "replay", trials, code=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["missing.jsonl"], "missing.jsonl: No such file"),
+        (["TRIALS", "--layouts", "missing.json"], "missing.json: No such file"),
+        (["TRIALS", "--only", "ours_9"], "no trial 'ours_9'"),
+        (["TRIALS", "--events"], "trials.jsonl.gz"),
+    ],
+)
+def test_replay_of_what_is_not_there_is_refused(trials, arguments, said):
+    given = [str(trials) if one == "TRIALS" else one for one in arguments]
+    text = karma("world", "replay", *given, code=1)
+    assert said in text
+    assert "Traceback" not in text
+
+
+def test_import_alfred_writes_scenes_that_load_and_replay(trials, tmp_path):
+    out, report = tmp_path / "scenes", tmp_path / "out.json"
+    text = karma(
+        "world", "import", "--alfred", trials, "--only", "ours_0", "--out", out, "--json", report
+    )
+    assert "1 scenes in" in text
+    (row,) = json.loads(report.read_text())
+    assert (row["trial"], row["scene"]) == ("ours_0", ours.PLAN)
+    world = EmbeddedWorld(scenes.load(row["path"]))
+    assert world.last_event.get_object(ours.APPLE)["parentReceptacles"][0] == ours.TABLE
+
+
+def recording(tmp_path):
+    world = EmbeddedWorld(kitchen())
+    rows = [{"action": {"action": "Initialize"}, "metadata": world.last_event.metadata}]
+    for action in ({"action": "RotateRight"}, {"action": "LookDown"}):
+        rows.append({"action": action, "metadata": world.step(action).metadata})
+    return ours.write(tmp_path / "session.jsonl", *rows)
+
+
+def test_replay_events_compares_flags_and_counts_in_the_last_line(tmp_path):
+    path = recording(tmp_path)
+    text = karma("world", "replay", "--events", path, "--json", tmp_path / "out.json").splitlines()
+    (report,) = json.loads((tmp_path / "out.json").read_text())
+    assert text[-1] == f"events 1, flags {report['compared']}, equal 100.00 %"
+    assert report["differences"] == []
+
+
+def test_replay_events_lists_what_differs(tmp_path):
+    path = recording(tmp_path)
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    apple = next(o for o in rows[2]["metadata"]["objects"] if o["objectType"] == "Apple")
+    apple["isDirty"] = not apple["isDirty"]
+    path = ours.write(path, *rows)
+    text = karma("world", "replay", "--events", path)
+    assert f"step 2 LookDown: {apple['objectId']} isDirty is False, AI2-THOR True" in text
+    assert "100.00 %" not in text.splitlines()[-1]

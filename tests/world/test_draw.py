@@ -1,0 +1,35 @@
+"""The picture of a room from above."""
+
+import pytest
+from matplotlib import pyplot
+from matplotlib.image import imread
+
+from karma.errors import FileError
+from karma.world.core.scene import load
+from karma.world.render.top_down import draw_top_down
+
+
+def test_draw_top_down_writes_a_picture_with_colours(tmp_path):
+    path = tmp_path / "new" / "room.png"
+    draw_top_down(load("bathroom_1"), path)
+    picture = imread(path)
+    assert picture.shape[0] > 500
+    assert picture.shape[1] > 500
+    assert len({tuple(row) for row in (picture[::7, ::7, :3] * 20).astype(int).reshape(-1, 3)}) > 8
+
+
+def test_draw_top_down_same_scene_gives_same_bytes(tmp_path):
+    for name in ("a.png", "b.png"):
+        draw_top_down(load("bathroom_2"), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_draw_top_down_leaves_no_global_figure(tmp_path):
+    draw_top_down(load("bathroom_1"), tmp_path / "room.png")
+    assert pyplot.get_fignums() == []
+
+
+def test_draw_top_down_where_a_file_is_the_folder_says_so(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileError, match="cannot write"):
+        draw_top_down(load("bathroom_1"), tmp_path / "file" / "room.png")

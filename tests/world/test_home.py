@@ -1,0 +1,396 @@
+"""Several rooms as one home: they stay as they were left, and nothing goes through a door."""
+
+import shutil
+
+import pytest
+from support.paths import ROOT
+
+from karma import registry
+from karma.agent.planner import Planner
+from karma.bench.episode import run_episode
+from karma.bench.steps import (
+    Action,
+    Asked,
+    Ended,
+    Enter,
+    Instruction,
+    Start,
+    StepLog,
+    packed,
+    read_steps,
+)
+from karma.contracts import MemoryUnit, Outcome, SubTask, Task
+from karma.errors import FileError, KarmaError
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+from karma.memory.policies import make_policy
+from karma.memory.recall import CosineRecall
+from karma.memory.short_term import ShortTermMemory
+from karma.methods.expert import OracleMethod
+from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.methods.lota.method import LotaGenerate
+from karma.methods.resources import Kit
+from karma.tasks.files import load_tasks, with_whole, write_tasks
+from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
+from karma.world.core.scene import SCENES
+from karma.world.home import SURFACES, Home
+from karma.world.sim import EmbeddedWorld
+
+KITCHEN, BEDROOM = "kitchen_1", "bedroom_1"
+
+
+@pytest.fixture
+def twin(tmp_path):
+    """A second kitchen with the ids of the first."""
+    path = tmp_path / "twin.json"
+    shutil.copy(SCENES / f"{KITCHEN}.json", path)
+    return str(path)
+
+
+def one_of(world, kind):
+    return next(t for t in world.last_event.metadata["objects"] if t["objectType"] == kind)
+
+
+def change(world):
+    """Open the fridge by force and take the apple."""
+    for action, kind in (("OpenObject", "Fridge"), ("PickupObject", "Apple")):
+        thing = one_of(world, kind)["objectId"]
+        assert world.step(action, objectId=thing, forceAction=True)
+
+
+def test_room_stays_as_it_was_left_and_the_hand_is_emptied_at_the_door(twin):
+    home = Home(EmbeddedWorld)
+    home.enter(KITCHEN)
+    change(home)
+    home.step("RotateRight")
+    left = home.last_event.metadata["agent"]["rotation"]
+    home.enter(twin)  # equal ids: another room
+    assert (home.scene, one_of(home, "Fridge")["isOpen"]) == (twin, False)
+    assert home.last_event.metadata["inventoryObjects"] == []
+    home.enter(KITCHEN)
+    assert one_of(home, "Fridge")["isOpen"]
+    assert home.last_event.metadata["agent"]["rotation"] == left
+    assert home.last_event.metadata["inventoryObjects"] == []
+    apple = one_of(home, "Apple")
+    assert apple["parentReceptacles"]
+    assert not apple["isPickedUp"]
+    assert apple["position"] != one_of(EmbeddedWorld(KITCHEN), "Apple")["position"]
+    assert home.step("PickupObject", objectId=apple["objectId"], forceAction=True)
+    for room in (twin, KITCHEN):  # both are known by now
+        home.enter(room)
+        assert home.last_event.metadata["inventoryObjects"] == []
+
+
+def test_what_is_in_the_hand_is_put_onto_a_surface_and_not_in_the_way(twin):
+    home = Home(EmbeddedWorld)
+    home.reset(KITCHEN)
+    cells = home.step("GetReachablePositions").metadata["actionReturn"]
+    for kind in ("Pot", "Apple", "Knife"):
+        thing = one_of(home, kind)["objectId"]
+        assert home.step("PickupObject", objectId=thing, forceAction=True)
+        home.enter(twin)
+        home.enter(KITCHEN)
+        (parent,) = {name.split("|")[0] for name in one_of(home, kind)["parentReceptacles"]}
+        assert parent in SURFACES
+    assert home.step("GetReachablePositions").metadata["actionReturn"] == cells
+
+
+def test_reset_brings_back_one_room_and_is_in_it(twin):
+    home = Home(EmbeddedWorld)
+    for room in (KITCHEN, twin):
+        home.enter(room)
+        change(home)
+    home.reset(KITCHEN)
+    assert (home.scene, one_of(home, "Fridge")["isOpen"]) == (KITCHEN, False)
+    home.enter(twin)
+    assert one_of(home, "Fridge")["isOpen"]
+
+
+def test_entering_the_room_one_is_in_changes_nothing():
+    home = Home(EmbeddedWorld)
+    home.enter(KITCHEN)
+    change(home)
+    before = home.last_event
+    assert home.enter(KITCHEN) is before
+    assert before.metadata["inventoryObjects"]
+
+
+def test_room_that_is_not_there_leaves_the_agent_where_it_is():
+    home = Home(EmbeddedWorld)
+    with pytest.raises(KarmaError, match="no room has been entered"):
+        _ = home.last_event
+    home.enter(KITCHEN)
+    with pytest.raises(FileError, match="no scene named 'attic'"):
+        home.enter("attic")
+    assert (home.scene, one_of(home, "Fridge")["isOpen"]) == (KITCHEN, False)
+    home.stop()
+    with pytest.raises(KarmaError, match="no room has been entered"):
+        home.step("RotateRight")
+
+
+# ----------------------------------------------------------------- memory over rooms
+
+
+def unit(scene, **changes):
+    return MemoryUnit(
+        object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), scene=scene, **changes
+    )
+
+
+def test_equal_ids_of_two_rooms_are_two_lines_of_memory():
+    memory = ShortTermMemory(make_policy("fifo-merge[2]"))
+    memory.remember(unit("a", states=("dirty",)))
+    memory.remember(unit("b", states=("filled",)))
+    assert [u.states for u in memory.units()] == [("dirty",), ("filled",)]
+    assert memory.units("a") == (unit("a", states=("dirty",)),)
+    assert memory.find("Mug", "b").states == ("filled",)
+    assert memory.query("Mug|1", "c") is None
+    memory.correct(unit("a", place_id="Sink|1"))
+    memory.correct(unit("c"))
+    assert [u.place_id for u in memory.units()] == ["Sink|1", None]
+    again = ShortTermMemory.from_json(memory.to_json(), make_policy("fifo-merge[2]"))
+    assert again.units() == memory.units()
+    assert memory.forget("Mug|1", "a")
+    assert not memory.forget("Mug|1", "a")
+    assert [u.scene for u in memory.units()] == ["b"]
+    memory.remember(unit("c"))  # the forgotten line is free
+    assert [u.scene for u in memory.units()] == ["b", "c"]
+
+
+# ----------------------------------------------------------------- whole episodes
+
+FETCH = "Explore(robot, 'Apple')\nGoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
+AWAY = (
+    f"{FETCH}GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\n"
+    "PutObject(robot, 'Apple', 'Fridge')\nCloseObject(robot, 'Fridge')\n"
+)
+AGAIN = (
+    "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\n"
+    "CloseObject(robot, 'Fridge')\n"
+)
+STILL = "GoToObject(robot, 'Fridge')\n"
+WASH = (
+    f"{FETCH}PutObject(robot, 'Apple', 'Sink')\nToggleOn(robot, 'Faucet')\n"
+    "ToggleOff(robot, 'Faucet')\n"
+)
+
+
+def sequence(*parts, kind="sequence"):
+    """Return a task of (scene, instruction, goals...) in turn."""
+    subtasks = tuple(
+        SubTask(instruction=text, goals=tuple(map(parse_goal, goals)), scene=scene)
+        for scene, text, *goals in parts
+    )
+    return with_whole(Task(id="s1", kind=kind, scene=parts[0][0], subtasks=subtasks))
+
+
+@pytest.fixture(scope="module")
+def recall():
+    return CosineRecall(registry.load("embedders", "minilm")())
+
+
+@pytest.fixture
+def karma(recall):
+    """A function that makes a KARMA agent whose model says the given answers."""
+
+    def make(answers, **settings):
+        usual = {"witnesses": 0, "attempts": 1, **settings}
+        planner = Planner(ScriptedModel(answers), "compact")
+        return KarmaMethod(planner, recall, MetadataVision(), KarmaSettings(**usual))
+
+    return make
+
+
+def run(method, task, folder, steps=None):
+    world = Home(EmbeddedWorld)
+    return run_episode(method, world, task, row="r", seed=0, folder=folder, steps=steps)
+
+
+def test_sequence_goes_from_room_to_room_and_its_log_leads_there_again(karma, twin, tmp_path):
+    task = sequence(
+        (KITCHEN, "Put the apple away.", "INSIDE(Apple, Fridge)", "CLOSED(Fridge)"),
+        (twin, "Put the apple away.", "INSIDE(Apple, Fridge)"),
+        (KITCHEN, "Bring the apple.", "HOLDON(robot, Apple)"),
+        (twin, "Bring the apple.", "HOLDON(robot, Apple)"),
+        (KITCHEN, "Put the apple away.", "INSIDE(Apple, Fridge)"),
+    )
+    steps, method = StepLog(), karma([AWAY, AWAY, AGAIN, AGAIN, AWAY])
+    record = run(method, task, tmp_path, steps)
+    assert record.success, record
+    assert (record.method, record.kind, record.scene) == ("KARMA", "sequence", KITCHEN)
+    assert [sub.scene for sub in record.subtasks] == ["", "twin", "", "twin", ""]
+    assert [sub.hits for sub in record.subtasks] == [0, 0, 1, 1, 1]  # of the room concerned only
+    assert [len(sub.recalled) for sub in record.subtasks] == [0, 0, 1, 1, 1]
+    assert [sum(c.explorations for c in sub.calls) > 0 for sub in record.subtasks] == [
+        True, True, False, False, False,
+    ]  # fmt: skip
+    (tmp_path / "log.gz").write_bytes(packed(steps.data()))
+    ends, moves = replayed(read_steps(tmp_path / "log.gz"), {KITCHEN: KITCHEN, "twin": twin})
+    assert ends == [(sub.finished, sub.unmet) for sub in record.subtasks]
+    assert moves == ["twin", KITCHEN, "twin", KITCHEN]
+
+
+def replayed(log, scenes):
+    """Do all that a log says; returns how its sub-tasks ended and where it went."""
+    start, *steps = log
+    home, tracker, goals = Home(EmbeddedWorld), GoalTracker(), {}
+    assert isinstance(start, Start)
+    for scene in scenes.values():
+        home.reset(scene)
+    home.reset(scenes[start.scene])
+    watched, ends, moves = WatchedWorld(home, tracker), [], []
+    for step in steps:
+        if isinstance(step, Enter):
+            home.enter(scenes[step.scene])
+            moves.append(step.scene)
+        elif isinstance(step, Instruction):
+            goals[step.number] = step.instruction
+            tracker.start(home.last_event)
+        elif isinstance(step, Action):
+            event = watched.step(step.action, **step.arguments)
+            assert bool(event) == step.ok, step
+        elif isinstance(step, Ended):
+            ends.append((step.finished, step.unmet))
+    return ends, moves
+
+
+@pytest.mark.parametrize(("kind", "unmet"), [("sequence", 1), ("composite", 0)])
+def test_only_in_a_sequence_every_sub_task_is_judged_by_itself(karma, tmp_path, kind, unmet):
+    """No metadata keeps that an apple was washed; the task that it belongs to does."""
+    wash = (KITCHEN, "Wash the apple.", "STATE(Apple, cleaned)")
+    record = run(karma([WASH, STILL]), sequence(wash, wash, kind=kind), tmp_path)
+    assert record.subtasks[0].success
+    assert len(record.subtasks[1].unmet) == unmet
+
+
+def test_oracle_does_again_what_was_done_for_an_earlier_sub_task(tmp_path):
+    wash = (KITCHEN, "Wash the apple.", "INSIDE(Apple, Sink)", "STATE(Apple, cleaned)")
+    rest = (BEDROOM, "Open the drawer.", "OPEN(Drawer)")
+    record = run(OracleMethod(), sequence(wash, wash, rest, wash), tmp_path)
+    assert record.success
+    assert all(sub.calls for sub in record.subtasks)
+
+
+def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
+    task = sequence(
+        (KITCHEN, "Bring the apple.", "HOLDON(robot, Apple)"),
+        (BEDROOM, "Open the drawer.", "OPEN(Drawer)"),
+        (KITCHEN, "Bring the apple.", "HOLDON(robot, Apple)"),
+    )
+    method = karma([FETCH, "OpenObject(robot, 'Drawer')\n", FETCH])
+    record = run(method, task, tmp_path)
+    assert [sub.success for sub in record.subtasks] == [True, True, True]
+    assert sum(call.explorations for call in record.subtasks[2].calls) == 0
+    assert "Fridge" in {node.type for node in method.graph.objects()}
+    method.enter(BEDROOM)
+    assert "Bed" in {node.type for node in method.graph.objects()}
+    assert {unit.place_id for unit in method.short_term.units(KITCHEN)} == {None}
+
+
+@pytest.mark.parametrize(("kind", "told"), [("sequence", False), ("composite", True)])
+def test_lota_is_told_earlier_instructions_of_its_task_only(tmp_path, kind, told):
+    model = ScriptedModel([STILL, STILL])
+    method = LotaGenerate(Planner(model, "full"))
+    first, second = ((KITCHEN, text, "OPEN(Fridge)") for text in ("Go east.", "Go west."))
+    steps = StepLog()
+    run(method, sequence(first, second, kind=kind), tmp_path, steps)
+    (tmp_path / "log.gz").write_bytes(packed(steps.data()))
+    asked = [step.prompt for step in read_steps(tmp_path / "log.gz") if isinstance(step, Asked)]
+    assert ["Go east." in prompt for prompt in asked] == [True, told]
+
+
+@pytest.mark.parametrize("name", ["helper", "capeam"])
+def test_object_memory_of_helper_and_capeam_is_one_a_room(recall, twin, tmp_path, name):
+    planner = Planner(ScriptedModel([AWAY]), "compact")
+    kit = Kit(planner=planner, recall=recall, vision=MetadataVision(),
+              embedder=registry.load("embedders", "minilm")())  # fmt: skip
+    method, home = registry.load("methods", name).build(kit, {}), Home(EmbeddedWorld)
+    home.reset(KITCHEN)
+    method.begin(home, KITCHEN, seed=0, folder=tmp_path)
+    list(method.do(SubTask(instruction="Put the apple away.")))
+    known = {room: None for room in (KITCHEN, twin)}
+    for room in (twin, KITCHEN):
+        home.enter(room)
+        method.enter(room)
+        known[room] = method.memory.where("Fridge")
+    assert known[twin] is None
+    assert known[KITCHEN] is not None
+
+
+class Looker:
+    """A method that opens everything when it gets to know a room, and tells what is open later."""
+
+    name = "looker"
+
+    def __init__(self):
+        self.visits = []
+
+    def begin(self, world, scene, *, seed, folder):
+        self._world = world
+        self.enter(scene)
+
+    def enter(self, scene):
+        self.visits.append(scene)
+        for kind in ("Fridge", "Drawer") if self.visits.count(scene) == 1 else ():
+            for thing in self._world.last_event.metadata["objects"]:
+                if thing["objectType"] == kind:
+                    self._world.step("OpenObject", objectId=thing["objectId"], forceAction=True)
+
+    def do(self, subtask):
+        things = self._world.last_event.metadata["objects"]
+        doors = [thing for thing in things if thing["objectType"] in ("Fridge", "Drawer")]
+        opened = sum(thing["isOpen"] for thing in doors)
+        yield Outcome(finished=not opened, resident=(), handled_ids=())
+
+
+def test_all_rooms_are_shown_before_and_begin_as_they_were(tmp_path):
+    method, steps = Looker(), StepLog()
+    task = sequence((KITCHEN, "a", "OPEN(Fridge)"), (BEDROOM, "b", "OPEN(Drawer)"))
+    record = run(method, task, tmp_path, steps)
+    assert method.visits == [KITCHEN, BEDROOM, KITCHEN, BEDROOM]
+    assert [sub.finished for sub in record.subtasks] == [True, True]  # nothing is open
+    assert b'"kind":"enter"' in steps.data()
+    assert b'"action":"OpenObject"' not in steps.data()
+
+
+def test_sequence_has_no_other_days_and_rooms_need_a_home(tmp_path):
+    task = sequence((KITCHEN, "a", "OPEN(Fridge)"), (BEDROOM, "b", "OPEN(Drawer)"))
+    world, oracle = Home(EmbeddedWorld), OracleMethod()
+    with pytest.raises(KarmaError, match="'s1' has no other days, only seed 0") as caught:
+        run_episode(oracle, world, task, row="r", seed=1, folder=tmp_path)
+    assert "karma sequences" in str(caught.value)
+    with pytest.raises(TypeError, match="2 rooms take a Home"):
+        run_episode(oracle, EmbeddedWorld(), task, row="r", seed=0, folder=tmp_path)
+
+
+# ----------------------------------------------------------------- files
+
+
+def test_task_file_reads_back_as_it_was_written(twin, tmp_path):
+    path = tmp_path / "tasks.jsonl"
+    one = sequence((KITCHEN, "a", "OPEN(Fridge)"), (twin, "b", "HOLDON(robot, Apple)"))
+    ours = load_tasks(ROOT / "eval" / "alfred_l" / "tasks.jsonl")
+    write_tasks(path, [one, *ours])
+    found, *rest = load_tasks(path)
+    assert tuple(rest) == ours
+    assert found.scenes == one.scenes == (KITCHEN, twin)
+    assert [sub.goals for sub in found.subtasks] == [sub.goals for sub in one.subtasks]
+    assert all(sub.is_whole for sub in found.subtasks)
+
+
+@pytest.mark.parametrize(
+    ("kind", "scene", "said"),
+    [
+        ("composite", BEDROOM, "subtasks[1].scene: only the kind 'sequence' goes from room"),
+        ("sequence", "attic", "subtasks[1].scene: no scene named 'attic'"),
+        ("sequence", f"{SCENES}/{KITCHEN}.json", f"two rooms have the name '{KITCHEN}'"),
+    ],
+)
+def test_task_file_with_a_wrong_room_is_refused(tmp_path, kind, scene, said):
+    path = tmp_path / "tasks.jsonl"
+    write_tasks(path, [sequence((KITCHEN, "a", "OPEN(Fridge)"), (scene, "b", "OPEN(Drawer)"),
+                                kind=kind)])  # fmt: skip
+    with pytest.raises(FileError) as caught:
+        load_tasks(path)
+    assert said in str(caught.value)
+    assert "line 1" in str(caught.value)

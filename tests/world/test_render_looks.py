@@ -1,0 +1,235 @@
+"""Every type has a shape, every state of it is seen, and every name has its colour."""
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.household import kitchen, thing
+from support.stage import close_up, facing
+
+from karma.errors import FileError
+from karma.household.types import object_types
+from karma.world.core.objects import is_inert
+from karma.world.core.scene import SCENES, load
+from karma.world.core.state import Settings, begin
+from karma.world.render import looks
+from karma.world.render.colours import (
+    class_frame,
+    colour,
+    colour_table,
+    instance_frame,
+    names,
+)
+from karma.world.render.drawn import Task, drawn
+from karma.world.render.mesh import ball, box, drum, rod, turned
+from karma.world.render.picture import agent_camera, render
+from karma.world.render.shapes import BUILDERS
+
+SHAPED = [kind for kind in object_types() if kind != "Floor"]
+BEFORE = {"Laptop": {"openness": 1.0}}
+FLAGS = {
+    "openable": {"openness": 1.0},
+    "toggleable": {"is_toggled": True},
+    "breakable": {"is_broken": True},
+    "canFillWithLiquid": {"is_filled": True, "liquid": "coffee"},
+    "dirtyable": {"is_dirty": True},
+    "canBeUsedUp": {"is_used_up": True},
+    "cookable": {"is_cooked": True},
+}
+STATES = [
+    (kind, flag)
+    for kind, row in object_types().items()
+    for flag in FLAGS
+    if flag in row.capabilities and (kind, flag) != ("Egg", "breakable")
+] + [("StoveBurner", "toggleable")]
+
+
+def shot(kind, **state):
+    now, camera = close_up(kind, **state)
+    return now, render(now, camera, 96, 96)
+
+
+@pytest.mark.parametrize("kind", SHAPED)
+def test_every_type_is_seen(kind):
+    _, picture = shot(kind)
+    mask = picture.rows == 0
+    assert mask.mean() > 0.01, "a close-up shows the object"
+    assert len(np.unique(picture.rgb[mask], axis=0)) > 3, "with light and shade"
+
+
+@pytest.mark.parametrize(("kind", "flag"), STATES)
+def test_every_state_is_seen(kind, flag):
+    before = BEFORE.get(kind, {}) if flag != "openable" else {}
+    _, plain = shot(kind, **before)
+    now, changed = shot(kind, **{**before, **FLAGS[flag]})
+    own = (plain.rows == 0) | (changed.rows == 0)
+    differs = (plain.rgb != changed.rgb).any(axis=2) & own
+    assert differs.sum() > 0.01 * own.sum()
+    if not is_inert(next(iter(now.objects.values()))):
+        assert (changed.rows == 0).any()
+
+
+@pytest.mark.parametrize("kind", ["Mug", "Potato", "Pan", "Apple"])
+def test_heat_and_cold_are_seen(kind):
+    plain, hot, cold = (
+        shot(kind, temperature=t)[1]
+        .rgb.reshape(-1, 3)[shot(kind)[1].rows.ravel() == 0]
+        .mean(axis=0)
+        for t in ("RoomTemp", "Hot", "Cold")
+    )
+    assert hot[0] - hot[2] > plain[0] - plain[2], "redder"
+    assert cold[2] - cold[0] > plain[2] - plain[0], "bluer"
+
+
+@pytest.mark.parametrize(("liquid", "part"), [("water", 2), ("wine", 0)])
+def test_liquids_have_their_colours(liquid, part):
+    _, plain = shot("Bowl")
+    _, filled = shot("Bowl", is_filled=True, liquid=liquid)
+    wet = (plain.rgb != filled.rgb).any(axis=2) & (filled.rows == 0)
+    middle = filled.rgb[wet].mean(axis=0)
+    assert middle[part] == middle.max()
+
+
+def test_openness_is_seen_by_degrees():
+    areas = [(shot("Fridge", openness=o)[1].rows == 0).sum() for o in (0.0, 0.4, 1.0)]
+    assert len(set(areas)) == 3
+
+
+def test_slices_show_flesh():
+    for kind in ("AppleSliced", "BreadSliced", "TomatoSliced", "PotatoSliced", "LettuceSliced"):
+        whole = kind.removesuffix("Sliced")
+        means = [
+            picture.rgb[picture.rows == 0].mean(axis=0) for _, picture in (shot(kind), shot(whole))
+        ]
+        assert np.abs(means[0] - means[1]).max() > 8, f"{kind} looks as {whole}"
+
+
+def test_all_looks_name_builders_and_colours():
+    for kind, look in looks.looks().items():
+        assert kind in object_types()
+        assert look.shape in BUILDERS
+        for text in (*look.colours, look.second, look.third):
+            assert len(looks.rgb(text)) == 3
+
+
+def test_a_table_without_a_type_is_refused(tmp_path, monkeypatch):
+    text = looks.TABLE.read_text().replace("Apple = {", "Appel = {", 1)
+    broken = tmp_path / "looks.toml"
+    broken.write_text(text)
+    with pytest.raises(FileError, match=r"types\.Appel"):
+        looks.read_looks(broken)
+
+
+# ------------------------------------------------------------------ solids
+
+
+@pytest.mark.parametrize(
+    "solid",
+    [
+        box((-1, 0, -1), (1, 2, 1), (0, 0, 0)),
+        drum(1.0, 0.0, 2.0, (0, 0, 0)),
+        ball((0.0, 1.0, 0.0), (1.0, 1.0, 1.0), (0, 0, 0)),
+        rod((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.3, (0, 0, 0)),
+        turned(box((-1, 0, -1), (1, 2, 1), (0, 0, 0)), 30, axis=0),
+    ],
+)
+def test_solids_wind_outwards(solid):
+    a, b, c = solid.vertices[solid.faces].swapaxes(0, 1)
+    middle = solid.vertices.mean(axis=0)
+    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3 - middle)
+    assert (outward > 0).all()
+    volume = np.einsum("ij,ij->i", a - middle, np.cross(b - middle, c - middle)).sum() / 6
+    assert volume > 0
+
+
+def test_a_turn_of_90_degrees_takes_z_to_x():
+    part = turned(box((0, 0, 0), (1, 1, 2), (0, 0, 0)), 90)
+    assert np.allclose(part.high, (2, 1, 0), atol=1e-6)
+
+
+# ------------------------------------------------------------------ colour tables
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.json")))
+def test_colours_are_unique_and_complete(name):
+    scene = load(name)
+    objects = {one.id: one for one in scene.objects}
+    table = colour_table(objects)
+    colours = [tuple(entry["color"]) for entry in table]
+    assert len(set(colours)) == len(colours)
+    listed = {entry["name"] for entry in table}
+    assert listed >= set(objects) | {one.type for one in scene.objects}
+    assert all(0 <= part <= 255 for one in colours for part in one)
+
+
+def test_a_clash_is_resolved_the_same_way_each_time(monkeypatch):
+    from karma.world.render import colours
+
+    monkeypatch.setattr(colours, "colour", lambda name, turn=0: (len(name) + turn, 0, 0))
+    colours._assigned.cache_clear()
+    first = colours.assigned(["ab", "cd", "efg"])
+    assert first == {"ab": (2, 0, 0), "cd": (3, 0, 0), "efg": (4, 0, 0)}
+    colours._assigned.cache_clear()
+
+
+def test_colours_depend_on_names_alone():
+    assert colour("Mug|+00.10|+00.90|-01.20") == colour("Mug|+00.10|+00.90|-01.20")
+    assert len({colour(f"name {number}") for number in range(500)}) > 498
+
+
+def test_frames_are_painted_by_the_table():
+    state = facing(begin(kitchen(), Settings()), 0, horizon=20)
+    picture = render(state, agent_camera(state), 90, 90)
+    table = {entry["name"]: tuple(entry["color"]) for entry in colour_table(state.objects)}
+    back = {tuple(value): name for name, value in table.items()}
+    instances = instance_frame(picture.rows, state.objects)
+    classes = class_frame(picture.rows, state.objects)
+    assert instances.shape == classes.shape == (90, 90, 3)
+    assert instances.dtype == np.uint8
+    ids = list(state.objects)
+    for y, x in np.ndindex(90, 90):
+        row = picture.rows[y, x]
+        own, kind = back[tuple(instances[y, x])], back[tuple(classes[y, x])]
+        if row >= 0:
+            assert own == ids[row] and kind == state.objects[ids[row]].type
+        else:
+            assert own == kind and "|" not in own
+    assert len(names(state.objects)) == len(table)
+
+
+SIZES = st.tuples(*[st.sampled_from([0.0, 0.001, 0.03, 0.3, 2.5]) for _ in range(3)])
+
+
+@settings(max_examples=150)
+@given(st.sampled_from(SHAPED), SIZES, st.sets(st.sampled_from(sorted(FLAGS))), st.booleans())
+def test_any_box_in_any_state_has_a_shape_in_and_around_it(kind, size, flags, hot):
+    state = {key: value for flag in sorted(flags) for key, value in FLAGS[flag].items()}
+    one = thing(kind, (0.3, 1.0, -0.2), size, temperature="Hot" if hot else "RoomTemp", **state)
+    cells = np.array([(0.0, -1.0), (0.25, -1.0)])
+    mesh = drawn(Task(one), cells, "stage")
+    assert len(mesh.faces) and np.isfinite(mesh.vertices).all() and np.isfinite(mesh.colours).all()
+    assert mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)
+    assert mesh.colours.min() >= 0 and mesh.colours.max() <= 255
+    solid = mesh.vertices[mesh.faces[mesh.clear == 0]].reshape(-1, 3)
+    reach = 2.5 * max(*size, 0.1) + 0.3  # doors swing, flaps fold, shards fall
+    assert (np.abs(solid - np.array(one.center)) < reach).all()
+
+
+def test_turned_objects_are_drawn_turned():
+    corners = moment_of_a_knife(yaw=0.0), moment_of_a_knife(yaw=90.0)
+    spans = [
+        np.ptp(drawn(Task(one), np.zeros((0, 2)), "stage").vertices, axis=0) for one in corners
+    ]
+    assert spans[0][2] > 4 * spans[0][0] and spans[1][0] > 4 * spans[1][2]
+
+
+def moment_of_a_knife(yaw):
+    one = thing("Knife", (0.0, 1.0, 0.0), rotation=(0.0, yaw, 0.0))
+    x, y, z = (side / 2 for side in one.size)
+    signs = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
+    corners = tuple((a * x, 1.0 + v * y, b * z) for v in (-1, 1) for a, b in signs)
+    if yaw:
+        corners = tuple((c, b, -a) for a, b, c in corners)
+        one = msgspec.structs.replace(one, size=(one.size[2], one.size[1], one.size[0]))
+    return msgspec.structs.replace(one, corners=corners)

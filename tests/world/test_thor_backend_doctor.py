@@ -1,0 +1,240 @@
+"""`karma doctor thor` and the search for a build: what is missing is named, with what mends it.
+
+A build here is an empty script with AI2-THOR's names round it: nothing starts it.
+"""
+
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from support import fake_player
+from typer.testing import CliRunner
+
+from karma.cli import app
+from karma.errors import KarmaError
+from karma.world.thor import builds, checks
+
+pytest.importorskip("ai2thor", reason="needs the package ai2thor")
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A home folder without anything, and an environment without traps."""
+    for name in ("KARMA_THOR_BUILD", "CUDA_VISIBLE_DEVICES", "DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def build(home):
+    """A whole build in the cache."""
+    path = builds.cached("CloudRendering")
+    path.parent.mkdir(parents=True)
+    path.write_text("#!/bin/sh\n")
+    path.chmod(0o755)
+    (path.parent / f"{path.name}_Data").mkdir()
+    (path.parent / "metadata.json").write_text(builds.METADATA)
+    return path
+
+
+def of(name, **options):
+    return next(one for one in checks.examine(**options) if one.name == name)
+
+
+def mended(finding):
+    """Run the command that a finding proposes."""
+    subprocess.run(finding.fix, shell=True, check=True)
+
+
+def test_no_build_names_the_place_the_size_the_source_and_the_command(home):
+    with pytest.raises(KarmaError) as caught:
+        builds.find(platform="Linux64")
+    text = str(caught.value)
+    place = home / ".ai2thor" / "releases" / f"thor-Linux64-{builds.COMMIT}"
+    for part in (str(place), builds.SOURCE, builds.SIZE, "unzip", "chmod +x", "KARMA_THOR_BUILD"):
+        assert part in text
+
+
+def test_build_in_the_cache_is_found(build):
+    found = builds.find()
+    assert (found.path, found.platform, found.origin) == (build, "CloudRendering", "cache")
+    assert of("build").status == of("executable bit").status == "ok"
+    assert of("_Data folder").status == of("metadata.json").status == "ok"
+
+
+def test_commit_is_the_packages_own():
+    from ai2thor.build import COMMIT_ID
+
+    assert builds.COMMIT == COMMIT_ID
+
+
+def test_build_by_variable_is_found_as_file_folder_and_command(build, monkeypatch):
+    for text, words in (
+        (str(build), 1),
+        (str(build.parent), 1),
+        (f"'{build}' -force-device-index 1", 3),
+    ):
+        monkeypatch.setenv("KARMA_THOR_BUILD", text)
+        found = builds.find()
+        assert (found.path, len(found.command), found.origin) == (build, words, "environment")
+
+
+def test_path_with_a_space_is_one_file(tmp_path):
+    path = tmp_path / "my builds" / "thor"
+    path.parent.mkdir()
+    path.write_text("#!/bin/sh\n")
+    path.chmod(0o755)
+    assert builds.find(str(path)).command == (str(path),)
+
+
+@pytest.mark.parametrize("text", ["", "/no/such/file", "no-such-command --x", "'open quote"])
+def test_executable_that_is_none_is_refused(text, home):
+    with pytest.raises(KarmaError):
+        builds.find(text)
+
+
+def test_folder_without_a_build_is_refused(tmp_path):
+    with pytest.raises(KarmaError, match="no Unity build in this folder"):
+        builds.find(tmp_path)
+
+
+def test_build_without_executable_bit_is_a_problem_that_the_fix_mends(build):
+    build.chmod(0o644)
+    with pytest.raises(KarmaError, match=r"not executable\n  To fix: chmod"):
+        builds.find()
+    finding = of("executable bit")
+    assert finding.status == "problem"
+    mended(finding)
+    assert of("executable bit").status == "ok"
+
+
+def test_cache_without_metadata_is_a_problem_that_the_fix_mends(build):
+    (build.parent / "metadata.json").unlink()
+    finding = of("metadata.json")
+    assert finding.status == "problem"
+    assert "fetch" in finding.found
+    mended(finding)
+    assert json.loads((build.parent / "metadata.json").read_text()) == json.loads(builds.METADATA)
+    assert of("metadata.json").status == "ok"
+
+
+def test_build_without_data_folder_is_a_problem(build):
+    (build.parent / f"{build.name}_Data").rmdir()
+    assert of("_Data folder").status == "problem"
+
+
+def test_graphics_card_variable_is_noted(home, monkeypatch):
+    assert of("CUDA_VISIBLE_DEVICES").status == "ok"
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
+    assert of("CUDA_VISIBLE_DEVICES").status == "note"
+
+
+def test_visibility_variable_is_a_problem(home, monkeypatch):
+    monkeypatch.setenv("AI2THOR_VISIBILITY_DISTANCE", "3")
+    assert of("AI2THOR_VISIBILITY_DISTANCE").fix == "unset AI2THOR_VISIBILITY_DISTANCE"
+
+
+def test_display_of_another_machine_is_not_connected_to(home):
+    finding = of("X display", platform="Linux64", display="far.example:0")
+    assert finding.status == "problem"
+    assert "not connected to" in finding.found
+
+
+def test_display_that_is_not_there_is_a_problem(home):
+    finding = of("X display", platform="Linux64", display=":4711")
+    assert finding.status == "problem"
+    assert "cannot be reached" in finding.found
+
+
+def test_fourth_release_is_noted(build):
+    for number in range(3):
+        assert of("releases").status == "ok"
+        (build.parent.parent / f"thor-other-{number}").mkdir()
+    finding = of("releases")
+    assert finding.status == "note"
+    assert "deletes all but the 3 newest" in finding.found
+
+
+def test_lock_files_left_over_and_held_are_told_apart(build):
+    path = build.parent.parent / "thor-x.lock"
+    path.touch()
+    assert of("lock files").found == "1 left over, none held"
+    script = "import fcntl,sys,time;f=open(sys.argv[1],'r+');fcntl.lockf(f,fcntl.LOCK_SH);"
+    script += "print('held',flush=True);time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", script, path], stdout=subprocess.PIPE) as holder:
+        holder.stdout.readline()
+        assert of("lock files").status == "note"
+        holder.kill()
+    with path.open("r+b") as file:  # and the look itself left it free
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_home_that_cannot_be_written_is_a_problem(home):
+    home.chmod(0o555)
+    finding = of("home folder")
+    home.chmod(0o755)
+    assert finding.status == "problem"
+
+
+def test_home_that_is_a_file_is_a_problem(home, monkeypatch):
+    (home / "file").touch()
+    monkeypatch.setenv("HOME", str(home / "file"))
+    assert of("home folder").status == "problem"
+
+
+def test_command_shows_fixes_writes_json_and_fails_when_something_is_missing(home, tmp_path):
+    path = tmp_path / "report.json"
+    done = CliRunner().invoke(app, ["doctor", "thor", "--json", str(path)])
+    assert done.exit_code == 1
+    assert "KARMA_THOR_BUILD" in done.output
+    report = json.loads(path.read_text())
+    assert report["ok"] is False
+    assert report["start"] is None
+    build = next(one for one in report["findings"] if one["name"] == "build")
+    assert build["status"] == "problem"
+    assert "unzip" in build["fix"]
+    assert not (home / ".ai2thor").exists()
+
+
+def test_command_starts_the_player_when_asked_to(home, tmp_path):
+    path = tmp_path / "report.json"
+    given = ["--executable", fake_player.command(), "--start", "--json", str(path)]
+    done = CliRunner().invoke(app, ["doctor", "thor", *given])
+    assert done.exit_code == 0, done.output
+    report = json.loads(path.read_text())
+    assert report["ok"] is True
+    assert report["start"]["objects"] == 2
+    assert report["start"]["picture"] == [300, 300, 3]
+
+
+def test_command_and_start_need_no_interface_at_all(build):
+    cut_off = ["unshare", "--user", "--map-root-user", "--net"]
+    if (
+        shutil.which("unshare") is None
+        or subprocess.run([*cut_off, "true"], check=False).returncode
+    ):
+        pytest.skip("needs a network namespace of its own: unshare is not allowed here")
+    start = "from karma.cli import app; app()"
+    words = [*cut_off, sys.executable, "-c", start, "doctor", "thor", "--start"]
+    words += ["--executable", fake_player.command()]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "picture [300, 300, 3]" in " ".join(done.stdout.split())
+
+
+def test_command_tells_of_a_player_that_does_not_start(home):
+    given = ["--executable", fake_player.command("segv@open"), "--start"]
+    done = CliRunner().invoke(app, ["doctor", "thor", *given])
+    assert done.exit_code == 1
+    assert "SIGSEGV" in done.output
+
+
+def test_command_refuses_an_unknown_platform(home):
+    done = CliRunner().invoke(app, ["doctor", "thor", "--platform", "Windows"])
+    assert done.exit_code == 1

@@ -1,0 +1,341 @@
+"""What may be said with an action: what fits, what is misuse, what is left out; and any junk."""
+
+import inspect
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.household import find, kitchen, reach
+from support.paths import ROOT
+
+from karma.world.actions.left_out import absent
+from karma.world.actions.table import ACTIONS
+from karma.world.sim import MISUSE, EmbeddedWorld
+
+PAGE = ROOT / "docs" / "actions.md"
+ROOM = kitchen()
+IDS = [thing.id for thing in ROOM.objects]
+NAMES = [thing.name for thing in ROOM.objects]
+
+
+@pytest.fixture
+def world():
+    return EmbeddedWorld(ROOM)
+
+
+# ----------------------------------------------------------------- what fits
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e39, 10**40])
+@pytest.mark.parametrize(
+    ("action", "arguments"),
+    [
+        ("MoveAhead", lambda v: {"moveMagnitude": v}),
+        ("LookDown", lambda v: {"degrees": v}),
+        ("Teleport", lambda v: {"position": {"x": v, "y": 0.9, "z": 0.0}}),
+        ("Teleport", lambda v: {"rotation": v}),
+        ("GetInteractablePoses", lambda v: {"objectId": IDS[0], "horizons": [0.0, v]}),
+        ("GetInteractablePoses", lambda v: {"objectId": IDS[0], "positions": [{"x": v}]}),
+        ("SetRandomSeed", lambda v: {"seed": v}),
+        ("Initialize", lambda v: {"gridSize": v}),
+        ("SetObjectPoses", lambda v: {"objectPoses": [{"position": {"x": v}}]}),
+        ("AddThirdPartyCamera", lambda v: {"position": {"y": v}, "rotation": {}}),
+    ],
+)
+def test_number_that_is_none_is_misuse_everywhere(world, action, arguments, bad):
+    before = world.state
+    with pytest.raises(ValueError, match=f"action: {action} has an invalid argument"):
+        world.step(action, **arguments(bad))
+    assert world.last_event.metadata["errorCode"] == "InvalidArgument"
+    assert world.state is before
+
+
+@pytest.mark.parametrize(
+    ("action", "arguments", "wanted"),
+    [
+        ("MoveAhead", {"moveMagnitude": "far"}, "float"),
+        ("MoveAhead", {"moveMagnitude": True}, "float"),
+        ("MoveAhead", {"forceAction": 1}, "bool"),
+        ("ChangeResolution", {"x": 300.5, "y": 300}, "int"),
+        ("ChangeResolution", {"x": 2**31, "y": 300}, "int"),
+        ("PickupObject", {"objectId": 3}, "str"),
+        ("LookUp", {"degrees": [30]}, "float"),
+        ("PickupObject", {"objectId": object()}, "str"),
+    ],
+)
+def test_number_or_text_of_the_wrong_kind_is_misuse(world, action, arguments, wanted):
+    with pytest.raises(ValueError, match=f"Cannot convert to: {wanted}"):
+        world.step(action, **arguments)
+
+
+def _nested(depth):
+    return [_nested(depth - 1)] if depth else []
+
+
+@pytest.mark.parametrize(
+    ("junk", "said"),
+    [
+        (_nested(900), "lists more than 8 deep"),
+        (10**5000, "a number of too many digits"),
+        ("half a \ud83d", "half a .ud83d"),
+        ({"\ud83d": 1}, "ud83d"),
+        ({"x": {1, 2}}, "set"),
+    ],
+    ids=["deep", "long", "half", "half key", "set"],
+)
+@pytest.mark.parametrize("action", ["PickupObject", "GetInteractablePoses"])
+def test_what_no_message_can_hold_is_misuse(world, action, junk, said):
+    before = world.state
+    with pytest.raises(ValueError, match=f"objectId .==.*{said}"):
+        world.step(action, objectId=junk)
+    assert world.last_event.metadata["errorCode"] == "InvalidArgument"
+    assert world.state is before
+
+
+def test_step_without_an_action_is_misuse(world):
+    with pytest.raises(ValueError, match="Invalid action: None"):
+        world.step({"objectId": IDS[0]})
+
+
+@pytest.mark.parametrize(
+    ("action", "arguments"),
+    [
+        ("Teleport", {"position": 3}),
+        ("Teleport", {"position": {"x": "north"}}),
+        ("SetObjectFilter", {"objectIds": "Apple"}),
+        ("SetObjectFilter", {"objectIds": [3]}),
+        ("SetObjectPoses", {"objectPoses": [{"objectName": "x"}]}),
+        ("SetObjectStates", {"SetObjectStates": {"stateChange": 3}}),
+        ("GetInteractablePoses", {"objectId": IDS[0], "standings": [1]}),
+    ],
+)
+def test_vector_or_list_of_the_wrong_form_fails(world, action, arguments):
+    before = world.state
+    event = world.step(action, **arguments)
+    assert event.code == "UnhandledException"
+    assert event.message.startswith("JsonSerializationException")
+    assert world.state is before
+
+
+def test_numbers_of_numpy_are_numbers(world):
+    assert world.step("MoveAhead", moveMagnitude=np.float32(0.25))
+    assert world.step("Teleport", x=np.float64(0.5), rotation=np.int64(90))
+    assert world.step("Teleport", position={"x": np.float32(0.0), "z": np.float64(0.25)})
+    poses = world.step(
+        "GetInteractablePoses", objectId=find(world, "Apple"), rotations=np.array([0, 90])
+    )
+    assert {pose["rotation"] for pose in poses.metadata["actionReturn"]} <= {0.0, 90.0}
+
+
+def test_whole_float_is_an_int_and_an_int_a_float(world):
+    assert world.step("ChangeResolution", x=400.0, y=300)
+    assert world.step("RotateRight", degrees=90)
+
+
+def test_rotation_may_be_a_number_as_in_the_client(world):
+    assert world.step("Teleport", rotation=270).metadata["agent"]["rotation"]["y"] == 270.0
+    assert world.step("Teleport", rotation={"y": 90}).metadata["agent"]["rotation"]["y"] == 90.0
+
+
+def test_argument_that_is_none_counts_as_left_out(world):
+    assert world.step("MoveAhead", moveMagnitude=None)
+    with pytest.raises(ValueError, match="missing the following arguments: seed"):
+        world.step("SetRandomSeed", seed=None)
+
+
+def test_extra_argument_of_a_signature_action_is_misuse(world):
+    with pytest.raises(ValueError, match="has invalid arguments: z"):
+        world.step("PutObject", x=0.0, y=0.0, z=1.0, forceAction=False, placeStationary=True)
+    assert "Expected arguments: " in world.last_event.metadata["errorMessage"]
+
+
+def test_target_is_checked_in_order(world):
+    apple, egg = find(world, "Apple"), find(world, "Egg")
+    assert "is not the objectId" in world.step("PickupObject", objectId="Apple|0|0|0").message
+    assert "not found within" in world.step("PickupObject", objectId=egg).message
+    assert world.step("PickupObject", objectId=egg, forceAction=True)
+    world.reset(ROOM)
+    assert reach(world, "Apple") == apple
+    assert world.step("PickupObject", objectId=apple)
+
+
+# ----------------------------------------------------------------- what is left out
+
+
+@pytest.mark.parametrize("name", sorted(absent()))
+def test_absent_action_is_refused_by_name_whatever_is_said(world, name):
+    before = world.state
+    event = world.step(name, objectId="x", position={"x": 1})
+    assert event.message == f"{name} is not part of the embedded world: {absent()[name]}."
+    assert event.code not in MISUSE
+    assert world.state is before
+
+
+def test_arm_drone_houses_and_materials_are_left_out():
+    assert {"MoveArm", "FlyTo", "LaunchObject", "CreateHouse"} <= absent().keys()
+    assert {"RandomizeMaterials", "ResetMaterials", "RandomizeLighting"} <= absent().keys()
+    assert absent().keys() <= ACTIONS.keys()
+
+
+# ----------------------------------------------------------------- the page
+
+
+def written(parameter):
+    if parameter.default is inspect.Parameter.empty:
+        return f"**{parameter.name}**"
+    return parameter.name if parameter.default is None else f"{parameter.name}={parameter.default}"
+
+
+def test_page_lists_every_action_once_with_its_arguments():
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \|", PAGE.read_text(), flags=re.MULTILINE)
+    assert sorted(name for name, _ in rows) == sorted(ACTIONS)
+    for name, arguments in rows:
+        parameters = list(inspect.signature(ACTIONS[name].handler).parameters.values())[1:]
+        assert arguments == ", ".join(map(written, parameters)), name
+
+
+# ----------------------------------------------------------------- any junk
+
+numbers = st.one_of(
+    st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.25, 0.5, 30.0, 90.0, 1e-9, 1e20, -1e38, 3.3e38, 1e300,
+                     math.nan, math.inf, -math.inf]),
+    st.floats(-5, 5), st.integers(-10, 400), st.integers(),
+)  # fmt: skip
+words = st.one_of(
+    st.sampled_from([*IDS, *NAMES, "", "Apple", "Fridge", "water", "Collider", "default", "white",
+                     "CanOpen", "openable", "Ultra", "|", "x" * 500]),
+    st.text(max_size=5),
+)  # fmt: skip
+places = st.fixed_dictionaries({}, optional={axis: numbers for axis in "xyz"})
+sane = st.fixed_dictionaries({axis: st.floats(-2, 2) for axis in "xyz"})
+posed = st.fixed_dictionaries(
+    {"objectName": st.sampled_from(NAMES), "position": sane, "rotation": st.one_of(sane, places)}
+)
+states = st.fixed_dictionaries(
+    {"stateChange": st.sampled_from(["openable", "breakable", "sliceable", "toggleable", "x"])},
+    optional={"objectType": words, "isOpen": st.booleans(), "isBroken": st.booleans(),
+              "isSliced": st.booleans(), "isToggled": st.booleans()},
+)  # fmt: skip
+counts = st.fixed_dictionaries(
+    {"objectType": st.sampled_from(["Apple", "Mug", "x"]), "count": st.integers(-2, 9)}
+)
+anything = st.recursive(
+    st.one_of(st.none(), st.booleans(), numbers, words, places, posed, states, counts),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=3), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+LIKELY = {
+    "objectId": st.sampled_from(IDS),
+    "objectIds": st.lists(st.sampled_from(IDS), max_size=5),
+    "receptacleObjectIds": st.lists(st.sampled_from(IDS), max_size=5),
+    "objectTypes": st.lists(st.sampled_from(["Apple", "Mug", "Fridge"]), max_size=2),
+    "positions": st.lists(sane, max_size=3),
+    "objectPoses": st.lists(posed, max_size=12),
+    "SetObjectStates": states,
+    "numDuplicatesOfType": st.lists(counts, max_size=2),
+    "gridSize": st.sampled_from([0.0, 0.05, 0.1, 0.25, 0.3, 0.5]),
+    "fieldOfView": st.floats(1, 179),
+    "horizon": st.sampled_from([-30, 0, 30, 60]),
+    "degrees": st.sampled_from([10, 30, 90]),
+    "openness": st.floats(0, 1),
+    "timeStep": st.floats(0.01, 0.05),
+    "orthographicSize": st.floats(0.1, 9),
+    "numPlacementAttempts": st.integers(1, 3),
+    "StateChange": st.sampled_from(["CanOpen", "CanBreak", "CanBeSliced", "CanBeFilled"]),
+    "quality": st.sampled_from(["Ultra", "Low"]),
+    "fillLiquid": st.sampled_from(["water", "coffee"]),
+    "skyboxColor": st.sampled_from(["white", "#fff"]),
+    "agentMode": st.just("default"),
+    "agentCount": st.just(1),
+    "thirdPartyCameraId": st.just(0),
+    "thirdPartyCameraIndex": st.just(0),
+    "x": st.floats(0, 1),
+    "y": st.floats(0, 1),
+}
+USUAL = {
+    bool: st.booleans(),
+    int: st.integers(0, 500),
+    float: st.one_of(st.floats(-0.3, 0.3), st.floats(0, 300)),
+    str: words,
+    dict: sane,
+    list: st.lists(st.one_of(words, st.floats(0, 360), sane), max_size=3),
+}
+
+
+def likely(argument, kinds):
+    if argument in LIKELY and not (argument in "xy" and int in kinds):
+        return LIKELY[argument]
+    return st.one_of([USUAL[kind] for kind in kinds if kind in USUAL])
+
+
+@st.composite
+def steps(draw):
+    """One action with arguments that may do; in one of four steps one of them is junk."""
+    name = draw(st.sampled_from(sorted(ACTIONS.keys() - absent().keys())))
+    action = ACTIONS[name]
+    arguments = {
+        argument: draw(likely(argument, kinds))
+        for argument, kinds in action.kinds.items()
+        if argument in action.required or draw(st.integers(0, 2)) == 0
+    }
+    if "objectId" in action.kinds and draw(st.integers(0, 9)):
+        arguments["objectId"] = draw(LIKELY["objectId"])
+    if "forceAction" in action.kinds and draw(st.booleans()):
+        arguments["forceAction"] = True
+    if draw(st.integers(0, 3)) == 0:
+        arguments[draw(st.sampled_from([*action.kinds, "objectId", "nonsense"]))] = draw(anything)
+    return {**arguments, "action": name}
+
+
+taking = st.builds(
+    lambda object_id: {"action": "PickupObject", "objectId": object_id, "forceAction": True},
+    st.sampled_from([t.id for t in ROOM.objects if "pickupable" in t.capabilities]),
+)
+
+
+def floats(value):
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, dict):
+        for inner in value.values():
+            yield from floats(inner)
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from floats(inner)
+
+
+def assert_sound(event):
+    metadata = event.metadata
+    assert len(metadata) == 37
+    assert all(len(thing) == 42 for thing in metadata["objects"])
+    assert all(math.isfinite(number) for number in floats(dict(metadata)))
+    objects = event.state.objects
+    held = [thing.id for thing in objects.values() if thing.is_picked_up]
+    assert held == ([] if event.state.held is None else [event.state.held])
+    for thing in objects.values():
+        assert all(parent in objects for parent in thing.parents)
+        assert thing.id not in objects.around(thing.id)
+    assert len({thing.name for thing in objects.values()}) == len(objects)
+
+
+@settings(max_examples=400)
+@given(actions=st.lists(st.one_of(steps(), steps(), steps(), taking), min_size=1, max_size=15))
+def test_any_junk_raises_nothing_but_misuse_and_leaves_a_sound_world(actions):
+    world = EmbeddedWorld(ROOM)
+    for action in actions:
+        before = world.state
+        try:
+            event = world.step(action)
+        except ValueError as error:
+            event = world.last_event
+            assert event.code in MISUSE, action
+            assert str(error) == event.message
+        assert event.success == (event.message == "")
+        if not event.success:
+            assert event.state is before
+        assert_sound(event)

@@ -1,0 +1,254 @@
+"""Moving and turning what is in the hand, and pushing what is not."""
+
+import numpy as np
+import pytest
+from support.household import find, kitchen, look, reach, thing
+
+from karma.world.sim import EmbeddedWorld
+
+REST = {"x": 0.0, "y": -0.16, "z": 0.38}
+
+
+@pytest.fixture
+def world():
+    return EmbeddedWorld(kitchen())
+
+
+def hand(world):
+    return world.last_event.metadata["heldObjectPose"]
+
+
+def take(world, kind, yaw=180):
+    """Pick something up and stand in the middle of the room with it."""
+    object_id = reach(world, kind)
+    assert world.step("PickupObject", objectId=object_id), world.last_event.message
+    world.step("TeleportFull", x=0.0, y=0.9, z=0.0, rotation=yaw, horizon=0, standing=True)
+    return object_id
+
+
+# ----------------------------------------------------------------- moving the hand
+
+
+@pytest.mark.parametrize(
+    ("action", "arguments", "by"),
+    [
+        ("MoveHeldObject", {"ahead": 0.1}, (0, 0, 0.1)),
+        ("MoveHeldObject", {"ahead": 0.1, "right": 0.05, "up": -0.1}, (0.05, -0.1, 0.1)),
+        ("MoveHeldObjectAhead", {"moveMagnitude": 0.1}, (0, 0, 0.1)),
+        ("MoveHeldObjectBack", {"moveMagnitude": 0.1}, (0, 0, -0.1)),
+        ("MoveHeldObjectLeft", {"moveMagnitude": 0.1}, (-0.1, 0, 0)),
+        ("MoveHeldObjectRight", {"moveMagnitude": 0.1}, (0.1, 0, 0)),
+        ("MoveHeldObjectUp", {"moveMagnitude": 0.1}, (0, 0.1, 0)),
+        ("MoveHeldObjectDown", {"moveMagnitude": 0.1}, (0, -0.1, 0)),
+    ],
+)
+def test_hand_moves_along_the_camera_s_axes_and_the_thing_with_it(world, action, arguments, by):
+    apple = take(world, "Apple")
+    before, origin = hand(world), look(world, apple)["position"]
+    assert world.step(action, **arguments), world.last_event.message
+    after = hand(world)["localPosition"]
+    for axis, metres in zip("xyz", by, strict=True):
+        assert after[axis] == pytest.approx(REST[axis] + metres, abs=1e-6)
+    assert hand(world)["rotation"] == before["rotation"]
+    moved = look(world, apple)["position"]
+    # looking to -z: right is -x, ahead is -z
+    assert moved["x"] == pytest.approx(origin["x"] - by[0], abs=1e-5)
+    assert moved["y"] == pytest.approx(origin["y"] + by[1], abs=1e-5)
+    assert moved["z"] == pytest.approx(origin["z"] - by[2], abs=1e-5)
+
+
+def test_moved_hand_stays_moved_when_the_agent_walks_and_turns(world):
+    apple = take(world, "Apple")
+    world.step("MoveHeldObject", ahead=0.2, up=0.1)
+    offset = hand(world)["localPosition"]
+    for action in ("MoveBack", "RotateLeft", "LookDown"):
+        assert world.step(action)
+    assert hand(world)["localPosition"] == offset
+    assert look(world, apple)["position"] == pytest.approx(hand(world)["position"], abs=1e-5)
+
+
+def test_hand_rests_again_after_letting_go_and_after_picking_up(world):
+    take(world, "Apple")
+    world.step("MoveHeldObject", ahead=0.2)
+    world.step("RotateHeldObject", yaw=30)
+    assert world.step("DropHeldObject")
+    assert hand(world)["localPosition"] == REST
+    assert set(hand(world)["localRotation"].values()) == {0.0}
+
+
+def test_contents_move_with_the_hand(world):
+    plate = take(world, "Plate")
+    tomato = find(world, "Tomato")
+    gap = [
+        a - b
+        for a, b in zip(*(world.state.objects[i].center for i in (plate, tomato)), strict=True)
+    ]
+    world.step("MoveHeldObject", ahead=0.2, right=0.1)
+    after = [
+        a - b
+        for a, b in zip(*(world.state.objects[i].center for i in (plate, tomato)), strict=True)
+    ]
+    assert after == pytest.approx(gap, abs=1e-5)
+
+
+def test_hand_does_not_leave_reach_view_or_room(world):
+    take(world, "Apple")
+    before = world.state
+    assert "out of range" in world.step("MoveHeldObject", ahead=1.2).message
+    assert "viewport" in world.step("MoveHeldObject", up=0.9).message
+    assert "viewport" in world.step("MoveHeldObjectBack", moveMagnitude=0.5).message
+    assert "negative" in world.step("MoveHeldObjectUp", moveMagnitude=-0.5).message
+    assert world.state is before
+    assert world.step("MoveHeldObject", up=0.9, forceVisible=True)
+
+
+def test_held_thing_is_not_moved_into_furniture(world):
+    take(world, "Apple", yaw=270)
+    world.step("TeleportFull", x=-0.75, y=0.9, z=0.0, rotation=270, horizon=0, standing=True)
+    before = world.state
+    event = world.step("MoveHeldObject", ahead=0.25)  # the fridge begins 0.6 m away
+    assert "would run into Fridge" in event.message
+    assert world.state is before
+
+
+def test_empty_hand_neither_moves_nor_turns(world):
+    for action, arguments in (("MoveHeldObject", {"up": 0.1}), ("RotateHeldObject", {"yaw": 90})):
+        assert "not holding" in world.step(action, **arguments).message
+
+
+# ----------------------------------------------------------------- turning the hand
+
+
+@pytest.mark.parametrize(
+    ("turn", "local"),
+    [
+        ({"pitch": 90}, (90, 0, 0)),
+        ({"yaw": 90}, (0, 90, 0)),
+        ({"roll": 90}, (0, 0, 270)),
+        ({"pitch": 90, "yaw": 90, "roll": 90}, (90, 180, 0)),
+        ({"rotation": {"x": 90, "y": 180, "z": 0}}, (90, 180, 0)),
+        ({"rotation": {"x": 0, "y": 0, "z": 0}}, (0, 0, 0)),
+    ],
+)
+def test_hand_turns_about_the_agent_s_axes(world, turn, local):
+    take(world, "SoapBottle")
+    before = hand(world)
+    assert world.step("RotateHeldObject", **turn), world.last_event.message
+    assert hand(world)["position"] == before["position"]
+    assert tuple(hand(world)["localRotation"].values()) == pytest.approx(local, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("turn", "rotation"),
+    [
+        ({"pitch": 90}, (90, 180, 0)),
+        ({"yaw": 90}, (0, 270, 0)),
+        ({"roll": 90}, (0, 180, 270)),
+        ({"pitch": 90, "yaw": 90, "roll": 90}, (90, 0, 0)),  # as Unity writes it
+    ],
+)
+def test_hand_s_rotation_in_the_room_adds_the_agent_s_yaw(world, turn, rotation):
+    take(world, "SoapBottle", yaw=180)
+    world.step("RotateHeldObject", **turn)
+    assert tuple(hand(world)["rotation"].values()) == rotation
+
+
+def test_pitched_bottle_lies_along_the_view_and_a_second_turn_adds(world):
+    bottle = take(world, "SoapBottle")
+    upright = look(world, bottle)["axisAlignedBoundingBox"]["size"]
+    world.step("RotateHeldObject", pitch=45)
+    world.step("RotateHeldObject", pitch=45)
+    lying = look(world, bottle)["axisAlignedBoundingBox"]["size"]
+    assert lying["z"] == pytest.approx(upright["y"], abs=1e-4)
+    assert lying["y"] == pytest.approx(upright["z"], abs=1e-4)
+    world.step("RotateHeldObject", pitch=-90)
+    assert look(world, bottle)["axisAlignedBoundingBox"]["size"] == pytest.approx(upright, abs=1e-4)
+
+
+def test_vessel_turned_upside_down_is_empty(world):
+    mug = take(world, "Mug")
+    world.step("FillObjectWithLiquid", objectId=mug, forceAction=True)
+    world.step("RotateHeldObject", pitch=80)
+    assert look(world, mug)["isFilledWithLiquid"]
+    world.step("RotateHeldObject", pitch=80)
+    assert not look(world, mug)["isFilledWithLiquid"]
+
+
+# ----------------------------------------------------------------- pushing
+
+
+def box_world():
+    """A box on the floor ahead of the agent, nothing near it."""
+    return EmbeddedWorld(kitchen([thing("Box", (0.0, 0.1, -0.9), (0.2, 0.2, 0.2))]))
+
+
+@pytest.mark.parametrize(
+    ("angle", "axis", "sign"),
+    [(0, 2, -1), (90, 0, -1), (180, 2, 1), (270, 0, 1), (-90, 0, 1), (360, 2, -1)],
+)
+def test_push_goes_where_the_angle_says_seen_from_the_agent(angle, axis, sign):
+    world = box_world()
+    world.step("Teleport", rotation=180, horizon=30)
+    box = find(world, "Box")
+    start = world.state.objects[box].center
+    event = world.step("DirectionalPush", objectId=box, moveMagnitude=40, pushAngle=angle)
+    assert event, event.message
+    by = np.subtract(world.state.objects[box].center, start)
+    assert by[axis] * sign > 0.05
+    assert by[[k for k in range(3) if k != axis]] == pytest.approx(0, abs=1e-6)
+
+
+def test_pull_stops_at_the_agent_and_push_at_the_wall():
+    world = box_world()
+    world.step("Teleport", rotation=180, horizon=30)
+    box = find(world, "Box")
+    assert world.step("PullObject", objectId=box, moveMagnitude=1e4)
+    center = world.state.objects[box].center
+    assert center[2] + 0.1 == pytest.approx(-0.2, abs=0.01)  # the agent's body
+    assert world.step("PushObject", objectId=box, moveMagnitude=1e6, forceAction=True)
+    assert world.state.objects[box].center[2] - 0.1 == pytest.approx(-2.0, abs=0.01)
+
+
+def test_push_stops_before_furniture_and_goes_under_a_table():
+    world = EmbeddedWorld(kitchen([thing("Box", (0.0, 0.1, -0.5), (0.2, 0.2, 0.2))]))
+    box = find(world, "Box")
+    for angle, edge in ((270, -1.35), (90, 2.0)):  # the fridge; the wall behind the table
+        world.reset(kitchen([thing("Box", (0.0, 0.1, -0.5), (0.2, 0.2, 0.2))]))
+        push = {"objectId": box, "moveMagnitude": 1e6, "forceAction": True}
+        assert world.step("DirectionalPush", **push, pushAngle=angle)
+        side = np.sign(edge) * 0.1
+        assert world.state.objects[box].center[0] + side == pytest.approx(edge, abs=0.01)
+
+
+def test_thing_pushed_on_a_table_stays_on_it_and_takes_its_contents_along(world):
+    plate, tomato = reach(world, "Plate"), find(world, "Tomato")
+    start = world.state.objects
+    assert world.step("PushObject", objectId=plate, moveMagnitude=1e5)
+    after = world.state.objects
+    by = np.subtract(after[plate].center, start[plate].center)
+    assert np.linalg.norm(by) > 0.01
+    assert np.subtract(after[tomato].center, start[tomato].center) == pytest.approx(by)
+    assert after[plate].parents == start[plate].parents
+    table = after[find(world, "DiningTable")]
+    assert abs(after[plate].center[0] - table.center[0]) <= table.size[0] / 2
+
+
+def test_push_too_weak_for_the_weight_succeeds_and_moves_nothing():
+    world = box_world()
+    world.step("Teleport", rotation=180, horizon=30)
+    box = find(world, "Box")
+    start = world.state.objects[box]
+    assert world.step("PushObject", objectId=box, moveMagnitude=0)
+    assert world.state.objects[box] == start
+
+
+def test_push_of_what_cannot_be_pushed_is_refused(world):
+    fridge = reach(world, "Fridge")
+    assert "cannot be pushed" in world.step("PushObject", objectId=fridge, moveMagnitude=9).message
+    apple = find(world, "Apple")
+    assert "not found within" in world.step("PushObject", objectId=apple, moveMagnitude=9).message
+    take(world, "Apple")
+    assert "use Throw" in world.step("PullObject", objectId=apple, moveMagnitude=9).message
+    assert "negative" in world.step(
+        "PushObject", objectId=find(world, "Bowl"), moveMagnitude=-9, forceAction=True
+    ).message  # fmt: skip

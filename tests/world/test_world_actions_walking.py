@@ -1,0 +1,272 @@
+"""Walking, turning, looking, teleporting, also on grids finer than the scene's; asking for ways."""
+
+import math
+
+import pytest
+from support.household import find, kitchen
+
+from karma.world.core.state import BODY_M
+from karma.world.sim import EmbeddedWorld
+
+
+@pytest.fixture
+def world():
+    return EmbeddedWorld(kitchen())
+
+
+@pytest.fixture
+def fine():
+    return EmbeddedWorld(kitchen(), gridSize=0.05)
+
+
+def place(world):
+    x, _, z = world.state.pose.position_m
+    return (x, z)
+
+
+def walk(world, action, most=200, **arguments):
+    """Repeat a step until it is refused; return how often it succeeded."""
+    for count in range(most):
+        if not world.step(action, **arguments):
+            return count
+    raise AssertionError("nothing ever stops the agent")
+
+
+# ----------------------------------------------------------------- finer steps
+
+
+def test_fine_step_moves_by_the_grid_and_not_to_the_next_cell(fine):
+    fine.step("MoveAhead")
+    assert place(fine) == (0.0, 0.05)
+    fine.step("MoveRight")
+    assert place(fine) == (0.05, 0.05)
+    fine.step("MoveAhead", moveMagnitude=0.5)
+    assert place(fine) == (0.05, 0.55)
+
+
+def test_grid_set_by_initialize_holds_for_the_next_step(world):
+    world.step("Initialize", gridSize=0.1)
+    world.step("MoveBack")
+    assert place(world) == (0.0, -0.1)
+
+
+def test_fine_steps_end_at_the_furniture_not_in_it(fine):
+    steps = walk(fine, "MoveAhead")
+    _, z = place(fine)
+    assert steps >= 10  # 0.5 m of cells ahead, and what is free beyond
+    assert z <= 0.9 - BODY_M + 1e-6  # the counter begins at 0.9
+    assert (
+        "CounterTop" in fine.last_event.message or "is blocking Agent 0" in fine.last_event.message
+    )
+    assert f"{0.05:.4f}" in fine.last_event.message
+
+
+def test_fine_steps_reach_every_cell_that_coarse_ones_reach(fine):
+    fine.step("Teleport", x=-1.0, z=-1.0)
+    assert walk(fine, "MoveRight") >= 40
+    assert place(fine)[0] >= 1.0
+
+
+def test_free_places_never_have_furniture_within_the_body(fine):
+    state = fine.state
+    fixed = [
+        thing for thing in state.objects.values()
+        if thing.type in ("CounterTop", "Fridge", "DiningTable", "GarbageCan")
+    ]  # fmt: skip
+    on_cells = {(round(x, 2), round(z, 2)) for x, z in state.room.cells.values()}
+    for spot in fine.step("GetReachablePositions").metadata["actionReturn"]:
+        for thing in fixed:
+            gap_x = max(abs(spot["x"] - thing.center[0]) - thing.size[0] / 2, 0)
+            gap_z = max(abs(spot["z"] - thing.center[2]) - thing.size[2] / 2, 0)
+            near_cell = any(math.dist((spot["x"], spot["z"]), cell) <= 0.36 for cell in on_cells)
+            assert math.hypot(gap_x, gap_z) >= BODY_M - 1e-5 or near_cell
+
+
+def test_short_step_without_snapping_stays_where_it_ends():
+    world = EmbeddedWorld(kitchen(), snapToGrid=False)
+    world.step("MoveAhead", moveMagnitude=0.1)
+    assert place(world) == (0.0, 0.1)
+    world.step("RotateRight", degrees=45)
+    world.step("MoveAhead", moveMagnitude=0.1)
+    assert place(world) == pytest.approx((0.0707, 0.1707), abs=1e-4)
+
+
+def test_step_too_long_for_the_room_is_refused_at_any_grid(world, fine):
+    for one in (world, fine):
+        before = one.state
+        event = one.step("MoveAhead", moveMagnitude=5.0)
+        assert "is blocking Agent 0 from moving by (0.0000, 0.0000, 5.0000)." in event.message
+        assert one.step("MoveAhead", moveMagnitude=1e30).state is before
+        assert "moveMagnitude" in one.step("MoveAhead", moveMagnitude=0.0).message
+
+
+def test_reachable_positions_of_a_fine_grid_lie_on_it_and_can_be_stood_on(fine):
+    coarse = fine.step("GetReachablePositions", gridSize=0.25).metadata["actionReturn"]
+    places = fine.step("GetReachablePositions").metadata["actionReturn"]
+    assert len(coarse) == len(kitchen().reachable)
+    assert len(places) > 15 * len(coarse)
+    assert places[0] == {"x": 0.0, "y": 0.9, "z": 0.0}
+    for spot in places[::97]:
+        assert abs(spot["x"] / 0.05 - round(spot["x"] / 0.05)) < 1e-4
+        assert fine.step("Teleport", position=spot), fine.last_event.message
+
+
+def test_reachable_positions_relative_to_the_agent_follow_its_yaw(world):
+    aligned = world.step("GetReachablePositions").metadata["actionReturn"]
+    world.step("Teleport", rotation=49.11111)
+    same = world.step("GetReachablePositions").metadata["actionReturn"]
+    turned = world.step("GetReachablePositions", directionsRelativeAgent=True)
+    turned = turned.metadata["actionReturn"]
+    assert len(same) == len(aligned)
+    assert len(turned) != len(aligned)
+    assert 0.7 * len(aligned) < len(turned) < 1.3 * len(aligned)
+    step = (turned[1]["x"] - turned[0]["x"], turned[1]["z"] - turned[0]["z"])
+    assert math.hypot(*step) == pytest.approx(0.25, abs=1e-5)
+    assert math.degrees(math.atan2(*step)) == pytest.approx(49.1111, abs=0.01)
+
+
+def test_reachable_positions_may_be_too_many(world):
+    event = world.step("GetReachablePositions", maxStepCount=3)
+    assert event.message == "Too many steps taken in GetReachablePositions."
+    assert "gridSize" in world.step("GetReachablePositions", gridSize=0.001).message
+
+
+# ----------------------------------------------------------------- turning, looking
+
+
+def test_turn_by_any_positive_angle_and_no_other(world):
+    assert world.step("RotateRight", degrees=33.3).metadata["agent"]["rotation"]["y"] == 33.3
+    assert world.step("RotateLeft", degrees=33.3).metadata["agent"]["rotation"]["y"] == 0.0
+    assert world.step("RotateLeft").metadata["agent"]["rotation"]["y"] == 270.0
+    for degrees in (0, -90):
+        assert not world.step("RotateRight", degrees=degrees)
+
+
+def test_look_goes_by_30_degrees_to_its_limits(world):
+    for horizon in (30.0, 60.0):
+        assert world.step("LookDown").metadata["agent"]["cameraHorizon"] == horizon
+    event = world.step("LookDown")
+    assert event.message == "can't look down beyond 60 degrees below the forward horizon"
+    assert event.code == "LookDownCantExceedMin"
+    assert event.metadata["agent"]["cameraHorizon"] == 60.0
+    world.step("LookUp", degrees=89.9)
+    assert world.last_event.metadata["agent"]["cameraHorizon"] == -29.9
+    assert world.step("LookUp", degrees=1).code == "LookDownCantExceedMin"
+
+
+def test_look_by_a_fraction_that_is_no_tenth_is_refused(world):
+    assert "multiple of 0.1" in world.step("LookDown", degrees=0.25).message
+    assert "negative" in world.step("LookUp", degrees=-10).message
+
+
+def test_rotate_look_sets_both_angles(world):
+    event = world.step("RotateLook", rotation=90, horizon=31)
+    agent = event.metadata["agent"]
+    assert (agent["rotation"], agent["cameraHorizon"]) == ({"x": 0.0, "y": 90.0, "z": 0.0}, 31.0)
+    agent = world.step("RotateLook", rotation=0, horizon=0).metadata["agent"]
+    assert (agent["rotation"]["y"], agent["cameraHorizon"]) == (0.0, 0.0)
+    assert not world.step("RotateLook", rotation=0, horizon=61)
+
+
+# ----------------------------------------------------------------- teleporting
+
+
+def test_teleport_to_nearly_the_floor_s_height_ends_on_it(world):
+    assert world.step("Teleport", x=0.5, y=0.94, z=0.25)
+    assert world.last_event.metadata["agent"]["position"] == {"x": 0.5, "y": 0.9, "z": 0.25}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"y": 1.0}, "height of the floor"),
+        ({"x": 2000.0, "z": 9000.0}, "out of the scene's bounds"),
+        ({"z": 1.2}, "is in the way"),
+        ({"x": 0.1}, "not on the grid"),
+        ({"horizon": 61.0}, "horizon must be in [-30, 60]"),
+    ],
+)
+def test_teleport_to_where_nobody_can_be_is_refused(world, arguments, message):
+    before = world.state
+    assert message in world.step("Teleport", **arguments).message
+    assert world.state is before
+
+
+def test_teleport_by_force_goes_anywhere(world):
+    assert world.step("Teleport", x=0.1, z=1.2, forceAction=True)
+    assert place(world) == (0.1, 1.2)
+
+
+def test_teleport_keeps_what_is_left_out(world):
+    world.step("Crouch")
+    before = world.last_event.metadata["agent"]
+    after = world.step("Teleport", horizon=10).metadata["agent"]
+    assert after == {**before, "cameraHorizon": 10.0}
+
+
+def test_teleport_full_takes_a_pose_of_get_interactable_poses_or_a_position(world):
+    fridge = find(world, "Fridge")
+    poses = world.step("GetInteractablePoses", objectId=fridge, rotations=[270, 315])
+    pose = poses.metadata["actionReturn"][-1]
+    assert world.step("TeleportFull", **pose)
+    assert world.last_event.get_object(fridge)["visible"]
+    spot = {axis: pose.pop(axis) for axis in "xyz"}
+    assert world.step("TeleportFull", position=spot, **{**pose, "rotation": {"y": 90}})
+    with pytest.raises(ValueError, match="missing the following arguments: horizon"):
+        world.step("TeleportFull", position=spot, rotation=0, standing=True)
+
+
+def test_poses_asked_for_with_an_empty_choice_are_none(world):
+    fridge = find(world, "Fridge")
+    for choice in ("rotations", "horizons", "standings", "positions"):
+        event = world.step("GetInteractablePoses", objectId=fridge, **{choice: []})
+        assert event
+        assert event.metadata["actionReturn"] == []
+    assert "maxPoses" in world.step("GetInteractablePoses", objectId=fridge, maxPoses=0).message
+
+
+def test_shortest_path_starts_where_it_is_told_to(world):
+    table = find(world, "DiningTable")
+    start = {"x": -1.0, "y": 0.9, "z": 0.5}
+    event = world.step("GetShortestPath", objectId=table, position=start)
+    assert event.metadata["actionReturn"]["corners"][0] == start
+    event = world.step("GetShortestPath", objectType="DiningTable", rotation=90)
+    assert event.metadata["actionReturn"]["corners"][-1]["x"] == 1.0
+    assert not world.step("GetShortestPath", objectType="Yacht")
+    with pytest.raises(ValueError, match="objectId"):
+        world.step("GetShortestPath")
+    with pytest.raises(ValueError, match="target"):
+        world.step("GetShortestPathToPoint", x=1.0)
+
+
+# ----------------------------------------------------------------- what lies in the way
+
+
+def test_what_was_dropped_on_the_floor_stands_in_the_way_until_it_is_picked_up(world):
+    bread = find(world, "Bread")
+    before = world.step("GetReachablePositions").metadata["actionReturn"]
+    world.step("Teleport", position={"x": 0.0, "y": 0.9, "z": 0.0}, rotation=180)
+    world.step("PickupObject", objectId=bread, forceAction=True)
+    assert world.step("DropHeldObject")
+    event = world.step("MoveAhead")
+    assert not event
+    assert event.metadata["errorMessage"].startswith("Bread")
+    cells = world.step("GetReachablePositions").metadata["actionReturn"]
+    assert 0 < len(before) - len(cells) <= 9
+    x, z = (event.get_object(bread)["position"][axis] for axis in "xz")
+    assert all(math.hypot(x - cell["x"], z - cell["z"]) > BODY_M for cell in cells)
+    assert not world.step("Teleport", position={"x": 0.0, "y": 0.9, "z": -0.5})
+    assert world.step("PickupObject", objectId=bread, forceAction=True)
+    assert len(world.step("GetReachablePositions").metadata["actionReturn"]) == len(before)
+    assert world.step("MoveAhead")
+
+
+def test_a_way_leads_round_what_was_dropped(world):
+    bread = find(world, "Bread")
+    world.step("Teleport", position={"x": 0.0, "y": 0.9, "z": 0.0}, rotation=180)
+    goal = {"x": 0.0, "y": 0.9, "z": -1.0}
+    straight = world.step("GetShortestPathToPoint", target=goal).metadata["actionReturn"]["corners"]
+    world.step("PickupObject", objectId=bread, forceAction=True)
+    world.step("DropHeldObject")
+    around = world.step("GetShortestPathToPoint", target=goal).metadata["actionReturn"]["corners"]
+    assert len(straight) == 2 < len(around)

@@ -1,0 +1,39 @@
+"""Same steps, same bytes: in two processes with different hash seeds, in 20 rooms."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from support.paths import ROOT
+
+from karma.world.core import scene
+
+SCRIPT = ROOT / "tests" / "support" / "random_steps.py"
+OURS = sorted(path.stem for path in scene.SCENES.glob("*.json"))
+MADE = ["kitchen:9:1", "living:9:1", "bedroom:9:1", "bathroom:9:1"]
+STEPS = 1000
+
+
+def run(hash_seed, names):
+    environment = {**os.environ, "PYTHONHASHSEED": hash_seed, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, SCRIPT, str(STEPS), *names],
+        check=False, capture_output=True, text=True, env=environment, timeout=500,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return dict(line.split(" ", 1) for line in done.stdout.splitlines())
+
+
+def test_there_are_20_rooms():
+    assert len(OURS) + len(MADE) == 20
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_1000_random_steps_give_the_same_bytes_in_two_processes(part):
+    names = [*OURS, *MADE][part::4]
+    first, second = run("1", names), run("2", names)
+    assert list(first) == names
+    assert first == second
+    for figures in first.values():
+        assert STEPS * 0.3 < int(figures.split()[1]) < STEPS * 0.7  # about half fail

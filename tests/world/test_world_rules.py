@@ -1,0 +1,559 @@
+"""What happens in the household, one test per rule; and what is seen, against recorded scenes.
+
+Every effect of `rules.toml` has a test: `test_table_has_no_effect_without_a_test` counts them.
+"""
+
+import gzip
+import json
+
+import msgspec
+import numpy as np
+import pytest
+from support.household import bring, find, kitchen, look, on, reach, thing
+
+from karma.contracts import Pose
+from karma.errors import FileError
+from karma.world.core import scene
+from karma.world.core.objects import Objects
+from karma.world.core.rules import rules
+from karma.world.core.view import sight
+from karma.world.sim import EmbeddedWorld
+
+
+@pytest.fixture
+def world():
+    return EmbeddedWorld(kitchen())
+
+
+def switch(world, kind, on=True, *, force=False):
+    object_id = find(world, kind) if force else reach(world, kind)
+    action = "ToggleObjectOn" if on else "ToggleObjectOff"
+    return world.step(action, objectId=object_id, forceAction=force)
+
+
+def cut(world, kind):
+    assert world.step("SliceObject", objectId=find(world, kind), forceAction=True)
+
+
+def with_extra(*extra):
+    return EmbeddedWorld(kitchen(extra))
+
+
+# ----------------------------------------------------------------- heat
+
+
+EFFECTS_TRIED = {
+    "a lit burner heats what stands on it": "heat",
+    "a lit burner cooks": "heat",
+    "a running microwave heats": "heat",
+    "a running microwave cooks, but does not toast": "heat",
+    "a toaster heats": "heat",
+    "a toaster toasts bread": "heat",
+    "a coffee machine fills an empty mug": "coffee",
+    "a coffee machine keeps its mug hot": "coffee",
+    "a fridge cools, open or closed": "cold",
+    "running water fills what is empty": "water",
+    "running water cleans": "water",
+    "running water puts a candle out": "water",
+}
+
+
+def test_table_has_no_effect_without_a_test():
+    assert {effect.name for effect in rules().effect} == set(EFFECTS_TRIED)
+
+
+def test_burner_follows_its_knob_and_only_its_knob(world):
+    burner = find(world, "StoveBurner")
+    assert not world.step("ToggleObjectOn", objectId=burner, forceAction=True)
+    assert switch(world, "StoveKnob")
+    assert look(world, burner)["isToggled"]
+    assert switch(world, "StoveKnob", False)
+    assert not look(world, burner)["isToggled"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "cooked"), [("Potato", True), ("EggCracked", True), ("Apple", False)]
+)
+def test_lit_burner_heats_the_pan_and_cooks_what_is_in_it(world, kind, cooked):
+    if kind == "EggCracked":
+        cut(world, "Egg")
+        world.step("OpenObject", objectId=find(world, "Fridge"), forceAction=True)
+    _, food, pan = bring(world, kind, "Pan")
+    _, _, burner = bring(world, "Pan", "StoveBurner")
+    assert look(world, pan)["parentReceptacles"] == [burner]
+    assert look(world, food)["parentReceptacles"] == [pan, burner]
+    assert not look(world, food)["isCooked"]
+    switch(world, "StoveKnob")
+    assert look(world, food)["temperature"] == look(world, pan)["temperature"] == "Hot"
+    assert look(world, food)["isCooked"] is cooked
+
+
+def test_cooked_potato_gives_cooked_slices(world):
+    world.step("CookObject", objectId=find(world, "Potato"), forceAction=True)
+    cut(world, "Potato")
+    assert look(world, find(world, "PotatoSliced"))["isCooked"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "cooked"), [("PotatoSliced", True), ("BreadSliced", False), ("Mug", False)]
+)
+def test_microwave_heats_and_cooks_but_does_not_toast(world, kind, cooked):
+    for whole in ("Potato", "Bread"):
+        cut(world, whole)
+    microwave = reach(world, "Microwave")
+    world.step("OpenObject", objectId=microwave)
+    event, food, _ = bring(world, kind, "Microwave", force=True)
+    assert event, event.message
+    assert world.step("CloseObject", objectId=microwave, forceAction=True)
+    assert switch(world, "Microwave", force=True)
+    assert look(world, food)["temperature"] == "Hot"
+    assert look(world, food)["isCooked"] is cooked
+
+
+def test_microwave_runs_closed_and_opens_off(world):
+    microwave = reach(world, "Microwave")
+    world.step("OpenObject", objectId=microwave)
+    assert switch(world, "Microwave").message == "Target must be closed to Toggle On!"
+    world.step("CloseObject", objectId=microwave)
+    assert switch(world, "Microwave")
+    refused = world.step("OpenObject", objectId=microwave)
+    assert refused.message == "Target must be OFF to open!"
+    switch(world, "Microwave", False)
+    assert world.step("OpenObject", objectId=microwave)
+
+
+@pytest.mark.parametrize("first", ["put", "switch"])
+def test_toaster_toasts_bread_in_either_order(world, first):
+    cut(world, "Bread")
+    if first == "switch":
+        switch(world, "Toaster")
+    event, bread, _ = bring(world, "BreadSliced", "Toaster")
+    assert event, event.message
+    if first == "put":
+        assert not look(world, bread)["isCooked"]
+        switch(world, "Toaster")
+    assert look(world, bread)["isCooked"]
+    assert look(world, bread)["temperature"] == "Hot"
+
+
+def test_toaster_takes_one_slice_of_bread_and_nothing_else(world):
+    cut(world, "Bread")
+    assert bring(world, "BreadSliced", "Toaster")[0]
+    slices = [i for i, t in world.state.objects.items() if t.type == "BreadSliced" and t.parents]
+    second = next(i for i in slices if "Toaster" not in world.state.objects[i].parents[0])
+    world.step("PickupObject", objectId=second, forceAction=True)
+    full = world.step("PutObject", objectId=find(world, "Toaster"), forceAction=True)
+    assert full.message == "No valid positions to place object found"
+    world.step("DropHeldObject")
+    event, _, _ = bring(world, "Apple", "Toaster", force=True)
+    assert "cannot be placed in" in event.message
+
+
+# ----------------------------------------------------------------- cold, and decay
+
+
+def test_fridge_cools_what_is_put_in_and_it_stays_cold_outside(world):
+    world.step("OpenObject", objectId=reach(world, "Fridge"))
+    event, apple, fridge = bring(world, "Apple", "Fridge")
+    assert event, event.message
+    assert look(world, apple)["parentReceptacles"] == [fridge]
+    assert look(world, apple)["temperature"] == "Cold"
+    world.step("PickupObject", objectId=apple)
+    assert look(world, apple)["temperature"] == "Cold"
+
+
+def test_heat_runs_out_after_the_decay_time(world):
+    world.step("SetTemperatureDecayTime", decayTime=0.2)
+    mug = find(world, "Mug")
+    world.step("FillObjectWithLiquid", objectId=mug, fillLiquid="coffee", forceAction=True)
+    lasted = 0
+    while look(world, mug)["temperature"] == "Hot":
+        world.step("Pass")
+        lasted += 1
+    assert lasted == round(0.2 / rules().time.action_s)
+    assert look(world, mug)["fillLiquid"] == "coffee"
+
+
+def test_heat_does_not_run_out_in_a_zone_nor_while_only_questions_are_asked(world):
+    world.step("SetTemperatureDecayTime", decayTime=0.0)
+    egg = find(world, "Egg")
+    for _ in range(5):
+        world.step("Pass")
+    assert look(world, egg)["temperature"] == "Cold"
+    time = world.last_event.metadata["currentTime"]
+    world.step("GetReachablePositions")
+    world.step("PickupObject", objectId="nothing")
+    assert world.last_event.metadata["currentTime"] == time
+
+
+def test_heat_left_of_a_scene_file_runs_out():
+    hot = thing("Pot", (-1.0, 0.95, 0.95), (0.1, 0.1, 0.1), temperature="Hot", heat_left_s=0.1)
+    world = with_extra(hot)
+    assert look(world, hot.id)["temperature"] == "Hot"
+    for _ in range(3):
+        world.step("Pass")
+    assert look(world, hot.id)["temperature"] == "RoomTemp"
+
+
+# ----------------------------------------------------------------- water and coffee
+
+
+def test_faucet_fills_and_cleans_what_lies_in_the_basin(world):
+    _, mug, basin = bring(world, "Mug", "SinkBasin")
+    assert look(world, mug)["parentReceptacles"] == [basin]
+    world.step("DirtyObject", objectId=mug)
+    switch(world, "Faucet")
+    assert look(world, mug)["isFilledWithLiquid"]
+    assert look(world, mug)["fillLiquid"] == "water"
+    assert not look(world, mug)["isDirty"]
+
+
+def test_faucet_leaves_what_is_filled_and_what_lies_beside(world):
+    mug, plate = find(world, "Mug"), find(world, "Plate")
+    world.step("FillObjectWithLiquid", objectId=mug, fillLiquid="wine", forceAction=True)
+    bring(world, "Mug", "SinkBasin")
+    switch(world, "Faucet")
+    assert look(world, mug)["fillLiquid"] == "wine"
+    assert look(world, plate)["isDirty"]
+
+
+def test_faucet_puts_a_candle_out(world):
+    world.step("PickupObject", objectId=find(world, "Candle"), forceAction=True)
+    candle = find(world, "Candle")
+    assert look(world, candle)["isToggled"]
+    reach(world, "SinkBasin")
+    assert world.step("PutObject", objectId=find(world, "SinkBasin"), forceAction=True)
+    switch(world, "Faucet")
+    assert not look(world, candle)["isToggled"]
+
+
+def test_coffee_machine_fills_a_mug_with_hot_coffee(world):
+    _, mug, machine = bring(world, "Mug", "CoffeeMachine")
+    assert look(world, mug)["parentReceptacles"] == [machine, find(world, "CounterTop")]
+    switch(world, "CoffeeMachine")
+    assert look(world, mug)["fillLiquid"] == "coffee"
+    assert look(world, mug)["temperature"] == "Hot"
+
+
+def test_liquid_is_filled_once_and_emptied_once(world):
+    mug = reach(world, "Mug")
+    assert not world.step("EmptyLiquidFromObject", objectId=mug)
+    assert not world.step("FillObjectWithLiquid", objectId=mug, fillLiquid="tea")
+    assert world.step("FillObjectWithLiquid", objectId=mug, fillLiquid="water")
+    assert not world.step("FillObjectWithLiquid", objectId=mug, fillLiquid="water")
+    assert world.step("EmptyLiquidFromObject", objectId=mug)
+    assert look(world, mug)["fillLiquid"] is None
+
+
+# ----------------------------------------------------------------- slicing and breaking
+
+
+def test_slicing_keeps_the_source_inert_and_makes_slices_in_its_place(world):
+    apple = reach(world, "Apple")
+    table = look(world, apple)["parentReceptacles"]
+    assert world.step("SliceObject", objectId=apple)
+    slices = [o for o in world.last_event.objects if o["objectType"] == "AppleSliced"]
+    assert [o["objectId"] for o in slices] == [f"{apple}|AppleSliced_{i}" for i in range(3)]
+    assert all(o["parentReceptacles"] == table and o["pickupable"] for o in slices)
+    assert look(world, apple)["isSliced"]
+    assert not look(world, apple)["visible"]
+    assert not world.step("PickupObject", objectId=apple, forceAction=True)
+    assert world.step("SliceObject", objectId=apple)  # a second time: silently nothing
+    assert len(world.last_event.objects) == len(kitchen().objects) + 3
+
+
+def test_slicing_what_is_in_the_hand_is_refused(world):
+    apple = reach(world, "Apple")
+    world.step("PickupObject", objectId=apple)
+    assert "in the agent's hand" in world.step("SliceObject", objectId=apple).message
+
+
+@pytest.mark.parametrize("action", ["SliceObject", "BreakObject"])
+def test_egg_becomes_a_cracked_egg(world, action):
+    world.step("OpenObject", objectId=reach(world, "Fridge"))
+    egg = reach(world, "Egg")
+    assert world.step(action, objectId=egg)
+    cracked = look(world, f"{egg}|EggCracked_0")
+    assert cracked["temperature"] == "Cold"
+    assert cracked["cookable"]
+    assert not look(world, egg)["visible"]
+
+
+def test_broken_plate_loses_what_lies_on_it_and_the_hand_loses_the_plate(world):
+    plate = reach(world, "Plate")
+    world.step("PickupObject", objectId=plate)
+    assert world.step("BreakObject", objectId=plate)
+    assert look(world, plate)["isBroken"]
+    assert world.last_event.metadata["inventoryObjects"] == []
+    assert look(world, find(world, "Tomato"))["parentReceptacles"] == [find(world, "Floor")]
+    assert not world.step("BreakObject", objectId=plate)
+
+
+def test_broken_screen_goes_off_and_cannot_be_switched_on(world):
+    phone = reach(world, "CellPhone")
+    world.step("BreakObject", objectId=phone)
+    assert not look(world, phone)["isToggled"]
+    assert "broken" in world.step("ToggleObjectOn", objectId=phone).message
+
+
+@pytest.mark.parametrize(("force", "broken"), [(10.0, False), (150.0, True)])
+def test_throwing_hard_breaks_and_throwing_softly_does_not(world, force, broken):
+    mug = reach(world, "Mug")
+    world.step("PickupObject", objectId=mug)
+    world.step("RotateRight", degrees=180)
+    event = world.step("ThrowObject", moveMagnitude=force)
+    assert event
+    assert event.metadata["actionReturn"] == look(world, mug)["position"]
+    assert look(world, mug)["isBroken"] is broken
+    lies = None if broken else [find(world, "Floor")]  # of a broken mug only the id is left
+    assert look(world, mug)["parentReceptacles"] == lies
+    assert not (broken and look(world, mug)["visible"])
+
+
+def test_dropping_onto_a_table_leaves_the_thing_there(world):
+    apple = reach(world, "Apple")
+    world.step("PickupObject", objectId=apple)
+    world.step("TeleportFull", x=1.0, y=0.9, z=-0.5, rotation=90, horizon=0, standing=True)
+    assert world.step("DropHeldObject")
+    assert look(world, apple)["parentReceptacles"] == [find(world, "DiningTable")]
+    assert look(world, apple)["position"]["y"] == pytest.approx(0.85, abs=0.01)
+
+
+# ----------------------------------------------------------------- the hand
+
+
+def test_hand_holds_one_thing(world):
+    world.step("PickupObject", objectId=reach(world, "Apple"))
+    full = world.step("PickupObject", objectId=find(world, "Potato"), forceAction=True)
+    assert "Agent hand has something in it already" in full.message
+
+
+def test_held_object_hangs_before_the_camera_and_moves_along(world):
+    apple = reach(world, "Apple")
+    world.step("PickupObject", objectId=apple)
+    for action in ("MoveLeft", "RotateRight", "LookDown", "Crouch"):
+        event = world.step(action)
+        assert look(world, apple)["position"] == event.metadata["heldObjectPose"]["position"]
+        assert look(world, apple)["visible"]
+        assert look(world, apple)["parentReceptacles"] is None
+
+
+def test_picking_up_a_plate_takes_along_what_lies_on_it(world):
+    plate, tomato = find(world, "Plate"), find(world, "Tomato")
+    apart = np.subtract(world.state.objects[tomato].center, world.state.objects[plate].center)
+    event, _, counter = bring(world, "Plate", "CounterTop")
+    assert event, event.message
+    assert look(world, tomato)["parentReceptacles"] == [plate, counter]
+    assert look(world, plate)["parentReceptacles"] == [counter]
+    after = np.subtract(world.state.objects[tomato].center, world.state.objects[plate].center)
+    assert np.linalg.norm(apart) == pytest.approx(np.linalg.norm(after))
+
+
+# ----------------------------------------------------------------- putting
+
+
+def test_put_rests_on_the_surface_within_it_and_near_the_agent(world):
+    event, apple, _ = bring(world, "Apple", "CounterTop")
+    assert event, event.message
+    box, counter = world.state.objects[apple], world.state.objects[find(world, "CounterTop")]
+    assert box.center[1] - box.size[1] / 2 == pytest.approx(0.9, abs=0.01)
+    for axis in (0, 2):
+        far = abs(box.center[axis] - counter.center[axis]) + box.size[axis] / 2
+        assert far <= counter.size[axis] / 2
+    assert look(world, apple)["visible"]
+
+
+def test_put_never_overlaps_what_lies_there(world):
+    table = world.state.objects[find(world, "DiningTable")]
+    apples = [
+        on(table, "Apple", 1.4 + 0.0001 * i, 9.0 + i, size=(0.1, 0.1, 0.1)) for i in range(12)
+    ]
+    world = with_extra(*(msgspec.structs.replace(apple, parents=()) for apple in apples))
+    for apple in apples:
+        world.step("PickupObject", objectId=apple.id, forceAction=True)
+        assert world.step("PutObject", objectId=table.id, forceAction=True)
+    things = [t for t in world.state.objects.values() if table.id in t.parents]
+    for one in things:
+        for other in things:
+            if one is not other:
+                gaps = np.abs(np.subtract(one.center, other.center))
+                assert (gaps >= np.add(one.size, other.size) / 2 - 1e-6).any()
+
+
+def test_put_into_a_full_bowl_is_refused(world):
+    bowl = find(world, "Bowl")
+    apples = [thing("Apple", (0.0, 0.5 + i, 0.0), (0.1, 0.1, 0.1)) for i in range(12)]
+    world = with_extra(*apples)
+    messages = []
+    for apple in apples:
+        world.step("PickupObject", objectId=apple.id, forceAction=True)
+        messages.append(world.step("PutObject", objectId=bowl, forceAction=True).message)
+        if not world.last_event:
+            world.step("DropHeldObject")
+    assert messages[0] == ""
+    assert messages[-1] == "No valid positions to place object found"
+
+
+def test_put_into_a_closed_fridge_is_refused_even_by_force(world):
+    world.step("PickupObject", objectId=reach(world, "Apple"))
+    event = world.step("PutObject", objectId=find(world, "Fridge"), forceAction=True)
+    assert "is CLOSED" in event.message
+
+
+def test_put_of_the_wrong_type_is_refused_unless_forced(world):
+    event, _, _ = bring(world, "Mug", "Bowl")
+    assert "cannot be placed in" in event.message
+    assert world.step("PutObject", objectId=find(world, "DiningTable"), forceAction=True)
+    assert bring(world, "Knife", "Bowl")[0]  # knives may lie anywhere
+
+
+def test_put_on_the_agents_own_load_is_refused(world):
+    plate = reach(world, "Plate")
+    world.step("PickupObject", objectId=plate)
+    assert "NOT a receptacle" in world.step("PutObject", objectId=plate).message
+
+
+# ----------------------------------------------------------------- opening, states, aiming
+
+
+def test_closed_container_hides_its_contents_and_an_open_one_shows_them(world):
+    egg, fridge = find(world, "Egg"), reach(world, "Fridge")
+    assert not look(world, egg)["visible"]
+    assert not world.step("PickupObject", objectId=egg)
+    assert world.step("OpenObject", objectId=fridge, openness=0.5)
+    assert look(world, fridge)["openness"] == 0.5
+    reach(world, "Egg")
+    assert look(world, egg)["visible"]
+    assert world.step("OpenObject", objectId=fridge)  # AI2-THOR: opening what is open succeeds
+    assert world.step("CloseObject", objectId=fridge)
+    assert world.step("CloseObject", objectId=fridge)  # it is opening to the degree 0
+    assert world.step("PickupObject", objectId=egg, forceAction=True)
+
+
+def test_openness_out_of_range_is_refused(world):
+    fridge = reach(world, "Fridge")
+    assert "openness" in world.step("OpenObject", objectId=fridge, openness=1.5).message
+
+
+@pytest.mark.parametrize(
+    ("do", "undo", "kind", "flag"),
+    [
+        ("DirtyObject", "CleanObject", "Bowl", "isDirty"),
+        ("CookObject", None, "Potato", "isCooked"),
+        ("UseUpObject", None, "SoapBottle", "isUsedUp"),
+    ],
+)
+def test_state_is_taken_on_once(world, do, undo, kind, flag):
+    object_id = reach(world, kind)
+    assert world.step(do, objectId=object_id), world.last_event.message
+    assert look(world, object_id)[flag]
+    assert "already" in world.step(do, objectId=object_id).message
+    if undo:
+        assert world.step(undo, objectId=object_id)
+        assert not look(world, object_id)[flag]
+    assert not world.step(do, objectId=find(world, "LightSwitch"), forceAction=True)
+
+
+def test_object_in_the_middle_of_the_picture_can_be_named_by_where_it_is(world):
+    world.step("TeleportFull", x=0.5, y=0.9, z=-0.5, rotation=90, horizon=30, standing=True)
+    apple = find(world, "Apple")
+    for row in range(10, 30):
+        if world.step("PickupObject", x=0.5, y=row / 30) and world.state.held == apple:
+            return
+        world.step("DropHeldObject")
+        world.reset(kitchen())
+        world.step("TeleportFull", x=0.5, y=0.9, z=-0.5, rotation=90, horizon=30, standing=True)
+    pytest.fail("no point of the middle column meets the apple")
+
+
+# ----------------------------------------------------------------- seeing
+
+
+def test_object_farther_than_the_visibility_distance_is_not_visible():
+    table = find(EmbeddedWorld(kitchen()), "DiningTable")
+    near, far = (
+        EmbeddedWorld(kitchen(), visibilityDistance=1.5),
+        EmbeddedWorld(kitchen(), visibilityDistance=1.0),
+    )
+    for world, seen in ((near, True), (far, False)):
+        world.step("TeleportFull", x=0.0, y=0.9, z=0.0, rotation=90, horizon=30, standing=True)
+        assert look(world, table)["visible"] is seen
+
+
+def test_object_behind_the_agent_or_behind_a_wall_of_fridge_is_not_visible():
+    hidden = thing("Vase", (-1.65, 0.9, -0.9), (0.1, 0.1, 0.1))
+    world = with_extra(hidden)
+    world.step("TeleportFull", x=-1.0, y=0.9, z=0.5, rotation=180, horizon=30, standing=True)
+    assert not look(world, hidden.id)["visible"]  # the fridge is in the way
+    world.step("TeleportFull", x=-1.0, y=0.9, z=-0.75, rotation=270, horizon=30, standing=True)
+    assert look(world, hidden.id)["visible"]
+    world.step("RotateRight", degrees=180)
+    assert not look(world, hidden.id)["visible"]
+
+
+def test_object_behind_glass_is_visible_but_not_interactable():
+    shut = thing("ShowerDoor", (0.0, 1.0, -1.3), (2.0, 2.0, 0.02))
+    soap = thing("SoapBar", (0.0, 0.9, -1.5), (0.1, 0.05, 0.05))
+    world = with_extra(shut, soap)
+    world.step("TeleportFull", x=0.0, y=0.9, z=-1.0, rotation=180, horizon=30, standing=True)
+    assert look(world, soap.id)["visible"]
+    assert not look(world, soap.id)["isInteractable"]
+    assert world.step("PickupObject", objectId=soap.id).code == "ObjectNotInteractable"
+
+
+def test_visibility_agrees_with_the_genuine_simulator_at_reset(shared):
+    """120 recorded scenes; the agent's place follows from its distances to all objects."""
+    from karma.world.importing.scenes import scene_from_dump
+
+    agree = extra = missing = 0
+    with gzip.open(shared / "data/thor5/scenes.jsonl.gz") as lines:
+        for line in list(lines)[::4]:
+            row = json.loads(line)
+            objects = Objects(
+                {o.id: o for o in scene_from_dump(row["scene"], row["objects"]).objects}
+            )
+            truth = {o["objectId"] for o in row["objects"] if o["visible"]}
+            seen = _best_view(objects, _agent_place(row["objects"]), truth)
+            agree += len(seen & truth)
+            extra += len(seen - truth)
+            missing += len(truth - seen)
+    assert agree / (agree + missing) > 0.95  # recall
+    assert agree / (agree + extra) > 0.80  # precision: boxes are coarser than meshes
+
+
+def _best_view(objects, place, truth):
+    """What our view sees, looking the way that agrees best; the yaw was not recorded."""
+    views = [
+        sight(objects, Pose(position_m=place, yaw_deg=yaw, horizon_deg=horizon)).visible
+        for yaw in (0, 90, 180, 270)
+        for horizon in (0, 30)
+    ]
+    return max(views, key=lambda seen: 2 * len(seen & truth) - len(seen ^ truth))
+
+
+def _agent_place(rows):
+    places = np.array([[row["position"][axis] for axis in "xyz"] for row in rows])
+    far = np.array([row["distance"] for row in rows])
+    normal = 2 * (places[1:] - places[0])
+    offset = (places[1:] ** 2).sum(1) - (places[0] ** 2).sum() - far[1:] ** 2 + far[0] ** 2
+    return tuple(float(value) for value in np.linalg.lstsq(normal, offset, rcond=None)[0])
+
+
+# ----------------------------------------------------------------- scene files
+
+
+def test_scene_with_a_loop_of_three_is_refused():
+    one, two, three = (thing("Box", (float(i), 0.0, 0.0)) for i in range(3))
+    loop = [
+        msgspec.structs.replace(one, parents=(two.id,)),
+        msgspec.structs.replace(two, parents=(three.id,)),
+        msgspec.structs.replace(three, parents=(one.id,)),
+    ]
+    broken = msgspec.structs.replace(kitchen(), objects=tuple(loop))
+    with pytest.raises(FileError, match="contain each other"):
+        scene.check(broken, "here")
+
+
+def test_scene_that_does_not_exist_is_named():
+    with pytest.raises(FileError, match="no scene named 'palace'"):
+        EmbeddedWorld().reset("palace")
