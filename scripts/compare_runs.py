@@ -1,0 +1,58 @@
+"""Hold two runs of one experiment against each other, episode by episode: are all outcomes equal?
+
+`python scripts/compare_runs.py BEFORE AFTER [--rename OLD=NEW ...]` compares what an episode came
+to: success, unmet goals, places searched, world actions, the skills and what they answered, the
+programs, the tokens, memory hits. Seconds are left out. Exit status 1 when anything differs.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+Key = tuple[str, str, int]
+
+
+def outcomes(folder: Path, rows: dict[str, str]) -> dict[Key, list[Any]]:
+    """Return what each episode of a run folder came to, by row, task and seed."""
+    found = {}
+    for line in (folder / "episodes.jsonl").read_text(encoding="utf-8").splitlines():
+        record = json.loads(line)
+        row = rows.get(record["row"], record["row"])
+        found[row, record["task"], record["seed"]] = list(_outcome(record))
+    return found
+
+
+def _outcome(record: dict[str, Any]) -> Iterator[Any]:
+    yield bool(record["error"])
+    for sub in record["subtasks"]:
+        yield sub["finished"], sub["unmet"], sub["hits"], sub["queries"], sub["recalled"]
+        yield [(c["text"], c["ok"], c["reason"], c["actions"], c["explorations"])
+               for c in sub["calls"]]  # fmt: skip
+        yield [(a["program"], a["prompt_tokens"], a["completion_tokens"], a["error"])
+               for a in sub["answers"]]  # fmt: skip
+
+
+def main() -> int:
+    """Print each episode that differs and how many do; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("before", type=Path)
+    parser.add_argument("after", type=Path)
+    parser.add_argument("--rename", action="append", default=[], metavar="OLD=NEW",
+                        help="a row that has another name now")  # fmt: skip
+    given = parser.parse_args()
+    renamed = dict(pair.split("=", 1) for pair in given.rename)
+    before, after = outcomes(given.before, renamed), outcomes(given.after, {})
+    keys = sorted(before.keys() | after.keys())
+    wrong = [key for key in keys if before.get(key) != after.get(key)]
+    for key in wrong:
+        there = "differs" if key in before and key in after else "stands in one run only"
+        print(*key, there)
+    print(f"{len(keys)} episodes, {len(wrong)} differ")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
