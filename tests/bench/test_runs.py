@@ -84,7 +84,7 @@ def test_header_names_all_that_a_run_depends_on(whole):
     _, folder = whole
     header = json.loads((folder / HEADER).read_text())
     assert set(header["models"]) == {"planner", "embedder", "vision"}
-    assert set(header["prompts"]) == {p.name for p in (ROOT / "karma" / "prompts").glob("*.txt")}
+    assert set(header["prompts"]) == {p.name for p in (ROOT / "karma").rglob("*.txt")}
     scenes = {record.scene for record in read_run(folder).records}
     assert set(header["scenes"]) == scenes
     assert {"karma", "llama-cpp-python", "numpy", "python"} <= set(header["versions"])

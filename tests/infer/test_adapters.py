@@ -391,7 +391,8 @@ def test_shards_are_followed_and_a_missing_one_is_named(copies):
         index.update(dict.fromkeys(part, f"m-{number}.safetensors"))
     where = folder / "model.safetensors.index.json"
     where.write_text(json.dumps({"metadata": {}, "weight_map": index}))
-    assert np.array_equal(ClipEmbedder(folder).embed(["apple"]), whole)
+    sharded = ClipEmbedder(folder).embed(["apple"])  # kernels may round by where a weight lies
+    assert np.allclose(sharded, whole, rtol=0.0, atol=1e-6)
     (folder / "m-1.safetensors").unlink()
     with pytest.raises(ModelError, match=r"m-1\.safetensors: missing"):
         ClipEmbedder(folder)

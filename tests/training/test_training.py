@@ -22,10 +22,11 @@ from karma.seeds import stream
 from karma.tasks.drawing import phrases
 from karma.tasks.drawing.phrases import make_template, our_book
 from karma.tasks.drawing.recollections import Room
+from karma.tasks.drawing.requests import KINDS
 from karma.tasks.drawing.rooms import asked_pairs, room_of
 from karma.tasks.files import load_tasks
 from karma.training.planner import checkpoints, network, packs, train
-from karma.training.planner.samples import KINDS, draw
+from karma.training.planner.samples import draw
 from karma.world.core import scene
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

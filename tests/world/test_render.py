@@ -471,7 +471,7 @@ def fingerprint():
 
 
 def test_two_processes_give_the_same_bytes():
-    code = "from test_render import fingerprint; print(fingerprint())"
+    code = "from world.test_render import fingerprint; print(fingerprint())"
     found = []
     for seed in ("1", "2"):
         env = {**os.environ, "PYTHONHASHSEED": seed}
