@@ -220,6 +220,15 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Tour:
+    """What the first tour of a room cost: the walk that made its map, which later visits save."""
+
+    scene: str  # name of the room
+    places: int  # walked to and looked around from
+    actions: int  # of the world
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """The last thing a method yields for an instruction."""
 
@@ -227,6 +236,9 @@ class Outcome:
     resident: tuple[MemoryUnit, ...]  # short-term memory before the instruction
     handled_ids: tuple[str, ...]  # in the order of use
     kept: tuple[MemoryUnit, ...] = ()  # short-term memory after it
+    tour: Tour | None = (
+        None  # that made the map in use, now or in an earlier episode; no part of it
+    )
 
 
 # ----------------------------------------------------------------- what it is asked

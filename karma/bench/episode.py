@@ -17,7 +17,17 @@ from karma.bench.records import (
     waited,
 )
 from karma.bench.steps import Enter, LoggedWorld, StepLog
-from karma.contracts import MemoryUnit, Method, Outcome, Plan, SkillResult, SubTask, Task, World
+from karma.contracts import (
+    MemoryUnit,
+    Method,
+    Outcome,
+    Plan,
+    SkillResult,
+    SubTask,
+    Task,
+    Tour,
+    World,
+)
 from karma.errors import KarmaError, UnwritableError
 from karma.infer.hosted.cassette import Cassette, CassetteError
 from karma.infer.hosted.cost import Ledger
@@ -89,6 +99,7 @@ def run_episode(
     first = Path(task.scenes[0]).stem
     tracker = GoalTracker()
     done: list[SubTaskRecord] = []
+    tours: dict[str, Tour] = {}
     error = ""
     try:
         world = (starts or Starts()).of(LoggedWorld(world, steps), task, seed)
@@ -96,7 +107,7 @@ def run_episode(
         _walk_through(method, watched, task.scenes, seed=seed, folder=folder)
         steps.start(first, seed)
         tracker.start(world.last_event)
-        part = _Part(method, watched, tracker, ledger, cassette, steps, times)
+        part = _Part(method, watched, tracker, ledger, cassette, steps, times, tours)
         for number, subtask in enumerate(task.subtasks):
             scene = subtask.scene or task.scene
             if task.kind == "sequence":
@@ -121,6 +132,7 @@ def run_episode(
         subtasks=tuple(done),
         error=error,
         hosted=untimed(spent),
+        tours=tuple(tours.values()),
     )
 
 
@@ -152,6 +164,7 @@ class _Part:
     cassette: Cassette
     steps: StepLog
     times: TimeLog
+    tours: dict[str, Tour]  # takes by room what made the maps that were used
 
     def go(self, home: Home | None, scene: str) -> None:
         """Be in a room for a task by itself: what earlier ones brought about does not count."""
@@ -183,6 +196,8 @@ class _Part:
             raise KarmaError(f"{self.method.name} ended an instruction without an outcome")
         unmet = tuple(str(g) for g in self.tracker.unmet(subtask.goals, self.world.last_event))
         self.steps.outcome(outcome, unmet)
+        if outcome.tour is not None:
+            self.tours.setdefault(room, outcome.tour)
         spent = self.ledger.take()
         self.times.subtasks.append(
             SubTaskTiming(

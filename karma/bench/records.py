@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar, get_args
 
-from karma.contracts import Kind, SkillResult
+from karma.contracts import Kind, SkillResult, Tour
 from karma.errors import FileError
 from karma.files import append_line, decode_json, read_bytes, to_json
 from karma.infer.hosted.cost import Spent, total
@@ -89,6 +89,7 @@ class EpisodeRecord:
     subtasks: tuple[SubTaskRecord, ...]
     error: str = ""  # why it ended early; errors stay in the denominator
     hosted: tuple[Spent, ...] = ()  # by the instruction that the error ended, see `SubTaskRecord`
+    tours: tuple[Tour, ...] = ()  # that made the maps it used, one a room; no part of its calls
 
     @property
     def key(self) -> Key:

@@ -28,7 +28,7 @@ from karma.bench.steps import packed, steps_path
 from karma.errors import FileError, KarmaError
 from karma.files import read_json, to_json, write_atomic
 
-FORMAT = 3  # of the folder; 1 had times among the records, 2 neither methods nor rooms
+FORMAT = 4  # of the folder; 1 had times among the records, 2 no methods or rooms, 3 no tours
 HEADER, EPISODES, TIMINGS, RESULTS = (
     "header.json", "episodes.jsonl", "timings.jsonl", "results.json",
 )  # fmt: skip

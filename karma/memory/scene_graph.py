@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import msgspec
 
-from karma.contracts import Area, Known, SeenObject, Vec3
+from karma.contracts import Area, Known, SeenObject, Tour, Vec3
 from karma.errors import FileError, KarmaError
 from karma.files import read_json, to_json, write_atomic
 from karma.memory.areas import spread_areas
@@ -81,6 +81,7 @@ class SceneGraph:
     ) -> None:
         self.floor = floor
         self.radius_m = radius_m
+        self.tour: Tour | None = None  # that the graph was made on; not compared
         self._areas = {area.name: area for area in areas}
         self._objects: dict[str, ObjectNode] = {}
         self._area_of: dict[str, str] = {}
@@ -259,7 +260,8 @@ class SceneGraph:
         Raises:
             FileError: the file cannot be written.
         """
-        write_atomic(path, to_json(self._saved(), indent=1))
+        saved = msgspec.structs.replace(self._saved(), tour=self.tour)
+        write_atomic(path, to_json(saved, indent=1))
 
     @classmethod
     def load(cls, path: str | Path) -> "SceneGraph":
@@ -274,6 +276,7 @@ class SceneGraph:
             raise FileError(path, f"version {saved.version}, expected {VERSION}", fix=fix)
         areas = [saved_area.area for saved_area in saved.floor.areas]
         graph = cls(areas, floor=saved.floor.name, radius_m=saved.radius_m)
+        graph.tour = saved.tour
         for saved_area in saved.floor.areas:
             for node in saved_area.objects:
                 if node.id in graph._objects:
@@ -308,6 +311,7 @@ class _SavedGraph(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     version: int
     radius_m: float
     floor: _SavedFloor
+    tour: Tour | None = None
 
 
 def to_text(lines: Iterable[AreaLine]) -> str:

@@ -160,6 +160,7 @@ class KarmaMethod:
             resident=resident,
             handled_ids=tuple(turn.skills.handled),
             kept=self.short_term.units(),
+            tour=self.graph.tour if self.graph else None,
         )
 
     # ------------------------------------------------------------- memory into the prompt

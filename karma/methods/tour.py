@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from karma.agent.skills import Skills
-from karma.contracts import Area, Known, SkillCall, Vec3, World
+from karma.contracts import Area, Known, SkillCall, Tour, Vec3, World
 from karma.memory.scene_graph import SceneGraph
 
 LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
@@ -36,6 +36,7 @@ def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bo
         skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
         skills.look_around()
         graph.observe(skills.seen.values())
+    graph.tour = Tour(scene=Path(scene).stem, places=len(lookouts), actions=skills.actions)
     world.reset(scene)
     return graph, True
 

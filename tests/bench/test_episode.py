@@ -77,6 +77,24 @@ def test_record_of_a_success_says_what_was_asked_answered_and_done(run):
     assert len(second.recalled) == 1
 
 
+def test_record_says_what_the_first_tour_of_the_room_cost_also_where_the_map_was_there(
+    run, recall, tmp_path
+):
+    (tour,) = run([AWAY, BACK]).tours
+    assert tour.scene == "kitchen_1"
+    assert tour.actions > tour.places > 1
+    later = [
+        run_episode(
+            KarmaMethod(Planner(ScriptedModel([AWAY, BACK]), "compact"), recall, MetadataVision(),
+                        maps=tmp_path / "maps"),
+            EmbeddedWorld(), PUT_AND_FETCH, row="a row", seed=7, folder=tmp_path,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    assert [record.tours for record in later] == [(tour,), (tour,)]
+    assert run([AWAY, BACK], long_term=False).tours == ()
+
+
 def test_record_counts_hits_among_what_can_be_carried_cold_start_included(run):
     first, second = run([AWAY, BACK]).subtasks
     assert (first.queries, first.hits) == (1, 0)  # the fridge is no query
