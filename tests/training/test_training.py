@@ -58,9 +58,9 @@ def test_draw_of_equal_streams_gives_equal_examples(rooms):
 HASHES = """
 import sys, hashlib
 sys.path.insert(0, "tests")
-import test_training as t
+import training.test_training as t
 from karma.tasks.drawing.rooms import room_of
-from karma.world import scene
+from karma.world.core import scene
 rooms = [room_of(scene.load(n), n) for n in ("kitchen_1", "living_1")]
 text = b"".join(t.to_json(e) for _, e in t.examples(rooms, 40))
 print(hashlib.sha256(text + t.to_json(rooms)).hexdigest())
