@@ -11,18 +11,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from karma.contracts import Area, SkillCall
+from karma.household.ids import short_type
+from karma.household.places import LIKELY, SURFACES
 from karma.household.types import ObjectType, object_types
+from karma.household.uses import KNIVES, SWITCHED_BY_A_PART, with_basin
 
-SURFACES = (
-    "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
-    "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Toilet", "Bathtub",
-)  # where to put something down, the best first  # fmt: skip
-LIKELY = (
-    "CounterTop", "DiningTable", "Desk", "CoffeeTable", "Dresser", "SideTable", "TVStand", "Bed",
-    "Sofa", "ArmChair", "Shelf", "Fridge", "Sink", "Cabinet", "Drawer", "Bathtub", "Toilet",
-    "GarbageCan", "Microwave",
-)  # where things are found, the likeliest first  # fmt: skip
-_PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}
 _NEEDS = {
     "OpenObject": ("openable", "cannot be opened"),
     "CloseObject": ("openable", "cannot be closed"),
@@ -34,7 +27,6 @@ _NEEDS = {
     "SwitchOff": ("toggleable", "cannot be switched"),
     "PickupObject": ("pickupable", "cannot be picked up"),
 }
-_SWITCHED_BY_A_PART = ("StoveBurner", "Sink", "SinkBasin", "Bathtub", "BathtubBasin")
 
 
 def mend(
@@ -84,7 +76,7 @@ def mend(
         if call.skill == "GoToObject" and name in shut:
             call = replace(call, skill="Explore")
         elif call.skill != "Explore" and not _placed(name, found, held):
-            where = likely_areas(_base(name), areas)
+            where = likely_areas(short_type(name), areas)
             mended.append(SkillCall(skill="Explore", objects=(name,), positions=where))
         found.add(name)
         mended.append(call)
@@ -100,14 +92,9 @@ def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[
     if len(kept) == len(calls) or any(c.skill == "SliceObject" for c in kept):
         return kept
     put = {c.objects[0] for c in kept if c.skill == "PutObject"}
-    idle = {name for name in ("Knife", "ButterKnife") if name not in put}
-    return [
-        c
-        for c in kept
-        if not (
-            c.skill in ("Explore", "GoToObject", "PickupObject") and _base(c.objects[0]) in idle
-        )
-    ]
+    idle = {name for name in KNIVES if name not in put}
+    fetching = ("Explore", "GoToObject", "PickupObject")
+    return [c for c in kept if c.skill not in fetching or short_type(c.objects[0]) not in idle]
 
 
 def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
@@ -125,7 +112,7 @@ def likely_areas(object_type: str, areas: Sequence[Area]) -> tuple[str, ...]:
 
 def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[SkillCall]:
     """Return the lines that free the hand for another thing, on a known surface if there is one."""
-    kind = object_types().get(_base(hand or ""))
+    kind = object_types().get(short_type(hand or ""))
     if hand is None or kind is None or hand == name:
         return []
     fitting = [name for name in SURFACES if _fits(kind, object_types()[name])]
@@ -137,7 +124,7 @@ def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[Skill
 
 
 def _placed(name: str, found: Collection[str], held: str | None) -> bool:
-    return name in found or _base(name) in found or name == held or name.startswith("node_")
+    return name in found or short_type(name) in found or name == held or name.startswith("node_")
 
 
 @dataclass(slots=True)
@@ -167,7 +154,7 @@ def _refused(call: SkillCall, hand: _Hand) -> str:
         hand.held = None
         return ""
     capability, words = _NEEDS.get(call.skill, ("", ""))
-    kind = object_types().get(_base(name))
+    kind = object_types().get(short_type(name))
     if capability and kind is not None and not _can(kind, capability):
         return f"{name} {words}"
     if call.skill == "PickupObject":
@@ -184,9 +171,9 @@ def _put(call: SkillCall, hand: _Hand) -> str:
     place = call.objects[-1]
     if hand.held is None:
         return f"the hand is empty; PickupObject(robot, '{name}') first"
-    if _base(hand.held) != _base(name):
+    if short_type(hand.held) != short_type(name):
         return f"the hand holds {hand.held}, not {name}"
-    thing, receptacle = object_types().get(_base(name)), object_types().get(_base(place))
+    thing, receptacle = object_types().get(short_type(name)), object_types().get(short_type(place))
     if thing is not None and receptacle is not None and not _fits(thing, receptacle):
         return f"{name} cannot be placed in {place}"
     if name == place:
@@ -196,7 +183,7 @@ def _put(call: SkillCall, hand: _Hand) -> str:
 
 
 def _can(kind: ObjectType, capability: str) -> bool:
-    if capability == "toggleable" and kind.name in _SWITCHED_BY_A_PART:
+    if capability == "toggleable" and kind.name in SWITCHED_BY_A_PART:
         return True
     if capability == "sliceable" and kind.slices_into:
         return True
@@ -207,12 +194,7 @@ def _fits(thing: ObjectType, receptacle: ObjectType) -> bool:
     """Return whether the types allow it, whole or sliced, in the receptacle or its basin."""
     kinds = object_types()
     forms = (thing.name, thing.slices_into)
-    places = (receptacle.name, _PARTS.get(receptacle.name))
-    if not any("receptacle" in kinds[p].capabilities for p in places if p):
+    places = with_basin(receptacle.name)
+    if not any("receptacle" in kinds[p].capabilities for p in places):
         return False
-    return any(kinds[f].fits(kinds[p]) for f in forms if f for p in places if p)
-
-
-def _base(name: str) -> str:
-    """Return the type of a short name: `Apple_2` is an Apple."""
-    return name.partition("_")[0]
+    return any(kinds[f].fits(kinds[p]) for f in forms if f for p in places)

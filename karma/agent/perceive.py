@@ -9,12 +9,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from karma.contracts import Event, MemoryUnit, Observation, Pose, SeenObject, Vec3
-
-HAND = "hand"  # the place of what the agent holds
+from karma.household.ids import is_part
+from karma.household.pieces import is_piece
+from karma.household.places import FLOOR, HAND
+from karma.household.uses import BASINS, FRIDGE, MICROWAVE, SINK, TAPS
 
 _Object = Mapping[str, Any]
-_TAPS = ("Faucet", "ShowerHead")
-_BASINS = ("SinkBasin", "BathtubBasin")
 _FLAGS = (
     ("isCooked", "cooked"), ("isDirty", "dirty"), ("isFilledWithLiquid", "filled"),
     ("isSliced", "sliced"), ("isUsedUp", "used up"),
@@ -61,7 +61,7 @@ def sight_of(thing: _Object) -> SeenObject:
 def states_of(thing: _Object) -> tuple[str, ...]:
     """Return the state words of one object's metadata, sorted; () when none applies."""
     words = {word for flag, word in _FLAGS if thing[flag]}
-    if str(thing["objectType"]).endswith(("Sliced", "Cracked")):
+    if is_piece(thing["objectType"]):
         words.add("sliced")
     if thing["temperature"] == "Hot":
         words.add("heated")
@@ -93,11 +93,11 @@ def washed(event: Event) -> frozenset[str]:
     if not _done(event, "ToggleObjectOn"):
         return frozenset()
     things = event.metadata["objects"]
-    basins = [thing for thing in things if thing["objectType"] in _BASINS]
-    bare = [t for t in things if t["objectType"] == "Sink" and not _has_part(t, basins)]
+    basins = [thing for thing in things if thing["objectType"] in BASINS]
+    bare = [t for t in things if t["objectType"] == SINK and not _has_part(t, basins)]
     found: set[str] = set()
     for tap in things:
-        if tap["objectType"] in _TAPS and tap["isToggled"] and (basins or bare):
+        if tap["objectType"] in TAPS and tap["isToggled"] and (basins or bare):
             near = min([*basins, *bare], key=lambda basin: (_distance(tap, basin), _id(basin)))
             whole = [thing for thing in things if _has_part(thing, [near])]
             found.update(_contents([near, *whole], things))
@@ -109,7 +109,7 @@ def heated(event: Event) -> frozenset[str]:
     things = event.metadata["objects"]
     hot = {_id(thing) for thing in things if thing["temperature"] == "Hot"}
     if _done(event, "ToggleObjectOn"):
-        ovens = [t for t in things if t["objectType"] == "Microwave" and t["isToggled"]]
+        ovens = [t for t in things if t["objectType"] == MICROWAVE and t["isToggled"]]
         hot.update(_contents(ovens, things))
     return frozenset(hot)
 
@@ -119,13 +119,13 @@ def cooled(event: Event) -> frozenset[str]:
     if not _done(event, "CloseObject"):
         return frozenset()
     things = event.metadata["objects"]
-    fridges = [t for t in things if t["objectType"] == "Fridge" and not t["isOpen"]]
+    fridges = [t for t in things if t["objectType"] == FRIDGE and not t["isOpen"]]
     return frozenset(_contents(fridges, things))
 
 
 def place_of(seen: SeenObject) -> str | None:
     """Return the receptacle an object lies in, `HAND` when held; the floor only if alone."""
-    parents = [parent for parent in seen.parent_ids if not parent.startswith("Floor|")]
+    parents = [parent for parent in seen.parent_ids if not is_part(parent, FLOOR)]
     return next(iter(parents or seen.parent_ids), None)
 
 
@@ -188,7 +188,7 @@ def _distance(one: _Object, other: _Object) -> float:
 
 def _has_part(whole: _Object, parts: Iterable[_Object]) -> bool:
     """Return whether one of `parts` is a part of `whole` (`Sink|x|y|z|SinkBasin`)."""
-    return any(_id(part).startswith(f"{_id(whole)}|") for part in parts)
+    return any(is_part(_id(part), _id(whole)) for part in parts)
 
 
 def _contents(receptacles: Iterable[_Object], things: Sequence[_Object]) -> Iterator[str]:

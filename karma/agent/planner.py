@@ -5,17 +5,12 @@ from dataclasses import dataclass, replace
 
 from karma.agent.inspector import mend, objection
 from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import Facts, landmark_types, render, type_of
+from karma.agent.prompt import Facts, render
 from karma.contracts import LanguageModel, Plan, ProgramSpec, SkillCall
 from karma.errors import ProgramError
+from karma.household.ids import type_of
+from karma.household.places import OVERLOOKED, landmark_types
 from karma.household.types import object_types
-
-OVERLOOKED = frozenset(
-    (
-        "LightSwitch", "Toaster", "Faucet", "ShowerHead", "Blinds", "ToiletPaperHanger",
-        "HandTowelHolder", "TowelHolder", "CoffeeMachine",
-    )
-)  # fixed things so small that a map may lack them  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,9 @@ import jinja2
 
 from karma.contracts import Area, MemoryUnit, Prompt, SkillSignature, Vec3
 from karma.errors import UnknownNameError
-from karma.household.types import object_types
+from karma.household.ids import type_of
+from karma.household.pieces import base_type
+from karma.household.places import HAND, landmark_types
 
 PROFILES = ("compact", "full")
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
@@ -66,29 +68,6 @@ def render(profile: str, facts: Facts, skills: Sequence[SkillSignature]) -> Rend
     raise UnknownNameError(f"no prompt profile named {profile!r}. There are: {PROFILES}")
 
 
-def base_type(object_type: str) -> str:
-    """Return the whole thing's type: AppleSliced -> Apple, EggCracked -> Egg.
-
-    >>> base_type("AppleSliced"), base_type("EggCracked"), base_type("Mug")
-    ('Apple', 'Egg', 'Mug')
-    """
-    return object_type.removesuffix("Sliced").removesuffix("Cracked")
-
-
-@cache
-def landmark_types() -> frozenset[str]:
-    """Return the immovable types worth a word: things to put into, to open or to switch."""
-    useful = {"receptacle", "openable", "toggleable"}
-    skipped = {"Floor", "Chair", "Stool", "StoveKnob", "SinkBasin", "BathtubBasin", "Window"}
-    return frozenset(
-        name
-        for name, kind in object_types().items()
-        if useful & set(kind.capabilities)
-        and "pickupable" not in kind.capabilities
-        and name not in skipped
-    )
-
-
 def compact_areas(areas: Sequence[Area]) -> str:
     """Return long-term memory for the compact profile, one line per area; ends in a newline."""
     lines = ["#areas"]
@@ -113,7 +92,7 @@ def short_names(units: Sequence[MemoryUnit], held: tuple[str, str] | None) -> di
     things = [(unit.object_id, unit.object_type) for unit in reversed(units)]
     places = [(unit.place_id, type_of(unit.place_id)) for unit in reversed(units)]
     for object_id, object_type in [*([held] if held else []), *things, *places]:
-        if object_id is None or object_id == "hand" or object_id in known:
+        if object_id is None or object_id == HAND or object_id in known:
             continue
         base = base_type(object_type)
         count = 1
@@ -190,14 +169,6 @@ def position_text(position_m: Vec3) -> str:
     '[1.00, 0.00, 2.35]'
     """
     return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
-
-
-def type_of(object_id: str | None) -> str:
-    """Return the type that an AI2-THOR id names: its first part, or the child's name."""
-    if object_id is None:
-        return ""
-    parts = object_id.split("|")
-    return parts[-1].split("_")[0] if len(parts) == 5 else parts[0]
 
 
 @cache

@@ -8,6 +8,7 @@ from karma.agent.sightings import Sightings
 from karma.agent.walk import Target, View, Walker
 from karma.contracts import Event, Knowledge, Known, SeenObject, Vec3, World
 from karma.household.types import object_types
+from karma.household.uses import BASIN_OF
 
 _ROOM_MATTERS = re.compile(
     r"block|collid|collision|in the way|no valid position|not found within|visib|interact|reach",
@@ -18,7 +19,6 @@ _CURES = (
 )  # what a refusal says -> what would help  # fmt: skip
 _ON_TOP_M = 0.01  # a thing whose height is no lower than that below the top stands on it
 _ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
-PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}  # things are put into the part
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +77,7 @@ class Reach:
             RefusedError: the agent knows of no such thing.
         """
         found = self.find(name, state=state, held=held)
-        for sink, basin in PARTS.items():
+        for sink, basin in BASIN_OF.items():
             if found is None and name in (sink, basin):
                 found = self.find(basin if name == sink else sink, held=held)
         if found is None:

@@ -5,9 +5,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
 from karma.agent.reach import Reach, RefusedError
-from karma.agent.sightings import kind_of, known, means
+from karma.agent.sightings import known, means
 from karma.agent.walk import OutOfActionsError
 from karma.contracts import Known, SeenObject, Vec3
+from karma.household.ids import type_of
 from karma.household.types import object_types
 
 _FAR_M = 0.85  # from so far away one looks into what was opened
@@ -151,7 +152,7 @@ def _containers(reach: Reach, name: str, *, only_likely: bool) -> Iterator[SeenO
 def _next_container(reach: Reach, name: str, *, only_likely: bool) -> SeenObject | None:
     """Return the container to look into next: closed, that may hold the thing, and near."""
     types = object_types()
-    wanted = types.get(kind_of(name))
+    wanted = types.get(type_of(name))
     if wanted is not None and not wanted.can("pickupable"):
         return None
 
@@ -216,7 +217,7 @@ def _look_inside(reach: Reach, name: str, container: SeenObject) -> Known | None
 
 def _hiding(reach: Reach, name: str, container: SeenObject) -> SeenObject | None:
     """Return the largest thing seen in a container, if it is larger than what is looked for."""
-    kind = object_types().get(kind_of(name))
+    kind = object_types().get(type_of(name))
     least = math.prod(kind.size_m) if kind is not None else 0.0
     inside = [
         one

@@ -5,8 +5,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from karma.agent.perceive import HAND, heated, observe, place_of, sight_of, washed
+from karma.agent.perceive import heated, observe, place_of, sight_of, washed
 from karma.contracts import Event, Knowledge, Known, Observation, Pose, SeenObject, Vec3
+from karma.household.ids import is_part, whole_id
+from karma.household.pieces import goes_by, is_piece
+from karma.household.places import HAND
 from karma.household.types import object_types
 
 _CHANGES_M = 2.0  # from so far away a deed may have changed what is seen
@@ -71,7 +74,7 @@ class Sightings:
 
     def _inherit(self, sight: SeenObject) -> None:
         """Give a slice what was done to the whole."""
-        whole, _, _ = sight.object_id.rpartition("|")
+        whole = whole_id(sight.object_id)
         if whole in self.seen or whole in self.effects:
             self.cut.add(whole)
             for word in [*self.effects.get(whole, []), "sliced"]:
@@ -114,7 +117,7 @@ class Sightings:
         self.gain(whole, "sliced")
         self.cut.add(whole)
         for thing in event.metadata["objects"]:
-            if thing["objectId"].startswith(f"{whole}|"):
+            if is_part(thing["objectId"], whole):
                 self._note(sight_of(thing))
 
     # ------------------------------------------------------------- what a name means
@@ -197,7 +200,7 @@ class Sightings:
         """Return the nearest slice of a thing that has been cut, else the thing."""
         if whole.object_id not in self.cut:
             return whole
-        parts = {k: v for k, v in self.seen.items() if k.startswith(f"{whole.object_id}|")}
+        parts = {k: v for k, v in self.seen.items() if is_part(k, whole.object_id)}
         views = {k: v for k, v in parts.items() if k in self.in_view}
         name = whole.object_id
         return self._nearest(name, views, here) or self._nearest(name, parts, here) or whole
@@ -219,22 +222,6 @@ def known(sight: SeenObject, source: Any) -> Known:
 
 
 def means(name: str, sight: SeenObject) -> bool:
-    """Return whether a name may mean this object: its id or type, or those of the whole.
-
-    A whole's name means its slices too: `Apple` an AppleSliced, `Egg` an EggCracked.
-    """
-    kind = sight.object_type
-    return name in (sight.object_id, kind) or (
-        kind in (f"{name}Sliced", f"{name}Cracked")
-        or (kind.endswith(("Sliced", "Cracked")) and sight.object_id.startswith(f"{name}|"))
-    )
-
-
-def kind_of(name: str) -> str:
-    """Return the type that a name or id speaks of.
-
-    >>> kind_of("Mug"), kind_of("Sink|+01.00|+00.90|-02.00|SinkBasin")
-    ('Mug', 'SinkBasin')
-    """
-    first, *rest = name.split("|")
-    return rest[3].partition("_")[0] if len(rest) > 3 else first
+    """Return whether a name may mean this object: its id or type, or those of its whole."""
+    object_id, kind = sight.object_id, sight.object_type
+    return goes_by(name, object_id, kind) or (is_piece(kind) and is_part(object_id, name))

@@ -12,9 +12,9 @@ from contextlib import suppress
 from typing import Literal
 
 from karma.agent.program import SKILLS
-from karma.agent.reach import PARTS, Limits, Reach, RefusedError
+from karma.agent.reach import Limits, Reach, RefusedError
 from karma.agent.search import look_around, look_from, look_into, search
-from karma.agent.sightings import kind_of, known, means
+from karma.agent.sightings import known, means
 from karma.agent.walk import OutOfActionsError
 from karma.contracts import (
     Area,
@@ -26,16 +26,15 @@ from karma.contracts import (
     SkillResult,
     World,
 )
+from karma.household.ids import part_id, type_of
+from karma.household.pieces import is_piece
+from karma.household.states import DOOR_AFTER, OPPOSITES
+from karma.household.uses import BASIN_OF, BURNER, KNOB, STOVE, TAP_OF, TAPS
 
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
 _OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
 _SHUT_IN = "it is in a closed container; open that first"
 _TAP_OVER_M = 1.0  # a tap this near to what was put down last is the one that is meant
-_FLOWING = ("Faucet", "ShowerHead")
-_SWITCHED_BY = {
-    "Sink": "Faucet", "SinkBasin": "Faucet", "Bathtub": "Faucet", "BathtubBasin": "Faucet",
-    "Shower": "ShowerHead",
-}  # fmt: skip
 _ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in SKILLS}
 
 
@@ -283,8 +282,8 @@ def _put_into(reach: Reach, held: SeenObject, target: Known) -> None:
 
 def _basin(reach: Reach, target: Known) -> Known | None:
     """Return where things are put: the basin of a sink or bathtub, None if it is not known yet."""
-    part = PARTS.get(target.object_type)
-    return reach.find(f"{target.object_id}|{part}") if part else target
+    basin = BASIN_OF.get(target.object_type)
+    return reach.find(part_id(target.object_id, basin)) if basin else target
 
 
 def _throw(reach: Reach, name: str) -> str:
@@ -295,7 +294,7 @@ def _throw(reach: Reach, name: str) -> str:
 
 
 def _simple(reach: Reach, skill: str, name: str) -> str:
-    wanted = {"OpenObject": "closed", "CloseObject": "opened"}.get(skill, "")
+    wanted = OPPOSITES.get(DOOR_AFTER.get(skill, ""), "")
     target = reach.resolve(name, state=wanted)
     reach.approach(target)
     if skill == "CloseObject" and "closed" in reach.log.seen[target.object_id].states:
@@ -306,7 +305,7 @@ def _simple(reach: Reach, skill: str, name: str) -> str:
 
 def _slice(reach: Reach, name: str) -> str:
     target = reach.resolve(name)
-    if target.object_type.endswith(("Sliced", "Cracked")):
+    if is_piece(target.object_type):
         reach.use(target)
         return "it is sliced already"
     event = reach.act(target, "SliceObject")
@@ -319,7 +318,7 @@ def _toggle(reach: Reach, name: str, word: Literal["on", "off"]) -> str:
     reach.approach(target)
     sight = reach.log.seen[target.object_id]
     if word in sight.states:
-        if word == "off" or sight.object_type not in _FLOWING:
+        if word == "off" or sight.object_type not in TAPS:
             return f"it is {word} already"
         reach.act(target, "ToggleObjectOff")  # off and on again: what lies there gets water
     event = reach.act(target, "ToggleObjectOn" if word == "on" else "ToggleObjectOff")
@@ -330,15 +329,15 @@ def _toggle(reach: Reach, name: str, word: Literal["on", "off"]) -> str:
 
 def _switch_of(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
     """Return what has to be toggled: a stove's knob, a sink's tap, or the thing itself."""
-    name = "StoveBurner" if name == "Stove" else name
-    kind, before = kind_of(name), "off" if word == "on" else "on"
-    if kind == "StoveBurner" or name == "StoveKnob":
+    name = BURNER if name == STOVE else name
+    kind, before = type_of(name), OPPOSITES[word]
+    if kind == BURNER or name == KNOB:
         return _knob(reach, name, word)
-    if kind in _SWITCHED_BY:
+    if kind in TAP_OF:
         if name != kind:
             reach.approach(reach.resolve(name))  # its own tap is the nearest one then
-        return reach.resolve(_SWITCHED_BY[kind], state=before)
-    if name in _FLOWING and (tap := _tap_over_last(reach, name)) is not None:
+        return reach.resolve(TAP_OF[kind], state=before)
+    if name in TAPS and (tap := _tap_over_last(reach, name)) is not None:
         return tap
     return reach.resolve(name, state=before)
 
@@ -376,7 +375,7 @@ def _knob(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
     """Return the knob of a burner: the named one; else one that is on, or has a pan on it."""
     knobs = _knobs(reach)
     if not knobs:
-        reach.approach(reach.find("StoveKnob") or reach.resolve(name))
+        reach.approach(reach.find(KNOB) or reach.resolve(name))
         knobs = _knobs(reach)
     log = reach.log
     laden = {p for sight in log.seen.values() if sight.pickupable for p in sight.parent_ids}
@@ -387,12 +386,12 @@ def _knob(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
         gap = reach.walker.gap(knob.position_m)
         return name not in burners, cold, not laden & set(burners), gap, knob.object_id
 
-    return reach.resolve(min(knobs, key=rank).object_id if knobs else "StoveKnob")
+    return reach.resolve(min(knobs, key=rank).object_id if knobs else KNOB)
 
 
 def _knobs(reach: Reach) -> list[SeenObject]:
     sights = [reach.log.seen[object_id] for object_id in reach.log.controls]
-    return [sight for sight in sights if sight.object_type == "StoveKnob"]
+    return [sight for sight in sights if sight.object_type == KNOB]
 
 
 def _open_round(reach: Reach, target: Known) -> None:

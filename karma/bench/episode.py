@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from karma.agent.prompt import base_type
 from karma.bench.days import Starts, check_seeds
 from karma.bench.records import (
     Answer,
@@ -29,6 +28,7 @@ from karma.contracts import (
     World,
 )
 from karma.errors import KarmaError, UnwritableError
+from karma.household.pieces import base_type
 from karma.infer.hosted.cassette import Cassette, CassetteError
 from karma.infer.hosted.cost import Ledger
 from karma.tasks.files import required_types

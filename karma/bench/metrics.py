@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from karma.agent.prompt import base_type
 from karma.bench.records import KINDS, Call, EpisodeRecord, EpisodeTiming, Key, SubTaskRecord
 from karma.bench.statistics import Estimate, mean, rate
+from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.infer.hosted.cost import total
 from karma.tasks.goals import alternatives, object_names, parse_goal

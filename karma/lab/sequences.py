@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from karma.agent.reach import PARTS
 from karma.contracts import Goal, SubTask, Task
 from karma.errors import KarmaError
 from karma.household.types import object_type
+from karma.household.uses import BASIN_OF
 from karma.lab.tasks import Errand, Pool
 from karma.lab.workloads import TRIES, Draws, Workload, draws
 from karma.methods.expert import OracleMethod
@@ -103,7 +103,7 @@ def _flaw(errand: Errand, rooms: Mapping[str, Scene]) -> str:
 def _sensible(goal: Goal) -> bool:
     """Return whether the types are there, and a thing that is put somewhere fits what takes it."""
     placed = goal.predicate in ("ON", "INSIDE")
-    place = PARTS.get(goal.arguments[-1], goal.arguments[-1])  # a tub itself holds nothing
+    place = BASIN_OF.get(goal.arguments[-1], goal.arguments[-1])  # a tub itself holds nothing
     try:
         check_goal(replace(goal, arguments=(goal.arguments[0], place)) if placed else goal)
     except KarmaError:

@@ -7,6 +7,7 @@ from pathlib import Path
 from karma.agent.perceive import to_unit
 from karma.agent.skills import Skills
 from karma.contracts import MemoryUnit, VisionModel
+from karma.household.ids import is_part
 from karma.methods.picture_states import look_at
 
 
@@ -37,7 +38,7 @@ def fresh_units(
         sight
         for object_id, sight in skills.seen.items()
         if sight.pickupable and object_id not in handled and object_id not in skills.cut
-        if not any(object_id.startswith(f"{whole}|") for whole in skills.cut)
+        if not any(is_part(object_id, whole) for whole in skills.cut)
     ]
     kept = others[len(others) - witnesses :] if witnesses else []
     sights = [*((sight, False) for sight in kept), *((skills.seen[i], True) for i in handled)]
@@ -70,6 +71,6 @@ def _standing_for(object_id: str, skills: Skills, before: Iterable[str]) -> str:
     """Return the id itself, or the slice that stands for a whole that was cut."""
     if object_id not in skills.cut:
         return object_id
-    parts = [name for name in skills.seen if name.startswith(f"{object_id}|")]
+    parts = [name for name in skills.seen if is_part(name, object_id)]
     used = [name for name in before if name in parts]
     return (used or sorted(parts) or [object_id])[-1]

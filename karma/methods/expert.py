@@ -8,9 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from karma.agent.inspector import SURFACES
-from karma.agent.perceive import HAND
-from karma.agent.prompt import base_type
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
@@ -24,6 +21,10 @@ from karma.contracts import (
     SubTask,
     World,
 )
+from karma.household.ids import whole_id
+from karma.household.pieces import base_type, is_piece
+from karma.household.places import HAND, SURFACES
+from karma.household.uses import SINK
 from karma.methods.resources import Kit, settings_of
 from karma.tasks.expert import Thing, View, solve
 from karma.tasks.goals import GoalTracker, WatchedWorld, alternatives, is_position, object_names
@@ -127,7 +128,7 @@ def _view(event: Event, used: list[str]) -> tuple[View, Mapping[str, Mapping[str
     """Return everything as the teacher sees it, the last used things first."""
     things = {thing["objectId"]: thing for thing in event.metadata["objects"]}
     rank = {object_id: number for number, object_id in enumerate(used)}
-    pieces = {object_id.rpartition("|")[0] for object_id, t in things.items() if _is_piece(t)}
+    pieces = {whole_id(object_id) for object_id, t in things.items() if is_piece(t["objectType"])}
     order = sorted(
         (t for t in things.values() if t["objectId"] not in pieces),
         key=lambda t: (-rank.get(t["objectId"], -1), t["distance"], t["objectId"]),
@@ -148,14 +149,10 @@ def _thing(thing: Mapping[str, Any], things: Mapping[str, Mapping[str, Any]]) ->
     return Thing(
         name=thing["objectId"],
         object_type=thing["objectType"],
-        states=("sliced",) if _is_piece(thing) else (),
+        states=("sliced",) if is_piece(thing["objectType"]) else (),
         place=place if closed else None,
         place_type=things[place]["objectType"] if closed and place else None,
     )
-
-
-def _is_piece(thing: Mapping[str, Any]) -> bool:
-    return str(thing["objectType"]).endswith(("Sliced", "Cracked"))
 
 
 def _parents(thing: Mapping[str, Any]) -> list[str]:
@@ -204,5 +201,5 @@ def _choose(names: tuple[str, ...], view: View, things: Mapping[str, Mapping[str
         for thing in view.things:
             if name in (thing.name, base_type(thing.object_type)):
                 movable = things[thing.name]["pickupable"]
-                return thing.name if movable or name not in (*SURFACES, "Sink") else name
+                return thing.name if movable or name not in (*SURFACES, SINK) else name
     return names[0]

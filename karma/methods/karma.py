@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from karma.agent.perceive import HAND
 from karma.agent.planner import Planner, grounded
-from karma.agent.prompt import Facts, base_type, type_of
+from karma.agent.prompt import Facts
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
@@ -22,6 +21,9 @@ from karma.contracts import (
     VisionModel,
     World,
 )
+from karma.household.ids import type_of, whole_id
+from karma.household.pieces import goes_by
+from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory, merged
@@ -244,7 +246,7 @@ class _Turn:
     def where(self, name: str) -> Known | None:
         """Return the best known place of a name: units, the map, then what holds a unit."""
         for unit in (*reversed(self.recalled), *reversed(self._known)):
-            if name in (unit.object_id, unit.object_type, base_type(unit.object_type)):
+            if goes_by(name, unit.object_id, unit.object_type):
                 return Known(
                     object_id=unit.object_id,
                     object_type=unit.object_type,
@@ -294,7 +296,7 @@ def _with_history(
     by_id = {unit.object_id: unit for unit in known}
     found = []
     for unit in units:
-        whole = by_id.get(unit.object_id.rpartition("|")[0])
+        whole = by_id.get(whole_id(unit.object_id))
         if unit.object_id in by_id:
             unit = merged(by_id[unit.object_id], unit)
         elif whole is not None and whole.object_id in cut:

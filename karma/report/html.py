@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from karma import __version__
-from karma.agent.prompt import type_of
+from karma.household.ids import type_of
 
 if TYPE_CHECKING:
     import jinja2

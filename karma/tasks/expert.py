@@ -8,9 +8,10 @@ world: the view it is given may be one agent's memory or the whole truth.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from karma.agent.inspector import SURFACES, likely_areas
-from karma.agent.prompt import base_type
+from karma.agent.inspector import likely_areas
 from karma.contracts import Area, Goal, SkillCall
+from karma.household.pieces import base_type
+from karma.household.places import SURFACES
 from karma.household.types import object_types
 
 CLOSED = ("Fridge", "Microwave", "Cabinet", "Drawer", "Safe", "LaundryHamper")

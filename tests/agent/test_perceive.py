@@ -2,8 +2,9 @@
 
 import pytest
 
-from karma.agent.perceive import HAND, cooled, heated, observe, place_of, states_of, to_unit, washed
+from karma.agent.perceive import cooled, heated, observe, place_of, states_of, to_unit, washed
 from karma.contracts import MemoryUnit, SeenObject
+from karma.household.places import HAND
 from karma.world.sim import EmbeddedWorld
 
 

@@ -6,9 +6,10 @@ from hypothesis import strategies as st
 
 from karma.agent.planner import Decoding, Planner, grounded, program_spec
 from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import Facts, compact, landmark_types
+from karma.agent.prompt import Facts, compact
 from karma.contracts import Area, MemoryUnit, SkillCall
 from karma.errors import ModelError
+from karma.household.places import landmark_types
 from karma.infer.llama.constrain import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
 from karma.tasks.expert import Thing, View, solve

@@ -6,9 +6,11 @@ from hypothesis import strategies as st
 from support.paths import GOLDEN
 
 from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import PROFILES, Facts, base_type, landmark_types, render, short_names
+from karma.agent.prompt import PROFILES, Facts, render, short_names
 from karma.contracts import Area, MemoryUnit
 from karma.errors import UnknownNameError
+from karma.household.pieces import base_type
+from karma.household.places import landmark_types
 
 AREAS = (
     Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("Chair", "CounterTop", "Fridge")),

@@ -7,9 +7,9 @@ from support.paths import ROOT
 
 from karma import registry
 from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import base_type
 from karma.bench.episode import run_episode
 from karma.contracts import Area, Goal
+from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.methods.expert import OracleMethod
 from karma.tasks.expert import CLOSED, KNIVES, Thing, View, solve

@@ -12,10 +12,11 @@ from support.paths import ROOT
 
 from karma.agent.planner import program_spec
 from karma.agent.program import parse_program
-from karma.agent.prompt import Facts, base_type
+from karma.agent.prompt import Facts
 from karma.contracts import Area
 from karma.errors import FileError
 from karma.files import to_json
+from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.infer.llama.constrain import ProgramAutomaton
 from karma.seeds import stream

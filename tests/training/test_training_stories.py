@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from support.paths import ROOT
 
-from karma.agent.prompt import base_type
 from karma.files import to_json
+from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.seeds import stream
 from karma.tasks.drawing.phrases import expand, our_book

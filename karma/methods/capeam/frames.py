@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from karma.contracts import SkillCall
+from karma.household.ids import short_type
 from karma.household.types import object_types
+from karma.household.uses import BIN, FAUCET, FRIDGE, KNIVES, LAMPS, MICROWAVE, SINK, without_basin
 
 Action = Literal["Pickup", "Put", "Clean", "Cool", "Heat", "Slice", "ToggleOn", "ToggleOff"]
-KNIVES = ("Knife", "ButterKnife")
-_PARTS = {"SinkBasin": "Sink", "BathtubBasin": "Bathtub"}
 _APPLIANCES: dict[str, tuple[Action, str]] = {
-    "Sink": ("Clean", "Faucet"), "Microwave": ("Heat", "Microwave"),
+    SINK: ("Clean", FAUCET), MICROWAVE: ("Heat", MICROWAVE),
 }  # receptacle -> what it does, and what must be switched on for it  # fmt: skip
 _SWITCH = {"SwitchOn": "ToggleOn", "ToggleOn": "ToggleOn", "SwitchOff": "ToggleOff",
            "ToggleOff": "ToggleOff"}  # fmt: skip
@@ -78,7 +78,7 @@ class _Reader:
                 self._pick_up(thing)
             case "PutObject" | "ThrowObject":
                 tossed = call.skill == "ThrowObject"
-                self._put(thing, "GarbageCan" if tossed else _kind(call.objects[-1]), rest)
+                self._put(thing, BIN if tossed else _kind(call.objects[-1]), rest)
             case "SliceObject":
                 self._slice(thing)
             case "OpenObject" | "CloseObject":
@@ -114,7 +114,7 @@ class _Reader:
 
     def _change(self, thing: str, place: str, rest: Sequence[SkillCall]) -> Action:
         """Return what putting a thing there is for."""
-        if place == "Fridge":
+        if place == FRIDGE:
             again = any(c.skill == "PickupObject" and _kind(c.objects[0]) == thing for c in rest)
             return "Cool" if again else "Put"
         action, switch = _APPLIANCES.get(place, ("Put", ""))
@@ -149,7 +149,7 @@ class _Reader:
     def _switch(self, thing: str, skill: str) -> None:
         if self.running and (thing == self.running or _APPLIANCES.get(thing, ("", ""))[1] == thing):
             return
-        if self.running == "Faucet" and thing == "Sink":
+        if self.running == FAUCET and thing == SINK:
             return
         self._leave()
         action: Action = "ToggleOn" if _SWITCH[skill] == "ToggleOn" else "ToggleOff"
@@ -184,7 +184,7 @@ def read(calls: Sequence[SkillCall], held: str = "") -> Predicted:
 def _context(frames: Sequence[Frame]) -> Context | None:
     """Return what the frames agree on: what is put last is what the instruction is about."""
     cut = {frame.thing for frame in frames if frame.action == "Slice"}
-    lit = [f.thing for f in frames if f.action == "ToggleOn" and f.thing.endswith("Lamp")]
+    lit = [f.thing for f in frames if f.action == "ToggleOn" and f.thing in LAMPS]
     picked = [f.thing for f in frames if f.action == "Pickup" and f.thing not in KNIVES]
     if lit and picked:
         thing = picked[-1]
@@ -235,12 +235,12 @@ def expand(frame: Frame, *, shut_in: str = "") -> tuple[Step, ...]:
             box = place if kind is not None and kind.must_be_open else ""
             return _wrapped(box, Step(skill="PutObject", objects=(thing, place)))
         case "Clean":
-            return (_put(thing, "Sink"), *_run("Faucet"), _take(thing))
+            return (_put(thing, SINK), *_run(FAUCET), _take(thing))
         case "Cool":
-            put, take = _wrapped("Fridge", _put(thing, "Fridge")), _wrapped("Fridge", _take(thing))
+            put, take = _wrapped(FRIDGE, _put(thing, FRIDGE)), _wrapped(FRIDGE, _take(thing))
             return (*put, *take)
         case "Heat":
-            oven = "Microwave"
+            oven = MICROWAVE
             put, take = _wrapped(oven, _put(thing, oven)), _wrapped(oven, _take(thing))
             return (*put, *_run(oven), *take)
         case _:
@@ -271,5 +271,4 @@ def _take(thing: str) -> Step:
 
 def _kind(name: str) -> str:
     """Return the type of a short name, a basin as what it is part of."""
-    kind = name.partition("_")[0]
-    return _PARTS.get(kind, kind)
+    return without_basin(short_type(name))

@@ -4,13 +4,12 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from karma.agent.inspector import SURFACES
 from karma.agent.perceive import place_of
-from karma.agent.prompt import base_type
-from karma.agent.reach import PARTS
 from karma.agent.sightings import known
 from karma.contracts import Area, Known, SeenObject, Vec3
+from karma.household.places import SURFACES
 from karma.household.types import object_types
+from karma.household.uses import covers
 from karma.methods.capeam.prior import likely_places
 
 NEAR_M = 1.5  # furniture this near to an area speaks for it
@@ -74,11 +73,7 @@ class EnvironmentMemory:
         return any(one.object_id in self.masked for one in self._all(kind))
 
     def _all(self, kind: str) -> list[SeenObject]:
-        return [
-            one
-            for one in self.seen.values()
-            if kind in (one.object_type, base_type(one.object_type)) or _basin(kind, one)
-        ]
+        return [one for one in self.seen.values() if covers(kind, one.object_type)]
 
     def where(self, name: str) -> Known | None:
         """Return the best known place of an id or type."""
@@ -131,11 +126,6 @@ class EnvironmentMemory:
             (one, (ANYWHERE + shares.get(one.object_type, 0.0)) / types.count(one.object_type))
             for one in shut
         ]
-
-
-def _basin(kind: str, one: SeenObject) -> bool:
-    """Return whether this is the basin that a sink or bathtub is used by."""
-    return PARTS.get(kind) == one.object_type
 
 
 def _gap(one: SeenObject, point: Vec3) -> float:

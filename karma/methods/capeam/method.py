@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from karma.agent.planner import Planner
-from karma.agent.prompt import Facts, base_type
+from karma.agent.prompt import Facts
 from karma.agent.search import cover
 from karma.agent.skills import Skills
 from karma.contracts import Area, Outcome, Plan, SkillResult, SubTask, World
+from karma.household.pieces import base_type
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.capeam.frames import read
 from karma.methods.capeam.memory import EnvironmentMemory

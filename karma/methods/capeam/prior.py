@@ -9,13 +9,13 @@ from collections.abc import Mapping, MutableMapping
 from functools import cache
 from pathlib import Path
 
-from karma.agent.prompt import base_type
 from karma.files import read_toml
+from karma.household.pieces import base_type
 from karma.household.types import object_type
+from karma.household.uses import without_basin
 from karma.world.core.scene import Scene
 
 TABLE = Path(__file__).parent / "likely_places.toml"
-_WHOLE = {"SinkBasin": "Sink", "BathtubBasin": "Bathtub"}
 _LEAST = 0.005  # smaller shares are left out
 
 
@@ -44,8 +44,7 @@ def count_places(scene: Scene, counts: MutableMapping[str, Counter[str]]) -> Non
                 break
             place = parents[0]
         if place is not thing and not object_type(place.type).can("pickupable"):
-            kind = _WHOLE.get(place.type, place.type)
-            counts.setdefault(thing.type, Counter())[kind] += 1
+            counts.setdefault(thing.type, Counter())[without_basin(place.type)] += 1
 
 
 def to_toml(counts: Mapping[str, Counter[str]]) -> str:

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from karma.agent.prompt import base_type
 from karma.agent.skills import Skills
 from karma.contracts import Area, SeenObject, SkillCall, SkillResult
+from karma.household.pieces import base_type
+from karma.household.uses import FOUND_BY_SKILL, TAPS
 from karma.methods.capeam.frames import Frame, Step, expand
 from karma.methods.capeam.memory import EnvironmentMemory
 
-BY_TYPE = ("Faucet", "ShowerHead", "StoveKnob", "StoveBurner", "Stove")  # the skill knows which
-TAPS = ("Faucet", "ShowerHead")
 UNIFORM_STEPS = 30  # so early nothing is known that could tell areas apart
 _OF_THE_THING = ("Pickup", "Slice", "ToggleOn", "ToggleOff")  # acts on what must be found first
 
@@ -102,7 +101,7 @@ class Runner:
         for name in step.objects:
             if name not in self._bound and not (yield from self._bind(name)):
                 return False
-        names = [name if name in BY_TYPE else self._bound[name] for name in step.objects]
+        names = [name if name in FOUND_BY_SKILL else self._bound[name] for name in step.objects]
         sight = self.memory.seen.get(names[-1])
         if step.skill == "OpenObject" and sight is not None and "opened" in sight.states:
             return True

@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
-from karma.agent.inspector import SURFACES
-from karma.agent.prompt import base_type
 from karma.contracts import SeenObject, SkillCall
+from karma.household.pieces import base_type, goes_by, is_piece
+from karma.household.places import SURFACES
+from karma.household.states import DOOR_AFTER
 from karma.household.types import object_types
+from karma.household.uses import KNIVES, MICROWAVE
 from karma.methods.helper.memory import ObjectMemory
 
-KNIVES = ("Knife", "ButterKnife")
-_SHUT_TO_RUN = ("Microwave",)
-_PAIRS = {"OpenObject": "opened", "CloseObject": "closed"}
+_SHUT_TO_RUN = (MICROWAVE,)
 
 
 def without_object(
@@ -27,7 +27,7 @@ def without_object(
         memory: what is known.
     """
     name = call.objects[-1]
-    if call.skill == "PickupObject" and held is not None and not _is(name, held):
+    if call.skill == "PickupObject" and held is not None and not _means(name, held):
         return [_put_down(held, memory)]
     if call.skill == "SliceObject" and (held is None or held.object_type not in KNIVES):
         first = [_put_down(held, memory)] if held is not None else []
@@ -66,20 +66,19 @@ def idle(call: SkillCall, memory: ObjectMemory) -> bool:
         memory: what is known.
     """
     one = memory.objects.get(call.objects[-1])
-    if call.skill not in _PAIRS or one is None:
+    if call.skill not in DOOR_AFTER or one is None:
         return False
     return (
         not object_types()[one.sight.object_type].can("openable")
-        or _PAIRS[call.skill] in one.sight.states
+        or DOOR_AFTER[call.skill] in one.sight.states
     )
 
 
 def whole_first(call: SkillCall, memory: ObjectMemory) -> SkillCall | None:
     """Return the cut that must come first where a sub-goal names a piece that there is not yet."""
     for name in call.objects:
-        whole = base_type(name)
-        if name.endswith("Sliced") and memory.best(name) is None and call.skill != "SliceObject":
-            return SkillCall(skill="SliceObject", objects=(whole,))
+        if is_piece(name) and memory.best(name) is None and call.skill != "SliceObject":
+            return SkillCall(skill="SliceObject", objects=(base_type(name),))
     return None
 
 
@@ -107,5 +106,5 @@ def _open(object_id: str) -> SkillCall:
     return SkillCall(skill="OpenObject", objects=(object_id,))
 
 
-def _is(name: str, held: SeenObject) -> bool:
-    return name in (held.object_id, held.object_type, base_type(held.object_type))
+def _means(name: str, held: SeenObject) -> bool:
+    return goes_by(name, held.object_id, held.object_type)

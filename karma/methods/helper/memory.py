@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-from karma.agent.perceive import HAND, place_of
-from karma.agent.prompt import base_type
-from karma.agent.reach import PARTS
+from karma.agent.perceive import place_of
 from karma.agent.sightings import known
 from karma.contracts import Area, Known, SeenObject, Vec3
+from karma.household.places import HAND
+from karma.household.uses import covers
 
 _SEEN, _PLACED = 1.0, 1.01  # what was put down by oneself is surer than what was seen
 _LESS = 0.01
@@ -132,5 +132,4 @@ class ObjectMemory:
 
 
 def _means(name: str, sight: SeenObject) -> bool:
-    kind = sight.object_type
-    return name in (sight.object_id, kind, base_type(kind)) or PARTS.get(name) == kind
+    return name == sight.object_id or covers(name, sight.object_type)

@@ -8,6 +8,7 @@ import numpy as np
 
 from karma.agent.skills import Skills
 from karma.contracts import Area, SeenObject, SkillCall, SkillResult, Vec3
+from karma.household.uses import FOUND_BY_SKILL, TAPS
 from karma.methods.capeam.prior import likely_places
 from karma.methods.helper.inspector import (
     ends_there,
@@ -18,8 +19,6 @@ from karma.methods.helper.inspector import (
 )
 from karma.methods.helper.memory import ObjectMemory
 
-BY_TYPE = ("Faucet", "ShowerHead", "StoveKnob", "StoveBurner", "Stove")  # the skill knows which
-TAPS = ("Faucet", "ShowerHead")
 LIKELY = 3  # kinds of places asked for
 INSTANCES = 2  # of each kind
 NEAR_STEPS = 75  # for one of those
@@ -116,7 +115,7 @@ class Executor:
 
     def _ground(self, call: SkillCall) -> SkillCall:
         """Put the ids of the best known objects in place of types."""
-        best = {name: self.memory.best(name) for name in call.objects if name not in BY_TYPE}
+        best = {name: self.memory.best(name) for name in call.objects if name not in FOUND_BY_SKILL}
         names = {name: one.sight.object_id for name, one in best.items() if one is not None}
         return replace(call, objects=tuple(names.get(name, name) for name in call.objects))
 

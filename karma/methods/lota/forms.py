@@ -21,6 +21,7 @@ from karma.agent.program import SKILLS
 from karma.agent.prompt import Facts, compact
 from karma.contracts import Prompt, SeenObject, SkillCall, SkillSignature
 from karma.household.types import object_types
+from karma.household.uses import has_a_switch
 from karma.infer.llama.scoring import END
 
 Form = Literal["words", "compact"]
@@ -28,7 +29,6 @@ Form = Literal["words", "compact"]
 DONE = " done."  # in words
 _PROMPTS = Path(__file__).parent
 _NOT_SMART_LLM = ("Explore", "ToggleOn", "ToggleOff")
-_SWITCHED_BY_A_PART = ("StoveBurner",)
 _VERBS = (
     ("pick up the", "PickupObject"), ("put down the", "PutObject"), ("open the", "OpenObject"),
     ("close the", "CloseObject"), ("slice the", "SliceObject"), ("turn on the", "ToggleOn"),
@@ -106,7 +106,7 @@ def _call(skill: str, *objects: str) -> SkillCall:
 def _possible(call: SkillCall) -> bool:
     name = call.objects[0]
     if call.skill in ("SwitchOn", "SwitchOff", "ToggleOn", "ToggleOff"):
-        return object_types()[name].can("toggleable") or name in _SWITCHED_BY_A_PART
+        return has_a_switch(name)
     return not objection([call], held=None)
 
 

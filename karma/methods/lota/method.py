@@ -13,8 +13,6 @@ from typing import Any, Literal, Self
 from karma.agent.inspector import mend
 from karma.agent.planner import Planner, grounded
 from karma.agent.program import parse_program
-from karma.agent.prompt import base_type
-from karma.agent.reach import PARTS
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
@@ -31,7 +29,9 @@ from karma.contracts import (
     World,
 )
 from karma.errors import ModelError, ProgramError
+from karma.household.pieces import base_type
 from karma.household.types import object_types
+from karma.household.uses import BASIN_OF
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.scoring import Best, Chooser, Scoring, SkillScorer
 from karma.memory.scene_graph import SceneGraph
@@ -308,7 +308,7 @@ def _place_after(call: SkillCall, place: str) -> str:
     """Return where `put down` puts things: what was found last, until something else is done."""
     if call.skill == "Explore":
         name = call.objects[0]
-        return name if name in PARTS or object_types()[name].can("receptacle") else ""
+        return name if name in BASIN_OF or object_types()[name].can("receptacle") else ""
     return place if call.skill in _KEEPS_PLACE else ""
 
 

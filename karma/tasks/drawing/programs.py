@@ -9,9 +9,8 @@ closed container, no freeing of the hand.
 from collections.abc import Sequence
 from dataclasses import replace
 
-from karma.agent.inspector import SURFACES
-from karma.agent.prompt import landmark_types
 from karma.contracts import Area, Goal, SkillCall
+from karma.household.places import SURFACES, landmark_types
 from karma.tasks.expert import View, solve
 
 

@@ -6,8 +6,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from karma.agent.prompt import base_type, landmark_types
 from karma.contracts import Area, MemoryUnit
+from karma.household.pieces import base_type
+from karma.household.places import landmark_types
 from karma.household.types import ObjectType, object_types
 from karma.tasks.drawing.phrases import lexicon
 

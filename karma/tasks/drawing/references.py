@@ -7,8 +7,9 @@ that fit them, the one handled last, or else the one seen last.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from karma.agent.prompt import Facts, base_type
+from karma.agent.prompt import Facts
 from karma.contracts import MemoryUnit
+from karma.household.pieces import base_type
 from karma.tasks.drawing.phrases import Book, lexicon
 from karma.tasks.drawing.recollections import Rng, Room, pick, place_type, weighted
 

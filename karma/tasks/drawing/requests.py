@@ -5,8 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from karma.agent.prompt import base_type, landmark_types
 from karma.contracts import Goal
+from karma.household.pieces import base_type
+from karma.household.places import landmark_types
 from karma.household.types import ObjectType, object_types
 from karma.tasks.drawing.phrases import Book, lexicon
 from karma.tasks.drawing.recollections import Rng, pick

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from karma.agent.prompt import base_type
 from karma.contracts import SeenObject
+from karma.household.pieces import base_type
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
 from karma.tasks.drawing.recollections import Room

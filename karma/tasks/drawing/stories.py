@@ -13,8 +13,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from karma.agent.prompt import Facts, base_type, compact
+from karma.agent.prompt import Facts, compact
 from karma.contracts import Goal, MemoryUnit
+from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.recollections import Rng, Room, pick

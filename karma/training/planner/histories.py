@@ -6,8 +6,8 @@ No simulator runs: what a request leaves behind is written down by rule.
 from collections.abc import Callable
 from dataclasses import replace
 
-from karma.agent.prompt import base_type
 from karma.contracts import MemoryUnit
+from karma.household.pieces import base_type
 from karma.household.types import ObjectType, object_types
 from karma.tasks.drawing.phrases import lexicon
 from karma.tasks.drawing.recollections import CAPACITY, Rng, Room, pick, weighted

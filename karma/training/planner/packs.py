@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from karma.agent.program import SKILLS
-from karma.agent.prompt import landmark_types
+from karma.household.places import landmark_types
 from karma.household.types import object_types
 from karma.infer.llama.gguf_export import new_tokenizer
 from karma.seeds import stream

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from karma.agent.prompt import Facts, base_type, compact
+from karma.agent.prompt import Facts, compact
 from karma.contracts import MemoryUnit, SkillCall
+from karma.household.pieces import base_type
 from karma.tasks.drawing.alfred import Sentence, StepSentence, program_of
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.programs import plain_program

@@ -1,0 +1,64 @@
+"""Object ids: what type an id speaks of, what it was cut from, what is a part of what.
+
+AI2-THOR writes `Mug|x|y|z`; a part or a piece has its own name behind the whole's id:
+`Sink|x|y|z|SinkBasin`, `Apple|x|y|z|AppleSliced_2`. A type alone may stand for an id everywhere.
+"""
+
+_OF_A_PART = 5  # sections of an id with a part's name: type, x, y, z, part
+
+
+def type_of(object_id: str | None) -> str:
+    """Return the type of the object that an id names, "" for none.
+
+    >>> type_of("Mug"), type_of("Sink|+01.00|+00.90|-02.00|SinkBasin"), type_of(None)
+    ('Mug', 'SinkBasin', '')
+    >>> type_of("Apple|+01.00|+00.90|-02.00|AppleSliced_2")
+    'AppleSliced'
+    """
+    sections = (object_id or "").split("|")
+    return sections[0] if len(sections) < _OF_A_PART else sections[-1].partition("_")[0]
+
+
+def root_type(object_id: str) -> str:
+    """Return the type of the whole that an id begins with: a basin's sink, a slice's apple.
+
+    >>> root_type("Mug"), root_type("Sink|+01.00|+00.90|-02.00|SinkBasin")
+    ('Mug', 'Sink')
+    """
+    return object_id.partition("|")[0]
+
+
+def whole_id(object_id: str) -> str:
+    """Return the id of what a piece was cut from, or what a part is a part of.
+
+    >>> whole_id("Apple|+01.00|+00.90|-02.00|AppleSliced_2")
+    'Apple|+01.00|+00.90|-02.00'
+    """
+    return object_id.rpartition("|")[0]
+
+
+def part_id(object_id: str, part: str) -> str:
+    """Return the id of a part or piece of an object.
+
+    >>> part_id("Sink|+01.00|+00.90|-02.00", "SinkBasin")
+    'Sink|+01.00|+00.90|-02.00|SinkBasin'
+    """
+    return f"{object_id}|{part}"
+
+
+def is_part(object_id: str, of: str) -> bool:
+    """Return whether an id is that of a part or piece of another object.
+
+    >>> is_part("Apple|1|2|3|AppleSliced_2", of="Apple|1|2|3"), is_part("Mug|1", of="Mug|1")
+    (True, False)
+    """
+    return object_id.startswith(f"{of}|")
+
+
+def short_type(name: str) -> str:
+    """Return the type of a prompt's short name.
+
+    >>> short_type("Apple_2"), short_type("Apple")
+    ('Apple', 'Apple')
+    """
+    return name.partition("_")[0]

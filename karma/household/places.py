@@ -1,0 +1,48 @@
+"""Where things are: in the hand, put down, found; and the furniture worth a word."""
+
+from functools import cache
+
+from karma.household.types import object_types
+from karma.household.uses import (
+    BASINS,
+    BIN,
+    COFFEE_MACHINE,
+    FRIDGE,
+    KNOB,
+    MICROWAVE,
+    SINK,
+    TAPS,
+    TOASTER,
+)
+
+HAND = "hand"  # the place of what the agent holds
+FLOOR = "Floor"
+SURFACES = (
+    "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
+    "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Toilet", "Bathtub",
+)  # where to put something down, the best first  # fmt: skip
+LIKELY = (
+    "CounterTop", "DiningTable", "Desk", "CoffeeTable", "Dresser", "SideTable", "TVStand", "Bed",
+    "Sofa", "ArmChair", "Shelf", FRIDGE, SINK, "Cabinet", "Drawer", "Bathtub", "Toilet", BIN,
+    MICROWAVE,
+)  # where things are found, the likeliest first  # fmt: skip
+OVERLOOKED = frozenset(
+    (
+        *TAPS, TOASTER, COFFEE_MACHINE, "LightSwitch", "Blinds", "ToiletPaperHanger",
+        "HandTowelHolder", "TowelHolder",
+    )
+)  # fixed things so small that a map may lack them  # fmt: skip
+_NOT_WORTH_A_WORD = {FLOOR, "Chair", "Stool", KNOB, *BASINS, "Window"}
+
+
+@cache
+def landmark_types() -> frozenset[str]:
+    """Return the immovable types worth a word: things to put into, to open or to switch."""
+    useful = {"receptacle", "openable", "toggleable"}
+    return frozenset(
+        name
+        for name, kind in object_types().items()
+        if useful & set(kind.capabilities)
+        and "pickupable" not in kind.capabilities
+        and name not in _NOT_WORTH_A_WORD
+    )

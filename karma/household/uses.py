@@ -1,0 +1,72 @@
+"""What in a home is used for what: basins and taps, knives, burners, lamps, appliances."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from karma.household.pieces import base_type
+from karma.household.types import object_types
+
+# ----------------------------------------------------------------- water
+
+SINK = "Sink"
+FAUCET, SHOWER_HEAD = "Faucet", "ShowerHead"
+TAPS = (FAUCET, SHOWER_HEAD)
+BASIN_OF: Mapping[str, str] = MappingProxyType({SINK: "SinkBasin", "Bathtub": "BathtubBasin"})
+WHOLE_OF: Mapping[str, str] = MappingProxyType({basin: of for of, basin in BASIN_OF.items()})
+BASINS = tuple(WHOLE_OF)  # things are put into the basin, and lie in it
+TAP_OF: Mapping[str, str] = MappingProxyType(
+    {kind: FAUCET for pair in BASIN_OF.items() for kind in pair} | {"Shower": SHOWER_HEAD}
+)  # what is switched for it
+
+
+def without_basin(object_type: str) -> str:
+    """Return the type of a basin's sink or bathtub; anything else is its own.
+
+    >>> without_basin("SinkBasin"), without_basin("Mug")
+    ('Sink', 'Mug')
+    """
+    return WHOLE_OF.get(object_type, object_type)
+
+
+def with_basin(object_type: str) -> tuple[str, ...]:
+    """Return a type, and that of its basin if it has one.
+
+    >>> with_basin("Sink"), with_basin("Mug")
+    (('Sink', 'SinkBasin'), ('Mug',))
+    """
+    basin = BASIN_OF.get(object_type)
+    return (object_type, basin) if basin else (object_type,)
+
+
+def covers(name: str, object_type: str) -> bool:
+    """Return whether a type's name means such objects: of that type, its pieces, its basin.
+
+    >>> covers("Apple", "AppleSliced"), covers("Sink", "SinkBasin"), covers("SinkBasin", "Sink")
+    (True, True, False)
+    """
+    return name in (object_type, base_type(object_type)) or BASIN_OF.get(name) == object_type
+
+
+# ----------------------------------------------------------------- knives, fire, light
+
+KNIVES = ("Knife", "ButterKnife")  # the better one first
+STOVE, BURNER, KNOB = "Stove", "StoveBurner", "StoveKnob"  # a knob switches its burner
+SWITCHED_BY_A_PART = (BURNER, *BASIN_OF, *BASINS)  # a skill that switches them finds the part
+FOUND_BY_SKILL = (*TAPS, KNOB, BURNER, STOVE)  # of several, a skill knows which is meant
+LAMPS = ("DeskLamp", "FloorLamp")
+
+
+def has_a_switch(object_type: str) -> bool:
+    """Return whether a type is toggleable, or follows a knob of its own as burners do.
+
+    >>> has_a_switch("Microwave"), has_a_switch("StoveBurner"), has_a_switch("Sink")
+    (True, True, False)
+    """
+    return object_types()[object_type].can("toggleable") or object_type == BURNER
+
+
+# ----------------------------------------------------------------- where things are changed
+
+FRIDGE, MICROWAVE, TOASTER, COFFEE_MACHINE = "Fridge", "Microwave", "Toaster", "CoffeeMachine"
+BIN = "GarbageCan"
+MOMENTARY = frozenset((*TAPS, MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER, KNOB))
