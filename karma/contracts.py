@@ -7,7 +7,7 @@ degrees, down positive.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,32 @@ State = Literal[
     "heated", "cooked", "sliced", "cleaned", "dirty", "filled",
     "used up", "off", "on", "opened", "closed", "none",
 ]  # the 12 words of KARMA Fig. 10  # fmt: skip
+
+
+# ----------------------------------------------------------------- where it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneRef:
+    """A room: its name, which maps, memory and records use, and its file."""
+
+    name: str
+    path: str = ""  # "" for a room that the world knows by its name
+
+    @classmethod
+    def of(cls, source: str) -> Self:
+        """Return the room that a name or a path means.
+
+        >>> SceneRef.of("kitchen_1"), SceneRef.of("rooms/loft.json").name
+        (SceneRef(name='kitchen_1', path=''), 'loft')
+        """
+        name = Path(source).stem
+        return cls(name=name, path="" if name == source else source)
+
+    @property
+    def source(self) -> str:
+        """What `World.reset` takes."""
+        return self.path or self.name
 
 
 # ----------------------------------------------------------------- what the robot sees
@@ -153,6 +179,19 @@ class SkillCall:
             words = (f"'{p}'" if isinstance(p, str) else repr(p) for p in self.positions)
             parts.append(f"[{', '.join(words)}]")
         return f"{self.skill}({', '.join(parts)})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decoding:
+    """How a planner's answers are drawn."""
+
+    constrained: bool = True  # only programs that parse
+    temperature: float = 0.0
+    retry_temperature: float = 0.6  # once a program has failed, the same again will not help
+    seed: int = 0
+    max_tokens: int = 512
+    attempts: int = 4  # per request; later ones quote the error
+    inspected: bool = True  # see `karma.agent.inspector`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -427,18 +466,24 @@ class Knowledge(Protocol):
         """Return the area nodes to search, in order; () without long-term memory."""
 
 
-class Method(Protocol):
-    """One way of acting on instructions: a row of KARMA Table 1."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resources:
+    """What a run has loaded once, for all of its methods."""
 
-    name: str
+    model: LanguageModel  # the planner's
+    profile: str  # of its prompts: "compact" or "full"
+    decoding: Decoding = Decoding()
+    recall: Recall
+    vision: VisionModel
+    embedder: Embedder | None = None  # of texts, e.g. to find examples by their instructions
+    maps: Path | None = None  # folder of long-term memories
+    learn: bool = False  # write what episodes learn back to it
 
-    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
-        """Start an episode: volatile memory emptied, long-term memory loaded or built.
 
-        `folder` takes what the episode leaves behind (images).
-        """
+class Episode(Protocol):
+    """One sequence of instructions being carried out, with its world and its memory."""
 
-    def enter(self, scene: str) -> None:
+    def enter(self, scene: SceneRef) -> None:
         """Note that the agent, and its world, are now in that room of the home.
 
         What is remembered of other rooms stays, and short-term memory goes on. A room's first visit
@@ -448,5 +493,31 @@ class Method(Protocol):
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Carry out one instruction; yields what happens as it happens, `Outcome` last.
 
-        Only the symbolic teacher may look at `subtask.goals`.
+        Only the expert may look at `subtask.goals`.
+        """
+
+
+class Method(Protocol):
+    """One way of acting on instructions: a row of KARMA Table 1."""
+
+    @property
+    def name(self) -> str:
+        """What a table calls the row."""
+
+    @classmethod
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
+        """Make the row from what a run has loaded and from the row's options.
+
+        Raises:
+            KarmaError: an option is unknown or of the wrong type, or a resource is missing.
+        """
+
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> Episode:
+        """Start an episode: volatile memory empty, long-term memory loaded or built.
+
+        Args:
+            world: has been reset to `scene`, and is at its start again afterwards.
+            scene: the first room.
+            seed: of the method's own draws.
+            folder: takes what the episode leaves behind (images).
         """

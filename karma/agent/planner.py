@@ -1,29 +1,17 @@
 """From what the agent knows to a program: prompt, model, parser, with bounded retries."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Self
 
 from karma.agent.inspector import mend, objection
 from karma.agent.program import SKILLS, parse_program
 from karma.agent.prompt import Facts, render
-from karma.contracts import LanguageModel, Plan, ProgramSpec, SkillCall
+from karma.contracts import Decoding, LanguageModel, Plan, ProgramSpec, Resources, SkillCall
 from karma.errors import ProgramError
 from karma.household.ids import type_of
 from karma.household.places import OVERLOOKED, landmark_types
 from karma.household.types import object_types
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decoding:
-    """How answers are drawn."""
-
-    constrained: bool = True  # only programs that parse
-    temperature: float = 0.0
-    retry_temperature: float = 0.6  # once a program has failed, the same again will not help
-    seed: int = 0
-    max_tokens: int = 512
-    attempts: int = 4  # per request; later ones quote the error
-    inspected: bool = True  # see `karma.agent.inspector`
 
 
 class Planner:
@@ -41,6 +29,11 @@ class Planner:
         self.model = model
         self.profile = profile
         self.decoding = decoding or Decoding()
+
+    @classmethod
+    def of(cls, resources: Resources) -> Self:
+        """Return the planner that a run has loaded."""
+        return cls(resources.model, resources.profile, resources.decoding)
 
     def plan(self, facts: Facts) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.

@@ -7,14 +7,13 @@ in the scene as it is, or while something is done in it before it was asked for.
 """
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from karma.contracts import Event, Task, World
+from karma.contracts import Event, SceneRef, Task, World
 from karma.errors import KarmaError
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import OracleEpisode
 from karma.seeds import stream
 from karma.tasks.goals import GoalTracker, WatchedWorld, object_names
 
@@ -165,8 +164,7 @@ def faults(world: World, task: Task) -> Faults:
     """
     tracker = GoalTracker()
     watched = WatchedWorld(world, tracker)
-    teacher = OracleMethod()
-    teacher.begin(watched, task.scene, seed=0, folder=Path())
+    teacher = OracleEpisode(watched, SceneRef.of(task.scene))
     tracker.start(world.last_event)
     found = {("done", number) for number in _done_already(task, tracker, world.last_event)}
     for number, subtask in enumerate(task.subtasks):

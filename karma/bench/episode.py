@@ -17,10 +17,12 @@ from karma.bench.records import (
 )
 from karma.bench.steps import Enter, LoggedWorld, StepLog
 from karma.contracts import (
+    Episode,
     MemoryUnit,
     Method,
     Outcome,
     Plan,
+    SceneRef,
     SkillResult,
     SubTask,
     Task,
@@ -96,7 +98,8 @@ def run_episode(
     ledger, cassette = ledger or Ledger(), cassette or Cassette()
     steps, times = steps or StepLog(), times or TimeLog()
     cassette.begin(f"{row}/{task.id}/{seed}")
-    first = Path(task.scenes[0]).stem
+    scenes = tuple(map(SceneRef.of, task.scenes))
+    first = scenes[0].name
     tracker = GoalTracker()
     done: list[SubTaskRecord] = []
     tours: dict[str, Tour] = {}
@@ -104,17 +107,16 @@ def run_episode(
     try:
         world = (starts or Starts()).of(LoggedWorld(world, steps), task, seed)
         watched = WatchedWorld(world, tracker)
-        _walk_through(method, watched, task.scenes, seed=seed, folder=folder)
+        episode = _begun(method, watched, scenes, seed=seed, folder=folder)
         steps.start(first, seed)
         tracker.start(world.last_event)
-        part = _Part(method, watched, tracker, ledger, cassette, steps, times, tours)
+        part = _Part(method.name, episode, watched, tracker, ledger, cassette, steps, times, tours)
         for number, subtask in enumerate(task.subtasks):
-            scene = subtask.scene or task.scene
+            scene = SceneRef.of(subtask.scene or task.scene)
             if task.kind == "sequence":
                 part.go(home, scene)
-            room = Path(scene).stem
-            one = part.run(number, subtask, room)
-            done.append(one if room == first else replace(one, scene=room))
+            one = part.run(number, subtask, scene.name)
+            done.append(one if scene.name == first else replace(one, scene=scene.name))
     except (CassetteError, UnwritableError):
         raise  # nothing that the agent did
     except KarmaError as failure:
@@ -136,28 +138,30 @@ def run_episode(
     )
 
 
-def _walk_through(
-    method: Method, world: World, scenes: tuple[str, ...], *, seed: int, folder: Path
-) -> None:
+def _begun(
+    method: Method, world: World, scenes: tuple[SceneRef, ...], *, seed: int, folder: Path
+) -> Episode:
     """Show a method all rooms once; afterwards they are as they were, and it is in the first."""
     first, *others = scenes
-    world.reset(first)
-    method.begin(world, first, seed=seed, folder=folder)
+    world.reset(first.source)
+    episode = method.begin(world, first, seed=seed, folder=folder)
     for scene in others:
-        world.reset(scene)
-        method.enter(scene)
+        world.reset(scene.source)
+        episode.enter(scene)
     if others:
-        world.reset(first)
-        method.enter(first)
+        world.reset(first.source)
+        episode.enter(first)
         for scene in (*others, first):
-            world.reset(scene)
+            world.reset(scene.source)
+    return episode
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
     """What the instructions of one episode share."""
 
-    method: Method
+    method: str  # its name
+    episode: Episode
     world: World
     tracker: GoalTracker
     ledger: Ledger
@@ -166,12 +170,12 @@ class _Part:
     times: TimeLog
     tours: dict[str, Tour]  # takes by room what made the maps that were used
 
-    def go(self, home: Home | None, scene: str) -> None:
+    def go(self, home: Home | None, scene: SceneRef) -> None:
         """Be in a room for a task by itself: what earlier ones brought about does not count."""
-        if home is not None and home.scene != scene:
-            home.enter(scene)
-            self.steps.add(Enter(scene=Path(scene).stem))
-            self.method.enter(scene)
+        if home is not None and home.scene != scene.source:
+            home.enter(scene.source)
+            self.steps.add(Enter(scene=scene.name))
+            self.episode.enter(scene)
         self.tracker.start(self.world.last_event)
 
     def run(self, number: int, subtask: SubTask, room: str) -> SubTaskRecord:
@@ -182,7 +186,7 @@ class _Part:
         results: list[SkillResult] = []
         outcome: Outcome | None = None
         begun = self.cassette.clock()
-        for moment in self.method.do(subtask):
+        for moment in self.episode.do(subtask):
             if isinstance(moment, Outcome):
                 outcome = moment
                 continue
@@ -193,7 +197,7 @@ class _Part:
                 results.append(moment)
         seconds = self.cassette.clock() - begun
         if outcome is None:
-            raise KarmaError(f"{self.method.name} ended an instruction without an outcome")
+            raise KarmaError(f"{self.method} ended an instruction without an outcome")
         unmet = tuple(str(g) for g in self.tracker.unmet(subtask.goals, self.world.last_event))
         self.steps.outcome(outcome, unmet)
         if outcome.tour is not None:

@@ -11,15 +11,13 @@ from typing import Any
 import msgspec
 
 from karma import registry
-from karma.agent.planner import Decoding, Planner
 from karma.bench.days import check_seeds
 from karma.bench.precision import MAX_SEEDS, Precision
-from karma.contracts import LanguageModel, Task
+from karma.contracts import Decoding, LanguageModel, Resources, Task
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.manifest.manifest import resolve_planner
-from karma.methods.resources import Kit
 from karma.tasks.authors import load_authors_tasks, resolve
 from karma.tasks.files import load_tasks
 from karma.world.core.scene import Scene
@@ -228,14 +226,14 @@ def beside(path: str) -> Path:
     return Path(shared) / inside if shared and inside != path else Path(path)
 
 
-def make_kit(
+def load_resources(
     models: Models,
     *,
     maps: Path | None,
     seed: int,
     learn: bool = False,
     session: Session | None = None,
-) -> Kit:
+) -> Resources:
     """Load the models of a run, each once.
 
     Raises:
@@ -246,8 +244,10 @@ def make_kit(
     model, profile = _language_model(models, session)
     decoding = Decoding(constrained=models.constrained, temperature=models.temperature, seed=seed)
     embedder = _filled("embedders", models.embedder, models.hosted.embedder, session)
-    return Kit(
-        planner=Planner(model, profile, decoding),
+    return Resources(
+        model=model,
+        profile=profile,
+        decoding=decoding,
         recall=registry.load("recalls", models.recall)(embedder, text=models.recall_text),
         vision=_filled("vision_models", models.vision, models.hosted.vision, session),
         maps=maps,

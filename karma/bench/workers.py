@@ -21,14 +21,13 @@ from pathlib import Path
 from karma import registry
 from karma.bench.days import Starts
 from karma.bench.episode import TimeLog, run_episode
-from karma.bench.experiment import Models, Row, make_kit
+from karma.bench.experiment import Models, Row, load_resources
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import Finished
 from karma.bench.steps import StepLog
-from karma.contracts import Method, Task, World
+from karma.contracts import Method, Resources, SceneRef, Task, World
 from karma.errors import KarmaError
 from karma.infer.hosted.session import Session
-from karma.methods.resources import Kit
 from karma.methods.tour import survey
 from karma.offline import go_offline, settle
 from karma.world.home import Home
@@ -82,21 +81,21 @@ class Performer:
 
     def __init__(self, stage: Stage, session: Session | None = None) -> None:
         self._stage, self._session = stage, session or Session()
-        kit = make_kit(
+        resources = load_resources(
             stage.models, maps=stage.folder / MAPS, seed=stage.seed, session=self._session
         )
         self._make: Callable[[], World] = registry.load("worlds", stage.world)
         self._world = self._make()
         self._starts = Starts()
         self._methods = {  # all of them now: a wrong row must not come to light hours later
-            row.name: _built(row, kit) for row in stage.rows
+            row.name: _built(row, resources) for row in stage.rows
         }
 
     def do(self, job: Job) -> Finished:
         """Do one episode."""
         if job.seed:
             for scene in job.task.scenes:
-                self._know(scene)
+                self._know(SceneRef.of(scene))
         steps, times = StepLog(), TimeLog()
         with self._worlds(job.task) as world:
             record = self._record(job, world, steps, times)
@@ -131,27 +130,27 @@ class Performer:
             starts=self._starts,
         )
 
-    def _know(self, scene: str) -> None:
+    def _know(self, scene: SceneRef) -> None:
         """Have a map of a room as it is, before somebody makes one of it on another day."""
-        path = self._stage.folder / MAPS / f"{Path(scene).stem}.json"
+        path = self._stage.folder / MAPS / f"{scene.name}.json"
         if path.exists():
             return
         try:
-            self._world.reset(scene)
+            self._world.reset(scene.source)
             graph, _ = survey(self._world, scene, None)
         except KarmaError:  # the episode will record why
             return
         graph.save(path)
 
 
-def _built(row: Row, kit: Kit) -> Method:
+def _built(row: Row, resources: Resources) -> Method:
     """Return the method of a row.
 
     Raises:
         KarmaError: it has an option that the method does not know, or of the wrong type.
     """
     try:
-        method: Method = registry.load("methods", row.method).build(kit, row.options)
+        method: Method = registry.load("methods", row.method).build(resources, row.options)
     except KarmaError as error:
         raise KarmaError(f"row {row.name!r}: {error}") from error
     return method
@@ -318,7 +317,7 @@ def lost_episode(job: Job, cause: str) -> Finished:
         row=job.row,
         task=job.task.id,
         kind=job.task.kind,
-        scene=Path(job.task.scenes[0]).stem,
+        scene=SceneRef.of(job.task.scenes[0]).name,
         seed=job.seed,
         notes=job.task.notes,
         subtasks=(),

@@ -60,10 +60,10 @@ def run_command(
     from rich.live import Live
 
     from karma import registry
-    from karma.bench.experiment import Models, make_kit
+    from karma.bench.experiment import Models, load_resources
     from karma.bench.records import Call
     from karma.cli import show
-    from karma.contracts import Outcome, SkillResult, SubTask
+    from karma.contracts import Outcome, SceneRef, SkillResult, SubTask
     from karma.infer.hosted.session import Session
     from karma.methods.karma import KarmaMethod
 
@@ -72,7 +72,7 @@ def run_command(
     with console.status("loading models ..."):
         session = Session(_cassette(cassette, cassette_mode))
         session.cassette.begin("run")
-        kit = make_kit(
+        resources = load_resources(
             Models(
                 planner=planner,
                 profile=profile,
@@ -93,15 +93,15 @@ def run_command(
             "recall_k": recall_k,
             "query": "subtask",
         }
-        method = KarmaMethod.build(kit, options)
+        method = KarmaMethod.build(resources, options)
         world = registry.load("worlds", "embedded")()
         world.reset(scene)
     with console.status(escape(f"getting to know {scene} ...")):
-        method.begin(world, scene, seed=seed, folder=maps.parent)
-    if method.graph is not None:
-        areas = method.graph.areas()
+        episode = method.begin(world, SceneRef.of(scene), seed=seed, folder=maps.parent)
+    if episode.graph is not None:
+        areas = episode.graph.areas()
         console.print(
-            f"long-term memory: {len(areas)} areas, {len(method.graph.objects())} objects"
+            f"long-term memory: {len(areas)} areas, {len(episode.graph.objects())} objects"
         )
     lines = []
     finished = True
@@ -109,7 +109,7 @@ def run_command(
         view = show.InstructionView(number, text)
         calls: list[SkillResult] = []
         with Live(view, console=console, refresh_per_second=12) as live:
-            for moment in method.do(SubTask(instruction=text, whole=instruction)):
+            for moment in episode.do(SubTask(instruction=text, whole=instruction)):
                 view.add(moment)
                 live.update(view)
                 if isinstance(moment, SkillResult):
@@ -119,7 +119,7 @@ def run_command(
         if not console.is_terminal:
             console.print()
         lines.append({"instruction": text, "calls": [Call.of(call) for call in calls]})
-    console.print(show.memory_table(method.short_term.units(), "short-term memory now"))
+    console.print(show.memory_table(episode.short_term.units(), "short-term memory now"))
     spent = session.ledger.take()
     if spent:
         console.print(escape(show.spent_text(spent)), soft_wrap=True)

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from karma.contracts import Goal, SubTask, Task
+from karma.contracts import Goal, SceneRef, SubTask, Task
 from karma.errors import KarmaError
 from karma.household.types import object_type
 from karma.household.uses import BASIN_OF
 from karma.lab.tasks import Errand, Pool
 from karma.lab.workloads import TRIES, Draws, Workload, draws
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import OracleEpisode
 from karma.seeds import stream
 from karma.tasks.files import check_goal
 from karma.tasks.goals import GoalTracker, WatchedWorld, alternatives, object_names
@@ -188,7 +188,7 @@ class Walk:
         self._tracker = GoalTracker()
         self._home = Home(self._make)
         self._watched = WatchedWorld(self._home, self._tracker)
-        self._teacher = OracleMethod()
+        self._teacher: OracleEpisode | None = None  # None before the first room
         self._refused: dict[tuple[str, tuple[Goal, ...]], str] = {}  # as things are now
 
     @property
@@ -213,7 +213,7 @@ class Walk:
         teacher = deepcopy(self._teacher, {id(self._watched): self._watched})
         before = self.moments
         try:
-            self._enter(teacher, errand.scene)
+            teacher = self._entered(teacher, errand.scene)
             before = {**self.moments, **before}  # a room at its first visit
             reason = self._done(teacher, errand)
         except KarmaError:
@@ -230,15 +230,17 @@ class Walk:
         self._home.enter(here)
         return reason
 
-    def _enter(self, teacher: OracleMethod, scene: str) -> None:
-        if not self._home.scene:
+    def _entered(self, teacher: OracleEpisode | None, scene: str) -> OracleEpisode:
+        """Return the teacher in a room, where it begins if it is nowhere yet."""
+        if teacher is None:
             self._home.reset(scene)
-            teacher.begin(self._watched, scene, seed=0, folder=Path())
-        elif scene != self._home.scene:
+            return OracleEpisode(self._watched, SceneRef.of(scene))
+        if scene != self._home.scene:
             self._home.enter(scene)
-            teacher.enter(scene)
+            teacher.enter(SceneRef.of(scene))
+        return teacher
 
-    def _done(self, teacher: OracleMethod, errand: Errand) -> str:
+    def _done(self, teacher: OracleEpisode, errand: Errand) -> str:
         """Let the teacher do a task in its room, and judge as an episode does."""
         event = self._home.last_event
         self._tracker.start(event)

@@ -16,6 +16,8 @@ from karma.contracts import (
     Known,
     Outcome,
     Plan,
+    Resources,
+    SceneRef,
     SkillCall,
     SkillResult,
     SubTask,
@@ -25,7 +27,7 @@ from karma.household.ids import whole_id
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import HAND, SURFACES
 from karma.household.uses import SINK
-from karma.methods.resources import Kit, settings_of
+from karma.methods.options import settings_of
 from karma.tasks.expert import Thing, View, solve
 from karma.tasks.goals import GoalTracker, WatchedWorld, alternatives, is_position, object_names
 
@@ -42,34 +44,39 @@ class OracleMethod:
 
     name = "oracle"
 
-    def __init__(self) -> None:
-        self._world: World | None = None
-        self._tracker = GoalTracker()
-        self._used: list[str] = []  # ids of this room, the last used last
-        self._used_in: dict[str, list[str]] = {}  # by room
-
     @classmethod
-    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row; it has no options."""
         settings_of(_NoOptions, options)
         return cls()
 
-    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "OracleEpisode":
         """Start an episode; nothing is kept from an earlier one."""
-        self._world, self._used_in = WatchedWorld(world, self._tracker), {}
-        self.enter(scene)
+        return OracleEpisode(world, scene)
 
-    def enter(self, scene: str) -> None:
+
+class OracleEpisode:
+    """One sequence of instructions; what was used in each room is known.
+
+    Args:
+        world: has been reset to `scene`.
+        scene: the first room.
+    """
+
+    def __init__(self, world: World, scene: SceneRef) -> None:
+        self._tracker = GoalTracker()
+        self._world = WatchedWorld(world, self._tracker)
+        self._used: list[str] = []  # ids of this room, the last used last
+        self._used_in = {scene: self._used}
+        self._tracker.start(world.last_event)
+
+    def enter(self, scene: SceneRef) -> None:
         """Be in a room; what was used in it before is known."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
         self._used = self._used_in.setdefault(scene, [])
         self._tracker.start(self._world.last_event)
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Solve what is not true yet, and again if something went wrong."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
         if subtask.is_whole:
             self._tracker.start(self._world.last_event)
         self._tracker.begin_subtask()
@@ -92,7 +99,7 @@ class OracleMethod:
 
     def _program(self, goals: tuple[Goal, ...]) -> tuple[SkillCall, ...]:
         """Write the program for goals whose names are bound to objects of the scene."""
-        if self._world is None or not goals:
+        if not goals:
             return ()
         view, ids = _view(self._world.last_event, self._used)
         bound = [_bound(goal, view, ids) for goal in goals]

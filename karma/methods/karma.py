@@ -15,6 +15,8 @@ from karma.contracts import (
     Outcome,
     Plan,
     Recall,
+    Resources,
+    SceneRef,
     SkillResult,
     SubTask,
     Vec3,
@@ -28,7 +30,7 @@ from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory, merged
 from karma.methods.experience import fresh_units
-from karma.methods.resources import Kit, settings_of
+from karma.methods.options import settings_of
 from karma.methods.tour import survey
 
 
@@ -71,52 +73,62 @@ class KarmaMethod:
     ) -> None:
         self.settings = settings or KarmaSettings()
         self.name = _name(self.settings)
-        self.short_term = ShortTermMemory(make_policy(self.settings.policy))
-        self._planner, self._recall, self._vision = planner, recall, vision
-        self._maps, self._learn = maps, learn
-        self._graphs: dict[str, SceneGraph] = {}  # by the room's name
-        self._scene = ""  # name of the room that the agent is in
-        self._world: World | None = None
-        self._folder: Path | None = None
+        self.planner, self.recall, self.vision = planner, recall, vision
+        self.maps, self.learn = maps, learn
+        make_policy(self.settings.policy)  # a wrong one is refused before the first episode
 
     @classmethod
-    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make a row from its options (the fields of `KarmaSettings`).
 
         Raises:
             KarmaError: an option is unknown or of the wrong type.
         """
         return cls(
-            kit.planner,
-            kit.recall,
-            kit.vision,
+            Planner.of(resources),
+            resources.recall,
+            resources.vision,
             settings_of(KarmaSettings, options),
-            maps=kit.maps,
-            learn=kit.learn,
+            maps=resources.maps,
+            learn=resources.learn,
         )
+
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "KarmaEpisode":
+        """Start an episode: short-term memory empty, long-term memory loaded or explored."""
+        return KarmaEpisode(self, world, scene, folder)
+
+
+class KarmaEpisode:
+    """One sequence of instructions, with short-term memory and a map of each room entered.
+
+    Args:
+        method: models and settings.
+        world: has been reset to `scene`.
+        scene: the first room.
+        folder: takes the pictures that were looked at.
+    """
+
+    def __init__(self, method: KarmaMethod, world: World, scene: SceneRef, folder: Path) -> None:
+        self.settings = method.settings
+        self.short_term = ShortTermMemory(make_policy(self.settings.policy))
+        self._planner, self._recall, self._vision = method.planner, method.recall, method.vision
+        self._maps, self._learn = method.maps, method.learn
+        self._world, self._folder = world, folder
+        self._graphs: dict[str, SceneGraph] = {}  # by the room's name
+        self._scene = scene.name  # of the room that the agent is in
+        self.enter(scene)
 
     @property
     def graph(self) -> SceneGraph | None:
         """Long-term memory of the room that the agent is in."""
         return self._graphs.get(self._scene)
 
-    # ------------------------------------------------------------- an episode
-
-    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
-        """Start an episode: short-term memory empty, long-term memory loaded or explored."""
-        self._world, self._folder = world, folder
-        self.short_term.clear()
-        self._graphs.clear()
-        self.enter(scene)
-
-    def enter(self, scene: str) -> None:
+    def enter(self, scene: SceneRef) -> None:
         """Be in a room: each has a map of its own; short-term memory is one for all."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
         for unit in self.short_term.units():
             if unit.place_id == HAND:  # it was put down at the door
                 self.short_term.correct(replace(unit, place_id=None))
-        self._scene = Path(scene).stem
+        self._scene = scene.name
         if self.settings.long_term and self._scene not in self._graphs:
             saved = self._map_path()
             graph, is_new = survey(self._world, scene, saved)
@@ -130,8 +142,6 @@ class KarmaMethod:
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Plan and act until a program succeeds or the attempts are used up; then remember."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
         resident = self.short_term.units()
         recalled = self._recalled(subtask)
         by_name = self.settings.short_term and self.settings.by_name

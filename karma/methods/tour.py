@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from karma.agent.skills import Skills
-from karma.contracts import Area, Known, SkillCall, Tour, Vec3, World
+from karma.contracts import Area, Known, SceneRef, SkillCall, Tour, Vec3, World
 from karma.memory.scene_graph import SceneGraph
 
 LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
 
 
-def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bool]:
+def survey(world: World, scene: SceneRef, saved: Path | None) -> tuple[SceneGraph, bool]:
     """Return long-term memory of a scene and whether it was made just now.
 
     The world is back at the scene's start afterwards, whether the map was loaded or explored.
@@ -36,8 +36,8 @@ def survey(world: World, scene: str, saved: Path | None) -> tuple[SceneGraph, bo
         skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
         skills.look_around()
         graph.observe(skills.seen.values())
-    graph.tour = Tour(scene=Path(scene).stem, places=len(lookouts), actions=skills.actions)
-    world.reset(scene)
+    graph.tour = Tour(scene=scene.name, places=len(lookouts), actions=skills.actions)
+    world.reset(scene.source)
     return graph, True
 
 

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.planner import Decoding, Planner, grounded, program_spec
+from karma.agent.planner import Planner, grounded, program_spec
 from karma.agent.program import SKILLS, parse_program
 from karma.agent.prompt import Facts, compact
-from karma.contracts import Area, MemoryUnit, SkillCall
+from karma.contracts import Area, Decoding, MemoryUnit, SkillCall
 from karma.errors import ModelError
 from karma.household.places import landmark_types
 from karma.infer.llama.constrain import ProgramAutomaton

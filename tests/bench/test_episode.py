@@ -158,7 +158,7 @@ class Mute:
     name = "mute"
 
     def begin(self, world, scene, *, seed, folder):
-        pass
+        return self
 
     def do(self, subtask):
         return iter(())

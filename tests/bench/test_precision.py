@@ -143,19 +143,23 @@ def test_precision_that_makes_no_sense_is_refused(width, seeds):
 
 
 COIN = """
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import OracleEpisode
 from karma.contracts import Outcome
 from karma.seeds import stream
 
-class Coin(OracleMethod):
+class Coin:
     name = "coin"
 
     @classmethod
-    def build(cls, kit, options):
+    def build(cls, resources, options):
         return cls()
 
     def begin(self, world, scene, *, seed, folder):
-        super().begin(world, scene, seed=seed, folder=folder)
+        return Toss(world, scene, seed)
+
+class Toss(OracleEpisode):
+    def __init__(self, world, scene, seed):
+        super().__init__(world, scene)
         self._seed, self._works = seed, None
 
     def do(self, subtask):

@@ -27,11 +27,12 @@ class Deadly:
     name = "deadly"
 
     @classmethod
-    def build(cls, kit, options):
+    def build(cls, resources, options):
         return cls()
 
     def begin(self, world, scene, *, seed, folder):
         self._folder = folder
+        return self
 
     def do(self, subtask):
         mark = self._folder / "once"

@@ -13,7 +13,7 @@ import pytest
 from support import tiny_models
 from support.tiny import export_tiny
 
-from karma.bench.experiment import Models, make_kit
+from karma.bench.experiment import Models, load_resources
 from karma.contracts import MemoryUnit
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.embed.clip import ClipEmbedder, unit_vectors
@@ -143,16 +143,18 @@ def test_sentence_embedder_agrees_with_the_batched_reference(models):
 def test_experiment_recalls_by_the_model_it_names(kind, folders, tmp_path):
     planner = export_tiny(tmp_path / "tiny.gguf")
     chosen = Models(planner=str(planner), embedder=f"{kind}:{folders[kind]}")
-    kit = make_kit(chosen, maps=None, seed=0)
+    resources = load_resources(chosen, maps=None, seed=0)
     units = [
         MemoryUnit(object_id=name, object_type=name, position_m=(0, 0, 0))
         for name in ("Mug", "Apple", "Sofa")
     ]
-    found = kit.recall.recall("bring me the apple", units, 2)
+    found = resources.recall.recall("bring me the apple", units, 2)
     assert len(found) == 2
     assert found[0].similarity >= found[1].similarity
     with pytest.raises(UnknownNameError, match="org/model"):
-        make_kit(Models(planner=str(planner), embedder=f"{kind}:org/model"), maps=None, seed=0)
+        load_resources(
+            Models(planner=str(planner), embedder=f"{kind}:org/model"), maps=None, seed=0
+        )
 
 
 # ------------------------------------------------------------------------------ detection

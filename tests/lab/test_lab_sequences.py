@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from karma.bench.episode import run_episode
 from karma.cli import app
+from karma.contracts import SceneRef
 from karma.errors import KarmaError
 from karma.lab.sequences import (
     DONE,
@@ -34,7 +35,7 @@ from karma.lab.sequences import (
 from karma.lab.tasks import Errand, Finds, Pool, alfred_pool, shipped_pool
 from karma.lab.trace import read_traces
 from karma.lab.workloads import TRIES, WORKLOADS, draw_errands, draws
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import OracleEpisode, OracleMethod
 from karma.tasks.files import load_tasks, required_types, write_tasks
 from karma.tasks.goals import GoalTracker, parse_goal
 from karma.world.core.scene import load
@@ -202,15 +203,15 @@ def test_oracle_of_an_episode_does_every_task(workload, drawn, tmp_path):
 @pytest.mark.parametrize("workload", WORKLOADS)
 def test_no_task_is_done_when_its_turn_comes(workload, drawn, ours):
     """Said by an episode's own tracker, started anew for each task."""
-    home, tracker, oracle = Home(EmbeddedWorld), GoalTracker(), OracleMethod()
+    home, tracker = Home(EmbeddedWorld), GoalTracker()
     for number, sub in enumerate(drawn[workload].task.subtasks):
         scene = sub.scene or drawn[workload].task.scene
         if not number:
             home.reset(scene)
-            oracle.begin(home, scene, seed=0, folder=None)
+            oracle = OracleEpisode(home, SceneRef.of(scene))
         elif scene != home.scene:
             home.enter(scene)
-            oracle.enter(scene)
+            oracle.enter(SceneRef.of(scene))
         tracker.start(home.last_event)
         assert tracker.unmet(sub.goals, home.last_event), sub
         for _ in oracle.do(replace(sub, whole=sub.instruction)):

@@ -5,11 +5,10 @@ from support.household import kitchen
 
 from karma.agent.planner import Planner
 from karma.agent.program import parse_program
-from karma.contracts import Outcome, Plan, SeenObject, SkillResult, SubTask
+from karma.contracts import Outcome, Plan, Resources, SceneRef, SeenObject, SkillResult, SubTask
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
-from karma.memory.recall import CosineRecall
 from karma.methods.capeam.frames import Frame, Step, expand, read
 from karma.methods.capeam.memory import ANYWHERE, EnvironmentMemory
 from karma.methods.capeam.method import CapeamMethod, CapeamSettings
@@ -270,19 +269,19 @@ def start(tmp_path):
     path = tmp_path / "handmade.json"
     path.write_bytes(to_json(kitchen()))
 
-    def begin(answers, **settings):
+    def begin(answers, seed=0, **settings):
         method = CapeamMethod(
             Planner(ScriptedModel(answers), "compact"), CapeamSettings(**settings)
         )
         world = EmbeddedWorld(path)
-        method.begin(world, str(path), seed=0, folder=tmp_path)
-        return method, world
+        episode = method.begin(world, SceneRef.of(str(path)), seed=seed, folder=tmp_path)
+        return episode, world
 
     return begin
 
 
-def do(method, text):
-    return list(method.do(SubTask(instruction=text, goals=())))
+def do(episode, text):
+    return list(episode.do(SubTask(instruction=text, goals=())))
 
 
 def texts(moments):
@@ -294,8 +293,8 @@ def texts(moments):
 
 
 def test_washing_follows_the_table_and_leaves_the_apple_in_the_sink(start):
-    method, _ = start(["\n".join((*FETCH_APPLE, *WASH_APPLE))])
-    moments = do(method, "wash the apple")
+    episode, _ = start(["\n".join((*FETCH_APPLE, *WASH_APPLE))])
+    moments = do(episode, "wash the apple")
     assert texts(moments) == [
         ("PickupObject", "Apple"),
         ("PutObject", "Apple", "SinkBasin"),
@@ -310,9 +309,9 @@ def test_washing_follows_the_table_and_leaves_the_apple_in_the_sink(start):
 
 def test_thing_that_is_shut_in_is_opened_for_and_closed_again(start):
     put = ("PutObject(robot, 'Apple', 'Fridge')",)
-    method, _ = start(["\n".join((*FETCH_APPLE, *put)), "\n".join(FETCH_APPLE)])
-    do(method, "put the apple away")
-    moments = do(method, "take the apple")
+    episode, _ = start(["\n".join((*FETCH_APPLE, *put)), "\n".join(FETCH_APPLE)])
+    do(episode, "put the apple away")
+    moments = do(episode, "take the apple")
     assert texts(moments) == [
         ("OpenObject", "Fridge"), ("PickupObject", "Apple"), ("CloseObject", "Fridge")
     ]  # fmt: skip
@@ -320,8 +319,8 @@ def test_thing_that_is_shut_in_is_opened_for_and_closed_again(start):
 
 
 def test_planner_is_asked_once_whatever_fails(start):
-    method, _ = start(["GoToObject(robot, 'Boots')\nPickupObject(robot, 'Boots')"], steps=200)
-    moments = do(method, "bring boots")
+    episode, _ = start(["GoToObject(robot, 'Boots')\nPickupObject(robot, 'Boots')"], steps=200)
+    moments = do(episode, "bring boots")
     assert [isinstance(m, Plan) for m in moments].count(True) == 1
     assert not moments[-1].finished
     spent = sum(m.actions for m in moments if isinstance(m, SkillResult))
@@ -329,8 +328,8 @@ def test_planner_is_asked_once_whatever_fails(start):
 
 
 def test_unsupported_sub_goal_is_a_refusal_and_the_rest_is_done(start):
-    method, _ = start(["BreakObject(robot, 'Plate')\n" + "\n".join(FETCH_APPLE)])
-    moments = do(method, "smash the plate")
+    episode, _ = start(["BreakObject(robot, 'Plate')\n" + "\n".join(FETCH_APPLE)])
+    moments = do(episode, "smash the plate")
     refused = next(m for m in moments if isinstance(m, SkillResult))
     assert (refused.ok, refused.reason) == (False, "CAPEAM has no sub-goal for it")
     assert texts(moments)[-1] == ("PickupObject", "Apple")
@@ -338,31 +337,30 @@ def test_unsupported_sub_goal_is_a_refusal_and_the_rest_is_done(start):
 
 
 def test_answer_that_never_parses_ends_unfinished(start):
-    method, _ = start(["I would rather not."] * 4)
-    *plans, outcome = do(method, "go")
+    episode, _ = start(["I would rather not."] * 4)
+    *plans, outcome = do(episode, "go")
     assert all(isinstance(plan, Plan) for plan in plans)
     assert isinstance(outcome, Outcome)
     assert not outcome.finished
 
 
 def test_what_is_nowhere_is_given_up_when_everything_was_looked_at_once(start):
-    method, _ = start(["PickupObject(robot, 'Boots')"])
-    *moments, outcome = do(method, "bring the boots")
+    episode, _ = start(["PickupObject(robot, 'Boots')"])
+    *moments, outcome = do(episode, "bring the boots")
     looks = [m for m in moments if isinstance(m, SkillResult)]
     places = [m.call.positions for m in looks]
     assert len(places) == len(set(places)) > 3
     assert not any(m.ok for m in looks)
-    assert sum(m.actions for m in looks) < method.settings.steps
+    assert sum(m.actions for m in looks) < episode.settings.steps
     assert not outcome.finished
 
 
-def test_seed_decides_where_it_looks(start, tmp_path):
+def test_seed_decides_where_it_looks(start):
     def places(seed):
-        method, world = start(["\n".join(FETCH_APPLE)])
-        method.begin(world, str(tmp_path / "handmade.json"), seed=seed, folder=tmp_path)
+        episode, _ = start(["\n".join(FETCH_APPLE)], seed=seed)
         return [
             m.call.positions
-            for m in do(method, "take the apple")
+            for m in do(episode, "take the apple")
             if isinstance(m, SkillResult) and m.call.skill == "Explore"
         ]
 
@@ -372,17 +370,13 @@ def test_seed_decides_where_it_looks(start, tmp_path):
 
 def test_planner_is_told_of_furniture_only_when_asked(start):
     for told in (False, True):
-        method, _ = start(["\n".join(FETCH_APPLE)] * 2, furniture=told)
-        do(method, "take the apple")
-        plan = next(m for m in do(method, "take the apple") if isinstance(m, Plan))
+        episode, _ = start(["\n".join(FETCH_APPLE)] * 2, furniture=told)
+        do(episode, "take the apple")
+        plan = next(m for m in do(episode, "take the apple") if isinstance(m, Plan))
         assert ("CounterTop" in plan.prompt.stable) == told
 
 
 def test_wrong_option_is_named():
+    resources = Resources(model=ScriptedModel(), profile="compact", recall=None, vision=None)
     with pytest.raises(KarmaError, match="unknown option 'tries'"):
-        CapeamMethod.build(_Kit(), {"tries": 1})
-
-
-class _Kit:
-    planner = Planner(ScriptedModel(), "compact")
-    recall = CosineRecall
+        CapeamMethod.build(resources, {"tries": 1})

@@ -9,7 +9,7 @@ from support.household import kitchen
 from karma.agent.planner import Planner
 from karma.agent.program import parse_program
 from karma.agent.prompt import Example
-from karma.contracts import Outcome, Plan, SeenObject, SkillResult, SubTask
+from karma.contracts import Outcome, Plan, Resources, SceneRef, SeenObject, SkillResult, SubTask
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
@@ -23,7 +23,6 @@ from karma.methods.helper.inspector import (
 )
 from karma.methods.helper.memory import ObjectMemory
 from karma.methods.helper.method import HelperMethod, HelperSettings
-from karma.methods.resources import Kit
 from karma.world.sim import EmbeddedWorld
 
 APPLE = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
@@ -88,15 +87,15 @@ def test_nearest_examples_are_those_by_brute_force():
     ]  # fmt: skip
 
 
-def test_example_that_is_added_is_found_and_cleared():
-    memory = ExampleMemory(Words(), examples_of("wash a cup", "fetch a book"))
+def test_example_that_is_added_to_a_copy_is_found_there_only():
+    seeds = ExampleMemory(Words(), examples_of("wash a cup", "fetch a book"))
+    memory = seeds.copy()
     (new,) = examples_of("smell the roses")
     memory.add(new)
     assert memory.nearest("smell some roses", 1) == (new,)
     assert len(memory) == 3
-    memory.clear()
-    assert len(memory) == 2
-    assert memory.nearest("smell the roses", 3) != (new,)
+    assert len(seeds) == 2
+    assert new not in seeds.nearest("smell the roses", 3)
 
 
 def test_equally_near_examples_keep_their_age():
@@ -231,14 +230,14 @@ def start(tmp_path):
         model = ScriptedModel(answers)
         method = HelperMethod(Planner(model, profile), Words(), HelperSettings(**settings))
         world = EmbeddedWorld(path)
-        method.begin(world, str(path), seed=0, folder=tmp_path)
-        return method, model
+        episode = method.begin(world, SceneRef.of(str(path)), seed=0, folder=tmp_path)
+        return episode, model
 
     return begin
 
 
-def do(method, text):
-    return list(method.do(SubTask(instruction=text)))
+def do(episode, text):
+    return list(episode.do(SubTask(instruction=text)))
 
 
 def results(moments):
@@ -254,19 +253,19 @@ def deeds(moments):
 
 
 def test_home_is_looked_round_once_within_the_budget_and_counts_as_exploration(start):
-    method, _ = start([MUG] * 2, explore_steps=40)
-    moments = do(method, "take the mug")
+    episode, _ = start([MUG] * 2, explore_steps=40)
+    moments = do(episode, "take the mug")
     first = [m for m in results(moments) if m.call.objects[0].startswith("node_")]
     assert len(first) == sum(m.explorations for m in first)
     assert 20 < sum(m.actions for m in first) <= 40
     assert not any(
-        m.call.objects[0].startswith("node_") for m in results(do(method, "take the mug"))
+        m.call.objects[0].startswith("node_") for m in results(do(episode, "take the mug"))
     )
 
 
 def test_what_was_seen_needs_no_search(start):
-    method, _ = start([APPLE])
-    moments = do(method, "take the apple")
+    episode, _ = start([APPLE])
+    moments = do(episode, "take the apple")
     assert [m.call.skill for m in results(moments)][-2:] == ["GoToObject", "PickupObject"]
     assert "Explore" not in {m.call.skill for m in results(moments)}
     assert moments[-1].finished
@@ -274,8 +273,8 @@ def test_what_was_seen_needs_no_search(start):
 
 
 def test_what_is_shut_in_is_searched_where_it_is_likely_and_taken(start):
-    method, _ = start(["PickupObject(robot, 'Egg')"])
-    moments = do(method, "fetch the egg")
+    episode, _ = start(["PickupObject(robot, 'Egg')"])
+    moments = do(episode, "fetch the egg")
     searched = [m.call.positions[0].split("|")[0] for m in results(moments) if m.call.positions]
     assert searched[-1] == "Fridge"
     assert deeds(moments)[-1] == ("PickupObject", "Egg")
@@ -283,25 +282,25 @@ def test_what_is_shut_in_is_searched_where_it_is_likely_and_taken(start):
 
 
 def test_search_is_given_up_within_its_budgets_and_not_begun_again(start):
-    method, _ = start(["PickupObject(robot, 'Boots')\nGoToObject(robot, 'Boots')\n" + MUG] * 2)
-    moments = do(method, "bring the boots")
+    episode, _ = start(["PickupObject(robot, 'Boots')\nGoToObject(robot, 'Boots')\n" + MUG] * 2)
+    moments = do(episode, "bring the boots")
     looks = [m for m in results(moments) if m.call.skill == "Explore"]
     points = [m for m in looks if m.call.positions[0].startswith("point_")]
     assert len(points) == 20
     assert all(m.actions <= 50 for m in points)
-    assert "Boots" in method.memory.could_not_find
+    assert "Boots" in episode.memory.could_not_find
     assert deeds(moments) == [("PickupObject", "Mug")]
     assert not moments[-1].finished
 
 
 def test_failure_is_replanned_once_with_the_error_then_given_up(start):
-    method, model = start(["OpenObject(robot, 'Window')\nBreakObject(robot, 'Bread')\n", MUG])
-    moments = do(method, "break the bread")
+    episode, model = start(["OpenObject(robot, 'Window')\nBreakObject(robot, 'Bread')\n", MUG])
+    moments = do(episode, "break the bread")
     plans = [moment for moment in moments if isinstance(moment, Plan)]
     assert len(plans) == 2
     assert "#error Failed sub-goal: BreakObject" in model.prompts[1].changing
     assert plans[1].examples == tuple(
-        e.instruction for e in method._errors.nearest(_error(moments), 3)
+        e.instruction for e in episode._errors.nearest(_error(moments), 3)
     )
     assert deeds(moments)[-1] == ("PickupObject", "Mug")
 
@@ -313,32 +312,29 @@ def _error(moments):
 
 def test_second_failure_turns_to_the_next_instance(start):
     bad = "PutObject(robot, 'Apple', 'StoveBurner')\n"
-    method, _ = start([APPLE + bad, APPLE + bad])
-    moments = do(method, "apple on the stove")
+    episode, _ = start([APPLE + bad, APPLE + bad])
+    moments = do(episode, "apple on the stove")
     failed = [m for m in results(moments) if not m.ok]
     assert len(failed) == 3  # once as planned, twice as corrected
     assert not moments[-1].finished
 
 
-def test_completed_instruction_becomes_an_example_until_the_episode_ends(start, tmp_path):
-    method, _ = start([APPLE, MUG])
-    before = len(method.examples)
-    do(method, "take the shiny apple")
-    assert len(method.examples) == before + 1
-    (learnt,) = method.examples.nearest("take the shiny apple", 1)
+def test_completed_instruction_becomes_an_example(start):
+    episode, _ = start([APPLE, MUG])
+    before = len(episode.examples)
+    do(episode, "take the shiny apple")
+    assert len(episode.examples) == before + 1
+    (learnt,) = episode.examples.nearest("take the shiny apple", 1)
     assert learnt.program == APPLE.strip()
-    plan = next(m for m in do(method, "take the shiny mug") if isinstance(m, Plan))
+    plan = next(m for m in do(episode, "take the shiny mug") if isinstance(m, Plan))
     assert plan.examples[0] == "take the shiny apple"
-    method.begin(EmbeddedWorld(tmp_path / "handmade.json"), "handmade", seed=0, folder=tmp_path)
-    assert len(method.examples) == before
-    assert method.memory.objects == {}
 
 
 def test_full_profile_shows_the_examples_and_the_compact_one_has_no_room(start):
     texts = {}
     for profile in ("full", "compact"):
-        method, model = start([MUG], profile=profile)
-        plan = next(m for m in do(method, "Make some coffee.") if isinstance(m, Plan))
+        episode, model = start([MUG], profile=profile)
+        plan = next(m for m in do(episode, "Make some coffee.") if isinstance(m, Plan))
         texts[profile] = model.prompts[0].changing
         assert plan.examples[0] == "Make coffee in the mug."
         assert len(plan.examples) == 3
@@ -348,14 +344,14 @@ def test_full_profile_shows_the_examples_and_the_compact_one_has_no_room(start):
 
 
 def test_answer_that_never_parses_ends_unfinished(start):
-    method, _ = start(["I would rather not."] * 4)
-    moments = do(method, "go")
+    episode, _ = start(["I would rather not."] * 4)
+    moments = do(episode, "go")
     assert [isinstance(m, Plan) for m in moments].count(True) == 4
     assert isinstance(moments[-1], Outcome)
     assert not moments[-1].finished
 
 
 def test_build_without_an_embedder_says_what_is_missing():
-    kit = Kit(planner=Planner(ScriptedModel(), "compact"), recall=None, vision=None)
+    resources = Resources(model=ScriptedModel(), profile="compact", recall=None, vision=None)
     with pytest.raises(KarmaError, match="embedder"):
-        HelperMethod.build(kit, {})
+        HelperMethod.build(resources, {})

@@ -1,4 +1,4 @@
-"""KARMA's method: what goes from memory into the prompt, and from experience into memory."""
+"""KARMA's episode: what goes from memory into the prompt, and from experience into memory."""
 
 import hashlib
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.household import bring, find, kitchen
 
-from karma.agent.planner import Decoding, Planner
-from karma.contracts import Outcome, Plan, SkillResult, SubTask
+from karma.agent.planner import Planner
+from karma.contracts import Decoding, Outcome, Plan, Resources, SceneRef, SkillResult, SubTask
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
@@ -15,7 +15,6 @@ from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.karma import KarmaMethod, KarmaSettings
-from karma.methods.resources import Kit
 from karma.world.sim import EmbeddedWorld
 
 FIND_APPLE = "Explore(robot, 'Apple', ['node_3'])\n"
@@ -52,7 +51,7 @@ def scene(tmp_path):
 
 @pytest.fixture
 def start(scene, tmp_path):
-    """A function that begins an episode of a method whose model says the given programs."""
+    """A function that begins an episode of a episode whose model says the given programs."""
 
     def begin(answers, *, maps=None, learn=False, profile="compact", **options):
         model = ScriptedModel(answers)
@@ -65,14 +64,14 @@ def start(scene, tmp_path):
             learn=learn,
         )
         world = EmbeddedWorld(scene)
-        method.begin(world, scene, seed=0, folder=tmp_path)
-        return method, model, world
+        episode = method.begin(world, SceneRef.of(scene), seed=0, folder=tmp_path)
+        return episode, model, world
 
     return begin
 
 
-def do(method, instruction, whole=""):
-    return list(method.do(SubTask(instruction=instruction, whole=whole)))
+def do(episode, instruction, whole=""):
+    return list(episode.do(SubTask(instruction=instruction, whole=whole)))
 
 
 def types(units):
@@ -83,12 +82,12 @@ def types(units):
 
 
 def test_memory_is_written_after_the_instruction_in_the_order_of_use(start):
-    method, _, _ = start([TAKE_APPLE + WASH])
-    events = method.do(SubTask(instruction="wash the apple"))
-    during = [len(method.short_term) for _ in events]
+    episode, _, _ = start([TAKE_APPLE + WASH])
+    events = episode.do(SubTask(instruction="wash the apple"))
+    during = [len(episode.short_term) for _ in events]
     assert set(during[:-1]) == {0}
-    apple = method.short_term.find("Apple")
-    assert types(method.short_term.units())[-1] == "Apple"
+    apple = episode.short_term.find("Apple")
+    assert types(episode.short_term.units())[-1] == "Apple"
     assert apple.handled
     assert "cleaned" in apple.states
     assert apple.place_id.startswith("SinkBasin|")
@@ -99,22 +98,22 @@ def test_memory_keeps_two_handled_things_the_last_used_last(start):
         "PutObject(robot, 'Apple', 'DiningTable')\n"
         "GoToObject(robot, 'Bowl')\nPickupObject(robot, 'Bowl')\n"
     )
-    method, _, _ = start([TAKE_APPLE + second, "GoToObject(robot, 'Fridge')\n"])
-    do(method, "take the apple, then the bowl")
-    assert types(method.short_term.units()) == ["Apple", "Bowl"]
-    assert method.short_term.find("Bowl").place_id == "hand"
-    *_, outcome = do(method, "go to the fridge")
+    episode, _, _ = start([TAKE_APPLE + second, "GoToObject(robot, 'Fridge')\n"])
+    do(episode, "take the apple, then the bowl")
+    assert types(episode.short_term.units()) == ["Apple", "Bowl"]
+    assert episode.short_term.find("Bowl").place_id == "hand"
+    *_, outcome = do(episode, "go to the fridge")
     assert types(outcome.resident) == ["Apple", "Bowl"]
 
 
 def test_slicing_leaves_one_slice_that_is_clean_as_the_whole_was(start):
-    method, model, world = start(
+    episode, model, world = start(
         [TAKE_APPLE + WASH, CUT, "GoToObject(robot, 'Apple')\nGoToObject(robot, 'Fridge')\n"]
     )
     for instruction in ("wash the apple", "cut the apple", "go to the apple"):
-        *_, outcome = do(method, instruction)
+        *_, outcome = do(episode, instruction)
         assert outcome.finished
-    apples = [unit for unit in method.short_term.units() if unit.object_type.startswith("Apple")]
+    apples = [unit for unit in episode.short_term.units() if unit.object_type.startswith("Apple")]
     assert types(apples) == ["AppleSliced"]
     assert {"cleaned", "sliced"} <= set(apples[0].states)
     assert apples[0].object_id.startswith(f"{kitchen_id('Apple')}|")
@@ -127,28 +126,28 @@ def kitchen_id(kind):
 
 
 def test_stale_memory_is_forgotten_after_it_misled(start):
-    method, _, world = start([TAKE_APPLE + WASH, "GoToObject(robot, 'Apple')\n"], attempts=1)
-    do(method, "wash the apple")
-    assert method.short_term.find("Apple")
+    episode, _, world = start([TAKE_APPLE + WASH, "GoToObject(robot, 'Apple')\n"], attempts=1)
+    do(episode, "wash the apple")
+    assert episode.short_term.find("Apple")
     world.step("OpenObject", objectId=kitchen_id("Fridge"), forceAction=True)
     assert bring(world, "Apple", "Fridge")[0]
     world.step("CloseObject", objectId=kitchen_id("Fridge"), forceAction=True)
-    *_, result, outcome = do(method, "go to the apple")
+    *_, result, outcome = do(episode, "go to the apple")
     assert not outcome.finished
     assert "not at its remembered place" in result.reason
-    assert method.short_term.find("Apple") is None
+    assert episode.short_term.find("Apple") is None
 
 
 def test_receptacle_of_a_remembered_thing_is_known_though_it_is_not_remembered_itself(start):
     into_bowl = "GoToObject(robot, 'Bowl')\nPutObject(robot, 'Apple', 'Bowl')\n"
     programs = [TAKE_APPLE + into_bowl, "GoToObject(robot, 'Bowl')\n"]
-    method, _, world = start(programs, attempts=1, witnesses=0, long_term=False)
-    do(method, "put the apple in the bowl")
+    episode, _, world = start(programs, attempts=1, witnesses=0, long_term=False)
+    do(episode, "put the apple in the bowl")
     for _ in range(2):
         world.step("RotateRight")  # the bowl is out of view
-    method.short_term.forget(kitchen_id("Bowl"), "handmade")
-    assert types(method.short_term.units()) == ["Apple"]
-    *_, result, outcome = do(method, "go to the bowl")
+    episode.short_term.forget(kitchen_id("Bowl"), "handmade")
+    assert types(episode.short_term.units()) == ["Apple"]
+    *_, result, outcome = do(episode, "go to the bowl")
     assert outcome.finished
     assert result.object_ids[-1] == kitchen_id("Bowl")
 
@@ -160,42 +159,33 @@ def test_name_is_looked_up_beyond_the_recalled_units_unless_told_otherwise(start
         TAKE_APPLE + f"{second}PickupObject(robot, 'Bowl')\n",
         "GoToObject(robot, 'Apple')\n",
     ]
-    method, model, world = start(
+    episode, model, world = start(
         programs, attempts=1, recall_k=1, long_term=False, query="subtask", by_name=by_name
     )
-    do(method, "take the apple, then the bowl")
+    do(episode, "take the apple, then the bowl")
     for _ in range(2):
         world.step("RotateRight")  # the table is out of view
-    _, *results, outcome = do(method, "go where the bowl was")
+    _, *results, outcome = do(episode, "go where the bowl was")
     assert outcome.finished
     assert "Apple" not in model.prompts[-1].changing
     assert (sum(result.explorations for result in results) == 0) is by_name
 
 
 def test_witnesses_are_the_last_things_seen_before_what_was_handled(start):
-    method, _, _ = start([TAKE_APPLE], witnesses=2)
-    do(method, "take the apple")
-    units = method.short_term.units()
+    episode, _, _ = start([TAKE_APPLE], witnesses=2)
+    do(episode, "take the apple")
+    units = episode.short_term.units()
     assert len(units) == 3
     assert [unit.handled for unit in units] == [False, False, True]
-
-
-def test_begin_empties_short_term_memory(start, scene, tmp_path):
-    method, _, world = start([TAKE_APPLE])
-    do(method, "take the apple")
-    assert len(method.short_term) == 1
-    world.reset(scene)
-    method.begin(world, scene, seed=0, folder=tmp_path)
-    assert len(method.short_term) == 0
 
 
 # ----------------------------------------------------------------- into the prompt
 
 
 def test_prompt_names_what_an_earlier_instruction_handled(start):
-    method, model, _ = start([TAKE_APPLE + WASH, "GoToObject(robot, 'Apple')\n"])
-    do(method, "wash the apple")
-    plan, result, outcome = do(method, "go to the clean fruit")
+    episode, model, _ = start([TAKE_APPLE + WASH, "GoToObject(robot, 'Apple')\n"])
+    do(episode, "wash the apple")
+    plan, result, outcome = do(episode, "go to the clean fruit")
     assert " @SinkBasin cleaned *Apple\n" in model.prompts[1].changing
     assert result.ok
     assert result.explorations == 0
@@ -204,23 +194,23 @@ def test_prompt_names_what_an_earlier_instruction_handled(start):
 
 
 def test_prompt_without_short_term_memory_holds_no_units(start):
-    method, model, _ = start(
+    episode, model, _ = start(
         [TAKE_APPLE + WASH, "GoToObject(robot, 'SinkBasin')\n"], short_term=False
     )
-    do(method, "wash the apple")
-    plan, *_, outcome = do(method, "go to the sink")
-    assert (plan.recalled, outcome.resident, len(method.short_term)) == ((), (), 0)
+    do(episode, "wash the apple")
+    plan, *_, outcome = do(episode, "go to the sink")
+    assert (plan.recalled, outcome.resident, len(episode.short_term)) == ((), (), 0)
     assert "#memory\n#program" in model.prompts[1].changing
     assert "node_1" in model.prompts[1].stable
 
 
 def test_prompt_without_long_term_memory_holds_no_areas(start, tmp_path):
-    method, model, _ = start(
+    episode, model, _ = start(
         ["Explore(robot, 'Apple')\nGoToObject(robot, 'Apple')\n"], long_term=False, maps=tmp_path
     )
-    *_, outcome = do(method, "go to the apple")
+    *_, outcome = do(episode, "go to the apple")
     assert outcome.finished
-    assert method.graph is None
+    assert episode.graph is None
     assert model.prompts[0].stable == "#areas\nunknown\n"
     assert model.specs[0].positions == ()
     assert list(tmp_path.glob("maps/*")) == []
@@ -229,30 +219,30 @@ def test_prompt_without_long_term_memory_holds_no_areas(start, tmp_path):
 def test_prompt_holds_at_most_k_units_the_nearest_to_the_instruction(start):
     put = "PutObject(robot, 'Apple', 'DiningTable')\n"
     bowl = "GoToObject(robot, 'Bowl')\nPickupObject(robot, 'Bowl')\n"
-    method, _, _ = start([TAKE_APPLE + put + bowl, "GoToObject(robot, 'Fridge')\n"], recall_k=1)
-    do(method, "take things")
-    plan, *_ = do(method, "where is the apple")
+    episode, _, _ = start([TAKE_APPLE + put + bowl, "GoToObject(robot, 'Fridge')\n"], recall_k=1)
+    do(episode, "take things")
+    plan, *_ = do(episode, "where is the apple")
     assert types(plan.recalled) == ["Apple"]
-    assert len(method.short_term) == 2
+    assert len(episode.short_term) == 2
 
 
 @pytest.mark.parametrize(("query", "recalled"), [("instruction", "Apple"), ("subtask", "Bowl")])
 def test_recall_asks_with_the_whole_text_or_the_part(start, query, recalled):
     put = "PutObject(robot, 'Apple', 'DiningTable')\n"
     bowl = "GoToObject(robot, 'Bowl')\nPickupObject(robot, 'Bowl')\n"
-    method, _, _ = start(
+    episode, _, _ = start(
         [TAKE_APPLE + put + bowl, "GoToObject(robot, 'Fridge')\n"], recall_k=1, query=query
     )
-    do(method, "take things")
-    plan, *_ = do(method, "the bowl", whole="an apple an apple an apple")
+    do(episode, "take things")
+    plan, *_ = do(episode, "the bowl", whole="an apple an apple an apple")
     assert types(plan.recalled) == [recalled]
 
 
 def test_failed_program_is_asked_for_again_with_the_reason_and_what_is_new(start):
-    method, model, _ = start(
+    episode, model, _ = start(
         ["GoToObject(robot, 'Unicorn')\n", TAKE_APPLE + "GoToObject(robot, 'Unicorn')\n", WASH]
     )
-    events = do(method, "wash the apple")
+    events = do(episode, "wash the apple")
     assert [type(event) for event in events].count(Plan) == 3
     assert events[-1].finished
     assert "#error" not in model.prompts[0].changing
@@ -262,8 +252,8 @@ def test_failed_program_is_asked_for_again_with_the_reason_and_what_is_new(start
 
 
 def test_do_gives_up_after_its_attempts(start):
-    method, model, _ = start(["GoToObject(robot, 'Unicorn')\n"] * 9, attempts=3)
-    events = do(method, "go to the unicorn")
+    episode, model, _ = start(["GoToObject(robot, 'Unicorn')\n"] * 9, attempts=3)
+    events = do(episode, "go to the unicorn")
     assert len(model.prompts) == 3
     assert not events[-1].finished
     assert [event.ok for event in events if isinstance(event, SkillResult)] == [False] * 3
@@ -271,8 +261,8 @@ def test_do_gives_up_after_its_attempts(start):
 
 def test_second_program_may_not_search_for_what_is_not_there(start):
     missing = "Explore(robot, 'Laptop', ['node_3'])\n"
-    method, model, _ = start([missing, TAKE_APPLE])
-    plans = [p for p in do(method, "switch it on") if isinstance(p, Plan)]
+    episode, model, _ = start([missing, TAKE_APPLE])
+    plans = [p for p in do(episode, "switch it on") if isinstance(p, Plan)]
     offered = [spec.objects for spec in model.specs]
     assert len(plans) == 2
     assert "Laptop" in offered[0]
@@ -281,8 +271,8 @@ def test_second_program_may_not_search_for_what_is_not_there(start):
 
 
 def test_do_of_an_answer_that_never_parses_ends_unfinished(start):
-    method, _, _ = start(["I would rather not."])
-    plan, outcome = do(method, "go")
+    episode, _, _ = start(["I would rather not."])
+    plan, outcome = do(episode, "go")
     assert plan.error
     assert isinstance(outcome, Outcome)
     assert not outcome.finished
@@ -293,11 +283,11 @@ def test_do_of_an_answer_that_never_parses_ends_unfinished(start):
 
 def test_map_is_saved_on_the_first_visit_and_loaded_with_equal_results(start, tmp_path):
     maps = tmp_path / "maps"
-    method, model, _ = start([TAKE_APPLE], maps=maps)
+    episode, model, _ = start([TAKE_APPLE], maps=maps)
     path = maps / "handmade.json"
     written = path.read_bytes()
-    first = do(method, "take the apple")
-    assert SceneGraph.load(path).areas() == method.graph.areas()
+    first = do(episode, "take the apple")
+    assert SceneGraph.load(path).areas() == episode.graph.areas()
     again, model_again, _ = start([TAKE_APPLE], maps=maps)
     assert do(again, "take the apple") == first
     assert model_again.prompts == model.prompts
@@ -312,11 +302,11 @@ def test_map_does_not_let_the_first_visit_change_the_episode(start, tmp_path):
 
 def test_map_that_learns_is_written_after_an_instruction(start, tmp_path):
     maps = tmp_path / "maps"
-    method, _, _ = start(["GoToObject(robot, 'Fridge')\n"], maps=maps, learn=True)
+    episode, _, _ = start(["GoToObject(robot, 'Fridge')\n"], maps=maps, learn=True)
     path = maps / "handmade.json"
     path.unlink()
-    do(method, "go to the fridge")
-    assert SceneGraph.load(path) == method.graph
+    do(episode, "go to the fridge")
+    assert SceneGraph.load(path) == episode.graph
 
 
 @pytest.mark.parametrize("content", [b"", b'{"version": 1, "flo', b'{"version": 1}'])
@@ -332,18 +322,26 @@ def test_torn_map_is_refused_by_name_with_the_fix(start, tmp_path, content):
 def test_map_of_another_floor_is_explored_anew(start, tmp_path):
     path = tmp_path / "maps" / "handmade.json"
     SceneGraph.over([(9.0, 9.0)]).save(path)
-    method, _, _ = start([], maps=tmp_path / "maps")
-    assert len(method.graph.areas()) > 1
-    assert SceneGraph.load(path) == method.graph
+    episode, _, _ = start([], maps=tmp_path / "maps")
+    assert len(episode.graph.areas()) > 1
+    assert SceneGraph.load(path) == episode.graph
 
 
 # ----------------------------------------------------------------- a row's options
 
 
-def test_name_says_which_memory_is_missing(start):
-    assert start([])[0].name == "KARMA"
-    assert start([], short_term=False)[0].name == "KARMA (w/o short term memory)"
-    assert start([], long_term=False)[0].name == "KARMA (w/o long term memory)"
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({}, "KARMA"),
+        ({"short_term": False}, "KARMA (w/o short term memory)"),
+        ({"long_term": False}, "KARMA (w/o long term memory)"),
+    ],
+)
+def test_name_says_which_memory_is_missing(options, name):
+    planner = Planner(ScriptedModel(), "compact")
+    method = KarmaMethod(planner, CosineRecall(Words()), MetadataVision(), KarmaSettings(**options))
+    assert method.name == name
 
 
 @pytest.mark.parametrize(
@@ -356,13 +354,14 @@ def test_name_says_which_memory_is_missing(start):
     ],
 )
 def test_build_of_a_wrong_option_names_it(options, reason):
-    kit = Kit(
-        planner=Planner(ScriptedModel(), "compact"),
+    resources = Resources(
+        model=ScriptedModel(),
+        profile="compact",
         recall=CosineRecall(Words()),
         vision=MetadataVision(),
     )
     with pytest.raises(KarmaError, match=reason):
-        KarmaMethod.build(kit, options)
+        KarmaMethod.build(resources, options)
 
 
 def test_world_is_at_its_start_when_the_first_instruction_comes(start, scene):

@@ -8,9 +8,9 @@ from support.household import kitchen
 from support.tiny import export_tiny
 
 from karma.agent.perceive import observe
-from karma.agent.planner import Decoding, Planner
+from karma.agent.planner import Planner
 from karma.agent.program import parse_program
-from karma.contracts import Plan, SkillResult, SubTask
+from karma.contracts import Decoding, Plan, SceneRef, SkillResult, SubTask
 from karma.errors import ModelError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
@@ -49,8 +49,7 @@ def world(tmp_path):
 
 
 def started(method, world, folder):
-    method.begin(world, world.scene, seed=0, folder=folder)
-    return method
+    return method.begin(world, SceneRef.of(world.scene), seed=0, folder=folder)
 
 
 @pytest.fixture
@@ -65,7 +64,8 @@ def score(world, tmp_path):
 @pytest.fixture
 def generate(world, tmp_path):
     def start(answers, profile="full", **settings):
-        planner = Planner(ScriptedModel(answers), profile, Decoding(attempts=3))
+        model = answers if isinstance(answers, ScriptedModel) else ScriptedModel(answers)
+        planner = Planner(model, profile, Decoding(attempts=3))
         return started(LotaGenerate(planner, LotaGenerateSettings(**settings)), world, tmp_path)
 
     return start
@@ -203,15 +203,6 @@ def test_score_keeps_the_steps_of_earlier_instructions_in_the_prompt(score):
     assert plans[1].prompt.changing.endswith("Robot: 1. find a fridge, 2.")
 
 
-def test_score_begins_each_episode_with_an_empty_history(score, world, tmp_path):
-    method = score([PICK + DONE, DONE])
-    do(method)
-    world.reset(world.scene)
-    started(method, world, tmp_path)
-    plans, _, _ = do(method)
-    assert plans[0].prompt.changing == "Human: Fetch the apple.\nRobot: 1."
-
-
 def test_score_refusal_is_counted_and_the_step_stays_in_the_history(score):
     method = score([" pick up the apple,\n find an apple,\n pick up the apple,\n" + DONE])
     plans, results, outcome = do(method)
@@ -258,9 +249,9 @@ def test_score_in_lines_searches_what_was_not_seen_and_frees_the_hand(score, wor
     assert held(world) == "Mug"
 
 
-def test_score_says_in_its_name_which_form_was_used(score):
-    assert score([]).name == "LoTa-Bench (modified: scored, words)"
-    assert score([], form="compact").name == "LoTa-Bench (modified: scored, compact)"
+def test_score_says_in_its_name_which_form_was_used():
+    for form in ("words", "compact"):
+        assert LotaScore(ScriptedModel(), form).name == f"LoTa-Bench (modified: scored, {form})"
 
 
 def test_score_with_a_model_that_tells_no_probabilities_is_refused():
@@ -322,9 +313,9 @@ def test_generate_with_an_answer_that_is_no_plan_does_nothing(generate, answer, 
 
 
 def test_generate_asks_only_for_what_smart_llm_has(generate):
-    method = generate(["GoToObject(robot, 'Mug')\n"])
-    do(method)
-    (spec,) = method._planner.model.specs
+    model = ScriptedModel(["GoToObject(robot, 'Mug')\n"])
+    do(generate(model))
+    (spec,) = model.specs
     assert {skill.name for skill in spec.skills} == {skill.name for skill in smart_skills()}
     assert (spec.objects, spec.positions) == (named_types(), ())
 

@@ -9,16 +9,14 @@ from support.paths import ROOT
 from support.spy_world import Spied
 
 from karma import registry
-from karma.agent.planner import Planner
 from karma.bench.episode import run_episode
-from karma.contracts import Outcome, Plan, SkillResult, SubTask, Task
+from karma.contracts import Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, Task
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
 from karma.infer.manifest.manifest import find_model, resolve_planner, verify
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
-from karma.methods.resources import Kit
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
 from karma.world.core.scene import SCENES
@@ -27,6 +25,7 @@ from karma.world.sim import EmbeddedWorld
 
 METHODS = registry.names("methods")
 SCENE = "kitchen_1"
+ROOM = SceneRef.of(SCENE)
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 GOALS = ("INSIDE(Apple, Fridge)", "HOLDON(robot, Mug)")
 FETCH = (
@@ -61,12 +60,13 @@ def nano():
         pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
     file = resolve_planner("karma-nano")
     model = LlamaModel(file.path, n_ctx=file.context_length or 4096, n_threads=1)
-    return Planner(model, file.prompt_profile)
+    return model, file.prompt_profile
 
 
-def kit(planner):
-    return Kit(
-        planner=planner,
+def resources(model, profile):
+    return Resources(
+        model=model,
+        profile=profile,
         recall=registry.load("recalls", "cosine")(embedder()),
         vision=MetadataVision(),
         embedder=embedder(),
@@ -74,14 +74,13 @@ def kit(planner):
 
 
 def build(name, options=None, answers=ANSWERS):
-    planner = Planner(ScriptedModel(answers), "compact")
-    return registry.load("methods", name).build(kit(planner), options or {})
+    loaded = resources(ScriptedModel(answers), "compact")
+    return registry.load("methods", name).build(loaded, options or {})
 
 
 def begun(name, folder):
-    method, world = build(name), EmbeddedWorld(SCENE)
-    method.begin(world, SCENE, seed=0, folder=folder)
-    return method, world
+    world = EmbeddedWorld(SCENE)
+    return build(name).begin(world, ROOM, seed=0, folder=folder), world
 
 
 def records(method, name, folder):
@@ -102,19 +101,13 @@ def timeless(moment):
 
 
 def test_do_yields_its_outcome_last_and_once(name, tmp_path):
-    method, world = begun(name, tmp_path)
+    episode, world = begun(name, tmp_path)
     for subtask in TASK.subtasks:
-        *before, last = method.do(subtask)
+        *before, last = episode.do(subtask)
         assert isinstance(last, Outcome)
         assert all(isinstance(moment, Plan | SkillResult) for moment in before)
         there = {thing["objectId"] for thing in world.last_event.metadata["objects"]}
         assert set(last.handled_ids) <= there
-
-
-def test_do_before_begin_is_refused(name):
-    method = build(name)
-    with pytest.raises(RuntimeError, match="begin"):
-        list(method.do(TASK.subtasks[0]))
 
 
 def test_begin_leaves_the_world_as_the_scene_has_it(name, tmp_path):
@@ -139,12 +132,12 @@ def test_equal_inputs_give_equal_records(name, tmp_path):
 def test_goals_are_read_by_the_oracle_only(name, tmp_path):
     moments = []
     for goals in (True, False):
-        method, _ = begun(name, tmp_path)
+        episode, _ = begun(name, tmp_path)
         moments.append(
             [
                 timeless(moment)
                 for subtask in TASK.subtasks
-                for moment in method.do(
+                for moment in episode.do(
                     SubTask(instruction=subtask.instruction, goals=subtask.goals if goals else ())
                 )
             ]
@@ -207,24 +200,19 @@ def apples(*rooms):
     return Task(id="s1", kind="sequence", scene=SCENE, subtasks=tuple(asked))
 
 
-def test_enter_before_begin_is_refused(name):
-    with pytest.raises(RuntimeError, match="begin"):
-        build(name).enter(SCENE)
-
-
 def test_who_has_been_in_another_room_meanwhile_goes_on_as_if_he_had_not(name, tmp_path, twin):
     told = []
     for away in (False, True):
-        method, home = build(name), Home(EmbeddedWorld)
+        home = Home(EmbeddedWorld)
         home.reset(SCENE)
-        method.begin(home, SCENE, seed=0, folder=tmp_path)
+        episode = build(name).begin(home, ROOM, seed=0, folder=tmp_path)
         first, second = TASK.subtasks
-        told.append([[timeless(moment) for moment in method.do(first)]])
+        told.append([[timeless(moment) for moment in episode.do(first)]])
         if away:
             for room in (twin, SCENE):
                 home.enter(room)
-                method.enter(room)
-        told[-1].append([timeless(moment) for moment in method.do(second)])
+                episode.enter(SceneRef.of(room))
+        told[-1].append([timeless(moment) for moment in episode.do(second)])
     assert told[0] == told[1]
 
 
@@ -264,8 +252,8 @@ def test_begin_again_leaves_nothing_of_the_episode_before(name, tmp_path):
     moments = []
     for _ in range(2):
         world.reset(SCENE)
-        method.begin(world, SCENE, seed=3, folder=tmp_path)
-        moments.append([[timeless(m) for m in method.do(sub)] for sub in TASK.subtasks])
+        episode = method.begin(world, ROOM, seed=3, folder=tmp_path)
+        moments.append([[timeless(m) for m in episode.do(sub)] for sub in TASK.subtasks])
     assert moments[0] == moments[1]
 
 
@@ -281,7 +269,7 @@ def test_what_is_out_of_view_does_not_lead_the_shipped_planner_either(name, tmp_
     task = next(t for t in load_tasks(TASKS) if t.id == "composite-04")
     told = []
     for lies in (False, True):
-        method = registry.load("methods", name).build(kit(nano), {})
+        method = registry.load("methods", name).build(resources(*nano), {})
         told.append(spied_record(method, task, tmp_path, lies=lies))
     assert (told[0][0] == told[1][0]) == (name != "oracle")
     assert told[1][1] == [] or name == "oracle"

@@ -7,9 +7,9 @@ import pytest
 from support.household import kitchen
 
 from karma.agent.perceive import shown_states
-from karma.agent.planner import Decoding, Planner
+from karma.agent.planner import Planner
 from karma.agent.sightings import Sightings
-from karma.contracts import SubTask
+from karma.contracts import Decoding, SceneRef, SubTask
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
@@ -61,9 +61,9 @@ def acted(tmp_path):
             CosineRecall(One(), text="sentence"), vision, KarmaSettings(witnesses=1),
         )  # fmt: skip
         world = EmbeddedWorld(str(scene))
-        method.begin(world, str(scene), seed=0, folder=tmp_path / "run")
-        list(method.do(SubTask(instruction="put the apple in the sink")))
-        return {unit.object_type: unit for unit in method.short_term.units()}
+        episode = method.begin(world, SceneRef.of(str(scene)), seed=0, folder=tmp_path / "run")
+        list(episode.do(SubTask(instruction="put the apple in the sink")))
+        return {unit.object_type: unit for unit in episode.short_term.units()}
 
     return run
 

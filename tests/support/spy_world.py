@@ -154,12 +154,16 @@ class Spied:
 
     def begin(self, world, scene, *, seed, folder: Path):
         self.spy = SpyWorld(world, lies=self._lies)
-        self.spy.enter(scene)
-        self._method.begin(self.spy, scene, seed=seed, folder=folder)
+        self.spy.enter(scene.source)
+        episode = self._method.begin(self.spy, scene, seed=seed, folder=folder)
+        return _SpiedEpisode(episode, self.spy)
+
+
+class _SpiedEpisode:
+    def __init__(self, episode, spy):
+        self._episode, self._spy = episode, spy
+        self.do = episode.do
 
     def enter(self, scene):
-        self.spy.enter(scene)
-        self._method.enter(scene)
-
-    def do(self, subtask):
-        yield from self._method.do(subtask)
+        self._spy.enter(scene.source)
+        self._episode.enter(scene)

@@ -19,7 +19,7 @@ from karma.bench.steps import (
     packed,
     read_steps,
 )
-from karma.contracts import MemoryUnit, Outcome, SubTask, Task
+from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
@@ -29,7 +29,6 @@ from karma.memory.short_term import ShortTermMemory
 from karma.methods.expert import OracleMethod
 from karma.methods.karma import KarmaMethod, KarmaSettings
 from karma.methods.lota.method import LotaGenerate
-from karma.methods.resources import Kit
 from karma.tasks.files import load_tasks, with_whole, write_tasks
 from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.world.core.scene import SCENES
@@ -189,6 +188,14 @@ def recall():
     return CosineRecall(registry.load("embedders", "minilm")())
 
 
+class Kept(KarmaMethod):
+    """KARMA, with its last episode at hand."""
+
+    def begin(self, world, scene, *, seed, folder):
+        self.episode = super().begin(world, scene, seed=seed, folder=folder)
+        return self.episode
+
+
 @pytest.fixture
 def karma(recall):
     """A function that makes a KARMA agent whose model says the given answers."""
@@ -196,7 +203,7 @@ def karma(recall):
     def make(answers, **settings):
         usual = {"witnesses": 0, "attempts": 1, **settings}
         planner = Planner(ScriptedModel(answers), "compact")
-        return KarmaMethod(planner, recall, MetadataVision(), KarmaSettings(**usual))
+        return Kept(planner, recall, MetadataVision(), KarmaSettings(**usual))
 
     return make
 
@@ -281,10 +288,11 @@ def test_what_was_in_the_hand_is_remembered_as_put_down(karma, tmp_path):
     record = run(method, task, tmp_path)
     assert [sub.success for sub in record.subtasks] == [True, True, True]
     assert sum(call.explorations for call in record.subtasks[2].calls) == 0
-    assert "Fridge" in {node.type for node in method.graph.objects()}
-    method.enter(BEDROOM)
-    assert "Bed" in {node.type for node in method.graph.objects()}
-    assert {unit.place_id for unit in method.short_term.units(KITCHEN)} == {None}
+    episode = method.episode
+    assert "Fridge" in {node.type for node in episode.graph.objects()}
+    episode.enter(SceneRef.of(BEDROOM))
+    assert "Bed" in {node.type for node in episode.graph.objects()}
+    assert {unit.place_id for unit in episode.short_term.units(KITCHEN)} == {None}
 
 
 @pytest.mark.parametrize(("kind", "told"), [("sequence", False), ("composite", True)])
@@ -301,18 +309,22 @@ def test_lota_is_told_earlier_instructions_of_its_task_only(tmp_path, kind, told
 
 @pytest.mark.parametrize("name", ["helper", "capeam"])
 def test_object_memory_of_helper_and_capeam_is_one_a_room(recall, twin, tmp_path, name):
-    planner = Planner(ScriptedModel([AWAY]), "compact")
-    kit = Kit(planner=planner, recall=recall, vision=MetadataVision(),
-              embedder=registry.load("embedders", "minilm")())  # fmt: skip
-    method, home = registry.load("methods", name).build(kit, {}), Home(EmbeddedWorld)
+    resources = Resources(
+        model=ScriptedModel([AWAY]),
+        profile="compact",
+        recall=recall,
+        vision=MetadataVision(),
+        embedder=registry.load("embedders", "minilm")(),
+    )
+    method, home = registry.load("methods", name).build(resources, {}), Home(EmbeddedWorld)
     home.reset(KITCHEN)
-    method.begin(home, KITCHEN, seed=0, folder=tmp_path)
-    list(method.do(SubTask(instruction="Put the apple away.")))
+    episode = method.begin(home, SceneRef.of(KITCHEN), seed=0, folder=tmp_path)
+    list(episode.do(SubTask(instruction="Put the apple away.")))
     known = {room: None for room in (KITCHEN, twin)}
     for room in (twin, KITCHEN):
         home.enter(room)
-        method.enter(room)
-        known[room] = method.memory.where("Fridge")
+        episode.enter(SceneRef.of(room))
+        known[room] = episode.memory.where("Fridge")
     assert known[twin] is None
     assert known[KITCHEN] is not None
 
@@ -328,10 +340,11 @@ class Looker:
     def begin(self, world, scene, *, seed, folder):
         self._world = world
         self.enter(scene)
+        return self
 
     def enter(self, scene):
-        self.visits.append(scene)
-        for kind in ("Fridge", "Drawer") if self.visits.count(scene) == 1 else ():
+        self.visits.append(scene.name)
+        for kind in ("Fridge", "Drawer") if self.visits.count(scene.name) == 1 else ():
             for thing in self._world.last_event.metadata["objects"]:
                 if thing["objectType"] == kind:
                     self._world.step("OpenObject", objectId=thing["objectId"], forceAction=True)

@@ -12,13 +12,13 @@ from karma.agent.planner import Planner
 from karma.agent.prompt import Facts
 from karma.agent.search import cover
 from karma.agent.skills import Skills
-from karma.contracts import Area, Outcome, Plan, SkillResult, SubTask, World
+from karma.contracts import Area, Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, World
 from karma.household.pieces import base_type
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.capeam.frames import read
 from karma.methods.capeam.memory import EnvironmentMemory
 from karma.methods.capeam.run import Limits, Runner
-from karma.methods.resources import Kit, settings_of
+from karma.methods.options import settings_of
 from karma.methods.tour import cells_of, position_of
 from karma.seeds import stream
 
@@ -69,49 +69,60 @@ class CapeamMethod:
     def __init__(self, planner: Planner, settings: CapeamSettings | None = None) -> None:
         self.settings = settings or CapeamSettings()
         decoding = replace(planner.decoding, inspected=False)
-        self._planner = Planner(planner.model, planner.profile, decoding)
-        self.memory = EnvironmentMemory(here=lambda: (0.0, 0.0, 0.0))
-        self._world: World | None = None
+        self.planner = Planner(planner.model, planner.profile, decoding)
 
     @classmethod
-    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `CapeamSettings`).
 
         Raises:
             KarmaError: an option is unknown or of the wrong type.
         """
-        return cls(kit.planner, settings_of(CapeamSettings, options))
+        return cls(Planner.of(resources), settings_of(CapeamSettings, options))
 
-    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "CapeamEpisode":
         """Start an episode: an empty map."""
+        return CapeamEpisode(self, world, scene, seed)
+
+
+class CapeamEpisode:
+    """One sequence of instructions: each room has a map of its own.
+
+    Args:
+        method: planner and settings.
+        world: has been reset to `scene`.
+        scene: the first room.
+        seed: of the draws of where to look.
+    """
+
+    def __init__(self, method: CapeamMethod, world: World, scene: SceneRef, seed: int) -> None:
+        self.settings, self._planner = method.settings, method.planner
         self._world, self._seed = world, seed
         self._number = 0  # of the instruction
-        self._rooms: dict[str, _Room] = {}
-        self.enter(scene)
+        self._scene, self._room = scene, _Room.of(world)
+        self._rooms = {scene: self._room}
 
-    def enter(self, scene: str) -> None:
-        """Be in a room: each has a map of its own."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
-        self._scene = Path(scene).stem
-        if self._scene not in self._rooms:
-            self._rooms[self._scene] = _Room.of(self._world)
-        room = self._rooms[self._scene]
-        self.memory, self._floor, self._finer = room.memory, room.floor, room.finer
+    @property
+    def memory(self) -> EnvironmentMemory:
+        """The map of the room that the agent is in."""
+        return self._room.memory
+
+    def enter(self, scene: SceneRef) -> None:
+        """Be in a room, with what is known of it."""
+        if scene not in self._rooms:
+            self._rooms[scene] = _Room.of(self._world)
+        self._scene, self._room = scene, self._rooms[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Predict the frames once, then carry them out until one cannot be."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
         if subtask.is_whole:  # what it put where is to be passed over within one task only
             self.memory.put.clear()
-        rng = stream(self._seed, "capeam", self._scene, str(self._number))
+        rng = stream(self._seed, "capeam", self._scene.name, str(self._number))
         self._number += 1
         skills = Skills(self._world, self.memory)
         limits = Limits(failures=self.settings.failures, steps=self.settings.steps)
-        runner = Runner(
-            skills, self.memory, areas=(self._floor.areas(), self._finer), rng=rng, limits=limits
-        )
+        areas = self._room.floor.areas(), self._room.finer
+        runner = Runner(skills, self.memory, areas=areas, rng=rng, limits=limits)
         skills.look()
         plan = None
         for plan in self._planner.plan(self._facts(subtask, skills)):
@@ -132,12 +143,12 @@ class CapeamMethod:
 
     def _facts(self, subtask: SubTask, skills: Skills) -> Facts:
         """Return what the planner is told: the instruction and the hand."""
-        self._floor.observe(self.memory.seen.values())
+        self._room.floor.observe(self.memory.seen.values())
         told = self.settings.furniture
         return Facts(
             instruction=subtask.instruction,
-            areas=self._floor.areas() if told else (),
-            graph_text=self._floor.to_text() if told else "",
+            areas=self._room.floor.areas() if told else (),
+            graph_text=self._room.floor.to_text() if told else "",
             held_id=skills.held.object_id if skills.held else None,
             held_type=skills.held.object_type if skills.held else None,
         )

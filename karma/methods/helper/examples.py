@@ -1,6 +1,7 @@
 """HELPER's example memory: instructions with programs, found again by the instruction's vector."""
 
 from collections.abc import Sequence
+from copy import copy
 from pathlib import Path
 
 import msgspec
@@ -30,20 +31,21 @@ class ExampleMemory:
 
     Args:
         embedder: of instructions.
-        seeds: what it begins with; `clear` goes back to these.
+        seeds: what it begins with.
     """
 
     def __init__(self, embedder: Embedder, seeds: Sequence[Example]) -> None:
-        self._embedder, self._seeds = embedder, tuple(seeds)
-        self._first = embedder.embed([example.instruction for example in self._seeds])
-        self.clear()
+        self._embedder, self._examples = embedder, list(seeds)
+        self._vectors = embedder.embed([example.instruction for example in seeds])
 
     def __len__(self) -> int:
         return len(self._examples)
 
-    def clear(self) -> None:
-        """Forget all but the seeds."""
-        self._examples, self._vectors = list(self._seeds), self._first
+    def copy(self) -> "ExampleMemory":
+        """Return a memory of the same examples that grows apart from this one."""
+        twin = copy(self)
+        twin._examples = list(self._examples)
+        return twin
 
     def add(self, example: Example) -> None:
         """Remember one more example."""

@@ -15,6 +15,8 @@ from karma.contracts import (
     Embedder,
     Outcome,
     Plan,
+    Resources,
+    SceneRef,
     SkillCall,
     SkillResult,
     SubTask,
@@ -26,7 +28,7 @@ from karma.memory.scene_graph import SceneGraph
 from karma.methods.helper.examples import ExampleMemory, seed_examples
 from karma.methods.helper.memory import ObjectMemory
 from karma.methods.helper.run import Budget, Executor
-from karma.methods.resources import Kit, settings_of
+from karma.methods.options import settings_of
 from karma.methods.tour import cells_of, position_of
 from karma.seeds import stream
 
@@ -80,52 +82,62 @@ class HelperMethod:
     ) -> None:
         self.settings = settings or HelperSettings()
         decoding = replace(planner.decoding, inspected=False)
-        self._planner = Planner(planner.model, planner.profile, decoding)
+        self.planner = Planner(planner.model, planner.profile, decoding)
         examples, errors = seed_examples()
         self.examples = ExampleMemory(embedder, examples)
-        self._errors = ExampleMemory(embedder, errors)
-        self.memory = ObjectMemory(here=lambda: (0.0, 0.0, 0.0))
-        self._world: World | None = None
+        self.errors = ExampleMemory(embedder, errors)
 
     @classmethod
-    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `HelperSettings`).
 
         Raises:
-            KarmaError: an option is unknown or of the wrong type, or the kit has no embedder.
+            KarmaError: an option is unknown or of the wrong type, or there is no text embedder.
         """
         settings = settings_of(HelperSettings, options)
-        if kit.embedder is None:
+        if resources.embedder is None:
             raise KarmaError("helper needs a text embedder; name one: models.embedder")
-        return cls(kit.planner, kit.embedder, settings)
+        return cls(Planner.of(resources), resources.embedder, settings)
 
-    # ------------------------------------------------------------- an episode
-
-    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "HelperEpisode":
         """Start an episode: no objects known, no examples but the seeds."""
+        return HelperEpisode(self, world, scene, seed)
+
+
+class HelperEpisode:
+    """One sequence of instructions: objects are remembered by room, examples for all rooms.
+
+    Args:
+        method: planner, examples to begin with, and settings.
+        world: has been reset to `scene`.
+        scene: the first room.
+        seed: of the draws of where to look.
+    """
+
+    def __init__(self, method: HelperMethod, world: World, scene: SceneRef, seed: int) -> None:
+        self.settings, self.examples = method.settings, method.examples.copy()
+        self._planner, self._errors = method.planner, method.errors
         self._world, self._seed = world, seed
         self._number = 0  # of the instruction
-        self.examples.clear()
-        self._rooms: dict[str, _Room] = {}
-        self._explored: set[str] = set()
-        self.enter(scene)
+        self._explored: set[SceneRef] = set()
+        self._scene, self._room = scene, _Room.of(world)
+        self._rooms = {scene: self._room}
 
-    def enter(self, scene: str) -> None:
-        """Be in a room: its objects are remembered apart, examples are for all rooms."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
-        self._scene = Path(scene).stem
-        if self._scene not in self._rooms:
-            self._rooms[self._scene] = _Room.of(self._world)
-        room = self._rooms[self._scene]
-        self.memory, self._cells, self._floor = room.memory, room.cells, room.floor
+    @property
+    def memory(self) -> ObjectMemory:
+        """What is known of the objects of the room that the agent is in."""
+        return self._room.memory
+
+    def enter(self, scene: SceneRef) -> None:
+        """Be in a room, with what is known of it."""
+        if scene not in self._rooms:
+            self._rooms[scene] = _Room.of(self._world)
+        self._scene, self._room = scene, self._rooms[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Explore if the room is new; then plan, act, correct once, and learn the example."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
         self.memory.begin_instruction()
-        body = self._executor(self._world)
+        body = self._executor()
         if self._scene not in self._explored:
             self._explored.add(self._scene)
             yield from self._explore(body)
@@ -142,15 +154,15 @@ class HelperMethod:
     def _query(self, subtask: SubTask) -> tuple[str, int]:
         return subtask.instruction, self.settings.examples
 
-    def _executor(self, world: World) -> Executor:
+    def _executor(self) -> Executor:
         budget = Budget(steps=self.settings.steps, failures=self.settings.failures)
-        rng = stream(self._seed, "helper", self._scene, str(self._number))
-        skills = Skills(world, self.memory)
-        return Executor(skills, self.memory, points=self._cells, rng=rng, budget=budget)
+        rng = stream(self._seed, "helper", self._scene.name, str(self._number))
+        skills = Skills(self._world, self.memory)
+        return Executor(skills, self.memory, points=self._room.cells, rng=rng, budget=budget)
 
     def _explore(self, body: Executor) -> Iterator[SkillResult]:
         """Walk from area to area, the nearest next, and look around, until the budget is spent."""
-        rest = list(self._floor.areas())
+        rest = list(self._room.floor.areas())
         while rest and body.skills.actions < self.settings.explore_steps:
             x, _, z = self.memory.here()
             rest.sort(
@@ -168,11 +180,11 @@ class HelperMethod:
         """Ask for a program; the prompt holds no map and no memory, as in the source."""
         body.skills.look()
         held = body.skills.held
-        self._floor.observe(one.sight for one in self.memory.objects.values())
+        self._room.floor.observe(one.sight for one in self.memory.objects.values())
         facts = Facts(
             instruction=subtask.instruction,
-            areas=self._floor.areas() if self.settings.furniture else (),
-            graph_text=self._floor.to_text() if self.settings.furniture else "",
+            areas=self._room.floor.areas() if self.settings.furniture else (),
+            graph_text=self._room.floor.to_text() if self.settings.furniture else "",
             held_id=held.object_id if held else None,
             held_type=held.object_type if held else None,
             error=error,

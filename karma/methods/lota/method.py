@@ -5,7 +5,7 @@ model gives each; `lota.generate` takes a whole plan in one answer. Where they d
 sources is in docs/methods-lota.md.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -23,6 +23,8 @@ from karma.contracts import (
     Plan,
     ProgramSpec,
     Prompt,
+    Resources,
+    SceneRef,
     SkillCall,
     SkillResult,
     SubTask,
@@ -47,8 +49,11 @@ from karma.methods.lota.forms import (
     steps_in_words,
     words_prompt,
 )
-from karma.methods.resources import Kit, settings_of
+from karma.methods.options import settings_of
 from karma.methods.tour import cells_of, position_of
+
+# what is done for an instruction; returns whether it was finished, and the steps taken
+Acting = Generator[Plan | SkillResult, None, tuple[bool, tuple[str, ...]]]
 
 _KEEPS_PLACE = ("OpenObject", "CloseObject", "PutObject")  # what was found last stays the place
 
@@ -86,12 +91,9 @@ class LotaScore:
         self._chooser = chooser
         self._steps = steps_in_words() if form == "words" else steps_in_lines()
         self._texts = tuple(self._steps)
-        self._world: World | None = None
-        self._history: list[Past] = []
-        self._floors: dict[str, _Floor] = {}  # by room
 
     @classmethod
-    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `LotaScoreSettings`).
 
         Raises:
@@ -99,41 +101,23 @@ class LotaScore:
             ModelError: the planner's model tells no log-probabilities.
         """
         settings = settings_of(LotaScoreSettings, options)
-        form: Form = "compact" if kit.planner.profile == "compact" else "words"
-        return cls(chooser_of(kit.planner.model), form, settings)
+        form: Form = "compact" if resources.profile == "compact" else "words"
+        return cls(chooser_of(resources.model), form, settings)
 
-    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
         """Start an episode: no steps taken; only the cells of the floor are known."""
-        self._world, self._history, self._floors = world, [], {}
-        self.enter(scene)
+        return LotaEpisode(self.act, world, scene)
 
-    def enter(self, scene: str) -> None:
-        """Be in a room, whose cells are known."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
-        if scene not in self._floors:
-            self._floors[scene] = _Floor(self._world)
-        self._floor = self._floors[scene]
-
-    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
-        """Take the likeliest step until that is `done` or the steps are used up.
-
-        A task by itself is asked for without the ones before it, as in the source.
-        """
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
-        if subtask.is_whole:
-            self._history.clear()
-        skills = Skills(self._world, self._floor)
-        skills.look()
+    def act(self, skills: Skills, instruction: str, history: Sequence[Past]) -> Acting:
+        """Take the likeliest step until that is `done` or the steps are used up."""
         begun_with = skills.held
         steps: list[str] = []
         place, finished = "", False
         while len(steps) < self.settings.max_steps and not finished:
             if self.form == "compact":
-                prompt = lines_prompt(subtask.instruction, begun_with, steps)
+                prompt = lines_prompt(instruction, begun_with, steps)
             else:
-                prompt = words_prompt(self._history, subtask.instruction, steps)
+                prompt = words_prompt(history, instruction, steps)
             plan = self._choose(prompt)
             yield plan
             steps.append(plan.completion.text)
@@ -141,8 +125,7 @@ class LotaScore:
             for call in plan.calls:
                 yield from self._carry_out(skills, call, place)
                 place = _place_after(call, place)
-        self._history.append(Past(instruction=subtask.instruction, steps=tuple(steps)))
-        yield Outcome(finished=finished, resident=(), handled_ids=tuple(skills.handled))
+        return finished, tuple(steps)
 
     def _choose(self, prompt: Sequence[str]) -> Plan:
         scoring: Scoring = self.settings.scoring
@@ -187,58 +170,35 @@ class LotaGenerate:
         inspected = planner.decoding.inspected and self.settings.inspected
         decoding = replace(planner.decoding, attempts=1, inspected=inspected)
         self._planner = Planner(planner.model, planner.profile, decoding)
-        self._world: World | None = None
-        self._history: list[Past] = []
-        self._floors: dict[str, _Floor] = {}  # by room
 
     @classmethod
-    def build(cls, kit: Kit, options: Mapping[str, Any]) -> Self:
+    def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
         """Make the row from its options (the fields of `LotaGenerateSettings`).
 
         Raises:
             KarmaError: an option is unknown or of the wrong type.
         """
-        return cls(kit.planner, settings_of(LotaGenerateSettings, options))
+        return cls(Planner.of(resources), settings_of(LotaGenerateSettings, options))
 
-    def begin(self, world: World, scene: str, *, seed: int, folder: Path) -> None:
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
         """Start an episode: no plans made; only the cells of the floor are known."""
-        self._world, self._history, self._floors = world, [], {}
-        self.enter(scene)
+        return LotaEpisode(self.act, world, scene)
 
-    def enter(self, scene: str) -> None:
-        """Be in a room, whose cells are known."""
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
-        if scene not in self._floors:
-            self._floors[scene] = _Floor(self._world)
-        self._floor = self._floors[scene]
-
-    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
-        """Ask for a plan and carry out all of it; a line that is refused is passed over.
-
-        A task by itself is asked for without the ones before it, as in the source.
-        """
-        if self._world is None:
-            raise RuntimeError("begin an episode first")
-        if subtask.is_whole:
-            self._history.clear()
-        skills = Skills(self._world, self._floor)
-        skills.look()
-        plan = self._asked(skills, subtask)
+    def act(self, skills: Skills, instruction: str, history: Sequence[Past]) -> Acting:
+        """Ask for a plan and carry out all of it; a line that is refused is passed over."""
+        plan = self._ask(skills, instruction, history)
         yield plan
         finished = not plan.error
         for call in grounded(plan.calls, plan.names):
             result = skills.run(call)
             yield result
             finished = finished and result.ok
-        past = Past(instruction=subtask.instruction, steps=(plan.completion.text.rstrip() + "\n",))
-        self._history.append(past)
-        yield Outcome(finished=finished, resident=(), handled_ids=tuple(skills.handled))
+        return finished, (plan.completion.text.rstrip() + "\n",)
 
-    def _asked(self, skills: Skills, subtask: SubTask) -> Plan:
+    def _ask(self, skills: Skills, instruction: str, history: Sequence[Past]) -> Plan:
         if self.form == "compact":
-            return next(self._planner.plan(facts(subtask.instruction, skills.held)))
-        prompt, decoding = code_prompt(self._history, subtask.instruction), self._planner.decoding
+            return next(self._planner.plan(facts(instruction, skills.held)))
+        prompt, decoding = code_prompt(history, instruction), self._planner.decoding
         spec = ProgramSpec(skills=smart_skills(), objects=named_types())
         completion = self._planner.model.complete(
             prompt,
@@ -260,7 +220,47 @@ class LotaGenerate:
         )
 
 
-# ----------------------------------------------------------------- parts of both
+# ----------------------------------------------------------------- an episode of either row
+
+
+class LotaEpisode:
+    """One sequence of instructions; what is kept of each is what was asked and answered.
+
+    Args:
+        act: carries out one instruction, told the ones before it.
+        world: has been reset to `scene`.
+        scene: the first room.
+    """
+
+    def __init__(
+        self,
+        act: Callable[[Skills, str, Sequence[Past]], Acting],
+        world: World,
+        scene: SceneRef,
+    ) -> None:
+        self._act, self._world = act, world
+        self._history: list[Past] = []
+        self._floor = _Floor(world)
+        self._floors = {scene: self._floor}
+
+    def enter(self, scene: SceneRef) -> None:
+        """Be in a room, whose cells are known."""
+        if scene not in self._floors:
+            self._floors[scene] = _Floor(self._world)
+        self._floor = self._floors[scene]
+
+    def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
+        """Carry out one instruction.
+
+        A task by itself is asked for without the ones before it, as in the source.
+        """
+        if subtask.is_whole:
+            self._history.clear()
+        skills = Skills(self._world, self._floor)
+        skills.look()
+        finished, steps = yield from self._act(skills, subtask.instruction, self._history)
+        self._history.append(Past(instruction=subtask.instruction, steps=steps))
+        yield Outcome(finished=finished, resident=(), handled_ids=tuple(skills.handled))
 
 
 class _Floor:

@@ -1,29 +1,14 @@
-"""What methods are made of: the models and folders that a run has loaded once."""
+"""A row's options, read strictly into the settings of its method."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import fields
 from typing import Any, TypeVar
 
 import msgspec
 
-from karma.agent.planner import Planner
-from karma.contracts import Embedder, Recall, VisionModel
 from karma.errors import KarmaError
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kit:
-    """Loaded parts, shared by all rows of a run."""
-
-    planner: Planner
-    recall: Recall
-    vision: VisionModel
-    maps: Path | None = None  # folder of long-term memories
-    learn: bool = False  # write what episodes learn back to it
-    embedder: Embedder | None = None  # of texts, e.g. to find examples by their instructions
 
 
 def settings_of(kind: type[T], options: Mapping[str, Any]) -> T:
