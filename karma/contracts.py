@@ -117,7 +117,6 @@ class MemoryUnit:
     handled: bool = False  # manipulated by the agent, not only seen
     image: str | None = None  # path below the run folder
     scene: str = ""  # name of the room that the object is in
-    vector: NDArray[np.float32] | None = field(default=None, compare=False, repr=False)  # length 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -423,9 +422,6 @@ class Recall(Protocol):
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return at most k units, best first; ties keep the order of `units`."""
-
-    def vector(self, unit: MemoryUnit) -> NDArray[np.float32]:
-        """Return the vector a unit is found by, shape (d,), length 1; `recall` trusts it."""
 
 
 class LanguageModel(Protocol):

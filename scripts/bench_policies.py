@@ -6,7 +6,7 @@ One Zipf(1) trace over 1,000 objects, best of a few runs each, million requests 
 process's own time, so that other work on the machine counts less:
 
 - touch: the policy's own `touch`, one call a request; beside it the share of an OrderedDict LRU.
-- memory: `ShortTermMemory.query` and `remember`, one request after another, as a caller of the
+- memory: `ShortTermMemory.find` and `remember`, one request after another, as a caller of the
   public interface would do it; on the first tenth of the trace.
 - lab: `karma.lab.simulate` over the same trace, with hits per request, and how many times
   faster that is than the memory. It must hit as often as the memory, or the run fails.
@@ -52,10 +52,11 @@ def run_policy(text: str, trace: list[str]) -> None:
 def run_memory(text: str, trace: list[str]) -> int:
     """Ask a memory for every object of the trace and remember it; return the hits."""
     memory = ShortTermMemory(make_policy(text))
+    hits = 0
     for key in trace:
-        memory.query(key)
+        hits += memory.find(key) is not None
         memory.remember(MemoryUnit(object_id=key, object_type="Object", position_m=(0.0, 0.0, 0.0)))
-    return memory.statistics.hits
+    return hits
 
 
 def best_mops(run: Callable[[], object], requests: int) -> float:

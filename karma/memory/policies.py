@@ -7,6 +7,7 @@ import re
 import sys
 from collections import Counter, OrderedDict, deque
 from collections.abc import Hashable, Iterator
+from inspect import signature
 from typing import Any, Generic, TypeVar
 
 from karma import registry
@@ -24,7 +25,8 @@ def make_policy(text: str) -> ReplacementPolicy:
 
     `fifo-merge[10]`: ten lines. `wtinylfu-karma[9,1]`: window 9, main 1. W-TinyLFU takes options
     after that: `W=200` or `W=inf` (uses between two halvings), `cm4` (4-bit sketch instead of
-    exact counts).
+    exact counts). A policy takes those that its constructor has an argument for: `window`,
+    `period`, `sketch`.
 
     Raises:
         KarmaError: not of that form, or sizes that make no memory.
@@ -36,25 +38,18 @@ def make_policy(text: str) -> ReplacementPolicy:
     name, first, second, words = match.groups()
     kind = registry.load("policies", name)
     options = _options(text, words.split())
+    capacity = int(first)
+    if second is not None:
+        options["window"] = capacity
+        capacity += int(second)
+    if not options.keys() <= signature(kind).parameters.keys():
+        raise KarmaError(f"policy {text!r}: only W-TinyLFU takes [window,main] sizes and options")
     try:
-        if second is not None:
-            policy = _segmented(text, kind)(int(first), int(second), **options)
-        elif options:
-            _segmented(text, kind)
-            policy = kind(int(first), **options)
-        else:
-            policy = kind(int(first))
+        policy = kind(capacity, **options)
     except ValueError as error:
         raise KarmaError(f"policy {text!r}: {error}") from error
     made: ReplacementPolicy = policy
     return made
-
-
-def _segmented(text: str, kind: Any) -> Any:
-    make = getattr(kind, "with_segments", None)
-    if make is None:
-        raise KarmaError(f"policy {text!r}: only W-TinyLFU takes [window,main] sizes and options")
-    return make
 
 
 def _options(text: str, words: list[str]) -> dict[str, Any]:

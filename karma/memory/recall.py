@@ -84,21 +84,11 @@ class CosineRecall:
         if not units:
             return []
         texts = [self._text(unit) for unit in units]
-        for unit, text in zip(units, texts, strict=True):
-            if unit.vector is not None:
-                self._cache.setdefault(text, unit.vector)
         rows = {text: row for row, text in enumerate(dict.fromkeys(texts))}
         similarities = self._similarities(query, list(rows))
         found = [float(similarities[rows[text]]) for text in texts]
         order = sorted(range(len(units)), key=lambda index: (-found[index], index))
         return [Recalled(unit=units[index], similarity=found[index]) for index in order[:k]]
-
-    def vector(self, unit: MemoryUnit) -> NDArray[np.float32]:
-        """Return the vector of a unit's text, shape (d,), length 1."""
-        text = self._text(unit)
-        if text not in self._cache:
-            self._cache[text] = self._embed(text)[0]
-        return self._cache[text]
 
     def _similarities(self, query: str, texts: Sequence[str]) -> NDArray[np.float32]:
         """Return the cosine of the query with each text."""

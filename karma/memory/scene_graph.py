@@ -4,30 +4,20 @@ Area nodes are spread over the cells that can be stood on; every immovable objec
 nearest area. The graph is built once, grows as objects are seen, and lasts on disk.
 """
 
-import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from math import dist, prod
 from pathlib import Path
-from typing import TypeVar
 
 import msgspec
 
 from karma.contracts import Area, Known, SeenObject, Tour, Vec3
-from karma.errors import FileError, KarmaError
+from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.memory.areas import spread_areas
 
 VERSION = 1
 SPACING_M = 1.25  # no cell is farther from its area node, on foot
 RADIUS_M = 3.0  # objects farther than this from every area node are not kept
-
-T = TypeVar("T")
-
-_LINE = re.compile(
-    r"\{name: (\S+), type: Area, contains: \[(.*)\], adjacent nodes: \[(.*)\],"
-    r" position: \[(-?\d+\.\d\d), (-?\d+\.\d\d), (-?\d+\.\d\d)\]\}"
-)
 
 
 class ObjectNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -55,16 +45,6 @@ class AreaNode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     name: str
     position_m: Vec3
     adjacent: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AreaLine:
-    """What the text form says of one area."""
-
-    name: str
-    contains: tuple[str, ...]
-    adjacent: tuple[str, ...]
-    position_m: Vec3  # rounded to centimetres
 
 
 class SceneGraph:
@@ -138,28 +118,6 @@ class SceneGraph:
                     )
                 )
 
-    def observe_area(self, name: str, seen: Iterable[SeenObject]) -> tuple[str, ...]:
-        """Observe all that a full turn at an area showed, and drop what is gone from there.
-
-        Every object of the area that is not among `seen` counts as gone: call this only when the
-        whole area was in view, as occlusion is not modelled.
-
-        Returns:
-            Ids of the dropped objects, sorted.
-
-        Raises:
-            KarmaError: no area has that name.
-        """
-        if name not in self._areas:
-            raise KarmaError(f"no area {name!r}; there are {list(self._areas)}")
-        seen = tuple(seen)
-        in_view = {item.object_id for item in seen}
-        gone = [node.id for node in self.objects(name) if node.id not in in_view]
-        for object_id in gone:
-            self.forget(object_id)
-        self.observe(seen)
-        return tuple(gone)
-
     def forget(self, object_id: str) -> bool:
         """Remove an object; return whether it was known."""
         self._area_of.pop(object_id, None)
@@ -167,8 +125,10 @@ class SceneGraph:
 
     def _place(self, node: ObjectNode) -> None:
         self.forget(node.id)
-        area = _nearest(self._areas.values(), lambda area: node.distance_m(area.position_m))
-        if area is not None and node.distance_m(area.position_m) <= self.radius_m:
+        if not self._areas:
+            return
+        area = min(self._areas.values(), key=lambda area: node.distance_m(area.position_m))
+        if node.distance_m(area.position_m) <= self.radius_m:
             self._objects[node.id] = node
             self._area_of[node.id] = area.name
 
@@ -185,14 +145,6 @@ class SceneGraph:
         """Return the names of the areas that can be walked to from an area directly."""
         return self._areas[name].adjacent
 
-    def nearest_area(self, position: Vec3) -> Area | None:
-        """Return the area node closest to a position on the floor plan; None without areas."""
-        return _nearest(self.areas(), lambda area: _on_plan_m(area.position_m, position))
-
-    def area_of(self, object_id: str) -> str | None:
-        """Return the name of the area an object belongs to; None if it is unknown."""
-        return self._area_of.get(object_id)
-
     def objects(self, area: str | None = None) -> tuple[ObjectNode, ...]:
         """Return the objects, of one area or of all, sorted by id."""
         ids = sorted(i for i in self._objects if area is None or self._area_of[i] == area)
@@ -205,21 +157,12 @@ class SceneGraph:
             name: object id or type.
             near: where to measure from, to the object's box; without it, the first by id.
         """
-        return next(iter(self.all_known(name, near=near)), None)
-
-    def all_known(self, name: str, *, near: Vec3 | None = None) -> tuple[Known, ...]:
-        """Return every object of an id or type, nearest first; equals by id."""
         nodes = [node for node in self.objects() if name in (node.id, node.type)]
-        if near is not None:
-            nodes.sort(key=lambda node: node.distance_m(near))
-        return tuple(
-            Known(
-                object_id=node.id,
-                object_type=node.type,
-                position_m=node.position_m,
-                source="graph",
-            )
-            for node in nodes
+        if not nodes:
+            return None
+        node = nodes[0] if near is None else min(nodes, key=lambda node: node.distance_m(near))
+        return Known(
+            object_id=node.id, object_type=node.type, position_m=node.position_m, source="graph"
         )
 
     def _types(self, name: str) -> tuple[str, ...]:
@@ -232,25 +175,28 @@ class SceneGraph:
 
     # ------------------------------------------------------------- as text
 
-    def lines(self) -> tuple[AreaLine, ...]:
-        """Return what the text form holds."""
-        return tuple(
-            AreaLine(
-                name=area.name,
-                contains=area.contains,
-                adjacent=self._areas[area.name].adjacent,
-                position_m=_rounded(area.position_m),
-            )
-            for area in self.areas()
-        )
-
     def to_text(self) -> str:
         """Return the form of §3.3: a line for each area, then one for each edge; ends in newline.
 
         {name: node_1, type: Area, contains: [Bed], adjacent nodes: [node_2], position: [...]}
         node_1 <-> node_2
         """
-        return to_text(self.lines())
+        written = []
+        for area in self.areas():
+            x, y, z = (round(value, 2) + 0.0 for value in area.position_m)  # no negative zeros
+            written.append(
+                f"{{name: {area.name}, type: Area, contains: [{', '.join(area.contains)}], "
+                f"adjacent nodes: [{', '.join(self.adjacent(area.name))}], "
+                f"position: [{x:.2f}, {y:.2f}, {z:.2f}]}}"
+            )
+        written += [f"{a} <-> {b}" for a, b in self._edges()]
+        return "".join(f"{line}\n" for line in written)
+
+    def _edges(self) -> Iterator[tuple[str, str]]:
+        """Yield each edge once, from the area named first."""
+        rank = {name: number for number, name in enumerate(self._areas)}
+        for name, area in self._areas.items():
+            yield from ((name, other) for other in area.adjacent if rank[name] < rank[other])
 
     # ------------------------------------------------------------- on disk
 
@@ -314,61 +260,6 @@ class _SavedGraph(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     tour: Tour | None = None
 
 
-def to_text(lines: Iterable[AreaLine]) -> str:
-    """Write area lines in the form of §3.3; see `SceneGraph.to_text`."""
-    lines = tuple(lines)
-    written = []
-    for line in lines:
-        x, y, z = line.position_m
-        written.append(
-            f"{{name: {line.name}, type: Area, contains: [{', '.join(line.contains)}], "
-            f"adjacent nodes: [{', '.join(line.adjacent)}], "
-            f"position: [{x:.2f}, {y:.2f}, {z:.2f}]}}"
-        )
-    written += [f"{a} <-> {b}" for a, b in _edges({line.name: line.adjacent for line in lines})]
-    return "".join(f"{line}\n" for line in written)
-
-
-def from_text(text: str) -> tuple[AreaLine, ...]:
-    """Read what `to_text` wrote.
-
-    Raises:
-        KarmaError: a line of another form, or edges that are not the areas' adjacent nodes.
-    """
-    areas: list[AreaLine] = []
-    edges: list[tuple[str, ...]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        match = _LINE.fullmatch(line)
-        if match is not None:
-            name, contains, adjacent, x, y, z = match.groups()
-            areas.append(
-                AreaLine(
-                    name=name,
-                    contains=tuple(filter(None, contains.split(", "))),
-                    adjacent=tuple(filter(None, adjacent.split(", "))),
-                    position_m=(float(x), float(y), float(z)),
-                )
-            )
-        elif re.fullmatch(r"\S+ <-> \S+", line):
-            edges.append(tuple(line.split(" <-> ")))
-        else:
-            raise KarmaError(f"scene graph text, line {number}: neither area nor edge: {line!r}")
-    if edges != _edges({area.name: area.adjacent for area in areas}):
-        raise KarmaError("scene graph text: its edges are not the adjacent nodes of its areas")
-    return tuple(areas)
-
-
-def _edges(adjacent: Mapping[str, tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """Return each edge once, from the area named first."""
-    rank = {name: number for number, name in enumerate(adjacent)}
-    return [
-        (name, other)
-        for name, others in adjacent.items()
-        for other in others
-        if rank[name] < rank.get(other, -1)
-    ]
-
-
 def _inconsistency(areas: list[AreaNode]) -> str | None:
     by_name = {area.name: area for area in areas}
     if len(by_name) < len(areas):
@@ -378,18 +269,3 @@ def _inconsistency(areas: list[AreaNode]) -> str | None:
             if other not in by_name or area.name not in by_name[other].adjacent:
                 return f"edge {area.name} <-> {other} is not mutual"
     return None
-
-
-def _nearest(items: Iterable[T], distance_m: Callable[[T], float]) -> T | None:
-    """Return the first of the closest items."""
-    return min(items, key=distance_m, default=None)
-
-
-def _on_plan_m(first: Vec3, second: Vec3) -> float:
-    return dist((first[0], first[2]), (second[0], second[2]))
-
-
-def _rounded(position: Vec3) -> Vec3:
-    """Return a position in centimetres, without negative zeros."""
-    x, y, z = (round(value, 2) + 0.0 for value in position)
-    return (x, y, z)

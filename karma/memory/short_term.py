@@ -1,41 +1,21 @@
 """Short-term memory: one line per object, in a fixed number of lines (KARMA §3.4).
 
-A query is a pure read and no use; the caller remembers a task's units in plan order once the task
+Looking a unit up is no use of it; the caller remembers a task's units in plan order once the task
 is over, and that is the use its policy sees.
 """
 
 import copy
-import json
 from collections import OrderedDict
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
-import msgspec
-
 from karma.contracts import MemoryUnit, ReplacementPolicy
-from karma.files import decode_json
 
 _OPPOSITES = {
     "opened": "closed", "closed": "opened",
     "on": "off", "off": "on",
     "dirty": "cleaned", "cleaned": "dirty",
 }  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MemoryStatistics:
-    """What a memory was asked and what it gave up, since it was made or cleared."""
-
-    queries: int = 0
-    hits: int = 0
-    remembered: int = 0  # calls of `remember`
-    left: int = 0  # units that left a full memory, refused newcomers among them
-
-    @property
-    def hit_rate(self) -> float | None:
-        """Queries answered over queries asked (KARMA §3.6); None when none was asked."""
-        return self.hits / self.queries if self.queries else None
 
 
 @runtime_checkable
@@ -56,17 +36,11 @@ class ShortTermMemory:
         self._fresh = copy.deepcopy(policy)
         self._policy = policy
         self._units: OrderedDict[str, MemoryUnit] = OrderedDict()  # by last touch
-        self._statistics = MemoryStatistics()
 
     @property
     def capacity(self) -> int:
         """How many units there is room for."""
         return self._policy.capacity
-
-    @property
-    def statistics(self) -> MemoryStatistics:
-        """The counts so far."""
-        return self._statistics
 
     def remember(self, unit: MemoryUnit) -> MemoryUnit | None:
         """Store a unit, or merge it into the line of its object, as one use of it.
@@ -79,31 +53,17 @@ class ShortTermMemory:
         self._units[key] = merged(old or replace(unit, states=()), unit)
         self._units.move_to_end(key)
         left_key = self._policy.touch(key)
-        left = None
-        if left_key is not None and left_key not in self._policy:
-            left = self._units.pop(left_key, None)
-        counts = self._statistics
-        self._statistics = replace(
-            counts, remembered=counts.remembered + 1, left=counts.left + (left is not None)
-        )
-        return left
+        if left_key is None or left_key in self._policy:
+            return None
+        return self._units.pop(left_key, None)
 
-    def query(self, name: str, scene: str | None = None) -> MemoryUnit | None:
-        """Look a required unit up and count whether it was there; changes no line.
+    def find(self, name: str, scene: str | None = None) -> MemoryUnit | None:
+        """Look a required unit up; None if it is not there. That is no use of it.
 
         Args:
             name: an object id, or a type: then its most recently used unit.
             scene: the room that it is in; None: any.
         """
-        found = self.find(name, scene)
-        counts = self._statistics
-        self._statistics = replace(
-            counts, queries=counts.queries + 1, hits=counts.hits + (found is not None)
-        )
-        return found
-
-    def find(self, name: str, scene: str | None = None) -> MemoryUnit | None:
-        """Look up as `query` does, without counting."""
         units = self.units(scene)[::-1]
         named = next((unit for unit in units if unit.object_id == name), None)
         return named or next((unit for unit in units if unit.object_type == name), None)
@@ -132,42 +92,15 @@ class ShortTermMemory:
         return True
 
     def clear(self) -> None:
-        """Start anew: no units, no use counts, no statistics (§3.4, "volatile")."""
+        """Start anew: no units, no use counts (§3.4, "volatile")."""
         self._policy = copy.deepcopy(self._fresh)
         self._units.clear()
-        self._statistics = MemoryStatistics()
 
     def __contains__(self, key: object) -> bool:
         return key in self._units
 
     def __len__(self) -> int:
         return len(self._units)
-
-    def to_json(self) -> str:
-        """Return the units as a JSON list in the form of Listing 1, least recently used first."""
-        return json.dumps([listing(unit, full=True) for unit in self.units()], indent=4)
-
-    @classmethod
-    def from_json(
-        cls, text: str | bytes, policy: ReplacementPolicy, *, path: str | Path = "short_term_memory"
-    ) -> "ShortTermMemory":
-        """Return a memory that was told the units of `to_json`, in that order.
-
-        Use counts are not part of the text: to the policy each unit is used once.
-
-        Args:
-            text: a JSON list of units.
-            policy: empty.
-            path: where the text came from, for the error.
-
-        Raises:
-            FileError: torn, an unknown key, or a value of the wrong kind.
-        """
-        memory = cls(policy)
-        for line in decode_json(text, list[_Line], path=path):
-            memory.remember(line.unit())
-        memory._statistics = MemoryStatistics()
-        return memory
 
 
 def line_key(object_id: str, scene: str) -> str:
@@ -209,13 +142,8 @@ def merged_states(old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]
     return tuple(history)
 
 
-def listing(unit: MemoryUnit, *, full: bool = False) -> dict[str, Any]:
-    """Return a unit with the keys of Listing 1, in its order.
-
-    Args:
-        unit: what to write.
-        full: also write what the listing leaves out: states, placeId, handled, scene.
-    """
+def listing(unit: MemoryUnit) -> dict[str, Any]:
+    """Return a unit with the keys of Listing 1, in its order."""
     x, y, z = unit.position_m
     line: dict[str, Any] = {
         "objectType": unit.object_type,
@@ -224,39 +152,4 @@ def listing(unit: MemoryUnit, *, full: bool = False) -> dict[str, Any]:
     }
     if unit.image is not None:
         line["imagePath"] = unit.image
-    if full:
-        line |= {"states": list(unit.states), "placeId": unit.place_id, "handled": unit.handled}
-        line |= {"scene": unit.scene} if unit.scene else {}
     return line
-
-
-class _Position(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    x: float
-    y: float
-    z: float
-
-
-class _Line(msgspec.Struct, frozen=True, rename="camel", forbid_unknown_fields=True):
-    """One unit as `to_json` writes it; the paper's own four keys suffice."""
-
-    object_type: str
-    position: _Position
-    object_id: str
-    image_path: str | None = None
-    states: tuple[str, ...] = ()
-    place_id: str | None = None
-    handled: bool = False
-    scene: str = ""
-
-    def unit(self) -> MemoryUnit:
-        """Return the unit that the line describes."""
-        return MemoryUnit(
-            object_id=self.object_id,
-            object_type=self.object_type,
-            position_m=(self.position.x, self.position.y, self.position.z),
-            states=self.states,
-            place_id=self.place_id,
-            handled=self.handled,
-            image=self.image_path,
-            scene=self.scene,
-        )

@@ -9,9 +9,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from karma.contracts import Embedder, MemoryUnit, Recalled
 from karma.memory.recall import CosineRecall, unit_sentence
 
@@ -44,10 +41,6 @@ class StatefulRecall:
 
     def __init__(self, embedder: Embedder, *, text: str = "sentence") -> None:
         self._cosine = CosineRecall(embedder, text=_name)
-
-    def vector(self, unit: MemoryUnit) -> NDArray[np.float32]:
-        """Return the vector of a unit's name, shape (d,), length 1."""
-        return self._cosine.vector(unit)
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return the best units first; ties keep the order of `units`.

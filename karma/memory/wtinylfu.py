@@ -16,7 +16,7 @@ With [9,1] nothing is protected, so KARMA's reading compares all units: an LFU t
 
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, TypeVar
 
 from karma.memory.policies import checked_capacity
 from karma.memory.sketch import CountMin4, ExactCounts, Frequencies, Period
@@ -24,14 +24,6 @@ from karma.memory.sketch import CountMin4, ExactCounts, Frequencies, Period
 K = TypeVar("K", bound=Hashable)
 
 PROTECTED_SHARE = 0.8  # of the main segment
-
-
-class Segments(NamedTuple):
-    """The keys of each segment, least recently used first."""
-
-    window: tuple[Hashable, ...]
-    elimination: tuple[Hashable, ...]
-    protected: tuple[Hashable, ...]
 
 
 class CaffeineWTinyLfu(Generic[K]):
@@ -61,13 +53,6 @@ class CaffeineWTinyLfu(Generic[K]):
         self._elimination: OrderedDict[K, None] = OrderedDict()
         self._protected: OrderedDict[K, None] = OrderedDict()
 
-    @classmethod
-    def with_segments(
-        cls, window: int, main: int, *, period: Period = "default", sketch: bool = False
-    ) -> "CaffeineWTinyLfu[K]":
-        """Return one with exactly these sizes, the paper's `[window,main]`."""
-        return cls(window + main, window=window, period=period, sketch=sketch)
-
     def touch(self, key: K) -> K | None:
         """Count one use of `key`, insert or move it; return the key that left."""
         self.counts.add(key)
@@ -87,10 +72,6 @@ class CaffeineWTinyLfu(Generic[K]):
         """Free the line of `key`; its count stays."""
         for segment in (self._window, self._elimination, self._protected):
             segment.pop(key, None)
-
-    def segments(self) -> Segments:
-        """Return the keys of each segment."""
-        return Segments(tuple(self._window), tuple(self._elimination), tuple(self._protected))
 
     def _promote(self, key: K) -> None:
         del self._elimination[key]
@@ -154,13 +135,6 @@ class KarmaWTinyLfu(Generic[K]):
         self._window: OrderedDict[K, None] = OrderedDict()
         self._protected: OrderedDict[K, None] = OrderedDict()
 
-    @classmethod
-    def with_segments(
-        cls, window: int, main: int, *, period: Period = "default", sketch: bool = False
-    ) -> "KarmaWTinyLfu[K]":
-        """Return one with exactly these sizes, the paper's `[window,main]`."""
-        return cls(window + main, window=window, period=period, sketch=sketch)
-
     def touch(self, key: K) -> K | None:
         """Count one use of `key`, insert or move it; return the key that left."""
         self.counts.add(key)
@@ -180,12 +154,6 @@ class KarmaWTinyLfu(Generic[K]):
         """Free the line of `key`; its count stays."""
         for keys in (self._order, self._window, self._protected):
             keys.pop(key, None)
-
-    def segments(self) -> Segments:
-        """Return the keys of each segment."""
-        rest = (key for key in self._order if key not in self._window)
-        elimination = tuple(key for key in rest if key not in self._protected)
-        return Segments(tuple(self._window), elimination, tuple(self._protected))
 
     def _enter(self, key: K) -> K | None:
         self._order[key] = self._window[key] = None

@@ -221,7 +221,7 @@ class KarmaEpisode:
         )
         if self.settings.short_term:
             for unit in _with_history(units, known, turn.skills.cut):
-                self.short_term.remember(replace(unit, vector=self._recall.vector(unit)))
+                self.short_term.remember(unit)
         if self.graph is not None:
             self.graph.observe(turn.skills.seen.values())
             if self._learn and (path := self._map_path()) is not None:

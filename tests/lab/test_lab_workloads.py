@@ -267,7 +267,7 @@ def test_real_tasks_have_the_known_units(real):
 def test_hit_rates_are_those_that_were_measured_before(real, workload, units, policy, rate):
     """By others, on sequences of their own from 506 more tasks; rooms vary most from each other."""
     drawn = [draw_errands(real, workload, 1000, 0, number) for number in range(12)]
-    rates = [100 * simulate(policy, trace_of(one, workload, units)).cold_rate for one in drawn]
+    rates = [100 * simulate(policy, trace_of(one, workload, units)).rate() for one in drawn]
     mean = sum(rates) / len(rates)
     error = (sum((one - mean) ** 2 for one in rates) / (len(rates) - 1) / len(rates)) ** 0.5
     assert abs(mean - rate) < 4 * error + 0.3

@@ -1,73 +1,31 @@
-"""Each policy against a second, slow telling of the same rule, and against outside hit counts."""
-
-import json
+"""Each policy against a second, slow telling of the same rule."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.paths import SHARED
 
 from karma.errors import KarmaError, UnknownNameError
-from karma.lab.hits import HitStatistics, belady_hits, replay, replay_tasks, unbounded_hits
-from karma.memory.policies import Arc, Fifo, FifoMerge, FifoMergeWhenFull, Lfu, Lru, make_policy
+from karma.memory.policies import Fifo, FifoMerge, FifoMergeWhenFull, Lfu, Lru, make_policy
 from karma.memory.sketch import CAP, CountMin4, ExactCounts
 from karma.memory.wtinylfu import CaffeineWTinyLfu, KarmaWTinyLfu
-
-TRACES = ("alfred_rooms_m_seq0", "alfred_type_r4_seq0")
 
 KEYS = st.text("01234567", max_size=70)
 SIZES = st.integers(1, 6)
 SEGMENTS = st.tuples(st.integers(0, 5), st.integers(0, 10)).filter(any)
 
 
+def segmented(kind, window, main, **options):
+    return kind(window + main, window=window, **options)
+
+
+def segments(policy):
+    """The keys in the window, in the elimination segment and in the protected one."""
+    window, protected = list(policy._window), list(policy._protected)
+    return window, [key for key in policy if key not in (*window, *protected)], protected
+
+
 def answers(policy, keys):
     return [policy.touch(key) for key in keys]
-
-
-# ----------------------------------------------------------------- outside hit counts
-
-
-def golden(trace):
-    path = SHARED / "data" / "traces" / f"{trace}.json"
-    if not path.exists():
-        pytest.skip(f"reference data not found: {path}")
-    data = json.loads(path.read_bytes())
-    return data["trace"], {int(size): row["hits"] for size, row in data["golden"].items()}
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize("trace", TRACES)
-@pytest.mark.parametrize(
-    "kind, row", [(Arc, "ARC"), (FifoMerge, "FIFO"), (Lru, "LRU"), (Lfu, "LFU")]
-)
-def test_hits_equal_those_of_libcachesim(trace, kind, row):
-    keys, rows = golden(trace)
-    for size, hits in rows.items():
-        assert replay(kind(size), keys).hits == hits[f"{row} (libCacheSim)"], size
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize("trace", TRACES)
-@pytest.mark.parametrize("counts", ["exact", "cm4"])
-def test_hits_equal_those_of_the_caffeine_simulator(trace, counts):
-    keys, rows = golden(trace)
-    checked = 0
-    for size, hits in rows.items():
-        for row, expected in hits.items():
-            if row.startswith("W-TinyLFU") and row.endswith(counts):
-                window = int(row.split()[1].removeprefix("w="))
-                policy = CaffeineWTinyLfu(size, window=window, sketch=counts == "cm4")
-                assert replay(policy, keys).hits == expected, (size, row)
-                checked += 1
-    assert checked >= 10
-
-
-@pytest.mark.shared
-@pytest.mark.parametrize("trace", TRACES)
-def test_hits_lie_below_belady_and_that_below_unbounded(trace):
-    keys, rows = golden(trace)
-    for size, hits in rows.items():
-        assert max(hits.values()) <= belady_hits(keys, size) <= unbounded_hits(keys)
 
 
 # ----------------------------------------------------------------- slow tellings
@@ -174,33 +132,8 @@ def test_lru_and_lfu_answer_as_their_slow_tellings(keys, capacity):
 
 @given(keys=KEYS, sizes=SEGMENTS, period=st.none() | st.integers(1, 40))
 def test_karma_rule_answers_as_its_slow_telling(keys, sizes, period):
-    policy = KarmaWTinyLfu.with_segments(*sizes, period=period)
+    policy = segmented(KarmaWTinyLfu, *sizes, period=period)
     assert answers(policy, keys) == list(slow_karma(keys, *sizes, period))
-
-
-def slow_best_hits(keys, capacity):
-    """Try every choice of what to hold after each request; a hit needs no other change."""
-    best = {frozenset(): 0}
-    for key in keys:
-        following = {}
-        for held, hits in best.items():
-            wide = held | {key}
-            fitting = [wide] if len(wide) <= capacity else [wide - {other} for other in wide]
-            for option in fitting:
-                following[option] = max(hits + (key in held), following.get(option, 0))
-        best = following
-    return max(best.values())
-
-
-@given(keys=st.text("01234", max_size=12), capacity=st.integers(1, 3))
-def test_belady_hits_are_the_best_of_all_choices(keys, capacity):
-    assert belady_hits(keys, capacity) == slow_best_hits(keys, capacity)
-
-
-def test_belady_without_room_hits_nothing_and_refuses_less():
-    assert belady_hits("aaa", 0) == 0
-    with pytest.raises(ValueError, match="negative"):
-        belady_hits("aaa", -1)
 
 
 @given(keys=KEYS, capacity=SIZES)
@@ -219,26 +152,26 @@ def test_lru_of_more_lines_holds_what_fewer_hold(keys, capacity):
 @given(keys=KEYS, sizes=SEGMENTS, sketch=st.booleans())
 def test_segments_add_up_and_keep_their_sizes(kind, keys, sizes, sketch):
     window, main = sizes
-    policy = kind.with_segments(window, main, sketch=sketch)
+    policy = segmented(kind, window, main, sketch=sketch)
     assert (policy.capacity, policy.window_size) == (window + main, window)
     before = 0
     for key in keys:
-        protected = policy.segments().protected
+        *_, before_protected = segments(policy)
         left = policy.touch(key)
-        now = policy.segments()
-        every = [*now.window, *now.elimination, *now.protected]
+        in_window, elimination, protected = segments(policy)
+        every = [*in_window, *elimination, *protected]
         assert sorted(every) == sorted(policy) == sorted(set(every))
         assert len(every) == len(policy) <= window + main
-        assert len(now.window) <= window
-        assert len(now.protected) <= main * 8 // 10
+        assert len(in_window) <= window
+        assert len(protected) <= main * 8 // 10
         assert len(policy) >= before
-        assert left is None or left not in protected
+        assert left is None or left not in before_protected
         before = len(policy)
 
 
 @given(keys=KEYS, capacity=SIZES)
 def test_caffeine_with_nothing_but_a_window_is_lru(keys, capacity):
-    policy = CaffeineWTinyLfu.with_segments(capacity, 0)
+    policy = segmented(CaffeineWTinyLfu, capacity, 0)
     for key in keys:
         challenger = next(iter(policy)) if len(policy) == capacity and key not in policy else None
         assert policy.touch(key) == challenger
@@ -253,7 +186,7 @@ def _after(policy, keys):
 
 @given(keys=KEYS, window=st.integers(0, 6))
 def test_karma_that_never_ages_nor_protects_is_perfect_lfu_with_admission(keys, window):
-    policy = KarmaWTinyLfu.with_segments(window, 1, period=None)
+    policy = segmented(KarmaWTinyLfu, window, 1, period=None)
     count, last, held = {}, {}, set()
     for now, key in enumerate(keys):
         count[key], last[key] = count.get(key, 0) + 1, now
@@ -275,14 +208,14 @@ def test_sizes_default_to_each_sources_own():
 
 
 def test_karma_newcomer_may_be_refused_and_is_gone():
-    policy = KarmaWTinyLfu.with_segments(1, 1)
+    policy = segmented(KarmaWTinyLfu, 1, 1)
     assert answers(policy, "aabb") == [None] * 4
     assert policy.touch("c") == "c"
     assert "c" not in policy
 
 
 def test_caffeine_challenger_must_be_used_strictly_more_often():
-    policy = CaffeineWTinyLfu.with_segments(1, 1)
+    policy = segmented(CaffeineWTinyLfu, 1, 1)
     assert answers(policy, "abc") == [None, None, "b"]  # b challenges a, both used once
     assert answers(policy, "cd") == [None, "a"]  # c, used twice, beats a
 
@@ -375,22 +308,3 @@ def test_policy_text_that_makes_no_sense_is_refused(text, says):
 def test_policy_of_unknown_name_suggests_the_nearest():
     with pytest.raises(UnknownNameError, match="wtinylfu-karma"):
         make_policy("wtinylfu-kama[9,1]")
-
-
-def test_statistics_of_a_known_trace():
-    found = replay(Lru(2), "abababcab")
-    assert found == HitStatistics(
-        requests=9, hits=4, warm_requests=7, warm_hits=4, half_requests=5, half_hits=2
-    )
-    assert (found.cold_rate, found.steady_rate, found.half_rate) == (4 / 9, 4 / 7, 2 / 5)
-
-
-def test_statistics_without_requests_are_undefined():
-    found = replay(Lru(2), "")
-    assert (found.cold_rate, found.steady_rate, found.half_rate) == (None, None, None)
-    assert replay(make_policy("unbounded[5]"), "aabb").steady_rate is None
-
-
-def test_tasks_ask_before_they_touch_and_once_for_each_unit():
-    found = replay_tasks(Lru(5), [("a", "b", "a"), ("a", "c"), ()])
-    assert (found.requests, found.hits) == (4, 1)

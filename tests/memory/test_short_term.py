@@ -1,42 +1,24 @@
 """Short-term memory keeps one merged line per object, in the lines its policy grants."""
 
-import json
 from dataclasses import replace
 from typing import get_args
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.paths import GOLDEN
 
 from karma import registry
 from karma.contracts import MemoryUnit, State
-from karma.errors import FileError
-from karma.memory.policies import Fifo, FifoMerge, Lru, Unbounded
-from karma.memory.short_term import MemoryStatistics, ShortTermMemory, merged_states
+from karma.memory.policies import Fifo, Lru
+from karma.memory.short_term import ShortTermMemory, merged_states
 from karma.memory.wtinylfu import KarmaWTinyLfu
 
-LISTING = GOLDEN / "listing1.json"
 STATES = get_args(State)
 
 
 def unit(name, **changes):
     fields = {"object_id": f"{name}|1", "object_type": name, "position_m": (0.0, 1.0, 2.0)}
     return MemoryUnit(**{**fields, **changes})
-
-
-def pear_and_teapot():
-    pear = unit(
-        "Pear",
-        object_id="Pear|+00.75|+00.90|-01.25",
-        position_m=(0.75, 0.9, -1.25),
-        states=("cleaned", "sliced"),
-        place_id="Bowl|+00.75|+00.88|-01.25",
-        handled=True,
-        image="images/Pear.jpg",
-    )
-    position = (-2.0, 1.125, 0.5)
-    return pear, unit("Teapot", object_id="Teapot|-02.00|+01.13|+00.50", position_m=position)
 
 
 def test_remembering_again_overwrites_the_place_and_keeps_the_history():
@@ -102,29 +84,24 @@ POLICIES = {name: registry.load("policies", name) for name in registry.names("po
 
 
 def test_refused_newcomer_is_returned_and_not_kept():
-    memory = ShortTermMemory(KarmaWTinyLfu.with_segments(1, 1))
+    memory = ShortTermMemory(KarmaWTinyLfu(2, window=1))
     for letter in "aabb":
         assert memory.remember(unit(letter)) is None
     assert memory.remember(unit("c")) == unit("c")
     assert [line.object_type for line in memory.units()] == ["a", "b"]
-    assert memory.statistics.left == 1
 
 
-def test_queries_count_and_change_nothing():
+def test_finding_a_unit_changes_nothing():
     memory = ShortTermMemory(Lru(2))
     memory.remember(unit("Apple", object_id="Apple|1"))
     memory.remember(unit("Apple", object_id="Apple|2"))
     before = memory.units()
-    assert memory.query("Apple").object_id == "Apple|2"
-    assert memory.query("Apple|1").object_id == "Apple|1"
-    assert memory.query("Pear") is None
+    assert memory.find("Apple").object_id == "Apple|2"
+    assert memory.find("Apple|1").object_id == "Apple|1"
     assert memory.find("Pear") is None
     assert memory.units() == before
     memory.remember(unit("Pear"))
-    assert "Apple|1" not in memory  # the query was no use
-    assert memory.statistics == MemoryStatistics(queries=3, hits=2, remembered=3, left=1)
-    assert memory.statistics.hit_rate == 2 / 3
-    assert MemoryStatistics().hit_rate is None
+    assert "Apple|1" not in memory  # finding it was no use of it
 
 
 def test_forgotten_unit_frees_its_line():
@@ -171,9 +148,8 @@ def test_cleared_memory_is_as_new():
     memory = ShortTermMemory(Fifo(2))
     for letter in "abc":
         memory.remember(unit(letter))
-    memory.query("a")
     memory.clear()
-    assert (memory.units(), memory.statistics) == ((), MemoryStatistics())
+    assert memory.units() == ()
     for letter in "ab":
         assert memory.remember(unit(letter)) is None
 
@@ -185,63 +161,3 @@ def test_plain_queue_with_duplicates_keeps_the_lines_it_still_has():
     assert memory.remember(unit("c")) is None  # the first of two copies of "a"
     assert memory.remember(unit("d")).object_type == "a"
     assert [line.object_type for line in memory.units()] == ["b", "c", "d"]
-
-
-def test_json_has_the_form_of_listing_1():
-    memory = ShortTermMemory(FifoMerge(10))
-    for line in pear_and_teapot():
-        memory.remember(line)
-    assert memory.to_json() + "\n" == LISTING.read_text()
-
-
-def test_json_restores_the_units():
-    memory = ShortTermMemory.from_json(LISTING.read_bytes(), Lru(10))
-    assert memory.units() == pear_and_teapot()
-    assert memory.statistics == MemoryStatistics()
-
-
-def test_json_of_the_paper_needs_no_more_than_its_four_keys():
-    line = {
-        "objectType": "Pear",
-        "position": {"x": 1, "y": 2, "z": 3},
-        "objectId": "Pear|1",
-        "imagePath": "images/Pear.jpg",
-    }
-    (pear,) = ShortTermMemory.from_json(json.dumps([line, line]), Lru(10)).units()
-    assert pear == unit("Pear", position_m=(1.0, 2.0, 3.0), image="images/Pear.jpg")
-
-
-UNITS = st.lists(
-    st.builds(
-        MemoryUnit,
-        object_id=st.text(max_size=3),
-        object_type=st.sampled_from(["Apple", "Pear"]),
-        position_m=st.tuples(*[st.floats(-9, 9)] * 3),
-        states=st.lists(st.sampled_from(STATES), max_size=3).map(tuple),
-        place_id=st.none() | st.text(max_size=3),
-        handled=st.booleans(),
-        image=st.none() | st.text(max_size=3),
-    ),
-    max_size=6,
-)
-
-
-@given(units=UNITS)
-def test_json_round_trip_loses_no_unit(units):
-    memory = ShortTermMemory(Unbounded())
-    for line in units:
-        memory.remember(line)
-    again = ShortTermMemory.from_json(memory.to_json(), Unbounded())
-    assert again.units() == memory.units()
-
-
-@pytest.mark.parametrize("text", ["[", '[{"objectType": "Pear"}]', '{"a": 1}'])
-def test_json_that_does_not_fit_names_its_file(text):
-    with pytest.raises(FileError, match=r"run/memory\.json"):
-        ShortTermMemory.from_json(text, Lru(3), path="run/memory.json")
-
-
-def test_json_with_an_unknown_key_is_refused():
-    text = LISTING.read_text().replace('"handled"', '"touched"')
-    with pytest.raises(FileError, match="touched"):
-        ShortTermMemory.from_json(text, Lru(3))

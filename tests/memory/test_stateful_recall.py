@@ -63,8 +63,6 @@ def test_recall_keeps_its_contract(minilm, name):
     assert recall.recall("anything", (), 3) == []
     with pytest.raises(ValueError, match="at least 1"):
         recall.recall("anything", UNITS, 0)
-    row = recall.vector(UNITS[0])
-    assert abs(float(row @ row) - 1.0) < 1e-5
 
 
 @pytest.mark.parametrize("name", registry.names("recalls"))
