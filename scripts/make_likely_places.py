@@ -11,8 +11,8 @@ from pathlib import Path
 from karma.files import write_atomic
 from karma.methods.capeam.prior import count_places, to_toml
 from karma.offline import go_offline
-from karma.world.build.generate import build_scene
-from karma.world.build.rooms import rooms
+from karma.world.generation.generate import build_scene
+from karma.world.generation.rooms import rooms
 
 
 def main() -> None:

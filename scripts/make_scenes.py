@@ -8,9 +8,9 @@ from pathlib import Path
 
 from karma.files import to_json, write_atomic
 from karma.offline import go_offline
-from karma.world.build.generate import build_scene
-from karma.world.build.rooms import rooms
 from karma.world.core.scene import SCENES, check
+from karma.world.generation.generate import build_scene
+from karma.world.generation.rooms import rooms
 
 
 def main() -> None:

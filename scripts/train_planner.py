@@ -45,7 +45,7 @@ from karma.training.planner.network import first_embeddings
 from karma.training.planner.packs import END, PAD, Data, Recipe, make_tokenizer, plain
 from karma.training.planner.samples import Example, draw
 from karma.training.planner.train import exact_share, train
-from karma.world.build.generate import build_scene
+from karma.world.generation.generate import build_scene
 from karma.world.importing.scenes import import_dump
 
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it

@@ -306,7 +306,7 @@ def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMA
     """
     from karma.tasks.drawing.phrases import our_book
     from karma.tasks.drawing.rooms import room_of
-    from karma.world.build.generate import build_scene
+    from karma.world.generation.generate import build_scene
 
     rooms = (
         (kind, f"{kind}_{number}", build_scene(kind, 2000 + number, seed))

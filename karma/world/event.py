@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from karma.world.core.camera import Camera
-from karma.world.core.metadata import xyz
+from karma.world.core.metadata import holders, records, xyz
 from karma.world.core.posing import hand_rotation
 from karma.world.core.state import Images, WorldState
 from karma.world.core.view import camera
@@ -344,15 +344,15 @@ def _colors(state: WorldState, images: Images) -> list[dict[str, Any]] | None:
 def object_list(state: WorldState) -> list[dict[str, Any]]:
     """Return the 42 fields of every listed object, in the scene's order."""
     objects, sight = state.objects, state.sight
-    far = np.sqrt(((objects.origin - state.pose.position_m) ** 2).sum(axis=1)).tolist()
+    far = np.sqrt(((objects.boxes.origin - state.pose.position_m) ** 2).sum(axis=1)).tolist()
     visible, interactable = sight.visible_rows.tolist(), sight.interactable_rows.tolist()
-    found = [record.copy() for record in objects.records]
+    found = [record.copy() for record in records(objects)]
     for record, seen, near, metres in zip(found, visible, interactable, far, strict=True):
         record["visible"] = seen
         record["isInteractable"] = near
         record["distance"] = metres
-    children = objects.children
-    for row, object_id in objects.holders:
+    children = objects.containment.children
+    for row, object_id in holders(objects):
         found[row]["receptacleObjectIds"] = list(children.get(object_id, ()))
     if state.shown is None:
         return found

@@ -14,7 +14,7 @@ from karma.errors import KarmaError
 from karma.world.actions.setup import unfit
 from karma.world.actions.table import ACTIONS
 from karma.world.core import scene
-from karma.world.core.rules import settle
+from karma.world.core.effects import settle
 from karma.world.core.scene import Scene
 from karma.world.core.state import (
     Done,

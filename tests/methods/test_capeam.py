@@ -16,7 +16,7 @@ from karma.methods.capeam.prior import count_places, likely_places, to_toml
 from karma.tasks.drawing.alfred import Facts as Truth
 from karma.tasks.drawing.alfred import Sentence, facts_of, goals_of, program_of
 from karma.tasks.expert import View
-from karma.world.build.generate import build_scene
+from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
 
 

@@ -14,7 +14,7 @@ import msgspec
 
 from karma.errors import KarmaError
 from karma.world.actions.table import ACTIONS
-from karma.world.build.generate import build_scene
+from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
 
 NAMES = sorted(ACTIONS)

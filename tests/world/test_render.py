@@ -332,7 +332,9 @@ def open_and_shut(kind, child):
     """Two moments of the household's kitchen, seen from in front of a container."""
     state = begin(kitchen(), Settings())
     container = state.objects.by_type[kind][0]
-    inside = next(c for c in state.objects.inside(container) if state.objects[c].type == child)
+    inside = next(
+        c for c in state.objects.containment.inside(container) if state.objects[c].type == child
+    )
     opened = msgspec.structs.replace(state.objects[container], openness=1.0)
     return container, inside, state, replace(
         state, objects=state.objects.changed({container: opened})

@@ -10,9 +10,9 @@ from support.stage import close_up, facing
 
 from karma.errors import FileError
 from karma.household.types import object_types
-from karma.world.core.objects import is_inert
 from karma.world.core.scene import SCENES, load
 from karma.world.core.state import Settings, begin
+from karma.world.core.thing import is_inert
 from karma.world.render import looks
 from karma.world.render.colours import (
     class_frame,

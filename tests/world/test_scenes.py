@@ -15,12 +15,12 @@ from support.paths import ROOT
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import to_json
 from karma.household.types import object_type
-from karma.world.build import generate
-from karma.world.build.furnish import Frame, NoRoomError
-from karma.world.build.generate import build_scene, object_id
-from karma.world.build.rooms import TABLE, read_rooms, rooms
 from karma.world.core.boxes import Box, distances, nearest_to_centre, reachable_cells
 from karma.world.core.scene import SCENES, load
+from karma.world.generation import generate
+from karma.world.generation.furnish import Frame, NoRoomError
+from karma.world.generation.generate import build_scene, object_id
+from karma.world.generation.rooms import TABLE, read_rooms, rooms
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.json"))
 KINDS = ("bathroom", "bedroom", "kitchen", "living")

@@ -319,7 +319,7 @@ def assert_sound(event):
     assert held == ([] if event.state.held is None else [event.state.held])
     for thing in objects.values():
         assert all(parent in objects for parent in thing.parents)
-        assert thing.id not in objects.around(thing.id)
+        assert thing.id not in objects.containment.around(thing.id)
     assert len({thing.name for thing in objects.values()}) == len(objects)
 
 

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 from support.household import bring, find, kitchen, look, reach
 
-from karma.world.core.objects import bottom, top
+from karma.world.core.thing import bottom, top
 from karma.world.sim import EmbeddedWorld
 
 

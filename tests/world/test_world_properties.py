@@ -11,7 +11,10 @@ from support.household import kitchen
 
 from karma.world.actions.table import ACTIONS
 from karma.world.core import scene
-from karma.world.core.objects import Objects, is_inert
+from karma.world.core.hiding import blocking, hidden_rows, inert_rows
+from karma.world.core.metadata import records
+from karma.world.core.objects import Objects
+from karma.world.core.thing import is_inert
 from karma.world.core.view import sight
 from karma.world.sim import EmbeddedWorld
 
@@ -52,7 +55,7 @@ def do(world, action):
 
 def assert_acyclic(objects):
     for object_id in objects:
-        assert object_id not in objects.around(object_id)
+        assert object_id not in objects.containment.around(object_id)
 
 
 def assert_places(state):
@@ -148,7 +151,7 @@ def test_shipped_scene_starts_settled(shipped):
 
 def test_shipped_scene_lets_nearly_everything_open_be_reached(shipped):
     state = shipped.reset(shipped.state.room.name).state
-    shown = [i for i, row in state.objects.rows.items() if not state.objects.hidden[row]]
+    shown = [i for i, row in state.objects.rows.items() if not hidden_rows(state.objects)[row]]
     reached = [
         i for i in shown if shipped.step("GetInteractablePoses", objectId=i, maxPoses=1).value
     ]
@@ -183,8 +186,11 @@ def test_what_is_remembered_of_the_world_is_what_a_fresh_look_finds(acts):
         again = sight(fresh, state.pose, held=state.in_hand)
         assert again.visible == state.sight.visible
         assert again.interactable == state.sight.interactable
-        for name in ("center", "half", "low", "high", "origin", "inert", "hidden"):
-            assert np.array_equal(getattr(fresh, name), getattr(state.objects, name)), name
-        assert fresh.records == state.objects.records
-        assert fresh.children == state.objects.children
-        assert world.state.in_hand or np.array_equal(fresh.blocks, state.objects.blocks)
+        for name in ("center", "half", "low", "high", "origin"):
+            known = getattr(state.objects.boxes, name)
+            assert np.array_equal(getattr(fresh.boxes, name), known), name
+        for rows in (inert_rows, hidden_rows):
+            assert np.array_equal(rows(fresh), rows(state.objects)), rows
+        assert records(fresh) == records(state.objects)
+        assert fresh.containment.children == state.objects.containment.children
+        assert world.state.in_hand or np.array_equal(blocking(fresh), blocking(state.objects))

@@ -9,8 +9,8 @@ from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
 from karma.tasks.drawing.recollections import Room
 from karma.tasks.files import load_tasks
-from karma.world.build.generate import build_scene
 from karma.world.core.scene import Scene
+from karma.world.generation.generate import build_scene
 from karma.world.importing.scenes import import_dump
 
 KINDS = ("kitchen", "living", "bedroom", "bathroom")

@@ -16,9 +16,9 @@ from karma.agent.perceive import shown_states
 from karma.agent.projection import region_of, silhouette_of
 from karma.contracts import Point, Region
 from karma.seeds import stream
-from karma.world.build.generate import build_scene
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.event import WorldEvent
+from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
 
 KINDS = ("kitchen", "kitchen", "kitchen", "living", "bedroom", "bathroom")  # kitchens have most

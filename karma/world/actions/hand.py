@@ -9,7 +9,8 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.world.actions.moving import hang
 from karma.world.core.arguments import Place
-from karma.world.core.objects import Floats
+from karma.world.core.arrays import Floats
+from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.posing import angles, rotation_matrix, spun, vector, with_contents
 from karma.world.core.state import Done, Refusal, Result, WorldState
 from karma.world.core.view import camera, camera_axes, in_picture
@@ -134,6 +135,6 @@ def _box(state: WorldState) -> tuple[Floats, Floats]:
 
 def _within(state: WorldState, low: Floats, high: Floats) -> np.ndarray:
     """Return which objects' solid parts a box overlaps, shape (n,)."""
-    solid_low, solid_high = state.objects.solid
+    solid_low, solid_high = solid_boxes(state.objects)
     overlap = np.all((solid_low < high) & (solid_high > low), axis=1)
-    return np.asarray(overlap & ~state.objects.inert)
+    return np.asarray(overlap & ~inert_rows(state.objects))

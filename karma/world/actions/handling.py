@@ -10,13 +10,14 @@ import msgspec
 from karma.contracts import Vec3
 from karma.household.types import Capability, object_types
 from karma.world.actions.moving import hang, unknown
-from karma.world.core.objects import Objects, bottom, heading, is_inert, moved
+from karma.world.core.objects import Objects
 from karma.world.core.pieces import broken, in_pieces, left_behind
 from karma.world.core.placement import find_place, flight, land, parents_in
 from karma.world.core.posing import emptied
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.thing import bottom, heading, is_inert, moved
 from karma.world.core.view import aim
 
 _GRAVITY = 9.81

@@ -9,8 +9,10 @@ import numpy as np
 from karma.contracts import Pose
 from karma.world.core.arguments import Place
 from karma.world.core.footing import Ground, finer, snapped
-from karma.world.core.objects import Objects, heading, moved, turned
+from karma.world.core.hiding import inert_rows
+from karma.world.core.objects import Objects
 from karma.world.core.state import BODY_M, SILL_M, Done, Refusal, Result, WorldState, refuse
+from karma.world.core.thing import heading, moved, turned
 
 _LOOK_UP_LIMIT, _LOOK_DOWN_LIMIT = -30.0, 60.0
 _ON_GRID_M = 0.01
@@ -90,10 +92,11 @@ def between_cells(state: WorldState) -> Callable[[float, float], bool]:
 def _in_the_way(state: WorldState, place: tuple[float, float]) -> str:
     """Return the name of what blocks a place, or of the room's wall."""
     objects, floor = state.objects, state.room.floor_y
-    gap = np.abs(objects.center[:, [0, 2]] - place) - objects.half[:, [0, 2]]
-    near = (gap.max(axis=1) <= BODY_M) & ~objects.inert
-    near &= (objects.high[:, 1] >= floor + SILL_M) & (objects.low[:, 1] <= floor + _BODY_TOP_M)
-    far = np.abs(objects.center[:, [0, 2]] - place).sum(axis=1)
+    boxes = objects.boxes
+    gap = np.abs(boxes.center[:, [0, 2]] - place) - boxes.half[:, [0, 2]]
+    near = (gap.max(axis=1) <= BODY_M) & ~inert_rows(objects)
+    near &= (boxes.high[:, 1] >= floor + SILL_M) & (boxes.low[:, 1] <= floor + _BODY_TOP_M)
+    far = np.abs(boxes.center[:, [0, 2]] - place).sum(axis=1)
     things = list(objects.values())
     found = [
         (float(far[row]), things[row].name)

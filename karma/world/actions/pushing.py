@@ -12,9 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from karma.world.actions.handling import target
-from karma.world.core.objects import Floats, heading, moved
+from karma.world.core.arrays import Floats
+from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import BODY_M, Done, Refusal, Result, WorldState
+from karma.world.core.thing import heading, moved
 
 _PUSH_S = 0.02  # for which the force acts
 _BRAKE_MS2 = 2 * 0.5 * 9.81  # twice the braking by friction
@@ -79,11 +81,12 @@ def _slide(state: WorldState, thing: SceneObject, step: Floats, far: float) -> f
     """Return how far a thing slides before something stops it, metres."""
     objects = state.objects
     center, half = np.array(thing.center), np.array(thing.size) / 2
-    mine = {thing.id, *objects.inside(thing.id), *objects.around(thing.id), *state.in_hand}
+    lies = objects.containment
+    mine = {thing.id, *lies.inside(thing.id), *lies.around(thing.id), *state.in_hand}
     rows = [row for object_id, row in objects.rows.items() if object_id not in mine]
-    low, high = (side[rows] for side in objects.solid)
+    low, high = (side[rows] for side in solid_boxes(objects))
     level = (low[:, 1] < center[1] + half[1] - 0.005) & (high[:, 1] > center[1] - half[1] + 0.005)
-    level &= ~objects.inert[rows]
+    level &= ~inert_rows(objects)[rows]
     flat = [0, 2]
     stops = _entries(center[flat], step, low[level][:, flat] - half[flat],
                      high[level][:, flat] + half[flat])  # fmt: skip

@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from karma.contracts import Pose
+from karma.world.core.arrays import Floats
 from karma.world.core.camera import Camera
-from karma.world.core.objects import Floats
+from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
 from karma.world.core.view import CAMERA_M, aim, camera, camera_axes, in_picture, sight
 
@@ -111,9 +112,9 @@ def _first_hit(state: WorldState, eye: Floats, ray: Floats) -> tuple[float, str 
     objects = state.objects
     if not len(objects):
         return math.inf, None
-    low, high = objects.solid
+    low, high = solid_boxes(objects)
     enter, leave = _crossing(eye, ray, low, high)
-    hits = (enter < leave) & (enter > 0) & ~objects.inert & (high[:, 1] > low[:, 1])
+    hits = (enter < leave) & (enter > 0) & ~inert_rows(objects) & (high[:, 1] > low[:, 1])
     for object_id in state.in_hand:
         hits[objects.rows[object_id]] = False
     if not hits.any():

@@ -6,8 +6,8 @@ from karma.contracts import Pose
 from karma.world.actions.moving import between_cells, coordinates, unknown, yaw_of
 from karma.world.core import navigate, scene
 from karma.world.core.arguments import Place
-from karma.world.core.objects import heading
 from karma.world.core.state import Cell, Done, Refusal, Result, WorldState, refuse
+from karma.world.core.thing import heading
 
 _FINEST_M = 0.02  # of the grids that GetReachablePositions can be asked for
 _MOST_STEPS = 10_000  # of GetReachablePositions, per square metre of a step

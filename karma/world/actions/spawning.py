@@ -10,12 +10,12 @@ from karma.household.types import object_types
 from karma.seeds import stream
 from karma.world.actions.teleporting import copied
 from karma.world.core.arguments import TypeCount
-from karma.world.core.objects import is_inert, moved
 from karma.world.core.placement import find_place, parents_in
 from karma.world.core.posing import difference, emptied, let_lie, with_contents
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Done, Refusal, Result, WorldState
+from karma.world.core.thing import is_inert, moved
 
 _MOST_OF_A_TYPE = 100
 
@@ -105,7 +105,7 @@ def _duplicated(state: WorldState, sources: Sequence[str], count: int, draw: _Lo
 
 def _spawned(state: WorldState, thing: SceneObject, draw: _Lot) -> WorldState:
     """Return the state with a thing in a place drawn by lot; as it is when none has room."""
-    within = {thing.id, *state.objects.inside(thing.id)} if thing.id in state.objects else set()
+    within = {thing.id, *state.objects.containment.inside(thing.id)}
     kind = object_types()[thing.type]
     fitting = [
         place

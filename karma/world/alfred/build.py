@@ -12,8 +12,8 @@ from karma.world.alfred.ids import kind_of, type_now
 from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import ObjectPose, Trial
 from karma.world.core.boxes import AGENT_RADIUS_M, Box
-from karma.world.core.objects import moved, turned
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
+from karma.world.core.thing import moved, turned
 from karma.world.importing.scenes import ORIGIN_M, room_by_name, room_by_things
 
 

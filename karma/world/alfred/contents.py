@@ -21,9 +21,9 @@ from karma.contracts import Vec3
 from karma.household.types import object_types
 from karma.world.alfred.facts import Facts
 from karma.world.alfred.trial import LabelledSpot, Trial
-from karma.world.core.objects import bottom, top
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
+from karma.world.core.thing import bottom, top
 
 NEAR_M, LEVEL_M = 0.2, 0.08
 _VOTES = 5

@@ -22,9 +22,9 @@ from karma.household.types import object_types
 from karma.world.alfred.facts import Facts
 from karma.world.alfred.ids import kind_of, place_of, type_now
 from karma.world.alfred.trial import LabelledSpot
-from karma.world.core.objects import bottom, moved, top
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
+from karma.world.core.thing import bottom, moved, top
 
 _BESIDE_M = 0.35  # two versions of one object, across the floor
 _ABOVE_M = 1.2  # and in height

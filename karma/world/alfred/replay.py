@@ -24,6 +24,7 @@ from karma.world.alfred.goal import Deeds, goal_met, noteworthy
 from karma.world.alfred.mutate import without_one
 from karma.world.alfred.steps import UntranslatableError, translated
 from karma.world.alfred.trial import ApiAction, LowAction, SubGoal, Trial
+from karma.world.core.hiding import hidden_rows
 from karma.world.core.scene import Scene
 from karma.world.sim import EmbeddedWorld
 
@@ -209,7 +210,7 @@ def _only_hidden(world: EmbeddedWorld, object_id: str) -> bool:
     state = world.state
     if object_id not in state.objects or object_id in state.sight.interactable:
         return False
-    return not state.objects.hidden[state.objects.rows[object_id]]
+    return not hidden_rows(state.objects)[state.objects.rows[object_id]]
 
 
 def _check_arrival(world: EmbeddedWorld, goal: SubGoal, number: int) -> None:

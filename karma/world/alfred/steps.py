@@ -12,7 +12,7 @@ from typing import Any
 from karma.errors import KarmaError
 from karma.world.alfred.ids import kind_of
 from karma.world.alfred.trial import ApiAction, Trial
-from karma.world.core.objects import heading
+from karma.world.core.thing import heading
 
 TURN_DEG, LOOK_DEG, STEP_M = 90.0, 15.0, 0.25
 MOVES = {"MoveAhead": 0.0, "MoveRight": 90.0, "MoveBack": 180.0, "MoveLeft": 270.0}

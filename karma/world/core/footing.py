@@ -4,8 +4,8 @@ from math import ceil, floor
 
 import numpy as np
 
-from karma.world.core.objects import is_inert
 from karma.world.core.state import BODY_M, SILL_M, WorldState
+from karma.world.core.thing import is_inert
 
 _BODY_TOP_M = 1.8  # above the floor
 _ON_LINE = 0.04  # of a cell: so near to a line of cells that it counts as on it
@@ -38,10 +38,10 @@ class Ground:
             if "pickupable" not in thing.capabilities and thing.type != "Floor"
             and not is_inert(thing)
         ]  # fmt: skip
-        high = objects.high[rows, 1] >= floor_y + SILL_M
-        low = objects.low[rows, 1] <= floor_y + _BODY_TOP_M
-        self._low = objects.low[rows][high & low][:, [0, 2]]
-        self._high = objects.high[rows][high & low][:, [0, 2]]
+        high = objects.boxes.high[rows, 1] >= floor_y + SILL_M
+        low = objects.boxes.low[rows, 1] <= floor_y + _BODY_TOP_M
+        self._low = objects.boxes.low[rows][high & low][:, [0, 2]]
+        self._high = objects.boxes.high[rows][high & low][:, [0, 2]]
         self._origin = room.cells.get((0, 0), (0.0, 0.0))
 
     def free(self, x: float, z: float) -> bool:

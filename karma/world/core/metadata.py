@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from karma.contracts import Vec3
+from karma.world.core.objects import Change, Derived, Objects, derived
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 
@@ -57,6 +58,26 @@ def fields(thing: SceneObject) -> dict[str, Any]:
         "axisAlignedBoundingBox": box(*_outline(thing)),
         "objectOrientedBoundingBox": {"cornerPoints": _corners(thing)} if _loose(thing) else None,
     }
+
+
+def _records_patched(
+    before: Objects, known: list[dict[str, Any]], change: Change
+) -> list[dict[str, Any]]:
+    found = known.copy()
+    for _, thing in change.pairs:
+        found[before.rows[thing.id]] = fields(thing)
+    return found
+
+
+# the metadata of each object, without what depends on agent and contents
+records = Derived(lambda objects: [fields(t) for t in objects.values()], patch=_records_patched)
+
+
+@derived()
+def holders(objects: Objects) -> list[tuple[int, str]]:
+    """Return row and id of each receptacle."""
+    rows = enumerate(objects.values())
+    return [(row, thing.id) for row, thing in rows if "receptacle" in thing.capabilities]
 
 
 def _outline(thing: SceneObject) -> tuple[Vec3, Vec3]:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from karma.contracts import Pose
-from karma.world.core.objects import Flags, Floats
+from karma.world.core.arrays import Flags, Floats
+from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
 from karma.world.core.state import Cell, WorldState
 from karma.world.core.view import (
     camera,
@@ -122,7 +123,7 @@ def interactable_poses(
     """
     objects, row = state.objects, state.objects.rows[object_id]
     start = agent_cell(state)
-    if objects.hidden[row] or start is None:
+    if hidden_rows(objects)[row] or start is None:
         return []
     order = list(walk(state.cells, start))
     wanted = order if cells is None else [cell for cell in order if cell in set(cells)]
@@ -146,7 +147,7 @@ def _chunks(cells: Sequence[Cell]) -> Iterator[Sequence[Cell]]:
 def _gap(state: WorldState, row: int, cells: Sequence[Cell]) -> Floats:
     """Return each cell's distance from a box across the floor, shape (cells,)."""
     places = np.array([state.room.cells[cell] for cell in cells]).reshape(-1, 2)
-    center, half = state.objects.center[row], state.objects.half[row]
+    center, half = state.objects.boxes.center[row], state.objects.boxes.half[row]
     gap = np.maximum(np.abs(places - center[[0, 2]]) - half[[0, 2]], 0.0)
     found: Floats = np.hypot(gap[:, 0], gap[:, 1])
     return found
@@ -168,7 +169,7 @@ def _look(state: WorldState, row: int, cells: Sequence[Cell], looks: _Looks) -> 
         shown = in_picture(
             (points - eyes[:, None])[:, None], axes[None], settings.fov_deg, settings.aspect
         )
-        middle = state.objects.center[row] - eyes
+        middle = state.objects.boxes.center[row] - eyes
         middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-9)
         off = np.round(1.0 - middle @ axes[:, 2].T, 6)
         for index, look in np.argwhere(np.any(shown & clear[:, None], axis=2)):
@@ -188,9 +189,10 @@ def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Fla
     reach = state.settings.visibility_m
     points = np.stack([sample_points(objects, targets, eye, reach)[0] for eye in eyes])
     hiding, _ = occluders(objects, state.in_hand)
-    rows = np.flatnonzero(hiding & objects.blocks[row])
-    low, high = objects.solid
-    beside = np.abs(objects.center[None, rows] - eyes[:, None]) - objects.half[None, rows]
+    rows = np.flatnonzero(hiding & blocking(objects)[row])
+    low, high = solid_boxes(objects)
+    center, half = objects.boxes.center[None, rows], objects.boxes.half[None, rows]
+    beside = np.abs(center - eyes[:, None]) - half
     away = np.any(beside[..., [0, 2]] > 0, axis=2)  # not what the agent stands in
     hidden = np.zeros(points.shape[:2], dtype=bool)
     for index, eye in enumerate(eyes):

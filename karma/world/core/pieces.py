@@ -5,9 +5,10 @@ from dataclasses import replace
 import msgspec
 
 from karma.household.types import object_types
-from karma.world.core.objects import Objects, bottom, shatters
+from karma.world.core.objects import Objects
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import WorldState
+from karma.world.core.thing import bottom, shatters
 
 
 def broken(state: WorldState, thing: SceneObject) -> WorldState:
@@ -29,7 +30,7 @@ def broken(state: WorldState, thing: SceneObject) -> WorldState:
 def left_behind(objects: Objects, thing: SceneObject) -> dict[str, SceneObject]:
     """Return the contents of a thing, now lying where the thing lies."""
     found = {}
-    for child in objects.children.get(thing.id, ()):
+    for child in objects.containment.children.get(thing.id, ()):
         rest = tuple(p for p in objects[child].parents if p != thing.id)
         found[child] = msgspec.structs.replace(objects[child], parents=rest or thing.parents)
     return found

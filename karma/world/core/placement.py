@@ -11,10 +11,13 @@ import numpy as np
 
 from karma.contracts import Vec3
 from karma.household.types import object_types
-from karma.world.core.objects import Floats, Objects, bottom, is_inert, top
+from karma.world.core.arrays import Floats
+from karma.world.core.hiding import blocking, inert_rows, solid_boxes
+from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Room, WorldState
+from karma.world.core.thing import bottom, is_inert, top
 
 _LIFT_M = 0.002  # above what it rests on
 _STEP_M = 0.06  # between the places tried
@@ -73,7 +76,7 @@ def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -
 
 def _attach(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> Vec3 | None:
     """Return the one place of a burner, toaster, coffee machine or hanger; None when taken."""
-    here = state.objects.children.get(receptacle.id, ())
+    here = state.objects.containment.children.get(receptacle.id, ())
     if any(not is_inert(state.objects[other]) for other in here):
         return None
     inside = receptacle.type in rules().put.inside
@@ -113,7 +116,7 @@ def _in_use(objects: Objects, receptacle: SceneObject) -> list[float]:
     low, high = bottom(receptacle), top(receptacle)
     used = [
         bottom(objects[child])
-        for child in objects.children.get(receptacle.id, ())
+        for child in objects.containment.children.get(receptacle.id, ())
         if "pickupable" in objects[child].capabilities and not is_inert(objects[child])
     ]
     return _common([level for level in used if low - 0.05 <= level <= high + 0.05])
@@ -179,11 +182,12 @@ def _obstacles(
     """
     objects, in_hand = state.objects, state.in_hand
     loose = {"pickupable", "moveable"}
-    ids = {o for o in objects.inside(receptacle.id) if loose & set(objects[o].capabilities)}
-    low, high = objects.solid if strangers else (objects.low, objects.high)
+    inside = objects.containment.inside(receptacle.id)
+    ids = {o for o in inside if loose & set(objects[o].capabilities)}
+    low, high = solid_boxes(objects) if strangers else (objects.boxes.low, objects.boxes.high)
     if strangers:
-        around = {receptacle.id, *objects.around(receptacle.id)}
-        mine = objects.blocks[objects.rows[receptacle.id]]
+        around = {receptacle.id, *objects.containment.around(receptacle.id)}
+        mine = blocking(objects)[objects.rows[receptacle.id]]
         ids |= {o for o, row in objects.rows.items() if mine[row] and o not in around}
     rows = [
         objects.rows[object_id]
@@ -214,8 +218,9 @@ def _floor(objects: Objects) -> str | None:
 def _below(state: WorldState, x: float, z: float) -> list[SceneObject]:
     """Return what has a vertical line through its box, the floor apart; receptacles last."""
     objects = state.objects
-    inside = np.all(np.abs(objects.center[:, [0, 2]] - (x, z)) <= objects.half[:, [0, 2]], axis=1)
-    inside &= ~objects.inert
+    boxes = objects.boxes
+    inside = np.all(np.abs(boxes.center[:, [0, 2]] - (x, z)) <= boxes.half[:, [0, 2]], axis=1)
+    inside &= ~inert_rows(objects)
     things = list(objects.values())
     found = [things[row] for row in np.flatnonzero(inside)]
     found = [one for one in found if one.type != "Floor" and one.id not in state.in_hand]
@@ -292,7 +297,7 @@ def floor_reach(objects: Objects, floor: str) -> float:
     than anything in furniture on the floor that does not; between the two, a usual height.
     """
     level = top(objects[floor])
-    on_floor = frozenset(objects.children.get(floor, ()))
+    on_floor = frozenset(objects.containment.children.get(floor, ()))
     least = max((bottom(objects[child]) for child in on_floor), default=level)
     most = min(
         (

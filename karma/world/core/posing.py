@@ -9,11 +9,14 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.household.types import object_types
 from karma.world.core.arguments import Place
-from karma.world.core.objects import Floats, Objects, bottom, is_inert, moved, top, turned
+from karma.world.core.arrays import Floats
+from karma.world.core.hiding import inert_rows, solid_boxes
+from karma.world.core.objects import Objects
 from karma.world.core.placement import land, parents_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import HAND_M, Refusal, WorldState
+from karma.world.core.thing import bottom, is_inert, moved, top, turned
 
 _SAME_M, _SAME_DEG = 1e-4, 1e-3
 _LEVEL_M = 0.06  # a thing whose bottom is so near to a surface lies on it
@@ -150,7 +153,7 @@ def with_contents(objects: Objects, there: SceneObject) -> Objects:
 
 def holder_of(objects: Objects, thing: SceneObject) -> str | None:
     """Return the smallest receptacle that a thing lies in or on where it is, by their boxes."""
-    mine = {thing.id, *(objects.inside(thing.id) if thing.id in objects else ())}
+    mine = {thing.id, *objects.containment.inside(thing.id)}
     found = [
         (other.size[0] * other.size[1] * other.size[2], other.id)
         for other in objects.values()
@@ -192,7 +195,7 @@ def let_lie(state: WorldState, there: SceneObject, *, falls: bool) -> WorldState
         there = moved(there, difference(middle, there.center))
     elif holder is None and bottom(there) <= state.room.floor_y + _ON_FLOOR_M:
         holder = floor
-    if holder is not None and holder in state.objects.inside(there.id):
+    if holder is not None and holder in state.objects.containment.inside(there.id):
         holder = None
     parents = () if holder is None else parents_in(state.objects, there, holder)
     there = msgspec.structs.replace(there, parents=parents, is_picked_up=False)
@@ -218,13 +221,13 @@ def stuck_in(state: WorldState, there: SceneObject) -> str | None:
     """Return the name of the first object whose solid part a thing overlaps; None when free."""
     objects = state.objects
     holder = holder_of(objects, there)
-    mine = {there.id, *objects.inside(there.id), *state.in_hand}
+    mine = {there.id, *objects.containment.inside(there.id), *state.in_hand}
     if holder is not None:
-        mine.update((holder, *objects.around(holder)))
-    low, high = objects.solid
+        mine.update((holder, *objects.containment.around(holder)))
+    low, high = solid_boxes(objects)
     half = np.maximum(np.array(there.size) / 2 - _CLOSE_M, 0.0)
     center = np.array(there.center)
-    overlap = np.all((low < center + half) & (high > center - half), axis=1) & ~objects.inert
+    overlap = np.all((low < center + half) & (high > center - half), axis=1) & ~inert_rows(objects)
     ids = list(objects)
     for row in np.flatnonzero(overlap):
         if ids[row] not in mine and objects[ids[row]].type != "Floor":

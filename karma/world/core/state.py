@@ -8,9 +8,10 @@ from typing import Any
 from karma.contracts import Pose, Vec3
 from karma.world.core.camera import Camera
 from karma.world.core.metadata import box
-from karma.world.core.objects import Objects, bottom, heading, is_inert, top
+from karma.world.core.objects import Objects, derived
 from karma.world.core.rules import rules
 from karma.world.core.scene import Scene, SceneObject
+from karma.world.core.thing import bottom, heading, is_inert, top
 from karma.world.core.view import Sight, camera, sight
 
 HAND_M: Vec3 = (0.0, -0.16, 0.38)  # right, up, forward from the camera
@@ -56,6 +57,12 @@ class Settings:
         return self.width / self.height
 
 
+@derived("place", "parents", "inert", "held")
+def _cells_kept(objects: Objects) -> list[Mapping[Cell, Point]]:
+    """Return a list that holds the cells to stand on once a room has worked them out."""
+    return []
+
+
 class Room:
     """What never changes in a scene: its name, bounds and the cells to stand on."""
 
@@ -81,10 +88,10 @@ class Room:
 
     def open_cells(self, objects: Objects, in_hand: frozenset[str]) -> Mapping[Cell, Point]:
         """Return the cells to stand on: not those beside what has come to lie on the floor."""
-        if "cells" not in objects.marks:
-            objects.marks["cells"] = self._open_cells(objects, in_hand)
-        found: Mapping[Cell, Point] = objects.marks["cells"]
-        return found
+        kept = _cells_kept(objects)
+        if not kept:
+            kept.append(self._open_cells(objects, in_hand))
+        return kept[0]
 
     def _open_cells(self, objects: Objects, in_hand: frozenset[str]) -> Mapping[Cell, Point]:
         found: Mapping[Cell, Point] = self.cells

@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Pose, Vec3
-from karma.world.core.objects import Flags, Floats, Objects, heading
+from karma.world.core.arrays import Flags, Floats
+from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
+from karma.world.core.objects import Change, Derived, Objects
 from karma.world.core.rules import rules
+from karma.world.core.thing import ground, heading
 
 CAMERA_M = 0.675  # above the agent's origin
 CROUCH_M = 0.22  # lower when crouching
@@ -47,6 +50,9 @@ class Sight:
         return frozenset(compress(self._ids, self.interactable_rows))
 
 
+_Place = tuple[Vec3, Vec3, float]  # of the eye and the agent, and the reach
+
+
 class _Vantage(NamedTuple):
     """What can be seen from one place, whichever way one looks: points that nothing hides."""
 
@@ -62,6 +68,27 @@ class _Vantage(NamedTuple):
         far_x = max(x0 - self.x, self.x - x1, 0.0)
         far_z = max(z0 - self.z, self.z - z1, 0.0)
         return far_x * far_x + far_z * far_z <= self.reach_m * self.reach_m
+
+
+def _out_of_reach(
+    before: Objects, known: dict[_Place, _Vantage], change: Change
+) -> dict[_Place, _Vantage]:
+    """Return the vantages that nothing of what changed is near to."""
+    if not change.aspects:
+        return known
+    boxes = dict.fromkeys(ground(thing) for pair in change.pairs for thing in pair)
+    return {
+        place: vantage
+        for place, vantage in known.items()
+        if not any(vantage.reaches(*box) for box in boxes)
+    }
+
+
+def _no_vantages(objects: Objects) -> dict[_Place, _Vantage]:
+    return {}
+
+
+_vantages = Derived(_no_vantages, patch=_out_of_reach)  # filled as places are looked from
 
 
 def camera(pose: Pose) -> Vec3:
@@ -135,8 +162,8 @@ def perhaps_cut(eye: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
 
 def across(objects: Objects, x: float, z: float) -> Floats:
     """Return each box's distance from a vertical axis, shape (n,), metres."""
-    gap_x = np.maximum(np.abs(objects.center[:, 0] - x) - objects.half[:, 0], 0.0)
-    gap_z = np.maximum(np.abs(objects.center[:, 2] - z) - objects.half[:, 2], 0.0)
+    gap_x = np.maximum(np.abs(objects.boxes.center[:, 0] - x) - objects.boxes.half[:, 0], 0.0)
+    gap_z = np.maximum(np.abs(objects.boxes.center[:, 2] - z) - objects.boxes.half[:, 2], 0.0)
     return np.hypot(gap_x, gap_z)
 
 
@@ -175,9 +202,9 @@ def _vantage(objects: Objects, pose: Pose, held: frozenset[str], visibility_m: f
     """Return what can be seen from the camera's place; known places are looked up."""
     eye = camera(pose)
     key = (eye, pose.position_m, visibility_m)
-    known = objects.vantages
+    known = _vantages(objects)
     found = known.get(key)
-    if not isinstance(found, _Vantage):
+    if found is None:
         if len(known) >= _MOST_VANTAGES:
             del known[next(iter(known))]
         found = known[key] = _look_round(objects, pose, held, visibility_m)
@@ -189,8 +216,8 @@ def _look_round(
 ) -> _Vantage:
     x, y, z = pose.position_m
     near = across(objects, x, z) <= visibility_m
-    near &= objects.low[:, 1] <= y + _BODY_TOP_M + visibility_m
-    near &= ~objects.hidden
+    near &= objects.boxes.low[:, 1] <= y + _BODY_TOP_M + visibility_m
+    near &= ~hidden_rows(objects)
     for object_id in held:
         near[objects.rows[object_id]] = False
     candidates = np.flatnonzero(near)
@@ -212,7 +239,7 @@ def sample_points(
     Of a long counter, or the floor, they are spread over the part within reach and a little more.
     """
     reach = np.array((visibility_m + BEYOND_M, np.inf, visibility_m + BEYOND_M))
-    low, high = objects.low[targets], objects.high[targets]
+    low, high = objects.boxes.low[targets], objects.boxes.high[targets]
     low, high = (
         np.minimum(np.maximum(low, eye - reach), high),
         np.maximum(np.minimum(high, eye + reach), low),
@@ -227,10 +254,10 @@ def _blocked(
 ) -> tuple[Flags, Flags]:
     """Return per ray whether something solid, or something see-through, is in its way."""
     hiding, glass = occluders(objects, held)
-    low, high = objects.solid
+    low, high = solid_boxes(objects)
     hiding &= ~_over(objects, eye)
     rows = np.flatnonzero(hiding)
-    near = perhaps_cut(eye, ends, low[rows], high[rows]) & objects.blocks[targets][:, rows]
+    near = perhaps_cut(eye, ends, low[rows], high[rows]) & blocking(objects)[targets][:, rows]
     ray, box = np.nonzero(near)
     hits = cut(eye, ends[ray], low[rows[box]], high[rows[box]])
     ray, clear = ray[hits], glass[rows[box[hits]]]
@@ -242,8 +269,8 @@ def _blocked(
 
 def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
     """Return which objects hide others, and which of them are see-through, each shape (n,)."""
-    low, high = objects.solid
-    hiding = (high[:, 1] - low[:, 1] > 1e-6) & ~objects.hidden
+    low, high = solid_boxes(objects)
+    hiding = (high[:, 1] - low[:, 1] > 1e-6) & ~hidden_rows(objects)
     for object_id in held:
         hiding[objects.rows[object_id]] = False
     glass = np.zeros(len(objects), dtype=bool)
@@ -254,7 +281,9 @@ def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
 
 def _over(objects: Objects, eye: Floats) -> Flags:
     """Return whose box the agent stands in: L-shaped counters, open doors; they hide nothing."""
-    across_eye = np.abs(objects.center[:, [0, 2]] - eye[[0, 2]]) <= objects.half[:, [0, 2]]
+    across_eye = (
+        np.abs(objects.boxes.center[:, [0, 2]] - eye[[0, 2]]) <= objects.boxes.half[:, [0, 2]]
+    )
     inside: Flags = np.all(across_eye, axis=1)
     return inside
 
@@ -281,8 +310,8 @@ def aim(
     best: tuple[float, float, str] | None = None
     for object_id in seen:
         row = objects.rows[object_id]
-        if cut(eye, (eye + ray * 20.0)[None], objects.low[row], objects.high[row])[0]:
-            size = float(np.prod(objects.half[row]))
-            found = (float(np.linalg.norm(objects.center[row] - eye)), size, object_id)
+        if cut(eye, (eye + ray * 20.0)[None], objects.boxes.low[row], objects.boxes.high[row])[0]:
+            size = float(np.prod(objects.boxes.half[row]))
+            found = (float(np.linalg.norm(objects.boxes.center[row] - eye)), size, object_id)
             best = found if best is None else min(best, found)
     return None if best is None else best[2]

@@ -6,7 +6,7 @@ import numpy as np
 
 from karma.contracts import Pose
 from karma.world.core.camera import Camera
-from karma.world.core.objects import heading
+from karma.world.core.thing import heading
 from karma.world.core.view import camera as eye
 from karma.world.render.layer import Layer
 from karma.world.render.mesh import ball, box, joined, lathe

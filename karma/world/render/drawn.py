@@ -8,9 +8,11 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.household.types import object_types
 from karma.world.core.boxes import Box
-from karma.world.core.objects import Objects, bottom, is_inert
+from karma.world.core.hiding import hidden_rows
+from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
+from karma.world.core.thing import bottom, is_inert
 from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
 from karma.world.render.frame import Floats, Frame, frame
@@ -59,7 +61,7 @@ def tasks(objects: Objects, cells: Floats) -> Iterator[Task]:
     """Yield a task for each object that shows: not the floor, not what is shut in or in pieces."""
     slides = _slides(objects, cells)
     lifts: dict[str, float] = {}
-    hidden = objects.hidden
+    hidden = hidden_rows(objects)
     for row, (object_id, thing) in enumerate(objects.items()):
         unseen = hidden[row] and thing.type != "TargetCircle" and not _lies_about(objects, thing)
         if thing.type == "Floor" or unseen:
@@ -121,7 +123,7 @@ def _slides(objects: Objects, cells: Floats) -> dict[str, Vec3]:
         if drawer.openness > 0:
             stand = _frame(drawer, looks()["Drawer"], cells)
             x, y, z = stand.axes[2] * stand.size[2] * SLIDE * drawer.openness
-            for child in objects.inside(object_id):
+            for child in objects.containment.inside(object_id):
                 found[child] = (float(x), float(y), float(z))
     return found
 

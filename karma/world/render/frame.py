@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vec3
-from karma.world.core.objects import heading
 from karma.world.core.scene import SceneObject
+from karma.world.core.thing import heading
 
 Front = Literal["turn", "room", "thin", "long"]
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.world.core.camera import Camera
-from karma.world.core.objects import heading
+from karma.world.core.thing import heading
 from karma.world.core.view import camera_axes
 from karma.world.render.mesh import Floats
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from karma.contracts import Vec3
 from karma.household.types import RoomType
+from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects
 from karma.world.core.state import Room
 from karma.world.render.looks import Walls, rgb, walls
@@ -59,9 +60,10 @@ def footprints(objects: Objects, floor_y: float) -> NDArray[np.float64]:
     """Return (x0, z0, x1, z1) of what stands low and is not to be carried, shape (n, 4)."""
     carried = np.array(["pickupable" in thing.capabilities for thing in objects.values()], bool)
     floors = np.array([thing.type == "Floor" for thing in objects.values()], bool)
-    low = objects.low[:, 1] < floor_y + _LOW_M
-    rows = np.flatnonzero(low & ~carried & ~floors & ~objects.inert)
-    return np.concatenate([objects.low[rows][:, [0, 2]], objects.high[rows][:, [0, 2]]], axis=1)
+    boxes = objects.boxes
+    low = boxes.low[:, 1] < floor_y + _LOW_M
+    rows = np.flatnonzero(low & ~carried & ~floors & ~inert_rows(objects))
+    return np.concatenate([boxes.low[rows][:, [0, 2]], boxes.high[rows][:, [0, 2]]], axis=1)
 
 
 def around(room: Room, objects: Objects) -> Shell:

@@ -11,12 +11,12 @@ import numpy as np
 
 from karma.contracts import Vec3
 from karma.errors import KarmaError, UnknownNameError
+from karma.household.types import object_type
 from karma.seeds import stream
 from karma.world.core.boxes import Box, Cell, distances, nearest_to_centre, reachable_cells
-from karma.world.build.furnish import Frame, Layout, NoRoomError, Placed, extent
-from karma.world.build.rooms import Furnishing, Rest, Rooms, Thing, rooms
 from karma.world.core.scene import AgentPose, Scene, SceneObject
-from karma.household.types import object_type
+from karma.world.generation.furnish import Frame, Layout, NoRoomError, Placed, extent
+from karma.world.generation.rooms import Furnishing, Rest, Rooms, Thing, rooms
 
 ATTEMPTS = 200
 REACH_M = 1.4  # an agent's reach is 1.5; a little less, so that it can also see

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from karma.world.core.boxes import Box
-from karma.world.build.rooms import Furnishing, Kind, Part, Piece, Rooms
 from karma.household.types import object_type
+from karma.world.core.boxes import Box
+from karma.world.generation.rooms import Furnishing, Kind, Part, Piece, Rooms
 
 TRIES = 40
 FRONT_M = 0.45  # kept free before what stands at a wall

@@ -9,8 +9,7 @@ import msgspec
 
 from karma.errors import FileError
 from karma.files import read_toml
-from karma.household.types import Capability, RoomType
-from karma.household.types import object_types
+from karma.household.types import Capability, RoomType, object_types
 
 TABLE = Path(__file__).parent / "rooms.toml"
 Range = tuple[float, float]
