@@ -9,7 +9,8 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.household.types import Capability, object_types
-from karma.world.actions.moving import hang, unknown
+from karma.world.actions.aiming import on_object, target
+from karma.world.actions.moving import hang
 from karma.world.core.objects import Objects
 from karma.world.core.pieces import broken, in_pieces, left_behind
 from karma.world.core.placement import find_place, flight, land, parents_in
@@ -17,8 +18,7 @@ from karma.world.core.posing import emptied
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
-from karma.world.core.thing import bottom, heading, is_inert, moved
-from karma.world.core.view import aim
+from karma.world.core.thing import bottom, heading, moved
 
 _GRAVITY = 9.81
 
@@ -33,71 +33,15 @@ def tilt_deg(rotation: Vec3) -> float:
     return degrees(acos(max(-1.0, min(1.0, up))))
 
 
-def target(
-    state: WorldState,
-    action: str,
-    objectId: str | None,
-    x: float | None,
-    y: float | None,
-    force: bool,
-) -> SceneObject | Refusal:
-    """Return the object that an action means, or why it cannot be acted on.
-
-    Checked in AI2-THOR's order: it exists, is in view, and is not only seen through glass.
-    """
-    if objectId is None and (x is None or y is None):
-        message = f"action: {action} is missing the following arguments: objectId"
-        return Refusal(message, "MissingArguments")
-    if objectId is None:
-        return _aimed(state, x or 0.0, y or 0.0)
-    if objectId not in state.objects:
-        return unknown(objectId)
-    thing = state.objects[objectId]
-    if is_inert(thing):
-        return refuse("NullReferenceException", "Target object is not there any more.")
-    if force:
-        return thing
-    if objectId not in state.sight.visible:
-        message = "Target object not found within the specified visibility."
-        return refuse("NullReferenceException", message)
-    if objectId not in state.sight.interactable:
-        return Refusal(f"{thing.name} is visible but not interactable.", "ObjectNotInteractable")
-    return thing
-
-
-def _aimed(state: WorldState, x: float, y: float) -> SceneObject | Refusal:
-    if not (0 <= x <= 1 and 0 <= y <= 1):
-        message = f"x and y must be in [0:1] not (x={x:g}, y={y:g})."
-        return refuse("ArgumentOutOfRangeException", message)
-    settings, seen = state.settings, state.sight.interactable - state.in_hand
-    found = aim(
-        state.objects, state.pose, x, y,
-        seen=frozenset(seen), fov_deg=settings.fov_deg, aspect=settings.aspect,
-    )  # fmt: skip
-    if found is None:
-        return refuse("NullReferenceException", "No object at the given screen coordinates.")
-    return state.objects[found]
-
-
 def changed(state: WorldState, object_id: str, **fields: Any) -> WorldState:
     """Return the state with some fields of one object replaced."""
     thing = msgspec.structs.replace(state.objects[object_id], **fields)
     return replace(state, objects=state.objects.changed({object_id: thing}))
 
 
-def pick_up(
-    state: WorldState,
-    *,
-    objectId: str | None = None,
-    x: float | None = None,
-    y: float | None = None,
-    forceAction: bool = False,
-    manualInteract: bool = False,
-) -> Result:
+@on_object("PickupObject")
+def pick_up(state: WorldState, thing: SceneObject, *, manualInteract: bool = False) -> Result:
     """Take an object, with what lies in it."""
-    thing = target(state, "PickupObject", objectId, x, y, forceAction)
-    if isinstance(thing, Refusal):
-        return thing
     if "pickupable" not in thing.capabilities:
         return refuse(
             "InvalidOperationException", f"{thing.name} must have the property pickupable"
@@ -242,21 +186,25 @@ def _breaks(thing: SceneObject, impulse: float) -> bool:
     return fragile and impulse >= rules().fragile.impulse_ns
 
 
+@on_object("OpenObject")
 def open_object(
     state: WorldState,
+    thing: SceneObject,
     *,
-    objectId: str | None = None,
-    x: float | None = None,
-    y: float | None = None,
     openness: float = 1.0,
     moveMagnitude: float | None = None,
-    forceAction: bool = False,
 ) -> Result:
     """Open to a degree; opening what is open succeeds. moveMagnitude is openness's old name."""
-    thing = target(state, "OpenObject", objectId, x, y, forceAction)
-    if isinstance(thing, Refusal):
-        return thing
-    openness = openness if moveMagnitude is None else moveMagnitude or 1.0
+    return _opened(state, thing, openness if moveMagnitude is None else moveMagnitude or 1.0)
+
+
+@on_object("OpenObject")
+def close_object(state: WorldState, thing: SceneObject) -> Result:
+    """Close; closing what is closed succeeds."""
+    return _opened(state, thing, 0.0)
+
+
+def _opened(state: WorldState, thing: SceneObject, openness: float) -> Result:
     if not 0.0 <= openness <= 1.0:
         return refuse("ArgumentOutOfRangeException", "openness must be in [0:1]")
     if "openable" not in thing.capabilities:
@@ -266,33 +214,12 @@ def open_object(
     return Done(changed(state, thing.id, openness=float(openness)))
 
 
-def close_object(
-    state: WorldState,
-    *,
-    objectId: str | None = None,
-    x: float | None = None,
-    y: float | None = None,
-    forceAction: bool = False,
-) -> Result:
-    """Close; closing what is closed succeeds."""
-    return open_object(state, objectId=objectId, x=x, y=y, openness=0.0, forceAction=forceAction)
-
-
 def toggler(on: bool) -> Callable[..., Result]:
     """Return the action that switches something on or off, with what it controls."""
     word = "on" if on else "off"
 
-    def toggle(
-        state: WorldState,
-        *,
-        objectId: str | None = None,
-        x: float | None = None,
-        y: float | None = None,
-        forceAction: bool = False,
-    ) -> Result:
-        thing = target(state, f"ToggleObject{word.title()}", objectId, x, y, forceAction)
-        if isinstance(thing, Refusal):
-            return thing
+    @on_object(f"ToggleObject{word.title()}")
+    def toggle(state: WorldState, thing: SceneObject) -> Result:
         refusal = _cannot_switch(thing, on, word)
         if refusal is not None:
             return refusal
@@ -321,29 +248,13 @@ def _cannot_switch(thing: SceneObject, on: bool, word: str) -> Refusal | None:
 # ----------------------------------------------------------------- changing what a thing is
 
 
-def _able(thing: SceneObject | Refusal, capability: Capability) -> SceneObject | Refusal:
-    """Return an action's object if it is one that this can be done to."""
-    if isinstance(thing, Refusal) or capability in thing.capabilities:
-        return thing
-    return Refusal(f"{thing.name} does not have the property {capability}!")
-
-
 def state_changer(
     action: str, capability: Capability, field: str, value: bool, already: str
 ) -> Callable[..., Result]:
     """Return the action that gives an object a state, refused when it has it already."""
 
-    def change(
-        state: WorldState,
-        *,
-        objectId: str | None = None,
-        x: float | None = None,
-        y: float | None = None,
-        forceAction: bool = False,
-    ) -> Result:
-        thing = _able(target(state, action, objectId, x, y, forceAction), capability)
-        if isinstance(thing, Refusal):
-            return thing
+    @on_object(action, capability)
+    def change(state: WorldState, thing: SceneObject) -> Result:
         if getattr(thing, field) == value:
             return Refusal(f"{thing.name} is already {already}!")
         fields: dict[str, Any] = {field: value}
@@ -354,21 +265,9 @@ def state_changer(
     return change
 
 
-def fill(
-    state: WorldState,
-    *,
-    fillLiquid: str = "water",
-    objectId: str | None = None,
-    x: float | None = None,
-    y: float | None = None,
-    forceAction: bool = False,
-) -> Result:
+@on_object("FillObjectWithLiquid", "canFillWithLiquid")
+def fill(state: WorldState, thing: SceneObject, *, fillLiquid: str = "water") -> Result:
     """Fill a vessel; coffee makes it hot."""
-    thing = _able(
-        target(state, "FillObjectWithLiquid", objectId, x, y, forceAction), "canFillWithLiquid"
-    )
-    if isinstance(thing, Refusal):
-        return thing
     if fillLiquid not in rules().liquids.known:
         known = ", ".join(rules().liquids.known)
         return Refusal(f"{fillLiquid} is not a valid Liquid Type; valid are: {known}")
@@ -378,37 +277,17 @@ def fill(
     return Done(changed(after, thing.id, temperature="Hot") if fillLiquid == "coffee" else after)
 
 
-def slice_object(
-    state: WorldState,
-    *,
-    objectId: str | None = None,
-    x: float | None = None,
-    y: float | None = None,
-    forceAction: bool = False,
-) -> Result:
+@on_object("SliceObject", "sliceable", done="is_sliced")
+def slice_object(state: WorldState, thing: SceneObject) -> Result:
     """Cut into pieces, which stay where the whole was; no knife is needed."""
-    if objectId is not None and objectId in state.objects and state.objects[objectId].is_sliced:
-        return Done(state)  # AI2-THOR: a silent success
-    thing = _able(target(state, "SliceObject", objectId, x, y, forceAction), "sliceable")
-    if isinstance(thing, Refusal):
-        return thing
     if thing.id in state.in_hand:
         return Refusal("target object cannot be sliced if it is in the agent's hand")
     return Done(in_pieces(state, msgspec.structs.replace(thing, is_sliced=True)))
 
 
-def break_object(
-    state: WorldState,
-    *,
-    objectId: str | None = None,
-    x: float | None = None,
-    y: float | None = None,
-    forceAction: bool = False,
-) -> Result:
+@on_object("BreakObject", "breakable")
+def break_object(state: WorldState, thing: SceneObject) -> Result:
     """Break for good; what lies in it and what holds it lose it."""
-    thing = _able(target(state, "BreakObject", objectId, x, y, forceAction), "breakable")
-    if isinstance(thing, Refusal):
-        return thing
     if thing.is_broken:
         return Refusal(f"{thing.name} is already broken!")
     if state.held == thing.id:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from karma.world.actions.handling import target
+from karma.world.actions.aiming import on_object
 from karma.world.core.arrays import Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.scene import SceneObject
@@ -28,39 +28,22 @@ _GAP_M = 0.002  # left between a thing and what stops it
 def pusher(action: str, angle: float) -> Callable[..., Result]:
     """Return the action that pushes in a direction relative to the agent's yaw."""
 
-    def push(
-        state: WorldState,
-        *,
-        objectId: str | None = None,
-        x: float | None = None,
-        y: float | None = None,
-        moveMagnitude: float = 0.0,
-        forceAction: bool = False,
-    ) -> Result:
-        thing = target(state, action, objectId, x, y, forceAction)
+    @on_object(action)
+    def push(state: WorldState, thing: SceneObject, *, moveMagnitude: float = 0.0) -> Result:
         return _push(state, thing, moveMagnitude, angle)
 
     return push
 
 
+@on_object("DirectionalPush")
 def directional_push(
-    state: WorldState,
-    *,
-    objectId: str | None = None,
-    x: float | None = None,
-    y: float | None = None,
-    moveMagnitude: float = 0.0,
-    pushAngle: float = 0.0,
-    forceAction: bool = False,
+    state: WorldState, thing: SceneObject, *, moveMagnitude: float = 0.0, pushAngle: float = 0.0
 ) -> Result:
     """Push in a direction given in degrees clockwise from where the agent looks."""
-    thing = target(state, "DirectionalPush", objectId, x, y, forceAction)
     return _push(state, thing, moveMagnitude, pushAngle % 360)
 
 
-def _push(state: WorldState, thing: SceneObject | Refusal, newtons: float, angle: float) -> Result:
-    if isinstance(thing, Refusal):
-        return thing
+def _push(state: WorldState, thing: SceneObject, newtons: float, angle: float) -> Result:
     if thing.id in state.in_hand:
         return Refusal("Please use Throw for an item in the Agent's Hand")
     if not {"pickupable", "moveable"} & set(thing.capabilities):

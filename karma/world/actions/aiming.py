@@ -1,0 +1,102 @@
+"""Which object an action means: by its id, or by a place in the picture."""
+
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+
+from karma.household.types import Capability
+from karma.world.actions.moving import unknown
+from karma.world.core.scene import SceneObject
+from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.thing import is_inert
+from karma.world.core.view import aim
+
+Handler = Callable[..., Result]
+
+
+def on_object(
+    action: str, capability: Capability | None = None, *, done: str | None = None
+) -> Callable[[Handler], Handler]:
+    """Return the decorator of an action that takes the state, an object and arguments of its own.
+
+    The arguments that say which object are added to those.
+
+    Args:
+        action: its name, for refusals.
+        capability: what the object must be able to do or suffer.
+        done: field of the object; where it is true already, the action silently succeeds.
+    """
+
+    def decorate(act: Handler) -> Handler:
+        @wraps(act, assigned=("__name__", "__doc__"))
+        def handler(
+            state: WorldState,
+            *,
+            objectId: str | None = None,
+            x: float | None = None,
+            y: float | None = None,
+            forceAction: bool = False,
+            **own: Any,
+        ) -> Result:
+            if done and getattr(state.objects.get(objectId or ""), done, False):
+                return Done(state)
+            thing = target(state, action, objectId, x, y, forceAction)
+            if isinstance(thing, Refusal):
+                return thing
+            if capability is not None and capability not in thing.capabilities:
+                return Refusal(f"{thing.name} does not have the property {capability}!")
+            return act(state, thing, **own)
+
+        aims = list(inspect.signature(handler, follow_wrapped=False).parameters.values())[:-1]
+        owns = list(inspect.signature(act).parameters.values())[2:]
+        handler.__signature__ = inspect.Signature([*aims, *owns])  # type: ignore[attr-defined]
+        return handler
+
+    return decorate
+
+
+def target(
+    state: WorldState,
+    action: str,
+    objectId: str | None,
+    x: float | None,
+    y: float | None,
+    force: bool,
+) -> SceneObject | Refusal:
+    """Return the object that an action means, or why it cannot be acted on.
+
+    Checked in AI2-THOR's order: it exists, is in view, and is not only seen through glass.
+    """
+    if objectId is None and (x is None or y is None):
+        message = f"action: {action} is missing the following arguments: objectId"
+        return Refusal(message, "MissingArguments")
+    if objectId is None:
+        return _aimed(state, x or 0.0, y or 0.0)
+    if objectId not in state.objects:
+        return unknown(objectId)
+    thing = state.objects[objectId]
+    if is_inert(thing):
+        return refuse("NullReferenceException", "Target object is not there any more.")
+    if force:
+        return thing
+    if objectId not in state.sight.visible:
+        message = "Target object not found within the specified visibility."
+        return refuse("NullReferenceException", message)
+    if objectId not in state.sight.interactable:
+        return Refusal(f"{thing.name} is visible but not interactable.", "ObjectNotInteractable")
+    return thing
+
+
+def _aimed(state: WorldState, x: float, y: float) -> SceneObject | Refusal:
+    if not (0 <= x <= 1 and 0 <= y <= 1):
+        message = f"x and y must be in [0:1] not (x={x:g}, y={y:g})."
+        return refuse("ArgumentOutOfRangeException", message)
+    settings, seen = state.settings, state.sight.interactable - state.in_hand
+    found = aim(
+        state.objects, state.pose, x, y,
+        seen=frozenset(seen), fov_deg=settings.fov_deg, aspect=settings.aspect,
+    )  # fmt: skip
+    if found is None:
+        return refuse("NullReferenceException", "No object at the given screen coordinates.")
+    return state.objects[found]
