@@ -20,7 +20,12 @@ from karma.world.core.view import camera
 try:
     from ai2thor.server import Event, MetadataWrapper
 except ImportError:  # the extra `thor` is not installed
-    from karma.world.event_base import Event, MetadataWrapper  # type: ignore[assignment, unused-ignore]
+    from karma.world.event_base import (  # type: ignore[assignment, unused-ignore]
+        MetadataWrapper,
+    )
+    from karma.world.event_base import (
+        SegmentedEvent as Event,
+    )
 
 if TYPE_CHECKING:
     from karma.world.render.picture import Picture

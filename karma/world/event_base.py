@@ -122,7 +122,7 @@ def box_of(mask: Mask) -> Box:
     return int(columns[0]), int(rows[0]), int(columns[-1]), int(rows[-1])
 
 
-class Event:
+class SegmentedEvent:
     """The part of AI2-THOR's event that reads instance segmentation."""
 
     def process_colors(self) -> None:

@@ -21,7 +21,7 @@ from karma.world.render.colours import (
     instance_frame,
     names,
 )
-from karma.world.render.drawn import Task, drawn
+from karma.world.render.drawn import DrawingTask, drawn
 from karma.world.render.mesh import ball, box, drum, rod, turned
 from karma.world.render.picture import agent_camera, render
 from karma.world.render.shapes import BUILDERS
@@ -207,7 +207,7 @@ def test_any_box_in_any_state_has_a_shape_in_and_around_it(kind, size, flags, ho
     state = {key: value for flag in sorted(flags) for key, value in FLAGS[flag].items()}
     one = thing(kind, (0.3, 1.0, -0.2), size, temperature="Hot" if hot else "RoomTemp", **state)
     cells = np.array([(0.0, -1.0), (0.25, -1.0)])
-    mesh = drawn(Task(one), cells, "stage")
+    mesh = drawn(DrawingTask(one), cells, "stage")
     assert len(mesh.faces) and np.isfinite(mesh.vertices).all() and np.isfinite(mesh.colours).all()
     assert mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)
     assert mesh.colours.min() >= 0 and mesh.colours.max() <= 255
@@ -219,7 +219,8 @@ def test_any_box_in_any_state_has_a_shape_in_and_around_it(kind, size, flags, ho
 def test_turned_objects_are_drawn_turned():
     corners = moment_of_a_knife(yaw=0.0), moment_of_a_knife(yaw=90.0)
     spans = [
-        np.ptp(drawn(Task(one), np.zeros((0, 2)), "stage").vertices, axis=0) for one in corners
+        np.ptp(drawn(DrawingTask(one), np.zeros((0, 2)), "stage").vertices, axis=0)
+        for one in corners
     ]
     assert spans[0][2] > 4 * spans[0][0] and spans[1][0] > 4 * spans[1][2]
 

@@ -18,7 +18,7 @@ from karma.household.types import object_type
 from karma.world.core.boxes import Box, distances, nearest_to_centre, reachable_cells
 from karma.world.core.scene import SCENES, load
 from karma.world.generation import generate
-from karma.world.generation.furnish import Frame, NoRoomError
+from karma.world.generation.furnish import LocalFrame, NoRoomError
 from karma.world.generation.generate import build_scene, object_id
 from karma.world.generation.rooms import TABLE, read_rooms, rooms
 
@@ -348,4 +348,4 @@ def test_distances_are_horizontal_to_the_nearest_cell():
 def test_frame_of_a_box_gives_the_box_back(yaw):
     given = Box(1.0, 0.0, 2.0, 4.0, 1.0, 3.0)
     width, depth = (3.0, 1.0) if yaw % 180 == 0 else (1.0, 3.0)
-    assert Frame.of(given, yaw).box((0, width), (0, 1), (0, depth)) == given
+    assert LocalFrame.of(given, yaw).box((0, width), (0, 1), (0, depth)) == given

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.household import kitchen
 
-from karma.world import event_base as drop_in
+from karma.world import event_base
 from karma.world.event import rgba_bytes
 from karma.world.sim import EmbeddedWorld
 
@@ -76,7 +76,8 @@ def read(base, frame):
 )
 def test_stand_in_reads_pictures_as_the_genuine_class_does(codes):
     server = pytest.importorskip("ai2thor.server")
-    genuine, ours = (read(base, picture(codes)) for base in (server.Event, drop_in.Event))
+    bases = (server.Event, event_base.SegmentedEvent)
+    genuine, ours = (read(base, picture(codes)) for base in bases)
     for name in ("instance_masks", "class_masks"):
         theirs, mine = getattr(genuine, name), getattr(ours, name)
         assert set(theirs) == set(mine)
@@ -94,7 +95,7 @@ def test_stand_in_gives_metadata_its_two_aliases(world):
     server = pytest.importorskip("ai2thor.server")
     for action in ("Pass", "GetReachablePositions"):
         metadata = dict(world.step(action).metadata)
-        for kind in (drop_in.MetadataWrapper, server.MetadataWrapper):
+        for kind in (event_base.MetadataWrapper, server.MetadataWrapper):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 wrapped = kind(metadata)

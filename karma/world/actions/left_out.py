@@ -16,17 +16,17 @@ class _Group(Struct, frozen=True, forbid_unknown_fields=True):
     names: tuple[str, ...]
 
 
-class _Table(Struct, frozen=True, forbid_unknown_fields=True):
+class _LeftOut(Struct, frozen=True, forbid_unknown_fields=True):
     group: tuple[_Group, ...]
 
 
-def absent() -> dict[str, str]:
+def reasons_left_out() -> dict[str, str]:
     """Return why each action is left out, by name.
 
     Raises:
         FileError: the table is damaged.
     """
-    table = read_toml(TABLE, _Table)
+    table = read_toml(TABLE, _LeftOut)
     return {name: group.reason for group in table.group for name in group.names}
 
 

@@ -1,4 +1,4 @@
-"""Questions about ways, places to stand on, and poses; nothing changes."""
+"""Questions about paths, places to stand on, and poses; nothing changes."""
 
 from typing import Any
 
@@ -69,7 +69,7 @@ def shortest_path(
     rotation: Place | None = None,
     allowedError: float = 1e-4,
 ) -> Result:
-    """Return the way to where the agent is nearest to an object."""
+    """Return the path to where the agent is nearest to an object."""
     if objectId is None and objectType is None:
         message = "action: GetShortestPath is missing the following arguments: objectId"
         return Refusal(message, "MissingArguments")
@@ -79,7 +79,7 @@ def shortest_path(
         what = objectId or objectType
         return refuse("ArgumentException", f"Cannot find SimObject with id '{what}'.")
     goal = navigate.approach(state, objectId)
-    return _way(state, position, goal, objectId)
+    return _path(state, position, goal, objectId)
 
 
 def shortest_path_to_point(
@@ -92,16 +92,16 @@ def shortest_path_to_point(
     position: Place | None = None,
     allowedError: float = 1e-4,
 ) -> Result:
-    """Return the way to the cell nearest to a point."""
+    """Return the path to the cell nearest to a point."""
     given = coordinates(target, x, y, z)
     if "x" not in given or "z" not in given:
         message = "action: GetShortestPathToPoint is missing the following arguments: target"
         return Refusal(message, "MissingArguments")
     goal = navigate.nearest_cell(state, given["x"], given["z"])
-    return _way(state, position, goal, f"({given['x']}, {given['z']})")
+    return _path(state, position, goal, f"({given['x']}, {given['z']})")
 
 
-def _way(state: WorldState, start: Place | None, goal: Cell | None, name: str) -> Result:
+def _path(state: WorldState, start: Place | None, goal: Cell | None, name: str) -> Result:
     if start is None:
         first = navigate.agent_cell(state)
     else:

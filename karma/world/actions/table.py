@@ -11,20 +11,20 @@ from karma.world.actions import (
     handling,
     moving,
     pushing,
+    questions,
+    routes,
     setup,
     spawning,
     stating,
     teleporting,
 )
-from karma.world.actions import questions as asking
-from karma.world.actions import routes as ways
-from karma.world.actions.left_out import absent, refuser
+from karma.world.actions.left_out import reasons_left_out, refuser
 from karma.world.core.arguments import fit, kinds
 from karma.world.core.state import Refusal, Result
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class ActionEntry:
     """One entry of the dispatch table: what may be said, and what it does."""
 
     name: str
@@ -59,15 +59,15 @@ class Action:
         )
 
 
-def _action(name: str, handler: Callable[..., Result], *, lenient: bool = False) -> Action:
+def _action(name: str, handler: Callable[..., Result], *, lenient: bool = False) -> ActionEntry:
     parameters = list(inspect.signature(handler).parameters.values())[1:]
     takes = {p.name: p.annotation for p in parameters}
     types = {name: kinds(annotation) for name, annotation in takes.items()}
     required = tuple(p.name for p in parameters if p.default is inspect.Parameter.empty)
-    return Action(name, handler, takes, types, required, lenient)
+    return ActionEntry(name, handler, takes, types, required, lenient)
 
 
-def _legacy(name: str, handler: Callable[..., Result]) -> Action:
+def _legacy(name: str, handler: Callable[..., Result]) -> ActionEntry:
     return _action(name, handler, lenient=True)
 
 
@@ -81,14 +81,14 @@ _SIGNED: dict[str, Callable[..., Result]] = {
     "RotateLeft": moving.turner(-1),
     "Teleport": moving.teleport,
     "TeleportFull": moving.teleport_full,
-    # asking
-    "GetReachablePositions": ways.reachable_positions,
-    "GetShortestPath": ways.shortest_path,
-    "GetShortestPathToPoint": ways.shortest_path_to_point,
-    "GetInteractablePoses": ways.interactable_poses,
-    "GetObjectInFrame": asking.object_in_frame,
-    "GetCoordinateFromRaycast": asking.coordinate,
-    "GetVisibleObjects": asking.visible_objects,
+    # questions
+    "GetReachablePositions": routes.reachable_positions,
+    "GetShortestPath": routes.shortest_path,
+    "GetShortestPathToPoint": routes.shortest_path_to_point,
+    "GetInteractablePoses": routes.interactable_poses,
+    "GetObjectInFrame": questions.object_in_frame,
+    "GetCoordinateFromRaycast": questions.coordinate,
+    "GetVisibleObjects": questions.visible_objects,
     "GetMapViewCameraProperties": cameras.map_view,
     # handling
     "PickupObject": handling.pick_up,
@@ -144,7 +144,7 @@ _LEGACY: dict[str, Callable[..., Result]] = {
     "LookDown": moving.looker(+1),
     "LookUp": moving.looker(-1),
     "RotateLook": moving.rotate_look,
-    "GetScenesInBuild": ways.scenes_in_build,
+    "GetScenesInBuild": routes.scenes_in_build,
     "SliceObject": handling.slice_object,
     "BreakObject": handling.break_object,
     "FillObjectWithLiquid": handling.fill,
@@ -163,9 +163,9 @@ _STATES: dict[str, tuple[Any, ...]] = {
     "UseUpObject": ("canBeUsedUp", "is_used_up", True, "used up"),
     "CookObject": ("cookable", "is_cooked", True, "cooked"),
 }
-ACTIONS: Mapping[str, Action] = {
+ACTIONS: Mapping[str, ActionEntry] = {
     **{name: _action(name, handler) for name, handler in _SIGNED.items()},
     **{name: _legacy(name, handler) for name, handler in _LEGACY.items()},
     **{name: _legacy(name, handling.state_changer(name, *row)) for name, row in _STATES.items()},
-    **{name: _legacy(name, refuser(name, reason)) for name, reason in absent().items()},
+    **{name: _legacy(name, refuser(name, reason)) for name, reason in reasons_left_out().items()},
 }

@@ -6,18 +6,18 @@ import msgspec
 
 from karma.household.types import object_types
 from karma.world.alfred.contents import contained
-from karma.world.alfred.facts import Facts, middling
+from karma.world.alfred.facts import RoomFacts, middling
 from karma.world.alfred.furniture import furnished
 from karma.world.alfred.ids import kind_of, type_now
 from karma.world.alfred.steps import STEP_M
-from karma.world.alfred.trial import ObjectPose, Trial
+from karma.world.alfred.trial import SpawnPose, Trial
 from karma.world.core.boxes import AGENT_RADIUS_M, Box
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
 from karma.world.core.thing import moved, turned
 from karma.world.importing.scenes import ORIGIN_M, room_by_name, room_by_things
 
 
-def build(trial: Trial, facts: Facts, *, widened: Mapping[str, float] | None = None) -> Scene:
+def build(trial: Trial, facts: RoomFacts, *, widened: Mapping[str, float] | None = None) -> Scene:
     """Return the room of a trial at its start.
 
     Args:
@@ -63,7 +63,7 @@ def build(trial: Trial, facts: Facts, *, widened: Mapping[str, float] | None = N
 # ----------------------------------------------------------------- movable objects
 
 
-def _movable(pose: ObjectPose, facts: Facts) -> SceneObject:
+def _movable(pose: SpawnPose, facts: RoomFacts) -> SceneObject:
     """Return an object at its pose, shaped as one of its type: of this room, of any, or typical."""
     kind = type_now(pose.kind) or ""
     model = _model(kind, facts)
@@ -98,7 +98,7 @@ def _movable(pose: ObjectPose, facts: Facts) -> SceneObject:
     )
 
 
-def _model(kind: str, facts: Facts) -> SceneObject | None:
+def _model(kind: str, facts: RoomFacts) -> SceneObject | None:
     here = () if facts.dump is None else facts.dump.objects
     return middling(t for t in here if t.type == kind) or facts.models.get(kind)
 

@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 
 from karma.contracts import Vec3
 from karma.household.types import object_types
-from karma.world.alfred.facts import Facts
+from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.trial import LabelledSpot, Trial
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
@@ -34,7 +34,10 @@ _OVER_VESSEL_M = 0.08
 
 
 def contained(
-    trial: Trial, facts: Facts, furniture: Sequence[SceneObject], movables: Sequence[SceneObject]
+    trial: Trial,
+    facts: RoomFacts,
+    furniture: Sequence[SceneObject],
+    movables: Sequence[SceneObject],
 ) -> dict[str, str]:
     """Return the receptacle of each movable object that has one, id -> id."""
     places = {thing.id: thing for thing in furniture if "receptacle" in thing.capabilities}

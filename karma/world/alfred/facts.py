@@ -16,9 +16,9 @@ from karma.world.alfred.steps import named, visited
 from karma.world.alfred.trial import (
     FixedObjects,
     LabelledSpot,
-    Layout,
     PlannerAction,
     Receptacle,
+    RoomLayout,
     Spot,
     Trial,
     read_fixed,
@@ -73,7 +73,7 @@ def side_files(**given: str | None) -> Files:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
+class RoomFacts:
     """What is known of one FloorPlan, whatever the trial."""
 
     name: str
@@ -84,7 +84,7 @@ class Facts:
     models: Mapping[str, SceneObject] = field(default_factory=dict)  # one of each type, of any dump
 
 
-def gather(trials: Iterable[Trial], files: Files) -> dict[str, Facts]:
+def gather(trials: Iterable[Trial], files: Files) -> dict[str, RoomFacts]:
     """Return the facts of every FloorPlan that the trials play in.
 
     Raises:
@@ -101,12 +101,12 @@ def gather(trials: Iterable[Trial], files: Files) -> dict[str, Facts]:
     models = _models(dumps.values())
     found = {}
     for name, played in sorted(rooms.items()):
-        layout = layouts.get(name, Layout())
+        layout = layouts.get(name, RoomLayout())
         places = _places(layout, fixed.get(name), receptacles.get(name, ()))
         places, own = _told(places, played)
         cells = {cell for trial in played for cell in visited(trial)}
         cells.update((float(x), float(z)) for x, z in layout.reachable)
-        found[name] = Facts(
+        found[name] = RoomFacts(
             name=name,
             cells=tuple(sorted(cells)),
             fixed=places,
@@ -145,7 +145,7 @@ def _distinct(spots: Iterable[LabelledSpot]) -> tuple[LabelledSpot, ...]:
 
 
 def _places(
-    layout: Layout, fixed: FixedObjects | None, receptacles: Sequence[Receptacle]
+    layout: RoomLayout, fixed: FixedObjects | None, receptacles: Sequence[Receptacle]
 ) -> dict[str, Vec3]:
     """Return the ids that the side files know, with the best place each has."""
     found: dict[str, Vec3] = {}

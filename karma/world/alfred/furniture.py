@@ -19,7 +19,7 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.household.types import object_types
-from karma.world.alfred.facts import Facts
+from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.ids import kind_of, place_of, type_now
 from karma.world.alfred.trial import LabelledSpot
 from karma.world.core.rules import rules
@@ -44,7 +44,7 @@ class _Match(NamedTuple):
     moved: bool = False  # it stands elsewhere here
 
 
-def furnished(facts: Facts, floor_y: float, kinds: frozenset[str]) -> list[SceneObject]:
+def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[SceneObject]:
     """Return everything but what trials place themselves.
 
     Args:
@@ -195,7 +195,7 @@ def _renamed(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
     )
 
 
-def _typical(one: str, place: Vec3, facts: Facts, floor_y: float) -> SceneObject:
+def _typical(one: str, place: Vec3, facts: RoomFacts, floor_y: float) -> SceneObject:
     """Return an object that no dump of the room has: its type's shape, and what lay there."""
     kind = type_now(kind_of(one)) or ""
     row, model = object_types()[kind], facts.models.get(kind)
@@ -240,7 +240,7 @@ def _round(thing: SceneObject, spots: Sequence[LabelledSpot]) -> SceneObject:
     return msgspec.structs.replace(thing, center=middle, size=sides)
 
 
-def _with_floor(things: list[SceneObject], facts: Facts, floor_y: float) -> list[SceneObject]:
+def _with_floor(things: list[SceneObject], facts: RoomFacts, floor_y: float) -> list[SceneObject]:
     """Return the objects with a floor among them: all rooms of AI2-THOR 5.0.0 have one."""
     if any(thing.type == "Floor" for thing in things):
         return things

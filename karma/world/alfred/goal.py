@@ -90,7 +90,7 @@ def _at(temperature: str, ids: set[str], metadata: Metadata) -> set[str]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Case:
+class _EndState:
     """What a task's condition looks at."""
 
     metadata: Metadata
@@ -112,7 +112,7 @@ def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds, *, exact: bool = Fa
     """
     targets = trial.pddl_params
     find = _of_type if exact else _find
-    case = _Case(
+    case = _EndState(
         metadata=metadata,
         deeds=deeds,
         objects=find(_wanted(targets), "pickupable", metadata),
@@ -140,17 +140,17 @@ def _of_type(name: str, capability: str, metadata: Metadata) -> list[Thing]:
     ]
 
 
-def _placed(case: _Case) -> set[str]:
+def _placed(case: _EndState) -> set[str]:
     inside = {one for place in case.receptacles for one in _contents(place)}
     return {one["objectId"] for one in case.objects} & inside
 
 
-def _two_placed(case: _Case) -> bool:
+def _two_placed(case: _EndState) -> bool:
     wanted = {one["objectId"] for one in case.objects}
     return any(len(wanted & _contents(place)) >= 2 for place in case.receptacles)
 
 
-def _stacked(case: _Case) -> bool:
+def _stacked(case: _EndState) -> bool:
     wanted = {one["objectId"] for one in case.objects}
     goals = {one["objectId"] for one in case.receptacles}
     return any(
@@ -159,14 +159,14 @@ def _stacked(case: _Case) -> bool:
     )
 
 
-def _lit(case: _Case) -> bool:
+def _lit(case: _EndState) -> bool:
     held = {one["objectId"] for one in case.metadata["inventoryObjects"]}
     shining = any(lamp["isToggled"] and lamp["visible"] for lamp in case.lamps)
     return shining and bool(held & {one["objectId"] for one in case.objects})
 
 
 _COUNT = {"pick_two_obj_and_place": 2}
-_CONDITIONS: dict[str, Callable[[_Case], bool]] = {
+_CONDITIONS: dict[str, Callable[[_EndState], bool]] = {
     "pick_and_place_simple": lambda case: bool(_placed(case)),
     "pick_two_obj_and_place": _two_placed,
     "look_at_obj_in_light": _lit,

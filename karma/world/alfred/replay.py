@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 from karma.errors import KarmaError
 from karma.world.alfred.build import build
-from karma.world.alfred.facts import Facts
+from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.goal import Deeds, goal_met, noteworthy
 from karma.world.alfred.mutate import without_one
 from karma.world.alfred.steps import UntranslatableError, translated
@@ -59,7 +59,7 @@ class _Mismatch(KarmaError):
 
 
 def replay(
-    trial: Trial, facts: Facts, *, mutate: int | None = None, strict: bool = False
+    trial: Trial, facts: RoomFacts, *, mutate: int | None = None, strict: bool = False
 ) -> TrialResult:
     """Replay one trial in a world of its own.
 
@@ -96,7 +96,7 @@ def replay(
 
 def replay_all(
     trials: Iterable[Trial],
-    facts: Mapping[str, Facts],
+    facts: Mapping[str, RoomFacts],
     *,
     mutate: int | None = None,
     strict: bool = False,
@@ -119,12 +119,12 @@ def replay_all(
         yield from pool.map(_job, jobs, chunksize=4)
 
 
-def _job(job: tuple[Trial, Facts, int | None, bool]) -> TrialResult:
+def _job(job: tuple[Trial, RoomFacts, int | None, bool]) -> TrialResult:
     trial, facts, mutate, strict = job
     return replay(trial, facts, mutate=mutate, strict=strict)
 
 
-def fitted(trial: Trial, facts: Facts) -> Scene:
+def fitted(trial: Trial, facts: RoomFacts) -> Scene:
     """Return the trial's scene with boxes in which everything finds room that was put there.
 
     Boxes are of another version of the room, or typical ones. Where a recorded PutObject finds no

@@ -4,9 +4,7 @@ A trial is a line of JSON (or a lone `traj_data.json`) with `id` or `task_id`, `
 `pddl_params`, `scene` and `plan`, as ALFRED publishes them. Keys that are not read are allowed.
 """
 
-import gzip
 import re
-import zlib
 from collections.abc import Iterator, Sequence
 from math import isfinite
 from pathlib import Path
@@ -16,8 +14,8 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.errors import FileError
-from karma.files import read_bytes
 from karma.world.alfred.ids import kind_of, object_id, place_of
+from karma.world.importing.dump import COPY, Xyz, read_unzipped
 
 T = TypeVar("T")
 TYPES_OF_TASK = (
@@ -32,24 +30,10 @@ TYPES_OF_TASK = (
 _FARTHEST_M = 1000.0
 _ROUNDED_M = 0.0052  # half a hundredth, which ids round away, and a little
 _LOCATION = re.compile(r"loc\|(-?\d+)\|(-?\d+)\|([0-3])\|(-?\d+)")
-_COPY = "copy the file again"
 _FORM = "this takes ALFRED's files; recordings of AI2-THOR: karma world replay --events"
 
 
-class Xyz(msgspec.Struct, frozen=True):
-    """A point, metres, or angles, degrees."""
-
-    x: float
-    y: float
-    z: float
-
-    @property
-    def tuple(self) -> Vec3:
-        """The three numbers."""
-        return (self.x, self.y, self.z)
-
-
-class ObjectPose(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
+class SpawnPose(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
     """Where one movable object spawned."""
 
     object_name: str
@@ -75,7 +59,7 @@ class ToggleState(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
     is_on: bool
 
 
-class Start(msgspec.Struct, frozen=True, kw_only=True):
+class StartPose(msgspec.Struct, frozen=True, kw_only=True):
     """The agent's first pose: metres, degrees."""
 
     x: float
@@ -89,8 +73,8 @@ class SceneFacts(msgspec.Struct, frozen=True, kw_only=True):
     """The room and what differs in it."""
 
     floor_plan: str
-    init_action: Start
-    object_poses: tuple[ObjectPose, ...]
+    init_action: StartPose
+    object_poses: tuple[SpawnPose, ...]
     object_toggles: tuple[ToggleState, ...] = ()
     dirty_and_empty: bool = False
 
@@ -175,7 +159,7 @@ class LowAction(msgspec.Struct, frozen=True, kw_only=True):
     api_action: ApiAction
 
 
-class Plan(msgspec.Struct, frozen=True, kw_only=True):
+class DemonstratedPlan(msgspec.Struct, frozen=True, kw_only=True):
     """The planner's sub-goals and the actions that carried them out."""
 
     high_pddl: tuple[SubGoal, ...]
@@ -190,10 +174,10 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     task_type: str
     pddl_params: Targets
     scene: SceneFacts
-    plan: Plan
+    plan: DemonstratedPlan
 
 
-class Layout(msgspec.Struct, frozen=True, kw_only=True):
+class RoomLayout(msgspec.Struct, frozen=True, kw_only=True):
     """What ALFRED's layouts tell of a room: cells (x, z), and poses to see receptacles from."""
 
     reachable: tuple[tuple[float, float], ...] = ()
@@ -244,9 +228,9 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
     Raises:
         FileError: missing, torn, or not of ALFRED's form; names the line and the field.
     """
-    data = _text(path)
+    data = read_unzipped(path)
     if not data.strip():
-        raise FileError(path, "line 1: the file is empty", fix=_COPY)
+        raise FileError(path, "line 1: the file is empty", fix=COPY)
     decoder = msgspec.json.Decoder(Trial)
     for place, text in _documents(data):
         try:
@@ -272,7 +256,7 @@ def _documents(data: bytes) -> Iterator[tuple[str, bytes]]:
             yield f"line {number}", line
 
 
-def _as_named(scene: SceneFacts, plan: Plan) -> SceneFacts:
+def _as_named(scene: SceneFacts, plan: DemonstratedPlan) -> SceneFacts:
     """Return the facts with the ids that actions use, where the rule misses them by a hundredth.
 
     It does for some poses that were rounded before their ids were left out.
@@ -294,7 +278,7 @@ def _as_named(scene: SceneFacts, plan: Plan) -> SceneFacts:
     return msgspec.structs.replace(scene, object_poses=tuple(poses))
 
 
-def _off(pose: ObjectPose, named: str) -> float:
+def _off(pose: SpawnPose, named: str) -> float:
     """Return by how much a pose misses the place that an id tells, along the worst axis."""
     place = place_of(named)
     if place is None:
@@ -303,7 +287,7 @@ def _off(pose: ObjectPose, named: str) -> float:
 
 
 def _help(error: Exception) -> str:
-    return _FORM if isinstance(error, msgspec.ValidationError) else _COPY
+    return _FORM if isinstance(error, msgspec.ValidationError) else COPY
 
 
 def _wrong(trial: Trial) -> str | None:
@@ -318,7 +302,7 @@ def _wrong(trial: Trial) -> str | None:
     return _wrong_pose(trial.scene.object_poses) or _wrong_plan(trial.plan)
 
 
-def _wrong_pose(poses: Sequence[ObjectPose]) -> str | None:
+def _wrong_pose(poses: Sequence[SpawnPose]) -> str | None:
     for number, pose in enumerate(poses):
         field = f"at `$.scene.object_poses[{number}]`"
         if not _sane(pose.position.tuple):
@@ -328,7 +312,7 @@ def _wrong_pose(poses: Sequence[ObjectPose]) -> str | None:
     return None
 
 
-def _wrong_plan(plan: Plan) -> str | None:
+def _wrong_plan(plan: DemonstratedPlan) -> str | None:
     for number, goal in enumerate(plan.high_pddl):
         step = goal.planner_action
         if step.action == "GotoLocation" and step.pose is None:
@@ -341,9 +325,9 @@ def _sane(position: Vec3) -> bool:
     return all(isfinite(value) and abs(value) <= _FARTHEST_M for value in position)
 
 
-def read_layouts(path: str | Path) -> dict[str, Layout]:
+def read_layouts(path: str | Path) -> dict[str, RoomLayout]:
     """Read rooms' cells and receptacles by FloorPlan; errors as in `read_trials`."""
-    return _table(path, dict[str, Layout])
+    return _table(path, dict[str, RoomLayout])
 
 
 def read_fixed(path: str | Path) -> dict[str, FixedObjects]:
@@ -379,16 +363,6 @@ def read_ids(path: str | Path) -> tuple[str, ...]:
 
 def _table(path: str | Path, kind: type[T]) -> T:
     try:
-        return msgspec.json.decode(_text(path), type=kind)
+        return msgspec.json.decode(read_unzipped(path), type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise FileError(path, str(error), fix=_help(error)) from error
-
-
-def _text(path: str | Path) -> bytes:
-    data = read_bytes(path, fix=f"ls {Path(path).parent}")
-    if data[:2] != b"\x1f\x8b" and Path(path).suffix != ".gz":
-        return data
-    try:
-        return gzip.decompress(data)
-    except (OSError, EOFError, zlib.error) as error:
-        raise FileError(path, f"torn gzip: {error}", fix=_COPY) from error

@@ -1,4 +1,4 @@
-"""Ways across the floor, and places to stand and look from. All orders are fixed."""
+"""Find paths across the floor, and places to stand and look from. All orders are fixed."""
 
 from collections import deque
 from collections.abc import Container, Iterator, Sequence
@@ -59,7 +59,7 @@ def walk(cells: Container[Cell], start: Cell) -> dict[Cell, Cell]:
 
 
 def path(cells: Container[Cell], start: Cell, goal: Cell) -> list[Cell] | None:
-    """Return a shortest way in single steps, both ends included; None when there is none."""
+    """Return a shortest path in single steps, both ends included; None when there is none."""
     before = walk(cells, start)
     if goal not in before:
         return None
@@ -70,7 +70,7 @@ def path(cells: Container[Cell], start: Cell, goal: Cell) -> list[Cell] | None:
 
 
 def corners(cells: Sequence[Cell]) -> list[Cell]:
-    """Return the ends and turning points of a way."""
+    """Return the ends and turning points of a path."""
     found = list(cells[:1])
     for before, here, after in zip(cells, cells[1:], cells[2:], strict=False):
         if (here[0] - before[0], here[1] - before[1]) != (after[0] - here[0], after[1] - here[1]):

@@ -14,7 +14,7 @@ from karma.world.core.scene import SceneObject, Temperature
 TABLE = Path(__file__).with_name("rules.toml")
 
 
-class Condition(Struct, frozen=True, forbid_unknown_fields=True):
+class StateValues(Struct, frozen=True, forbid_unknown_fields=True):
     """Some states of an object: those to have, or those to get."""
 
     is_toggled: bool | UnsetType = UNSET
@@ -35,12 +35,12 @@ class Condition(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @cache
-def _given(condition: Condition) -> tuple[tuple[str, bool | str], ...]:
+def _given(condition: StateValues) -> tuple[tuple[str, bool | str], ...]:
     values = msgspec.structs.asdict(condition)
     return tuple((key, value) for key, value in values.items() if value is not UNSET)
 
 
-STATES = Condition.__struct_fields__  # what effects ask for and change
+STATES = StateValues.__struct_fields__  # what effects ask for and change
 
 
 class Effect(Struct, frozen=True, forbid_unknown_fields=True):
@@ -49,11 +49,11 @@ class Effect(Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     source: tuple[str, ...]
     zone: Literal["inside", "basin"]
-    set: Condition
+    set: StateValues
     on: bool = True  # only while the source is switched on
     target: tuple[str, ...] | None = None  # types; None = all
     capability: Capability | None = None
-    when: Condition = Condition()
+    when: StateValues = StateValues()
 
     def fits(self, thing: SceneObject) -> bool:
         """Return whether the effect acts on an object in its zone."""
@@ -129,7 +129,7 @@ class Doors(Struct, frozen=True, forbid_unknown_fields=True):
     reach_share: float
 
 
-class View(Struct, frozen=True, forbid_unknown_fields=True):
+class HidingRules(Struct, frozen=True, forbid_unknown_fields=True):
     """What hides what."""
 
     hides_when_closed: tuple[str, ...]
@@ -149,7 +149,7 @@ class Rules(Struct, frozen=True, forbid_unknown_fields=True):
     hand: Hand
     put: Put
     doors: Doors
-    view: View
+    view: HidingRules
     effect: tuple[Effect, ...]
 
 

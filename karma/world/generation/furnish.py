@@ -9,7 +9,7 @@ import numpy as np
 
 from karma.household.types import object_type
 from karma.world.core.boxes import Box
-from karma.world.generation.rooms import Furnishing, Kind, Part, Piece, Rooms
+from karma.world.generation.rooms import Furnishing, FurniturePart, Kind, Piece, RoomTable
 
 TRIES = 40
 FRONT_M = 0.45  # kept free before what stands at a wall
@@ -29,10 +29,10 @@ class Placed(msgspec.Struct, frozen=True, kw_only=True):
     group: int  # objects of one piece share it; they may enclose each other
     child_of: int | None = None  # index of the object whose id it carries on
     parent: int | None = None  # index of its receptacle
-    part: Part | None = None  # None for what is not furniture
+    part: FurniturePart | None = None  # None for what is not furniture
 
 
-class Frame(NamedTuple):
+class LocalFrame(NamedTuple):
     """Local coordinates: u to the right and v forward of a point, turned by yaw."""
 
     x: float
@@ -51,7 +51,7 @@ class Frame(NamedTuple):
         return self.x + u * cos + v * sin, self.z - u * sin + v * cos
 
     @classmethod
-    def of(cls, box: Box, yaw: int) -> "Frame":
+    def of(cls, box: Box, yaw: int) -> "LocalFrame":
         """Return the frame at the left end of the back of a box that faces `yaw`."""
         x = box.x0 if yaw in (0, 90) else box.x1
         z = box.z0 if yaw in (0, 270) else box.z1
@@ -64,15 +64,15 @@ def extent(box: Box, yaw: int) -> tuple[float, float]:
     return (x, z) if yaw % 180 == 0 else (z, x)
 
 
-class Layout:
+class RoomInMaking:
     """A room being furnished; `placed` grows, nothing in it is moved again."""
 
-    def __init__(self, kind: Kind, table: Rooms, rng: np.random.Generator) -> None:
+    def __init__(self, kind: Kind, table: RoomTable, rng: np.random.Generator) -> None:
         self.kind, self.table, self.rng = kind, table, rng
         self.width, self.depth = (self._quarter(kind.width), self._quarter(kind.depth))
         x, z = self.width / 2, self.depth / 2
         self.room = Box(-x, 0.0, -z, x, kind.height, z)
-        floor = Part(type="Floor", y=(-0.1, 0.0), v=(0.0, self.depth))
+        floor = FurniturePart(type="Floor", y=(-0.1, 0.0), v=(0.0, self.depth))
         self.placed = [Placed(type="Floor", box=Box(-x, -0.1, -z, x, 0.0, z), group=0, part=floor)]
         self.zones: list[Box] = []
         self.groups = 1
@@ -142,8 +142,8 @@ class Layout:
         reach = max(width, piece.depth) / 2 + WALK_M
         x = self.draw((self.room.x0 + reach, max(self.room.x0 + reach, self.room.x1 - reach)))
         z = self.draw((self.room.z0 + reach, max(self.room.z0 + reach, self.room.z1 - reach)))
-        corner = Frame(x, z, yaw).point(-width / 2, -piece.depth / 2)
-        boxes = self._boxes(piece, Frame(*corner, yaw), width)
+        corner = LocalFrame(x, z, yaw).point(-width / 2, -piece.depth / 2)
+        boxes = self._boxes(piece, LocalFrame(*corner, yaw), width)
         return self._stand(piece, boxes, yaw, gap=WALK_M, front=0.0)
 
     def _around(self, piece: Piece, entry: Furnishing) -> bool:
@@ -151,11 +151,11 @@ class Layout:
         if table is None:
             return False
         width, yaw = self.draw(piece.width), self._yaw()  # the chair's
-        side = Frame.of(table.box, (yaw + 180) % 360)
+        side = LocalFrame.of(table.box, (yaw + 180) % 360)
         across, deep = extent(table.box, yaw)
         u = self.draw((0.02, max(0.02, across - width - 0.02)))
         corner = side.point(u + width, deep + entry.gap + piece.depth)
-        boxes = self._boxes(piece, Frame(*corner, yaw), width)
+        boxes = self._boxes(piece, LocalFrame(*corner, yaw), width)
         return self._stand(piece, boxes, yaw, gap=0.05, front=0.0, zones=False)
 
     def _in_front(self, piece: Piece, entry: Furnishing) -> bool:
@@ -165,8 +165,8 @@ class Layout:
         width, yaw = self.draw(piece.width), (of.yaw + 180) % 360
         across, deep = extent(of.box, of.yaw)
         u = self.draw(((across - width) * 0.2, max((across - width) * 0.6, 0.0)))
-        corner = Frame.of(of.box, of.yaw).point(u + width, deep + entry.gap + piece.depth)
-        boxes = self._boxes(piece, Frame(*corner, yaw), width)
+        corner = LocalFrame.of(of.box, of.yaw).point(u + width, deep + entry.gap + piece.depth)
+        boxes = self._boxes(piece, LocalFrame(*corner, yaw), width)
         return self._stand(piece, boxes, yaw, gap=0.05, front=0.0, zones=False)
 
     def _place_runs(self, runs: Sequence[Sequence[str]]) -> None:
@@ -198,11 +198,11 @@ class Layout:
     def _wall(self, yaw: int) -> float:
         return self.width if yaw % 180 == 0 else self.depth
 
-    def _wall_frame(self, yaw: int, u: float) -> Frame:
+    def _wall_frame(self, yaw: int, u: float) -> LocalFrame:
         along, off = self._wall(yaw) / 2, self._wall(yaw + 90) / 2
-        return Frame(*Frame(0.0, 0.0, yaw).point(u - along, -off), yaw)
+        return LocalFrame(*LocalFrame(0.0, 0.0, yaw).point(u - along, -off), yaw)
 
-    def _boxes(self, piece: Piece, frame: Frame, width: float, y: float = 0.0) -> list[Box]:
+    def _boxes(self, piece: Piece, frame: LocalFrame, width: float, y: float = 0.0) -> list[Box]:
         return [
             frame.box(
                 (part.u[0] * width, part.u[1] * width), (y + part.y[0], y + part.y[1]), part.v
@@ -249,7 +249,7 @@ class Layout:
             )  # fmt: skip
         self.groups += 1
 
-    def _support(self, part: Part, box: Box, first: int) -> int | None:
+    def _support(self, part: FurniturePart, box: Box, first: int) -> int | None:
         """Return what a part stands on: the floor, or another part of its piece."""
         if not object_type(part.type).can("moveable") and part.type != "Fridge":
             return None
@@ -267,4 +267,4 @@ def _front(boxes: Sequence[Box], yaw: int, depth: float) -> Box:
         max(box.x1 for box in boxes), 1.6, max((box.z1 for box in boxes), default=-inf),
     )  # fmt: skip
     width, deep = extent(hull, yaw)
-    return Frame.of(hull, yaw).box((0.0, width), (0.05, 1.6), (deep, deep + depth))
+    return LocalFrame.of(hull, yaw).box((0.0, width), (0.05, 1.6), (deep, deep + depth))

@@ -15,8 +15,8 @@ from karma.household.types import object_type
 from karma.seeds import stream
 from karma.world.core.boxes import Box, Cell, distances, nearest_to_centre, reachable_cells
 from karma.world.core.scene import AgentPose, Scene, SceneObject
-from karma.world.generation.furnish import Frame, Layout, NoRoomError, Placed, extent
-from karma.world.generation.rooms import Furnishing, Rest, Rooms, Thing, rooms
+from karma.world.generation.furnish import LocalFrame, NoRoomError, Placed, RoomInMaking, extent
+from karma.world.generation.rooms import Furnishing, Rest, RoomTable, Wares, rooms
 
 ATTEMPTS = 200
 REACH_M = 1.4  # an agent's reach is 1.5; a little less, so that it can also see
@@ -69,8 +69,8 @@ def _id_number(value: float) -> str:
     return digits if digits == "00.00" else f"-{digits}"
 
 
-def _draw(kind: str, name: str, seed: int, table: Rooms, rng: np.random.Generator) -> Scene:
-    layout = Layout(table.kinds[kind], table, rng)
+def _draw(kind: str, name: str, seed: int, table: RoomTable, rng: np.random.Generator) -> Scene:
+    layout = RoomInMaking(table.kinds[kind], table, rng)
     layout.furnish()
     contents = _Contents(layout)
     contents.fill()
@@ -92,7 +92,7 @@ def _draw(kind: str, name: str, seed: int, table: Rooms, rng: np.random.Generato
     )
 
 
-def _cells(layout: Layout) -> tuple[Cell, ...]:
+def _cells(layout: RoomInMaking) -> tuple[Cell, ...]:
     """Return the cells to stand on, from which everything to be used is in reach."""
     cells = reachable_cells(layout.room, (one.box for one in _obstacles(layout.placed)))
     used = [
@@ -118,9 +118,9 @@ def _obstacles(placed: Sequence[Placed]) -> Iterator[Placed]:
 class _Contents:
     """What lies in and on the furniture of a room."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: RoomInMaking) -> None:
         self.layout, self.rng = layout, layout.rng
-        self.things: dict[int, tuple[Thing, int]] = {}  # index -> its row, and which copy it is
+        self.things: dict[int, tuple[Wares, int]] = {}  # index -> its row, and which copy it is
 
     def fill(self) -> None:
         """Place appliances, then things.
@@ -153,12 +153,12 @@ class _Contents:
             u = self.layout.draw((0.04, across - piece.width[0] - 0.04))
             v = (0.02, 0.02 + piece.depth)
             y = (on.box.y1, on.box.y1 + part.y[1])
-            box = Frame.of(on.box, on.yaw).box((u, u + piece.width[0]), y, v)
+            box = LocalFrame.of(on.box, on.yaw).box((u, u + piece.width[0]), y, v)
             if self._add(part.type, box, on.yaw, place, gap=0.02):
                 return
         raise NoRoomError(entry.piece)
 
-    def _thing(self, name: str, thing: Thing) -> bool:
+    def _thing(self, name: str, thing: Wares) -> bool:
         weights = {place: odds for place, odds in thing.places.items() if self._places(place)}
         if not weights:
             return False
@@ -187,7 +187,7 @@ class _Contents:
         if spot is None or y is None:
             return False
         u, v = spot
-        box = Frame.of(on.box, on.yaw).box((u, u + across), (y, y + height), (v, v + deep))
+        box = LocalFrame.of(on.box, on.yaw).box((u, u + across), (y, y + height), (v, v + deep))
         return self._add(name, box, (on.yaw + turn) % 360, place, gap=0.005)
 
     def _spot(
@@ -243,7 +243,7 @@ class _Contents:
 
 
 def _objects(
-    layout: Layout, things: dict[int, tuple[Thing, int]], salt: str
+    layout: RoomInMaking, things: dict[int, tuple[Wares, int]], salt: str
 ) -> Iterator[SceneObject]:
     ids = _ids(layout.placed)
     stove = _knobs(layout.placed)
@@ -299,7 +299,7 @@ def _knobs(placed: Sequence[Placed]) -> dict[int, int]:
     return dict(zip(knobs, burners, strict=True))
 
 
-def _state(layout: Layout, one: Placed, row: tuple[Thing, int] | None) -> dict[str, Any]:
+def _state(layout: RoomInMaking, one: Placed, row: tuple[Wares, int] | None) -> dict[str, Any]:
     """Return the fields in which an object differs from rest at reset."""
     kind, rng = object_type(one.type), layout.rng
     state: dict[str, Any] = {}

@@ -19,7 +19,7 @@ class _Strict(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     pass
 
 
-class Part(_Strict, frozen=True, kw_only=True):
+class FurniturePart(_Strict, frozen=True, kw_only=True):
     """One object of a piece of furniture; u as share of the width, y and v in metres."""
 
     type: str
@@ -37,7 +37,7 @@ class Piece(_Strict, frozen=True, kw_only=True):
 
     width: Range
     depth: float
-    parts: tuple[Part, ...]
+    parts: tuple[FurniturePart, ...]
 
 
 class Furnishing(_Strict, frozen=True, kw_only=True):
@@ -67,7 +67,7 @@ class Rest(_Strict, frozen=True, kw_only=True):
     hang: bool = False
 
 
-class Thing(_Strict, frozen=True, kw_only=True):
+class Wares(_Strict, frozen=True, kw_only=True):
     """How many of a type a room has, where, and in what state."""
 
     count: tuple[int, int] = (1, 1)
@@ -87,10 +87,10 @@ class Kind(_Strict, frozen=True, kw_only=True):
     height: float
     runs: tuple[tuple[tuple[str, ...], ...], ...] = ()
     furniture: tuple[Furnishing, ...]
-    things: dict[str, Thing]
+    things: dict[str, Wares]
 
 
-class Rooms(_Strict, frozen=True, kw_only=True):
+class RoomTable(_Strict, frozen=True, kw_only=True):
     """All of `rooms.toml`."""
 
     pieces: dict[str, Piece]
@@ -102,7 +102,9 @@ class Rooms(_Strict, frozen=True, kw_only=True):
         if name in self.pieces:
             return self.pieces[name]
         x, y, z = object_types()[name].size_m
-        return Piece(width=(x, x), depth=z, parts=(Part(type=name, y=(0.0, y), v=(0.0, z)),))
+        return Piece(
+            width=(x, x), depth=z, parts=(FurniturePart(type=name, y=(0.0, y), v=(0.0, z)),)
+        )
 
     def rest(self, type_name: str) -> Rest:
         """Return where things rest in a receptacle of this type."""
@@ -110,7 +112,7 @@ class Rooms(_Strict, frozen=True, kw_only=True):
 
 
 @cache
-def rooms() -> Rooms:
+def rooms() -> RoomTable:
     """Return the table, read once.
 
     Raises:
@@ -119,9 +121,9 @@ def rooms() -> Rooms:
     return read_rooms(TABLE)
 
 
-def read_rooms(path: Path) -> Rooms:
+def read_rooms(path: Path) -> RoomTable:
     """Read a table of rooms; errors as in `rooms`."""
-    table = read_toml(path, Rooms)
+    table = read_toml(path, RoomTable)
     for place, name in _names(table):
         if name not in object_types() and not (name in table.pieces and "furniture" in place):
             raise FileError(path, f"{place}: names {name!r}, which is not a type or piece")
@@ -133,7 +135,7 @@ def read_rooms(path: Path) -> Rooms:
     return table
 
 
-def _names(table: Rooms) -> Iterator[tuple[str, str]]:
+def _names(table: RoomTable) -> Iterator[tuple[str, str]]:
     for name, piece in table.pieces.items():
         yield from ((f"pieces.{name}", part.type) for part in piece.parts)
     yield from (("rests", name) for name in table.rests)

@@ -17,26 +17,29 @@ from karma.household.types import object_types
 from karma.world.core.boxes import Box, Cell
 from karma.world.core.scene import AgentPose, Temperature
 
-_COPY = "copy the file again"
+COPY = "copy the file again"
 EXPORT = (
     "scripts/export_thor_scenes.py writes such files; ALFRED's trials: --alfred when importing, "
     "no --events when replaying"
 )
 
 
-class _Vector(msgspec.Struct, frozen=True):
+class Xyz(msgspec.Struct, frozen=True):
+    """A point, metres, or angles, degrees."""
+
     x: float
     y: float
     z: float
 
     @property
     def tuple(self) -> Vec3:
+        """The three numbers."""
         return (self.x, self.y, self.z)
 
 
 class _Box(msgspec.Struct, frozen=True):
-    center: _Vector
-    size: _Vector
+    center: Xyz
+    size: Xyz
 
 
 class _Corners(msgspec.Struct, frozen=True, rename="camel"):
@@ -50,8 +53,8 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
     object_id: str
     object_type: str
     asset_id: str = ""
-    position: _Vector
-    rotation: _Vector
+    position: Xyz
+    rotation: Xyz
     axis_aligned_bounding_box: _Box
     object_oriented_bounding_box: _Corners | None = None
     receptacle: bool
@@ -97,14 +100,19 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
         return Box.around(shape.center.tuple, shape.size.tuple)
 
 
-def _text(path: Path) -> bytes:
-    data = read_bytes(path, fix=f"ls {path.parent}")
-    if data[:2] != b"\x1f\x8b" and path.suffix != ".gz":
+def read_unzipped(path: str | Path) -> bytes:
+    """Return a file's bytes, unpacked where it is gzipped.
+
+    Raises:
+        FileError: missing, or torn.
+    """
+    data = read_bytes(path, fix=f"ls {Path(path).parent}")
+    if data[:2] != b"\x1f\x8b" and Path(path).suffix != ".gz":
         return data
     try:
         return gzip.decompress(data)
     except (OSError, EOFError, zlib.error) as error:
-        raise FileError(path, f"torn gzip: {error}", fix=_COPY) from error
+        raise FileError(path, f"torn gzip: {error}", fix=COPY) from error
 
 
 def rows(path: Path) -> Iterator[tuple[str, Any]]:
@@ -113,9 +121,9 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
     Raises:
         FileError: unreadable, torn, not JSON, or nothing in it.
     """
-    data = _text(path)
+    data = read_unzipped(path)
     if data.strip() in (b"", b"[]"):
-        raise FileError(path, "line 1: the file is empty", fix=_COPY)
+        raise FileError(path, "line 1: the file is empty", fix=COPY)
     try:
         whole = json.loads(data)
     except (ValueError, RecursionError):
@@ -133,7 +141,7 @@ def _json(data: bytes, path: Path, place: str) -> Any:
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise FileError(path, f"{place}: not JSON: {error}", fix=_COPY) from error
+        raise FileError(path, f"{place}: not JSON: {error}", fix=COPY) from error
 
 
 def named(row: Any, path: str | Path, place: str) -> tuple[str, list[Any]]:
@@ -148,21 +156,21 @@ def named(row: Any, path: str | Path, place: str) -> tuple[str, list[Any]]:
     return row["scene"], row["objects"]
 
 
-class _Turn(msgspec.Struct, frozen=True):
+class _Yaw(msgspec.Struct, frozen=True):
     y: float
 
 
-class _Agent(msgspec.Struct, frozen=True, rename="camel"):
-    position: _Vector
-    rotation: _Turn
+class _AgentStance(msgspec.Struct, frozen=True, rename="camel"):
+    position: Xyz
+    rotation: _Yaw
     camera_horizon: float
 
 
 class _Stance(msgspec.Struct, frozen=True):
     """What an export of ours tells besides the objects."""
 
-    agent: _Agent | None = None
-    reachable: tuple[_Vector, ...] = ()
+    agent: _AgentStance | None = None
+    reachable: tuple[Xyz, ...] = ()
 
 
 def stance(row: Any, path: str | Path, place: str) -> tuple[AgentPose | None, tuple[Cell, ...]]:
@@ -193,7 +201,7 @@ def read_layouts(path: str | Path) -> dict[str, tuple[Cell, ...]]:
     Raises:
         FileError: torn or of the wrong form.
     """
-    data = _text(Path(path))
+    data = read_unzipped(path)
     try:
         table = msgspec.json.decode(data, type=dict[str, _Cells])
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

@@ -47,7 +47,7 @@ class Field(NamedTuple):
     body: bytes
 
 
-class Source(Protocol):
+class ByteSource(Protocol):
     """What can be read from; a read may give fewer bytes than asked for, and none at the end."""
 
     def read(self, size: int, /) -> bytes | None:
@@ -83,7 +83,7 @@ def farewell(reason: str) -> bytes:
     return encode([Field(FieldType.METADATA, body)])
 
 
-def read_message(source: Source) -> list[Field] | None:
+def read_message(source: ByteSource) -> list[Field] | None:
     """Read one message; None when the source ended before it began.
 
     Raises:
@@ -119,7 +119,7 @@ def _kind(number: int, length: int, place: str) -> FieldType:
     return kind
 
 
-def _exactly(source: Source, size: int, place: str) -> bytes:
+def _exactly(source: ByteSource, size: int, place: str) -> bytes:
     """Return `size` bytes, or none at all when the source is at its end.
 
     Raises:

@@ -30,7 +30,7 @@ CAUSES = {
     "agent": "the agent's pose",
     "unexplained": "no rule tells",
 }
-ABSENT = "absent"  # the value of an object that one side does not have
+MISSING = "absent"  # the value of an object that one side does not have
 
 _BY_FIELD = {
     "parentReceptacles": "place",
@@ -49,7 +49,7 @@ Values = dict[Key, Any]  # lists of ids as frozen sets
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
+class MomentPair:
     """Both sides after one action."""
 
     action: Row
@@ -96,16 +96,16 @@ def shown(value: Any) -> Any:
     return sorted(value) if isinstance(value, frozenset) else value
 
 
-class Blame:
+class Attribution:
     """Tells by rule where a difference comes from; a difference counts whatever its cause."""
 
-    def __init__(self, start: Moment) -> None:
+    def __init__(self, start: MomentPair) -> None:
         self._ours, self._theirs = values(start.ours), values(start.theirs)
         self._touched: set[str] = set()  # ids that an action concerned so far
         self._outcomes: set[str] = set()  # of them, those of an action that ended otherwise here
         self._alone: set[Key] = set()  # what the real simulator changed without an action
 
-    def follow(self, moment: Moment, before: Values, theirs: Values) -> None:
+    def follow(self, moment: MomentPair, before: Values, theirs: Values) -> None:
         """Take note of one action, and of what the real simulator changed beside it."""
         near = {str(moment.action.get("objectId", ""))}
         near |= before["", "inventoryObjects"] | theirs["", "inventoryObjects"]
@@ -128,7 +128,7 @@ class Blame:
     def cause(self, object_id: str, field: str, ours: Any, theirs: Any) -> str:
         """Return one of `CAUSES`."""
         key = (object_id, field)
-        if ours is ABSENT or theirs is ABSENT or ours == ABSENT or theirs == ABSENT:
+        if ours is MISSING or theirs is MISSING or ours == MISSING or theirs == MISSING:
             return "pieces" if "Sliced_" in object_id else "one side only"
         if self._ours.get(key) == ours and self._theirs.get(key) == theirs:
             return "start"

@@ -4,9 +4,9 @@ A recording is a file of lines {"action": {...}, "metadata": {...}}, one per ste
 Initialize, and its metadata is the scene. Every following action is done by `EmbeddedWorld.step`,
 and what the world then reports is held against what AI2-THOR reported.
 
-Compared: `blame.FLAGS` of every object, lists of ids as sets; the inventory, the agent's pose,
-and whether the action succeeded. An object that only one side has counts as different in
-all its flags. Apart stand `visible` and `isInteractable` (geometry of boxes) and `isMoving`
+Compared: `differences.FLAGS` of every object, lists of ids as sets; the inventory, the agent's
+pose, and whether the action succeeded. An object that only one side has counts as different in all
+its flags. Apart stand `visible` and `isInteractable` (geometry of boxes) and `isMoving`
 (physics): they are counted, but are no state. Not compared: positions and boxes of objects.
 """
 
@@ -22,14 +22,14 @@ import msgspec
 from karma.errors import FileError
 from karma.world.core.boxes import Cell
 from karma.world.core.scene import AgentPose, Scene
-from karma.world.importing.dump import EXPORT, read_layouts, rows
+from karma.world.importing.dump import EXPORT, Xyz, read_layouts, rows
 from karma.world.importing.scenes import scene_from_dump
 from karma.world.recorded.differences import (
-    ABSENT,
     KINDS,
-    Blame,
+    MISSING,
+    Attribution,
     Key,
-    Moment,
+    MomentPair,
     Row,
     Values,
     alike,
@@ -55,11 +55,11 @@ class Difference:
     field: str
     ours: Any
     theirs: Any
-    cause: str  # one of `blame.CAUSES`; it counts as a difference whatever the cause
+    cause: str  # one of `differences.CAUSES`; it counts as a difference whatever the cause
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Share:
+class EqualShare:
     """How many of some values agree."""
 
     compared: int
@@ -80,9 +80,9 @@ class EventReport:
     steps: int
     compared: int
     equal: int
-    changes: Share  # of the values that AI2-THOR's actions changed, those that changed alike here
-    seen: Share  # `visible` and `isInteractable`; not part of `compared`
-    motion: Share  # `isMoving`; not part of `compared`
+    changes: EqualShare  # of the values that AI2-THOR's actions changed, those that do so here
+    seen: EqualShare  # `visible` and `isInteractable`; not part of `compared`
+    motion: EqualShare  # `isMoving`; not part of `compared`
     differences: tuple[Difference, ...]  # of what `compared` counts
 
     @property
@@ -105,15 +105,9 @@ def total_rate(reports: Sequence[EventReport]) -> float | None:
 # ----------------------------------------------------------------- reading
 
 
-class _Vector(msgspec.Struct, frozen=True):
-    x: float
-    y: float
-    z: float
-
-
-class _Agent(msgspec.Struct, frozen=True, rename="camel"):
-    position: _Vector
-    rotation: _Vector
+class _RecordedAgent(msgspec.Struct, frozen=True, rename="camel"):
+    position: Xyz
+    rotation: Xyz
     camera_horizon: float
     is_standing: bool | None = None
 
@@ -125,7 +119,7 @@ class _Named(msgspec.Struct, frozen=True, rename="camel"):
 class _Metadata(msgspec.Struct, frozen=True, rename="camel"):
     scene_name: str
     last_action_success: bool
-    agent: _Agent
+    agent: _RecordedAgent
     objects: list[_Named]
     inventory_objects: list[_Named]
 
@@ -134,7 +128,7 @@ class _Action(msgspec.Struct, frozen=True):
     action: str
 
 
-class _Step(msgspec.Struct, frozen=True):
+class _RecordedStep(msgspec.Struct, frozen=True):
     action: _Action
     metadata: _Metadata
 
@@ -148,7 +142,7 @@ def read_events(path: str | Path) -> list[tuple[Row, Row]]:
     steps: list[tuple[Row, Row]] = []
     for place, row in rows(Path(path)):
         try:
-            msgspec.convert(row, _Step)
+            msgspec.convert(row, _RecordedStep)
         except msgspec.ValidationError as error:
             reason = f"{place}: not a recorded step: {error}"
             raise FileError(path, reason, fix=EXPORT) from error
@@ -205,7 +199,7 @@ def replay_events(path: str | Path, *, layouts: str | Path | None = None) -> Eve
 
 def _replayed(
     path: str, steps: Sequence[tuple[Row, Row]], cells: Mapping[str, Sequence[Cell]]
-) -> Iterator[Moment]:
+) -> Iterator[MomentPair]:
     """Yield both sides after each step; an Initialize further on begins a room anew."""
     world = EmbeddedWorld()
     for number, (action, theirs) in enumerate(steps):
@@ -215,7 +209,7 @@ def _replayed(
             arguments = {k: v for k, v in action.items() if k not in _OF_THE_CLIENT}
             with suppress(ValueError):  # misuse: the world keeps the refusal as its last event
                 world.step(arguments)
-        yield Moment(action=action, ours=world.last_event.metadata, theirs=theirs)
+        yield MomentPair(action=action, ours=world.last_event.metadata, theirs=theirs)
 
 
 def _begun(
@@ -236,18 +230,18 @@ def _begun(
 # ----------------------------------------------------------------- comparing
 
 
-def _compared(path: str, scene: str, moments: Sequence[Moment]) -> EventReport:
+def _compared(path: str, scene: str, moments: Sequence[MomentPair]) -> EventReport:
     counts = Counter[tuple[str, str]]()
     found: list[Difference] = []
-    blame = Blame(moments[0])
+    attribution = Attribution(moments[0])
     before = values(moments[0].theirs)
     for step, moment in enumerate(moments[1:], 1):
         ours, theirs = values(moment.ours), values(moment.theirs)
-        blame.follow(moment, before, theirs)
+        attribution.follow(moment, before, theirs)
         unlike = _count(counts, ours, before, theirs)
         for object_id, field in unlike:
-            mine, real = (side.get((object_id, field), ABSENT) for side in (ours, theirs))
-            cause = blame.cause(object_id, field, mine, real)
+            mine, real = (side.get((object_id, field), MISSING) for side in (ours, theirs))
+            cause = attribution.cause(object_id, field, mine, real)
             found.append(
                 Difference(
                     step=step, action=str(moment.action["action"]), object_id=object_id,
@@ -268,8 +262,8 @@ def _compared(path: str, scene: str, moments: Sequence[Moment]) -> EventReport:
     )
 
 
-def _share(counts: Mapping[tuple[str, str], int], kind: str) -> Share:
-    return Share(compared=counts[kind, "all"], equal=counts[kind, "equal"])
+def _share(counts: Mapping[tuple[str, str], int], kind: str) -> EqualShare:
+    return EqualShare(compared=counts[kind, "all"], equal=counts[kind, "equal"])
 
 
 def _count(
@@ -278,13 +272,13 @@ def _count(
     """Count what is equal after one action, and return the keys of the states that are not."""
     unlike = []
     for key in (*theirs, *(key for key in ours if key not in theirs)):
-        kind, real = KINDS.get(key[1], "state"), theirs.get(key, ABSENT)
-        same = alike(ours.get(key, ABSENT), real)
+        kind, real = KINDS.get(key[1], "state"), theirs.get(key, MISSING)
+        same = alike(ours.get(key, MISSING), real)
         counts[kind, "all"] += 1
         counts[kind, "equal"] += same
         if kind != "state":
             continue
-        if not alike(before.get(key, ABSENT), real):
+        if not alike(before.get(key, MISSING), real):
             counts["changes", "all"] += 1
             counts["changes", "equal"] += same
         if not same:

@@ -15,7 +15,7 @@ from karma.world.core.scene import SceneObject
 from karma.world.core.thing import bottom, is_inert
 from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
-from karma.world.render.frame import Floats, Frame, frame
+from karma.world.render.frame import Floats, ObjectFrame, frame
 from karma.world.render.furniture import SURFACES
 from karma.world.render.looks import Look, looks, pick, rgb
 from karma.world.render.mesh import Mesh, box, joined
@@ -31,7 +31,7 @@ STAND_COLOUR = (96.0, 99.0, 104.0)
 STRIP_M = 0.13  # narrower remains of a bent worktop are left out
 
 
-class Task(NamedTuple):
+class DrawingTask(NamedTuple):
     """What one object's triangles depend on; equal tasks give equal triangles."""
 
     thing: SceneObject
@@ -43,7 +43,7 @@ class Task(NamedTuple):
         """What its pixels show: the object, or PIECES, which are no objects."""
         return PIECES if is_inert(self.thing) else self.thing.id
 
-    def same(self, other: "Task") -> bool:
+    def same(self, other: "DrawingTask") -> bool:
         """Return whether two tasks give the same triangles."""
         alike = self.thing is other.thing or _appearance(self.thing) == _appearance(other.thing)
         return alike and self.holes == other.holes and self.shift == other.shift
@@ -57,7 +57,7 @@ def _appearance(thing: SceneObject) -> tuple[object, ...]:
     )  # fmt: skip
 
 
-def tasks(objects: Objects, cells: Floats) -> Iterator[Task]:
+def tasks(objects: Objects, cells: Floats) -> Iterator[DrawingTask]:
     """Yield a task for each object that shows: not the floor, not what is shut in or in pieces."""
     slides = _slides(objects, cells)
     lifts: dict[str, float] = {}
@@ -68,7 +68,7 @@ def tasks(objects: Objects, cells: Floats) -> Iterator[Task]:
             continue
         x, y, z = slides.get(object_id, (0.0, 0.0, 0.0))
         shift = (x, y + _lift(objects, object_id, lifts), z)
-        yield Task(thing, _holes(objects, thing), shift)
+        yield DrawingTask(thing, _holes(objects, thing), shift)
 
 
 def _lift(objects: Objects, object_id: str, known: dict[str, float]) -> float:
@@ -128,11 +128,11 @@ def _slides(objects: Objects, cells: Floats) -> dict[str, Vec3]:
     return found
 
 
-def _frame(thing: SceneObject, look: Look, cells: Floats) -> Frame:
+def _frame(thing: SceneObject, look: Look, cells: Floats) -> ObjectFrame:
     return frame(thing, cells, front=look.front, laid=look.laid)
 
 
-def drawn(task: Task, cells: Floats, room_name: str) -> Mesh:
+def drawn(task: DrawingTask, cells: Floats, room_name: str) -> Mesh:
     """Return an object's triangles where they are in the room."""
     thing = task.thing
     look = looks()[thing.type]
@@ -145,8 +145,12 @@ def drawn(task: Task, cells: Floats, room_name: str) -> Mesh:
 
 
 def _form(
-    thing: SceneObject, look: Look, stand: Frame, ground: tuple[Rectangle, ...], room_name: str
-) -> Form:  # fmt: skip
+    thing: SceneObject,
+    look: Look,
+    stand: ObjectFrame,
+    ground: tuple[Rectangle, ...],
+    room_name: str,
+) -> Form:
     width, height, depth = (round(max(side, 0.002), 4) for side in stand.size)
     mains = look.colours
     main = mains[pick(len(mains), f"{room_name} {thing.type}" if look.alike else thing.id)]
@@ -256,7 +260,7 @@ def support(boxes: tuple[Box, ...]) -> Mesh:
 
 
 def _ground(
-    thing: SceneObject, stand: Frame, holes: tuple[Box, ...], cells: Floats
+    thing: SceneObject, stand: ObjectFrame, holes: tuple[Box, ...], cells: Floats
 ) -> tuple[Rectangle, ...]:
     """Return the parts of a worktop's or sink's box that it fills, in its own frame."""
     if thing.type not in ("CounterTop", "Sink"):

@@ -16,7 +16,7 @@ REACH_M = 0.55  # the place before a front is this far from it
 OWN_M = 0.2  # how much less free the side may be that the object's own turn names
 
 
-class Frame(NamedTuple):
+class ObjectFrame(NamedTuple):
     """An upright or lying box: axes x, y, z as rows, the middle of its lower side, its sides."""
 
     axes: Floats  # (3, 3)
@@ -24,7 +24,7 @@ class Frame(NamedTuple):
     size: Vec3  # along the own axes: width, height, depth
 
 
-def frame(thing: SceneObject, cells: Floats, *, front: Front, laid: bool) -> Frame:
+def frame(thing: SceneObject, cells: Floats, *, front: Front, laid: bool) -> ObjectFrame:
     """Return the frame of an object.
 
     Args:
@@ -47,7 +47,7 @@ def frame(thing: SceneObject, cells: Floats, *, front: Front, laid: bool) -> Fra
         axes, size = _quarter(axes, size, turn)
     elif quarters:
         axes, size = _quarter(axes, size, quarters[0])
-    return Frame(axes, middle - axes[1] * size[1] / 2, size)
+    return ObjectFrame(axes, middle - axes[1] * size[1] / 2, size)
 
 
 def _oriented(thing: SceneObject) -> tuple[Floats, Vec3]:

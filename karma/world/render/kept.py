@@ -7,13 +7,13 @@ import numpy as np
 from karma.world.core.boxes import Box
 from karma.world.core.state import Room, WorldState
 from karma.world.render import shell
-from karma.world.render.drawn import Task, drawn, support, supports, tasks
+from karma.world.render.drawn import DrawingTask, drawn, support, supports, tasks
 from karma.world.render.layer import Layer
 from karma.world.render.mesh import Mesh
 from karma.world.render.pixels import STAND
 
 
-class Built:
+class BuiltRoom:
     """The triangles of the last moment of one room.
 
     Attributes:
@@ -25,8 +25,8 @@ class Built:
         self._cells = np.array(list(state.room.cells.values()), dtype=float).reshape(-1, 2)
         self._objects = state.objects
         self._in_hand = state.in_hand
-        self._still: list[Task] = []
-        self._held: list[Task] = []
+        self._still: list[DrawingTask] = []
+        self._held: list[DrawingTask] = []
         self._stands: tuple[Box, ...] = ()
         self._meshes: dict[str, Mesh] = {}
         self.layers = [Layer((), ())]
@@ -58,28 +58,28 @@ class Built:
             self.layers[1:] = [Layer([task.owner for task in held], meshes)] if held else []
             self._held = held
 
-    def _mesh(self, task: Task, kept: dict[str, Task], state: WorldState) -> Mesh:
+    def _mesh(self, task: DrawingTask, kept: dict[str, DrawingTask], state: WorldState) -> Mesh:
         before = kept.get(task.thing.id)
         if before is not None and before.same(task):
             return self._meshes[task.thing.id]
         return drawn(task, self._cells, state.room.name)
 
 
-_ROOMS: WeakKeyDictionary[Room, Built] = WeakKeyDictionary()  # the longest unused first
+_ROOMS: WeakKeyDictionary[Room, BuiltRoom] = WeakKeyDictionary()  # the longest unused first
 _AT_ONCE = 16  # rooms of which something is kept; Embree dies of some thousand scenes at once
 
 
-def built(state: WorldState) -> Built:
+def built(state: WorldState) -> BuiltRoom:
     """Return the layers and the shell of a moment."""
     found = _ROOMS.pop(state.room, None)
     if found is None:
         for room in list(_ROOMS)[: max(0, len(_ROOMS) - _AT_ONCE + 1)]:
             del _ROOMS[room]
-        found = Built(state)
+        found = BuiltRoom(state)
     _ROOMS[state.room] = found
     found.update(state)
     return found
 
 
-def _same(some: list[Task], others: list[Task]) -> bool:
-    return len(some) == len(others) and all(map(Task.same, some, others))
+def _same(some: list[DrawingTask], others: list[DrawingTask]) -> bool:
+    return len(some) == len(others) and all(map(DrawingTask.same, some, others))

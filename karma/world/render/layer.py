@@ -63,26 +63,28 @@ class Layer:
     def __len__(self) -> int:
         return len(self.slots)
 
-    def shot(self, origins: Floats, ways: Floats) -> tuple[Floats, NDArray[np.int32]]:
+    def shot(self, origins: Floats, directions: Floats) -> tuple[Floats, NDArray[np.int32]]:
         """Return for each ray how far it gets and which triangle it meets, -1 = none.
 
         Args:
             origins: shape (n, 3).
-            ways: directions of any length, in which distances count; shape (n, 3).
+            directions: directions of any length, in which distances count; shape (n, 3).
         """
         if not len(self):
-            return np.full(len(ways), np.inf, np.float32), np.full(len(ways), -1, np.int32)
-        found = self._scene.run(origins, ways, output=True)
+            return np.full(len(directions), np.inf, np.float32), np.full(
+                len(directions), -1, np.int32
+            )
+        found = self._scene.run(origins, directions, output=True)
         return found["tfar"], found["primID"]
 
-    def near(self, origins: Floats, ways: Floats) -> NDArray[np.intp]:
+    def near(self, origins: Floats, directions: Floats) -> NDArray[np.intp]:
         """Return which rays can meet the ball around all triangles; arguments as `shot`."""
         if self.low is None or self.high is None:
             return np.zeros(0, dtype=np.intp)
         radius = float(np.linalg.norm(self.high - self.low)) / 2 + 1e-3
         gap = (self.low + self.high) / 2 - origins
-        ahead = np.einsum("ij,ij->i", gap, ways)
-        length = np.einsum("ij,ij->i", ways, ways)
+        ahead = np.einsum("ij,ij->i", gap, directions)
+        length = np.einsum("ij,ij->i", directions, directions)
         far = np.einsum("ij,ij->i", gap, gap) - ahead**2 / length
         return np.flatnonzero(far <= np.float32(radius**2))
 

@@ -40,7 +40,7 @@ class Walls(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ceiling: str = "#f3f1ec"
 
 
-class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _LooksTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rooms: dict[RoomType, Walls]
     types: dict[str, Look]
 
@@ -52,8 +52,8 @@ def looks() -> Mapping[str, Look]:
 
 
 @cache
-def _table(path: Path) -> _Table:
-    return read_toml(path, _Table)
+def _table(path: Path) -> _LooksTable:
+    return read_toml(path, _LooksTable)
 
 
 def read_looks(path: Path) -> Mapping[str, Look]:

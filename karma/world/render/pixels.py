@@ -109,12 +109,12 @@ def look(
 
 def _nearest(layers: list[Layer], view: Rays) -> tuple[Floats, NDArray[np.int32]]:
     """Return how far each ray gets and the triangle it meets, counted through all layers."""
-    along, triangle = layers[0].shot(view.origins, view.ways)
+    along, triangle = layers[0].shot(view.origins, view.directions)
     start = len(layers[0])
     for layer in layers[1:]:
-        pixels = layer.near(view.origins, view.ways)
+        pixels = layer.near(view.origins, view.directions)
         if len(pixels):
-            near, which = layer.shot(view.origins[pixels], view.ways[pixels])
+            near, which = layer.shot(view.origins[pixels], view.directions[pixels])
             closer = near < along[pixels]
             along[pixels[closer]] = near[closer]
             triangle[pixels[closer]] = which[closer] + start
@@ -144,7 +144,7 @@ def _solid(
     turned = None
     if normals:
         turned = seen.normals[triangle]
-        turned[np.einsum("ij,ij->i", turned, view.ways) > 0] *= -1
+        turned[np.einsum("ij,ij->i", turned, view.directions) > 0] *= -1
         turned[missed] = rooms.normals(out.face)
     return Pixels(colours, depth, rows, turned)
 

@@ -19,8 +19,8 @@ class Rays(NamedTuple):
     """Where rays start and point; a ray's length along the view is 1, so distances are depths."""
 
     origins: Floats  # (n, 3), on the near plane or further
-    ways: Floats  # (n, 3)
-    steps: Floats  # (3, n): the ways again, each part in one piece
+    directions: Floats  # (n, 3)
+    steps: Floats  # (3, n): the directions again, each part in one piece
     sources: Floats  # (3, 1) or (3, n): where rays come from: the eye, or the near plane
     passed: Floats | float  # (n,): how far from there the origins are
     forward: Floats  # (3,)
@@ -28,11 +28,11 @@ class Rays(NamedTuple):
 
     def beyond(self, pixels: Pixels, far: Floats) -> "Rays":
         """Return some of the rays from further along."""
-        ways = self.ways[pixels]
+        directions = self.directions[pixels]
         passed = self.passed if isinstance(self.passed, float) else self.passed[pixels]
         return self._replace(
-            origins=self.origins[pixels] + ways * far[:, None],
-            ways=ways,
+            origins=self.origins[pixels] + directions * far[:, None],
+            directions=directions,
             steps=self.steps[:, pixels],
             sources=self.sources if self.sources.shape[1] == 1 else self.sources[:, pixels],
             passed=far + np.float32(passed) if isinstance(passed, float) else passed + far,
@@ -46,14 +46,14 @@ def rays(view: Camera, width: int, height: int) -> Rays:
     near = np.float32(view.near_m)
     if view.orthographic:
         plane, _ = _plane(width, height, view.orthographic_size_m)
-        ways = np.empty_like(plane)
-        ways[:] = axes[2]
+        directions = np.empty_like(plane)
+        directions[:] = axes[2]
         origins = eye + near * axes[2] + plane[:, :2] @ axes[:2]
-        steps, sources = (np.ascontiguousarray(part.T) for part in (ways, origins))
-        return Rays(origins, ways, steps, sources, 0.0, axes[2], None)
+        steps, sources = (np.ascontiguousarray(part.T) for part in (directions, origins))
+        return Rays(origins, directions, steps, sources, 0.0, axes[2], None)
     plane, across = _plane(width, height, tan(radians(view.fov_deg) / 2))
-    ways, steps = plane @ axes, axes.T @ across
-    return Rays(eye + ways * near, ways, steps, eye[:, None], float(near), axes[2], eye)
+    directions, steps = plane @ axes, axes.T @ across
+    return Rays(eye + directions * near, directions, steps, eye[:, None], float(near), axes[2], eye)
 
 
 def _axes(view: Camera) -> Floats:

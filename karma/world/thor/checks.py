@@ -30,7 +30,7 @@ DEPTH_BITS = 24
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class CheckResult:
     """One condition: whether it holds, what was found, and the command that mends it."""
 
     name: str
@@ -57,7 +57,7 @@ def examine(
     executable: str | Path | None = None,
     platform: Platform | None = None,
     display: str | None = None,
-) -> list[Finding]:
+) -> list[CheckResult]:
     """Return every condition, in the order in which they matter.
 
     Args:
@@ -79,7 +79,7 @@ def examine(
     return [finding for check in CHECKS for finding in check(case)]
 
 
-def works(findings: list[Finding]) -> bool:
+def works(findings: list[CheckResult]) -> bool:
     """Return whether nothing is a problem."""
     return all(finding.status != "problem" for finding in findings)
 
@@ -87,14 +87,14 @@ def works(findings: list[Finding]) -> bool:
 # ----------------------------------------------------------------- package and system
 
 
-def _system(case: Case) -> Iterator[Finding]:
+def _system(case: Case) -> Iterator[CheckResult]:
     here = f"{machine.system()} {machine.machine()}, Python {machine.python_version()}"
     good = machine.system() in ("Linux", "Darwin") and machine.machine() in ("x86_64", "arm64")
     fix = "" if good else "use a machine with 64-bit Linux on x86_64: there is no other build"
     yield _one("system", good, here, fix)
 
 
-def _package(case: Case) -> Iterator[Finding]:
+def _package(case: Case) -> Iterator[CheckResult]:
     try:
         found = version("ai2thor")
     except PackageNotFoundError:
@@ -106,7 +106,7 @@ def _package(case: Case) -> Iterator[Finding]:
 # ----------------------------------------------------------------- the build
 
 
-def _build(case: Case) -> Iterator[Finding]:
+def _build(case: Case) -> Iterator[CheckResult]:
     if case.build is None:
         reason, _, fix = case.why.partition("\n")
         fix = fix.rpartition("To fix: ")[2] if "To fix" in fix else builds.fetch(case.platform)
@@ -120,7 +120,7 @@ def _build(case: Case) -> Iterator[Finding]:
     yield from _listing(build)
 
 
-def _beside(build: Build) -> Iterator[Finding]:
+def _beside(build: Build) -> Iterator[CheckResult]:
     """Look for what Unity reads beside its executable."""
     if build.is_command or build.platform == "OSXIntel64":
         yield _one("_Data folder", True, "not looked for beside a command")
@@ -130,7 +130,7 @@ def _beside(build: Build) -> Iterator[Finding]:
     yield _one("_Data folder", data.is_dir(), str(data) if data.is_dir() else f"no {data}", fix)
 
 
-def _listing(build: Build) -> Iterator[Finding]:
+def _listing(build: Build) -> Iterator[CheckResult]:
     if build.origin != "cache":
         yield _one("metadata.json", True, "not needed for a build that is named")
         return
@@ -146,8 +146,8 @@ def _listing(build: Build) -> Iterator[Finding]:
 # ----------------------------------------------------------------- what it draws with
 
 
-def _drawing(case: Case) -> Iterator[Finding]:
-    yield Finding(name="platform", status="ok", found=case.platform)
+def _drawing(case: Case) -> Iterator[CheckResult]:
+    yield CheckResult(name="platform", status="ok", found=case.platform)
     if case.platform == "CloudRendering":
         library = ctypes.util.find_library("vulkan")
         fix = "apt-get install libvulkan1, and the graphics card's driver"
@@ -159,7 +159,7 @@ def _drawing(case: Case) -> Iterator[Finding]:
         yield finding
 
 
-def _display(case: Case) -> Finding:
+def _display(case: Case) -> CheckResult:
     display = case.display or next(iter(builds.screens()), None)
     start = "sudo ai2thor-xorg start   (NVIDIA), then export DISPLAY=:0"
     if display is None:
@@ -198,11 +198,11 @@ def _screen(display: str, size: tuple[int, int]) -> str:
 # ----------------------------------------------------------------- traps of the environment
 
 
-def _variables(case: Case) -> Iterator[Finding]:
+def _variables(case: Case) -> Iterator[CheckResult]:
     name, devices = "CUDA_VISIBLE_DEVICES", os.environ.get("CUDA_VISIBLE_DEVICES", "")
     if any(part.strip().isdigit() for part in devices.split(",")):
         found = f"{devices}: taken out of the launch; the plain client would call vulkaninfo"
-        yield Finding(name=name, status="note", found=found, fix=f"unset {name}")
+        yield CheckResult(name=name, status="note", found=found, fix=f"unset {name}")
     else:
         yield _one(name, True, "not set")
     name = "AI2THOR_VISIBILITY_DISTANCE"
@@ -214,7 +214,7 @@ def _variables(case: Case) -> Iterator[Finding]:
 # ----------------------------------------------------------------- folders and disk
 
 
-def _folders(case: Case) -> Iterator[Finding]:
+def _folders(case: Case) -> Iterator[CheckResult]:
     folder = builds.home()
     writable = _can_write(folder)
     found = str(folder) if writable else f"{folder} cannot be written"
@@ -241,7 +241,7 @@ def _pipes() -> tuple[bool, str, str]:
     return True, f"can be made in {tempfile.gettempdir()}", ""
 
 
-def _disk(case: Case, folder: Path) -> Finding:
+def _disk(case: Case, folder: Path) -> CheckResult:
     while not folder.exists():
         folder = folder.parent
     free = shutil.disk_usage(folder).free
@@ -251,7 +251,7 @@ def _disk(case: Case, folder: Path) -> Finding:
     return _one("disk", free >= need, found, f"free some space in {folder}")
 
 
-def _releases(case: Case) -> Iterator[Finding]:
+def _releases(case: Case) -> Iterator[CheckResult]:
     folder = builds.home() / "releases"
     inside = sorted(folder.iterdir()) if folder.is_dir() else []
     found = [path.name for path in inside if path.is_dir()]
@@ -260,19 +260,19 @@ def _releases(case: Case) -> Iterator[Finding]:
     if many:
         text += f": the plain client deletes all but the {KEPT} newest at its next start"
     fix = f"keep builds elsewhere and export {builds.VARIABLE}=/path/to/the/executable"
-    yield Finding(
+    yield CheckResult(
         name="releases", status="note" if many else "ok", found=text, fix=fix if many else ""
     )
     yield _locks(folder)
 
 
-def _locks(folder: Path) -> Finding:
+def _locks(folder: Path) -> CheckResult:
     files = sorted({*folder.glob("*.lock"), *(folder.parent / "tmp").glob("*.lock")})
     held = [path for path in files if _held(path)]
     if held:
         found = f"{len(held)} of {len(files)} held by a running process: {held[0]}"
         fix = f"fuser -v {shlex.quote(str(held[0]))}   (and end what should not run)"
-        return Finding(name="lock files", status="note", found=found, fix=fix)
+        return CheckResult(name="lock files", status="note", found=found, fix=fix)
     return _one("lock files", True, f"{len(files)} left over, none held" if files else "none")
 
 
@@ -293,11 +293,11 @@ def _held(path: Path) -> bool:
     return False
 
 
-def _one(name: str, good: bool, found: str, fix: str = "") -> Finding:
-    finding = Finding(name=name, status="ok", found=found)
+def _one(name: str, good: bool, found: str, fix: str = "") -> CheckResult:
+    finding = CheckResult(name=name, status="ok", found=found)
     return finding if good else replace(finding, status="problem", fix=fix)
 
 
-CHECKS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
+CHECKS: tuple[Callable[[Case], Iterator[CheckResult]], ...] = (
     _system, _package, _build, _drawing, _variables, _folders, _releases,
 )  # fmt: skip
