@@ -118,10 +118,16 @@ def test_front_page_has_at_most_a_hundred_lines_and_six_thousand_characters():
     assert len(text) <= 6000
 
 
-def test_architecture_page_has_the_layers_and_line_counts_of_the_code():
-    check = [sys.executable, "scripts/count_lines.py", "--check"]
+def test_architecture_page_has_the_picture_layers_and_line_counts_of_the_code():
+    check = [sys.executable, "scripts/make_architecture.py", "--check"]
     done = subprocess.run(check, cwd=ROOT, check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
+
+
+def test_front_page_and_architecture_page_have_the_same_picture():
+    picture = text_of(ROOT / "docs/architecture.md").partition("<!-- flow")[2].split("```")[1]
+    assert "World" in picture
+    assert picture in text_of(ROOT / "README.md")
 
 
 def test_architecture_page_lists_every_package():

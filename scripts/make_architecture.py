@@ -1,11 +1,13 @@
-"""Write line counts and layers into docs/architecture.md, from the code and pyproject.toml.
+"""Write the picture, the line counts and the layers of docs/architecture.md from the code.
 
-python scripts/count_lines.py            # rewrite the page
-python scripts/count_lines.py --check    # exit code 1 if they are stale by more than a tenth
+python scripts/make_architecture.py            # rewrite the page
+python scripts/make_architecture.py --check    # exit code 1 if a count is off by more than a tenth
 """
 
+import ast
 import re
 import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -14,6 +16,7 @@ PAGE = ROOT / "docs" / "architecture.md"
 TOLERANCE = 0.1
 _COUNTED = re.compile(r"^\|(.*)\| (\d+) \|$", re.MULTILINE)  # a table row that ends in a number
 _PATH = re.compile(r"`((?:karma|tests)/[\w./]*)`")
+_FLOW = re.compile(r"(?<=<!-- flow: from karma/__init__.py -->\n).*?(?=<!-- /flow -->)", re.DOTALL)
 _LAYERS = re.compile(
     r"(?<=<!-- layers: from pyproject.toml -->\n).*?(?=<!-- /layers -->)", re.DOTALL
 )
@@ -26,23 +29,28 @@ def lines_of(row: str) -> int:
     return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
 
 
+def flow_text() -> str:
+    """Return the picture in the docstring of the package."""
+    module = ast.parse((ROOT / "karma" / "__init__.py").read_text(encoding="utf-8"))
+    drawn = re.search(r"::\n\n((?: {4}.*\n|\n)+)", ast.get_docstring(module) or "")
+    return f"```\n{textwrap.dedent(drawn[1] if drawn else '').strip()}\n```\n"
+
+
 def layers_text() -> str:
     """Return the import contracts of pyproject.toml, each with its layers, the top one first."""
     config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     texts = []
     for contract in config["tool"]["importlinter"]["contracts"]:
-        parts = [
-            key for key in ("containers", "source_modules", "modules", "layers") if key in contract
-        ]
-        rows = [f"    {row}" for key in parts for row in contract[key]]
+        keys = [k for k in ("containers", "source_modules", "modules", "layers") if k in contract]
+        rows = [f"    {row}" for key in keys for row in contract[key]]
         texts.append("\n".join([contract["name"], *rows]))
     return "```\n" + "\n\n".join(texts) + "\n```\n"
 
 
 def refreshed(page: str) -> str:
-    """Return the page with today's counts and layers."""
-    counted = _COUNTED.sub(lambda row: f"|{row[1]}| {lines_of(row[1])} |", page)
-    return _LAYERS.sub(lambda _: layers_text(), counted)
+    """Return the page with today's picture, counts and layers."""
+    page = _COUNTED.sub(lambda row: f"|{row[1]}| {lines_of(row[1])} |", page)
+    return _LAYERS.sub(lambda _: layers_text(), _FLOW.sub(lambda _: flow_text(), page))
 
 
 def stale(page: str) -> list[str]:
@@ -52,6 +60,8 @@ def stale(page: str) -> list[str]:
         said, true = int(row[2]), lines_of(row[1])
         if abs(said - true) > TOLERANCE * true:
             found.append(f"{said} lines, but there are {true}: {row[1].strip()}")
+    if _FLOW.findall(page) != [flow_text()]:
+        found.append("the picture is not that of karma/__init__.py")
     if _LAYERS.findall(page) != [layers_text()]:
         found.append("the layers are not those of pyproject.toml")
     return found
