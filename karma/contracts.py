@@ -7,7 +7,7 @@ degrees, down positive.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,6 +207,24 @@ class Completion:
     cost: float | None = None  # in the currency of the user's price table
     threads: int | None = None  # that computed it; None where it is not ours to know
     batch: int | None = None  # tokens per call of the prompt, likewise
+
+
+Scoring = Literal["sum", "average"]  # of the log-probabilities of a text's tokens
+END = ""  # as a text to be scored: the answer ends here
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """The likeliest text of a closed list, and what it cost to find."""
+
+    number: int  # in the list given; the first of equals
+    score: float
+    prompt_tokens: int
+    reused_tokens: int  # of the prompt, taken from kept KV state
+    completion_tokens: int  # of the text that was chosen
+    run_tokens: int  # of all texts, that had to be decoded to be sure
+    total_s: float
+    threads: int | None = None  # that computed it; None where it is not ours to know
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -439,6 +457,18 @@ class LanguageModel(Protocol):
         seed: int = 0,
     ) -> Completion:
         """Continue the prompt; with `spec`, only with a program that parses."""
+
+
+@runtime_checkable
+class ScoringModel(Protocol):
+    """A language model that tells how likely given texts are; not every one does."""
+
+    name: str
+
+    def choose(
+        self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
+    ) -> Choice:
+        """Return the likeliest of the texts that may follow the prompt, given in segments."""
 
 
 class VisionModel(Protocol):

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from karma.contracts import ProgramSpec, Prompt, SkillSignature
 from karma.infer.llama.constrain import ProgramAutomaton, choose_token
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
-from karma.infer.llama.grammar import load_gbnf
 from karma.infer.llama.model import LlamaModel
 from karma.offline import go_offline
 
@@ -96,14 +95,14 @@ class Loop:
     """
 
     def __init__(self, model: LlamaModel, wish: list[int] | None) -> None:
-        self._llama, self._wish, self._model = model._llama, wish, model
+        self._llama, self._wish, self._model = model.gguf.llama, wish, model
 
     def run(self, choose: Choose) -> tuple[float, list[float]]:
         """Return seconds in all and of each selection, for TOKENS tokens."""
         self._model.complete(PROMPT, max_tokens=1)
         begun, selecting = time.perf_counter(), []
         for step in range(TOKENS):
-            logits = self._model.logits()
+            logits = self._model.gguf.logits().copy()
             if self._wish is not None:
                 logits[self._wish[step]] += 100
             before = time.perf_counter()
@@ -125,7 +124,7 @@ def nothing(model: LlamaModel) -> Choose:
 
 def ours(model: LlamaModel) -> Choose:
     """Sample-then-check."""
-    automaton, tokens = ProgramAutomaton(SPEC), model._table
+    automaton, tokens = ProgramAutomaton(SPEC), model.gguf.table
     state = automaton.start()
 
     def choose(logits: NDArray[np.float32]) -> int:
@@ -143,14 +142,14 @@ def ours(model: LlamaModel) -> Choose:
 def grammar_first(model: LlamaModel) -> Choose:
     """GBNF over all tokens and then the best, as the class `Llama` does."""
     import llama_cpp
-    from llama_cpp import _internals
+    from llama_cpp import LlamaGrammar, _internals
 
     sampler = _internals.LlamaSampler()
-    sampler.add_grammar(model._llama._model, load_gbnf(gbnf()))
-    array = _internals.LlamaTokenDataArray(n_vocab=model._llama.n_vocab())
+    sampler.add_grammar(model.gguf.llama._model, LlamaGrammar.from_string(gbnf(), verbose=False))
+    array = _internals.LlamaTokenDataArray(n_vocab=model.gguf.llama.n_vocab())
 
     def choose(logits: NDArray[np.float32]) -> int:
-        logits[list(model._table.end_tokens)] = -1e9
+        logits[list(model.gguf.table.end_tokens)] = -1e9
         array.copy_logits(logits)
         llama_cpp.llama_sampler_apply(sampler.sampler, array.candidates)
         token = int(array.candidates_data.id[np.argmax(array.candidates_data.logit)])
@@ -170,14 +169,14 @@ def llguidance_mask(model: LlamaModel) -> Choose:
     import llguidance.llamacpp
     import llguidance.numpy as masks
 
-    tokenizer = llguidance.llamacpp.lltokenizer_from_vocab(model._llama._model.vocab)
+    tokenizer = llguidance.llamacpp.lltokenizer_from_vocab(model.gguf.llama._model.vocab)
     grammar = llguidance.LLMatcher.grammar_from_lark(_lark())
     matcher = llguidance.LLMatcher(tokenizer, grammar)
     assert not matcher.is_error(), matcher.get_error()
     mask = masks.allocate_token_bitmask(1, tokenizer.vocab_size)
 
     def choose(logits: NDArray[np.float32]) -> int:
-        logits[list(model._table.end_tokens)] = -1e9
+        logits[list(model.gguf.table.end_tokens)] = -1e9
         masks.fill_next_token_bitmask(matcher, mask, 0)
         masks.apply_token_bitmask_inplace(logits, mask)
         token = int(np.argmax(logits))
@@ -268,7 +267,7 @@ def main() -> None:
             path = Path(folder) / "bench.gguf"
             make_model(path, vocabulary)
             model = LlamaModel(path, n_threads=1)
-            wish = model._llama.tokenize(text, add_bos=False)[:TOKENS]
+            wish = model.gguf.llama.tokenize(text, add_bos=False)[:TOKENS]
             print(f"\n## {vocabulary} tokens, the best token is admitted (as trained)\n")
             table(model, wish, options.repeat)
             print(f"\n## {vocabulary} tokens, random weights choose (worst case)\n")

@@ -6,7 +6,7 @@ Two models with F16 weights: the shipped planner, and a Llama of random weights 
 
 Parity: on many short prompts every candidate is scored naively (an empty cache, prompt and
 candidate in one run; log-probabilities summed in double precision) and by the scorer: path after
-path (its default), in one batch, and by best-first search.
+path, and by best-first search.
 
 Speed: one prompt of 2,000 tokens and 200 candidates, one thread, seconds of the processor, so that
 other jobs on the machine matter less. Naive scoring is timed on three candidates and multiplied,
@@ -31,9 +31,10 @@ from string import ascii_lowercase
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.contracts import END
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.scoring import END, Scores, SkillScorer
+from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.scoring import Scores, SkillScorer
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.files import load_tasks
@@ -112,7 +113,7 @@ def make_model(path: Path) -> None:
 class Naive:
     """One sequence, and nothing kept between two candidates."""
 
-    def __init__(self, model: LlamaModel) -> None:
+    def __init__(self, model: GgufModel) -> None:
         import llama_cpp
 
         self._model, self._context = model, model.sequences(1, cells=model.n_ctx)
@@ -157,25 +158,24 @@ class Naive:
         return np.ctypeslib.as_array(pointer, shape=(count, self._model.vocabulary)).copy()
 
 
-def tokens_of(model: LlamaModel, text: str) -> list[int]:
+def tokens_of(model: GgufModel, text: str) -> list[int]:
     """Return a candidate's tokens."""
     return [model.end_token] if text == END else model.tokens(text)
 
 
-def parity(model: LlamaModel, count: int, texts: Sequence[str]) -> None:
+def parity(model: GgufModel, count: int, texts: Sequence[str]) -> None:
     """Compare on many prompts."""
     naive, scorer = Naive(model), SkillScorer(model)
-    gaps: dict[str, list[float]] = {"path after path": [], "one batch": [], "best-first": []}
+    gaps: dict[str, list[float]] = {"path after path": [], "best-first": []}
     equal = dict.fromkeys(gaps, 0)
     leads = []
     for prompt in prompts(count):
         expected = np.array([naive.score(prompt, text) for text in texts])
         top = int(expected.argmax())
-        for name, one_batch in (("path after path", False), ("one batch", True)):
-            values = scorer.scores(prompt, texts, one_batch=one_batch).values
-            gaps[name].append(float(np.abs(values - expected).max()))
-            equal[name] += int(values.argmax() == top)
-        best = scorer.best(prompt, texts)
+        values = scorer.scores(prompt, texts).values
+        gaps["path after path"].append(float(np.abs(values - expected).max()))
+        equal["path after path"] += int(values.argmax() == top)
+        best = scorer.choose(prompt, texts)
         gaps["best-first"].append(abs(best.score - float(expected[best.number])))
         equal["best-first"] += int(best.number == top)
         two = np.sort(expected)[-2:]
@@ -201,7 +201,7 @@ def seconds(work: Callable[[], object], repeat: int) -> float:
     return statistics.median(found)
 
 
-def speed(model: LlamaModel, texts: Sequence[str]) -> None:
+def speed(model: GgufModel, texts: Sequence[str]) -> None:
     """Time one long prompt."""
     prompt = long_prompt(model)
     naive, scorer = Naive(model), SkillScorer(model)
@@ -209,30 +209,24 @@ def speed(model: LlamaModel, texts: Sequence[str]) -> None:
     timed = iter(stream(0, "timed").choice(len(texts), TIMED, replace=False).tolist())
     whole = len(texts) * seconds(lambda: naive.score(prompt, texts[next(timed)]), TIMED)
 
-    def all_scores(one_batch: bool = False) -> Scores:
-        return scorer.scores(prompt, texts, one_batch=one_batch)
+    def all_scores() -> Scores:
+        return scorer.scores(prompt, texts)
 
-    def cold(one_batch: bool = False) -> float:
-        found = []
-        for _ in range(TIMED):
-            scorer.best(("#", "other"), texts)  # the long prompt is gone
-            found.append(seconds(lambda: all_scores(one_batch), 1))
-        return statistics.median(found)
-
-    from_nothing, together = cold(), cold(one_batch=True)
-    found, best = all_scores(), scorer.best(prompt, texts)
+    cold = []
+    for _ in range(TIMED):
+        scorer.choose(("#", "other"), texts)  # the long prompt is gone
+        cold.append(seconds(all_scores, 1))
+    found, best = all_scores(), scorer.choose(prompt, texts)
     assert best.number == int(found.values.argmax())
-    run, asked = found.cost.run, found.cost.prompt + found.cost.run
+    run, asked = found.run_tokens, found.prompt_tokens + found.run_tokens
     rows = [
-        ("naive, 3 timed x 200", sum(found.cost.prompt + n - 1 for n in lengths), whole),
-        ("all, prompt included", asked, from_nothing),
+        ("naive, 3 timed x 200", sum(found.prompt_tokens + n - 1 for n in lengths), whole),
+        ("all, prompt included", asked, statistics.median(cold)),
         ("all, warm prompt", run, seconds(all_scores, REPEAT)),
-        ("argmax, warm prompt", best.cost.run, seconds(lambda: scorer.best(prompt, texts), 9)),
-        ("all in one batch, prompt included", asked, together),
-        ("all in one batch, warm prompt", run, seconds(lambda: all_scores(True), REPEAT)),
+        ("argmax, warm prompt", best.run_tokens, seconds(lambda: scorer.choose(prompt, texts), 9)),
     ]
     print(
-        f"  speed: prompt {found.cost.prompt} tokens, {len(texts)} candidates of"
+        f"  speed: prompt {found.prompt_tokens} tokens, {len(texts)} candidates of"
         f" {min(lengths)} to {max(lengths)} tokens (mean {statistics.mean(lengths):.1f})\n"
         "  | | tokens run | seconds | times faster |\n  |---|---|---|---|"
     )
@@ -240,7 +234,7 @@ def speed(model: LlamaModel, texts: Sequence[str]) -> None:
         print(f"  | {name} | {run} | {taken:.3f} | {whole / taken:.0f} |", flush=True)
 
 
-def long_prompt(model: LlamaModel) -> tuple[str, ...]:
+def long_prompt(model: GgufModel) -> tuple[str, ...]:
     """Return a prompt of LONG tokens: a map of many lines, and a task."""
     task = "#task put the apple in the fridge\n#memory\n#program\n"
     line = "node_1 CounterTop Fridge Cabinet Drawer\n"
@@ -270,7 +264,7 @@ def main() -> None:
             models["random"] = Path(folder) / "random.gguf"
             make_model(models["random"])
         for name, path in models.items():
-            model = LlamaModel(path, n_threads=1)
+            model = GgufModel(path, n_threads=1)
             print(f"{name}: F16 weights, 1 thread")
             texts = (steps if name == "random" else lines)(options.candidates)
             spread = texts[:: max(1, len(texts) // options.parity_candidates)]

@@ -15,8 +15,8 @@ from karma.bench.run_folder import FORMAT, Header, Machine
 from karma.contracts import Task
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.files import read_bytes, to_json
+from karma.infer.checks.memory import MEMINFO
 from karma.infer.manifest.manifest import find_model, resolve_planner, sha256_of
-from karma.infer.manifest.memory_check import MEMINFO
 from karma.offline import network_allowed
 from karma.tasks.files import in_rooms
 from karma.world.core.scene import find

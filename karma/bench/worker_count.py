@@ -6,9 +6,9 @@ from pathlib import Path
 
 from karma.bench.experiment import Models
 from karma.errors import UnknownNameError
+from karma.infer.checks.memory import available_mb
 from karma.infer.hosted.session import Hosted
 from karma.infer.manifest.manifest import find_model
-from karma.infer.manifest.memory_check import available_mb
 
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
 _SHARE = 0.8  # of the free memory, for all workers together

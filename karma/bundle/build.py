@@ -61,7 +61,7 @@ _MAIN = b"import sys\n\nfrom karma.bundle.install import main\n\nsys.exit(main()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wishes:
+class BundleSpec:
     """What goes into a bundle."""
 
     wheels: Path  # folder
@@ -75,7 +75,7 @@ class Wishes:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class MemberSource:
     """Where a member's bytes come from."""
 
     path: str
@@ -94,7 +94,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Built:
+class BuiltBundle:
     """A bundle that lies on the disk."""
 
     path: Path
@@ -105,7 +105,7 @@ class Built:
     models: tuple[str, ...]
 
 
-def build(out: Path, wishes: Wishes, *, say: Say = lambda _: None) -> Built:
+def build(out: Path, spec: BundleSpec, *, say: Say = lambda _: None) -> BuiltBundle:
     """Put a bundle together and write it, whole or not at all.
 
     Raises:
@@ -113,23 +113,23 @@ def build(out: Path, wishes: Wishes, *, say: Say = lambda _: None) -> Built:
         ModelError: a model is missing or not as it must be.
         FileError: something cannot be read or written.
     """
-    entries = _models(wishes.models)
+    entries = _models(spec.models)
     with tempfile.TemporaryDirectory() as folder:
-        wheels = _wheels(wishes, Path(folder), say)
+        wheels = _wheels(spec, Path(folder), say)
         _check_packages(entries, wheels)
         sources = [
             *map(_wheel_source, wheels),
             *_model_sources(entries),
-            *_folder("eval", wishes.project / "eval"),
-            *_scene_sources(wishes.scenes),
-            *(() if wishes.thor is None else _folder("thor", wishes.thor)),
+            *_folder("eval", spec.project / "eval"),
+            *_scene_sources(spec.scenes),
+            *(() if spec.thor is None else _folder("thor", spec.thor)),
             *_licence_sources(wheels, entries),
-            *_papers(wishes.project),
+            *_papers(spec.project),
         ]
         say(f"hashing {len(sources)} files")
         members = _members(sources)
         hashes = {Path(one.path).name: one.sha256 for one in members if one.path.endswith(".whl")}
-        bill = Source(path="sbom.json", data=sbom(wheels, hashes, entries))
+        bill = MemberSource(path="sbom.json", data=sbom(wheels, hashes, entries))
         sources.append(bill)
         members = sorted([*members, *_members([bill])], key=lambda one: one.path)
         python, machine = here()
@@ -141,7 +141,7 @@ def build(out: Path, wishes: Wishes, *, say: Say = lambda _: None) -> Built:
         }
         say(f"writing {out}")
         digest = _write(out, manifest_bytes(about, members), sources, members)
-    return Built(
+    return BuiltBundle(
         path=out,
         sha256=digest,
         bytes=out.stat().st_size,
@@ -154,25 +154,25 @@ def build(out: Path, wishes: Wishes, *, say: Say = lambda _: None) -> Built:
 # ----------------------------------------------------------------- what goes in
 
 
-def _wheel_source(wheel: Wheel) -> Source:
-    return Source(path=f"wheels/{wheel.path.name}", file=wheel.path, unpacked=wheel.unpacked)
+def _wheel_source(wheel: Wheel) -> MemberSource:
+    return MemberSource(path=f"wheels/{wheel.path.name}", file=wheel.path, unpacked=wheel.unpacked)
 
 
-def _wheels(wishes: Wishes, scratch: Path, say: Say) -> list[Wheel]:
-    wanted = read_lock(wishes.lock)
-    if wishes.download:
-        say(f"fetching {len(wanted)} packages into {wishes.wheels}; this takes minutes")
-        download(wanted, wishes.wheels)
-    elif not wishes.wheels.is_dir():
+def _wheels(spec: BundleSpec, scratch: Path, say: Say) -> list[Wheel]:
+    wanted = read_lock(spec.lock)
+    if spec.download:
+        say(f"fetching {len(wanted)} packages into {spec.wheels}; this takes minutes")
+        download(wanted, spec.wheels)
+    elif not spec.wheels.is_dir():
         fix = "give --wheels FOLDER, or --download where there is a package index"
-        raise FileError(wishes.wheels, "no such folder", fix=fix)
-    folders = (wishes.wheels, kept_wheels())
-    if any(wishes.wheels.glob("pip-*.whl")):  # then no ensurepip is needed on the other side
+        raise FileError(spec.wheels, "no such folder", fix=fix)
+    folders = (spec.wheels, kept_wheels())
+    if any(spec.wheels.glob("pip-*.whl")):  # then no ensurepip is needed on the other side
         wanted = [*wanted, Requirement("pip")]
     found = find_wheels(wanted, folders)
-    if wishes.own is None:
+    if spec.own is None:
         say("building the wheel of karma-offline")
-    ours = read_wheel(wishes.own or own_wheel(wishes.project, scratch))
+    ours = read_wheel(spec.own or own_wheel(spec.project, scratch))
     named = {one.name for one in found}
     lacking = [one for one in find_wheels(ours.needs, folders) if one.name not in named]
     kept = [one for one in [*found, *lacking] if one.name != ours.name]
@@ -200,10 +200,10 @@ def _check_packages(entries: Sequence[ModelEntry], wheels: Sequence[Wheel]) -> N
             )
 
 
-def _model_sources(entries: Sequence[ModelEntry]) -> Iterator[Source]:
+def _model_sources(entries: Sequence[ModelEntry]) -> Iterator[MemberSource]:
     """Yield the manifest, the cards, and the chosen models' files, all below models/."""
     manifest = models_manifest()
-    yield Source(path="models/manifest.toml", file=manifest)
+    yield MemberSource(path="models/manifest.toml", file=manifest)
     yield from _folder("models/cards", manifest.parent / "cards")
     brought: list[ModelEntry] = []
     for entry in entries:
@@ -221,10 +221,10 @@ def _model_sources(entries: Sequence[ModelEntry]) -> Iterator[Source]:
         if any(name.startswith("weights/") for name in names):
             brought.append(msgspec.structs.replace(entry, files=files))
         for name, place in zip(names, places, strict=True):
-            yield Source(path=f"models/{name}", file=place)
+            yield MemberSource(path=f"models/{name}", file=place)
     if brought:
         text = "# Models that came with the bundle.\n\n" + "\n".join(map(_toml, brought))
-        yield Source(path="models/local.toml", data=text.encode())
+        yield MemberSource(path="models/local.toml", data=text.encode())
 
 
 def _toml(entry: ModelEntry) -> str:
@@ -238,7 +238,7 @@ def _toml(entry: ModelEntry) -> str:
     return "\n".join(["[[models]]", *pairs(values), "files = [", *files, "]", ""])
 
 
-def _scene_sources(given: Sequence[Path]) -> Iterator[Source]:
+def _scene_sources(given: Sequence[Path]) -> Iterator[MemberSource]:
     """Yield scene files, each read first: a damaged one must not come to light over there."""
     from karma.world.core import scene
 
@@ -248,10 +248,10 @@ def _scene_sources(given: Sequence[Path]) -> Iterator[Source]:
             raise FileError(place, "no scene files (*.json) in this folder")
         for path in paths:
             scene.load(path)
-            yield Source(path=f"scenes/{path.name}", file=path)
+            yield MemberSource(path=f"scenes/{path.name}", file=path)
 
 
-def _folder(name: str, folder: Path) -> Iterator[Source]:
+def _folder(name: str, folder: Path) -> Iterator[MemberSource]:
     """Yield a folder's files; hidden ones stay, links are refused."""
     if not folder.is_dir():
         raise FileError(folder, "no such folder")
@@ -262,26 +262,28 @@ def _folder(name: str, folder: Path) -> Iterator[Source]:
         if path.is_symlink():
             raise FileError(path, "a link cannot be carried", fix="put the file in its place")
         if path.is_file():
-            yield Source(path=f"{name}/{inside}", file=path)
+            yield MemberSource(path=f"{name}/{inside}", file=path)
 
 
-def _licence_sources(wheels: Sequence[Wheel], models: Sequence[ModelEntry]) -> Iterator[Source]:
+def _licence_sources(
+    wheels: Sequence[Wheel], models: Sequence[ModelEntry]
+) -> Iterator[MemberSource]:
     """Yield each package's licence files and one list of all licences."""
     lines = [f"{one.name} {one.version}: {one.licence}" for one in wheels]
     lines += [f"model {one.name}: {one.licence}" for one in models]
-    yield Source(path="licences/LICENCES.txt", data=("\n".join(lines) + "\n").encode())
+    yield MemberSource(path="licences/LICENCES.txt", data=("\n".join(lines) + "\n").encode())
     for wheel in wheels:
         for name, text in licence_texts(wheel).items():
             path = f"licences/{wheel.name}-{wheel.version}/{name}"
             if not unsafe(path):
-                yield Source(path=path, data=text)
+                yield MemberSource(path=path, data=text)
 
 
-def _papers(project: Path) -> Iterator[Source]:
+def _papers(project: Path) -> Iterator[MemberSource]:
     for name, path in (("LICENSE", "LICENSE"), ("AIRGAP.md", "docs/airgap.md")):
         if (project / path).is_file():
-            yield Source(path=name, file=project / path)
-    yield Source(path="install.pyz", data=installer())
+            yield MemberSource(path=name, file=project / path)
+    yield MemberSource(path="install.pyz", data=installer())
 
 
 def installer() -> bytes:
@@ -298,7 +300,7 @@ def installer() -> bytes:
 # ----------------------------------------------------------------- the tar
 
 
-def _members(sources: Sequence[Source]) -> list[Member]:
+def _members(sources: Sequence[MemberSource]) -> list[Member]:
     members = []
     for one in sources:
         header(one.path, 0)  # refuses a path that is too long
@@ -322,7 +324,9 @@ def _members(sources: Sequence[Source]) -> list[Member]:
     return members
 
 
-def _write(out: Path, manifest: bytes, sources: Sequence[Source], members: Sequence[Member]) -> str:
+def _write(
+    out: Path, manifest: bytes, sources: Sequence[MemberSource], members: Sequence[Member]
+) -> str:
     """Write the tar beside its place and move it there; return its SHA-256."""
     places = {one.path: one for one in sources}
     whole = hashlib.sha256()
@@ -353,7 +357,7 @@ def _write(out: Path, manifest: bytes, sources: Sequence[Source], members: Seque
     return whole.hexdigest()
 
 
-def _copy(source: Source, member: Member, put: Callable[[bytes], None]) -> None:
+def _copy(source: MemberSource, member: Member, put: Callable[[bytes], None]) -> None:
     """Write a member's bytes, which must still be those that were hashed."""
     digest = hashlib.sha256()
     with source.open() as file:

@@ -53,15 +53,15 @@ def install(
     try:
         into.mkdir(parents=True, exist_ok=True)
         with _alone(into) as lock:
-            steps = _Steps(into=into, lock=lock, say=say)
+            programs = _Programs(into=into, lock=lock, say=say)
             _claim(into, contents)
             _check_room(into, contents)
             with bundle.open("rb") as file:
                 _unpack(file, contents, into, say)
-            _make_venv(contents, steps)
+            _make_venv(contents, programs)
             _write(into / "karma", _launcher(contents), executable=True)
             try:
-                _try_out(contents, steps, smoke)
+                _try_out(contents, programs, smoke)
             except BundleError:
                 (into / "karma").unlink()
                 raise
@@ -188,7 +188,7 @@ def _is_right(path: Path, member: Member) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Steps:
+class _Programs:
     """Runs the programs that an installation consists of."""
 
     into: Path
@@ -233,9 +233,9 @@ class _Steps:
             )
 
 
-def _make_venv(contents: Contents, steps: _Steps) -> None:
+def _make_venv(contents: Contents, programs: _Programs) -> None:
     """Make the virtual environment from the wheels alone; a half-made one is made again."""
-    into, say = steps.into, steps.say
+    into, say = programs.into, programs.say
     venv = into / "venv"
     stamp = venv / ".karma-complete"
     if stamp.exists() and stamp.read_text().strip() == contents.digest:
@@ -247,12 +247,12 @@ def _make_venv(contents: Contents, steps: _Steps) -> None:
     pip = next((one for one in wheels if one.name.startswith("pip-")), None)
     say(f"making a virtual environment with {len(wheels)} packages; this takes a while")
     base = getattr(sys, "_base_executable", sys.executable)
-    steps.run([base, "-m", "venv", *(["--without-pip"] if pip else []), str(venv)])
+    programs.run([base, "-m", "venv", *(["--without-pip"] if pip else []), str(venv)])
     python = str(venv / "bin" / "python")
     program = [python, str(pip / "pip")] if pip else [python, "-m", "pip"]
     options = ("--no-index", "--no-deps", "--no-cache-dir", "--no-input", "--progress-bar", "off")
-    steps.run([*program, "install", *options, *map(str, wheels)], count=True)
-    steps.run([*program, "check"])
+    programs.run([*program, "install", *options, *map(str, wheels)], count=True)
+    programs.run([*program, "check"])
     _write(stamp, contents.digest.encode() + b"\n")
 
 
@@ -266,18 +266,18 @@ def _launcher(contents: Contents) -> bytes:
     return "\n".join([*script, f'{run} "$@"', ""]).encode()
 
 
-def _try_out(contents: Contents, steps: _Steps, smoke: bool) -> None:
+def _try_out(contents: Contents, programs: _Programs, smoke: bool) -> None:
     """Let the new installation check its models and, if it has our planner, do something."""
-    karma, say = str(steps.into / "karma"), steps.say
+    karma, say = str(programs.into / "karma"), programs.say
     if contents.models:
         say(f"karma models verify {' '.join(contents.models)}")
-        steps.run([karma, "models", "verify", *contents.models])
+        programs.run([karma, "models", "verify", *contents.models])
     if smoke and "karma-nano" in contents.models:
         say('karma run "Open the fridge."')
-        steps.run([karma, "run", "Open the fridge."])
+        programs.run([karma, "run", "Open the fridge."])
     elif smoke:
         say("karma world list")
-        steps.run([karma, "world", "list"])
+        programs.run([karma, "world", "list"])
 
 
 def _write(path: Path, data: bytes, *, executable: bool = False) -> None:

@@ -41,11 +41,11 @@ def bundle_build(
     json: Json = None,
 ) -> None:
     """Write a bundle: wheels, models, scenes, licences, a bill of materials."""
-    from karma.bundle.build import PROJECT, Wishes, build
+    from karma.bundle.build import PROJECT, BundleSpec, build
     from karma.bundle.wheels import cache_folder
 
     begin = monotonic()
-    wishes = Wishes(
+    spec = BundleSpec(
         wheels=wheels or cache_folder() / "bundle-wheels",
         download=download,
         models=tuple(models or ()),
@@ -54,7 +54,7 @@ def bundle_build(
         lock=lock or PROJECT / "requirements.lock",
     )
     with console.status("building the bundle ..."):
-        built = build(out, wishes, say=_say)
+        built = build(out, spec, say=_say)
     names = escape(", ".join(built.models) or "none")
     console.print(
         f"[green]✓[/] {escape(str(built.path))}: {built.bytes / 1e6:.1f} MB, "

@@ -125,10 +125,10 @@ def models_add(
     Files of a model of the manifest are recognised, and refused by name if they are not what it
     says; anything else becomes a model of its own. Nothing is ever fetched.
     """
-    from karma.infer.manifest.local_entry import Wishes
-    from karma.infer.manifest.local_models import add_model
+    from karma.infer.manifest.added_entry import AddOptions
+    from karma.infer.manifest.added_models import add_model
 
-    wishes = Wishes(
+    options = AddOptions(
         name=name, role=_role(role), licence=licence, source=source, revision=revision,
         prompt_profile=profile, context_length=context, chat=chat, in_place=in_place,
     )  # fmt: skip
@@ -138,7 +138,7 @@ def models_add(
         def told(part: str, done: int, total: int) -> None:
             bar.update(task, completed=done, total=total, description=escape(part))
 
-        added = add_model(path, wishes, progress=told)
+        added = add_model(path, options, progress=told)
     entry = added.entry
     why = "as the manifest wants it" if added.known else "a model of your own"
     _say(f"added {entry.name} ({entry.role}, {_megabytes(entry)} MB), {why}")
@@ -151,7 +151,7 @@ def models_add(
 @clear_errors
 def models_remove(name: Annotated[str, typer.Argument(help="A model that was added.")]) -> None:
     """Take back an `add`: the entry, and the copies it made; files added in place stay."""
-    from karma.infer.manifest.local_models import remove_model
+    from karma.infer.manifest.added_models import remove_model
 
     entry = remove_model(name)
     stays = Path(entry.files[0].path).is_absolute()

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 
-from karma.contracts import Completion, ProgramSpec, Prompt
+from karma.contracts import END, Choice, Completion, ProgramSpec, Prompt, Scoring
 from karma.errors import ModelError
-from karma.infer.llama.scoring import END, Best, Cost, Scoring
 
 
 class ScriptedModel:
-    """A `LanguageModel` with its answers given beforehand.
+    """A `LanguageModel` and `ScoringModel` with its answers given beforehand.
 
     Args:
         answers: texts, said in this order; a spec is not applied to them.
@@ -24,7 +23,7 @@ class ScriptedModel:
         self._answers = iter(answers)
         self.prompts: list[Prompt] = []
         self.specs: list[ProgramSpec | None] = []
-        self._lines: list[str] = []  # of the answer that `best` is in
+        self._lines: list[str] = []  # of the answer that `choose` is in
 
     def complete(
         self,
@@ -56,9 +55,9 @@ class ScriptedModel:
             total_s=0.0,
         )
 
-    def best(
+    def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
-    ) -> Best:
+    ) -> Choice:
         """Choose the next line of the answers, `END` after each answer; others are passed over.
 
         Raises:
@@ -74,9 +73,15 @@ class ScriptedModel:
             if not self._lines:
                 raise ModelError(f"the script's answer holds no line to choose: {text!r}")
         line = self._lines.pop(0)
-        cost = Cost(prompt=len("".join(prompt).split()), reused=0, run=0)
-        number = continuations.index(line)
-        return Best(number=number, score=0.0, tokens=len(line.split()), cost=cost, seconds=0.0)
+        return Choice(
+            number=continuations.index(line),
+            score=0.0,
+            prompt_tokens=len("".join(prompt).split()),
+            reused_tokens=0,
+            completion_tokens=len(line.split()),
+            run_tokens=0,
+            total_s=0.0,
+        )
 
     def _pass_over(self, continuations: Sequence[str]) -> None:
         """Drop the lines before the first that can be chosen."""

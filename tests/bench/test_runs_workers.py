@@ -104,8 +104,8 @@ def test_workers_are_as_many_as_cores_memory_and_episodes_allow(
     monkeypatch, tmp_path, free_mb, cores, episodes, number
 ):
     (tmp_path / "meminfo").write_text(f"MemAvailable: {free_mb * 1_000_000 // 1024} kB\n")
-    monkeypatch.setattr("karma.infer.manifest.memory_check.MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr("karma.infer.manifest.memory_check.CGROUP", tmp_path)
+    monkeypatch.setattr("karma.infer.checks.memory.MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr("karma.infer.checks.memory.CGROUP", tmp_path)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
     found = suggest_workers(Models(), episodes)
     assert found.number == number

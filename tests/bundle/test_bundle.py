@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from packaging.requirements import Requirement
 
 from karma.bundle import build as building
-from karma.bundle.build import Wishes, build
+from karma.bundle.build import BundleSpec, build
 from karma.bundle.contents import (
     END,
     FORMAT,
@@ -276,7 +276,7 @@ def test_missing_bundle_is_named(tmp_path):
 
 
 @pytest.fixture
-def wishes(tmp_path, monkeypatch):
+def spec(tmp_path, monkeypatch):
     """Two small wheels, a lock of them, a wheel in the place of ours, and no models."""
     (tmp_path / "models" / "cards").mkdir(parents=True)
     (tmp_path / "models" / "manifest.toml").write_text("models = []\n")
@@ -288,24 +288,24 @@ def wishes(tmp_path, monkeypatch):
     (tmp_path / "lock").write_text("# pins\nsmall==1.0\nother==1.0 ; sys_platform == 'linux'\n")
     own = tmp_path / "karma_offline-0.1.0-py3-none-any.whl"
     own.write_bytes(wheel_bytes("karma_offline", "0.1.0", needs=["small>=1"]))
-    return Wishes(wheels=folder, lock=tmp_path / "lock", own=own)
+    return BundleSpec(wheels=folder, lock=tmp_path / "lock", own=own)
 
 
-def test_equal_inputs_give_equal_bytes(wishes, tmp_path):
-    one, other = (build(tmp_path / name, wishes) for name in ("a.tar", "b.tar"))
+def test_equal_inputs_give_equal_bytes(spec, tmp_path):
+    one, other = (build(tmp_path / name, spec) for name in ("a.tar", "b.tar"))
     assert one.sha256 == other.sha256 == sha((tmp_path / "b.tar").read_bytes())
     assert verify(one.path).digest == verify(other.path).digest
 
 
-def test_built_bundle_has_wheels_licences_and_installer(wishes, tmp_path):
-    paths = [one.path for one in verify(build(tmp_path / "a.tar", wishes).path).members]
+def test_built_bundle_has_wheels_licences_and_installer(spec, tmp_path):
+    paths = [one.path for one in verify(build(tmp_path / "a.tar", spec).path).members]
     assert "wheels/small-1.0-py3-none-any.whl" in paths
     assert "licences/small-1.0/LICENSE" in paths
     assert {"install.pyz", "sbom.json", "eval/demo.toml", "models/manifest.toml"} <= set(paths)
 
 
-def test_bill_of_materials_lists_all_packages_and_what_they_need(wishes, tmp_path):
-    path = build(tmp_path / "a.tar", wishes).path
+def test_bill_of_materials_lists_all_packages_and_what_they_need(spec, tmp_path):
+    path = build(tmp_path / "a.tar", spec).path
     with tarfile.open(path) as file:
         bill = json.load(file.extractfile("sbom.json"))
     assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.5")
@@ -318,10 +318,10 @@ def test_bill_of_materials_lists_all_packages_and_what_they_need(wishes, tmp_pat
     assert "timestamp" not in bill["metadata"]
 
 
-def test_missing_wheels_are_named_with_the_way_out(wishes, tmp_path):
-    wishes.lock.write_text("small==2.0\nabsent==1.0\n")
+def test_missing_wheels_are_named_with_the_way_out(spec, tmp_path):
+    spec.lock.write_text("small==2.0\nabsent==1.0\n")
     with pytest.raises(BundleError, match=r"small==2\.0; absent==1\.0(.|\n)*--download"):
-        build(tmp_path / "a.tar", wishes)
+        build(tmp_path / "a.tar", spec)
     assert not (tmp_path / "a.tar").exists()
 
 
@@ -339,10 +339,10 @@ def test_what_a_wheel_needs_comes_along_or_is_missed(tmp_path):
     assert [one.name for one in find_wheels([Requirement("a==1")], [tmp_path])] == ["a", "b"]
 
 
-def test_damaged_wheel_is_named(wishes, tmp_path):
-    (wishes.wheels / "small-1.0-py3-none-any.whl").write_bytes(LOREM)
+def test_damaged_wheel_is_named(spec, tmp_path):
+    (spec.wheels / "small-1.0-py3-none-any.whl").write_bytes(LOREM)
     with pytest.raises(FileError, match=r"small-1\.0"):
-        build(tmp_path / "a.tar", wishes)
+        build(tmp_path / "a.tar", spec)
 
 
 def test_lock_with_a_line_that_is_none_is_named(tmp_path):
@@ -351,22 +351,22 @@ def test_lock_with_a_line_that_is_none_is_named(tmp_path):
         read_lock(tmp_path / "lock")
 
 
-def test_link_in_a_unity_build_is_refused(wishes, tmp_path):
+def test_link_in_a_unity_build_is_refused(spec, tmp_path):
     (tmp_path / "unity").mkdir()
     (tmp_path / "unity" / "lib.so").symlink_to("/usr/lib/libc.so")
-    given = replace(wishes, thor=tmp_path / "unity")
+    given = replace(spec, thor=tmp_path / "unity")
     with pytest.raises(FileError, match="link"):
         build(tmp_path / "a.tar", given)
 
 
-def test_scenes_come_along_and_damaged_ones_do_not(wishes, tmp_path):
+def test_scenes_come_along_and_damaged_ones_do_not(spec, tmp_path):
     from karma.world.core.scene import SCENES
 
-    given = replace(wishes, scenes=(SCENES / "kitchen_1.json",))
+    given = replace(spec, scenes=(SCENES / "kitchen_1.json",))
     paths = [one.path for one in verify(build(tmp_path / "a.tar", given).path).members]
     assert "scenes/kitchen_1.json" in paths
     (tmp_path / "torn.json").write_bytes((SCENES / "kitchen_1.json").read_bytes()[:900])
-    given = replace(wishes, scenes=(tmp_path / "torn.json",))
+    given = replace(spec, scenes=(tmp_path / "torn.json",))
     with pytest.raises(KarmaError, match="torn"):
         build(tmp_path / "a.tar", given)
 

@@ -21,7 +21,7 @@ from packaging.utils import canonicalize_name
 from support.paths import ROOT
 from test_bundle import wheel_bytes
 
-from karma.bundle.build import Wishes, build, installer
+from karma.bundle.build import BundleSpec, build, installer
 from karma.bundle.contents import BundleError
 from karma.bundle.install import install
 from karma.bundle.wheels import own_wheel, read_wheel
@@ -64,11 +64,11 @@ def bundle(tmp_path_factory):
     for pip in Path(ensurepip.__file__).parent.glob("_bundled/pip-*.whl"):
         shutil.copy(pip, wheels)
     (folder / "lock").write_text("way==1.0\n")
-    wishes = Wishes(wheels=wheels, lock=folder / "lock", own=own.path, models=MODELS)
+    spec = BundleSpec(wheels=wheels, lock=folder / "lock", own=own.path, models=MODELS)
     (folder / "install.pyz").write_bytes(installer())
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KARMA_CACHE", str(folder))  # llama-cpp-python's real wheel lies in the other
-        return build(folder / "karma.tar", wishes).path
+        return build(folder / "karma.tar", spec).path
 
 
 def command(bundle, into, *more):

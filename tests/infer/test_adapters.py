@@ -16,10 +16,10 @@ from support.tiny import export_tiny
 from karma.bench.experiment import Models, load_resources
 from karma.contracts import MemoryUnit
 from karma.errors import ModelError, UnknownNameError
+from karma.infer.checks import memory
 from karma.infer.embed.clip import ClipEmbedder, unit_vectors
 from karma.infer.embed.sentence import SentenceEmbedder
-from karma.infer.manifest import memory_check
-from karma.infer.vision.detect import GroundedSam
+from karma.infer.vision.grounded_sam import GroundedSam
 
 TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïcödé 苹果"]
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 40, 52, 3), dtype=np.uint8)
@@ -296,7 +296,7 @@ def test_too_little_memory_is_told_before_anything_is_loaded(
     kind, copies, folders, monkeypatch, tmp_path
 ):
     (tmp_path / "meminfo").write_text("MemTotal: 99 kB\nMemAvailable:      1000 kB\n")
-    monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
     with pytest.raises(ModelError, match=r"needs about 6. MB of memory .* 1 MB are free") as caught:
         opened(kind, copies[kind], folders)
     assert "karma models list" in str(caught.value)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from karma.errors import FileError
 from karma.infer.hosted.cassette import FILE, Cassette, CassetteError, Reply, canonical, key_of
-from karma.infer.hosted.cassette_miss import MAX_LINES, MAX_WIDTH
+from karma.infer.hosted.nearest_request import MAX_LINES, MAX_WIDTH
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.text()

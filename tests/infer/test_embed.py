@@ -77,7 +77,7 @@ def test_importing_loads_nothing_heavy():
     program = (
         "import sys, karma.infer.embed.sentence, karma.infer.llama.model\n"
         "import karma.infer.llama.gguf_export, karma.infer.embed.clip\n"
-        "import karma.infer.vision.detect, karma.infer.manifest.local_models\n"
+        "import karma.infer.vision.grounded_sam, karma.infer.manifest.added_models\n"
         "heavy = {'torch', 'transformers', 'llama_cpp', 'sentence_transformers', 'gguf'}\n"
         "sys.exit(' '.join(heavy & set(sys.modules)) or 0)\n"
     )

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from karma.errors import ModelError
-from karma.infer.manifest.gguf_check import PROJECTOR, check_gguf
-from karma.infer.vision import llama as llama_vision
-from karma.infer.vision.llama import HANDLERS, LlamaVision, has_pictures, require_pictures
+from karma.infer.checks.gguf import PROJECTOR, check_gguf
+from karma.infer.llama import vision as llama_vision
+from karma.infer.llama.vision import HANDLERS, LlamaVision, has_pictures, require_pictures
 
 
 def test_an_unknown_family_is_refused_with_those_there_are():

@@ -14,9 +14,9 @@ from karma.cli import app
 from karma.errors import FileError, ModelError
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest import local_entry, local_models
-from karma.infer.manifest.local_entry import Wishes
-from karma.infer.manifest.local_models import add_model, remove_model
+from karma.infer.manifest import added_entry, added_models
+from karma.infer.manifest.added_entry import AddOptions
+from karma.infer.manifest.added_models import add_model, remove_model
 from karma.infer.manifest.manifest import (
     check,
     find_model,
@@ -86,7 +86,7 @@ def everything(folder):
 
 
 def test_gguf_is_copied_hashed_described_and_runs(manifest, gguf):
-    added = add_model(gguf, Wishes(licence="MIT"), manifest=manifest)
+    added = add_model(gguf, AddOptions(licence="MIT"), manifest=manifest)
     entry = find_model("tiny-Q8", manifest)
     assert added.entry == entry
     assert not added.known
@@ -119,8 +119,8 @@ def test_folder_without_a_name_in_the_manifest_is_described_by_its_config(manife
 
 
 def test_in_place_leaves_the_files_where_they_are(manifest, gguf):
-    wishes = Wishes(name="there", in_place=True, chat=True, context_length=128)
-    entry = add_model(gguf, wishes, manifest=manifest).entry
+    options = AddOptions(name="there", in_place=True, chat=True, context_length=128)
+    entry = add_model(gguf, options, manifest=manifest).entry
     assert verify(find_model("there", manifest), manifest) == (gguf.resolve(),)
     assert (entry.chat, entry.context_length) == (True, 128)
     assert not (manifest.parent / "weights").exists()
@@ -173,9 +173,9 @@ def test_file_that_is_not_the_manifest_s_is_refused_by_name_before_it_is_parsed(
     known(manifest, clip, wrong="config.json")
     before = everything(manifest.parent)
     for part in ("check_weights", "read_config", "check_gguf"):
-        monkeypatch.setattr(local_entry, part, None)  # a call would be another error
+        monkeypatch.setattr(added_entry, part, None)  # a call would be another error
     with pytest.raises(ModelError, match=r"config\.json: not the file of model 'clip'") as caught:
-        add_model(clip, Wishes(name="clip"), manifest=manifest)
+        add_model(clip, AddOptions(name="clip"), manifest=manifest)
     for part in (hashlib.sha256(b"other").hexdigest(), "https://example.org/clip", "revision abc"):
         assert part in str(caught.value)
     assert everything(manifest.parent) == before
@@ -188,7 +188,7 @@ def test_wrong_file_of_a_telling_name_is_refused_and_not_made_a_model_of_its_own
     with pytest.raises(ModelError, match=r"ours\.gguf: not the file of model 'ours'") as caught:
         add_model(tmp_path / "ours.gguf", manifest=manifest)
     assert "as another model with --name" in str(caught.value)
-    added = add_model(tmp_path / "ours.gguf", Wishes(name="mine"), manifest=manifest)
+    added = add_model(tmp_path / "ours.gguf", AddOptions(name="mine"), manifest=manifest)
     assert (added.entry.name, added.known) == ("mine", False)
 
 
@@ -197,7 +197,7 @@ def test_model_that_lacks_a_file_of_the_manifest_is_refused_by_that_name(manifes
     shutil.copytree(clip, tmp_path / "part")
     (tmp_path / "part/tokenizer.json").unlink()
     with pytest.raises(ModelError, match=r"tokenizer\.json: missing"):
-        add_model(tmp_path / "part", Wishes(name="clip"), manifest=manifest)
+        add_model(tmp_path / "part", AddOptions(name="clip"), manifest=manifest)
     assert not any((manifest.parent / "weights").iterdir())
 
 
@@ -261,13 +261,13 @@ def test_names_do_not_collide_and_do_not_leave_the_folder(manifest, gguf):
     with pytest.raises(ModelError, match="was added before"):
         add_model(gguf, manifest=manifest)
     with pytest.raises(ModelError, match="SHA-256"):  # it is another file than ours.gguf
-        add_model(gguf, Wishes(name="ours"), manifest=manifest)
+        add_model(gguf, AddOptions(name="ours"), manifest=manifest)
     for name in ("../up", ".hidden", "a/b", "a\nb"):
         with pytest.raises(ModelError, match="is not a name"):
-            add_model(gguf, Wishes(name=name), manifest=manifest)
+            add_model(gguf, AddOptions(name=name), manifest=manifest)
     (manifest.parent / "weights/second").mkdir()
     with pytest.raises(FileError, match="something already"):
-        add_model(gguf, Wishes(name="second"), manifest=manifest)
+        add_model(gguf, AddOptions(name="second"), manifest=manifest)
 
 
 def test_folder_of_unknown_purpose_asks_for_a_role(manifest, clip, tmp_path):
@@ -275,7 +275,7 @@ def test_folder_of_unknown_purpose_asks_for_a_role(manifest, clip, tmp_path):
     (tmp_path / "odd/config.json").write_text('{"model_type": "strange"}')
     with pytest.raises(ModelError, match="give --role"):
         add_model(tmp_path / "odd", manifest=manifest)
-    entry = add_model(tmp_path / "odd", Wishes(role="vlm"), manifest=manifest).entry
+    entry = add_model(tmp_path / "odd", AddOptions(role="vlm"), manifest=manifest).entry
     assert entry.role == "vlm"
 
 
@@ -291,7 +291,7 @@ def test_list_that_cannot_be_written_leaves_no_copy(manifest, gguf, monkeypatch)
     def full(path, data):
         raise FileError(path, "cannot write: No space left on device")
 
-    monkeypatch.setattr(local_models, "write_atomic", full)
+    monkeypatch.setattr(added_models, "write_atomic", full)
     with pytest.raises(FileError, match="No space left"):
         add_model(gguf, manifest=manifest)
     assert list((manifest.parent / "weights").iterdir()) == []

@@ -11,13 +11,12 @@ from support.tiny_models import save_clip, save_dino, save_sam, save_sentence
 
 from karma.contracts import ProgramSpec, Prompt, SeenObject, SkillSignature
 from karma.errors import ModelError
-from karma.infer.llama import model as llama
+from karma.infer.checks import memory
+from karma.infer.checks.gguf import check_gguf
+from karma.infer.llama import gguf_model
 from karma.infer.llama.constrain import ProgramAutomaton
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
-from karma.infer.llama.grammar import load_gbnf
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest import memory_check
-from karma.infer.manifest.gguf_check import check_gguf
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.registry import load, names
@@ -81,7 +80,7 @@ def opened(path, **options):
 def answer(model, prompt, **options):
     """The text and the logits after the prompt, to the bit."""
     model.complete(prompt, max_tokens=1)
-    bits = hashlib.sha256(model.logits().tobytes()).hexdigest()
+    bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()
     return model.complete(prompt, max_tokens=24, **options).text, bits
 
 
@@ -106,7 +105,7 @@ def test_answer_in_a_new_process_is_the_same(gguf, model):
         "model = LlamaModel(path)\n"
         "prompt = Prompt(stable=stable, changing=changing)\n"
         "model.complete(prompt, max_tokens=1)\n"
-        "bits = hashlib.sha256(model.logits().tobytes()).hexdigest()\n"
+        "bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()\n"
         "print(json.dumps([model.complete(prompt, max_tokens=24).text, bits]))\n"
     )
     argument = json.dumps([str(gguf), SCENE.stable, SCENE.changing])
@@ -140,7 +139,7 @@ def test_logits_equal_transformers_on_the_joined_prompt(tmp_path):
     model = opened(path, kv="f32")
     for _ in range(2):
         model.complete(SCENE, max_tokens=1)
-        assert np.abs(model.logits() - expected).max() < 1e-3
+        assert np.abs(model.gguf.logits() - expected).max() < 1e-3
 
 
 @pytest.mark.parametrize("temperature", [0.0, 1.5])
@@ -179,7 +178,7 @@ def test_prompt_longer_than_context_names_both_numbers(gguf):
 
 def test_answer_ends_where_the_context_does(gguf):
     model = opened(gguf, n_ctx=4096)
-    assert model.n_ctx == 512  # what it was trained for
+    assert model.gguf.n_ctx == 512  # what it was trained for
     found = model.complete(Prompt(stable="", changing="Go"), max_tokens=9999)
     assert found.prompt_tokens + found.completion_tokens <= 512
 
@@ -190,7 +189,9 @@ def test_prompt_cut_before_its_last_token_is_answered_alike_warm_and_cold(gguf, 
     model = opened(gguf, n_threads=1)
     for more in range(8):  # at some lengths only
         prompt = Prompt(stable=SCENE.stable * 2 + "!\n" * more, changing=changing)
-        cold, warm = (model.complete(prompt, max_tokens=1) and model.logits() for _ in range(2))
+        cold, warm = (
+            model.complete(prompt, max_tokens=1) and model.gguf.logits().copy() for _ in range(2)
+        )
         assert np.array_equal(cold, warm)
 
 
@@ -205,7 +206,7 @@ def test_chat_template_is_applied_and_cut_at_the_same_place(gguf):
     written = Prompt(
         stable=f"<|system|>{SCENE.stable}", changing=f"{SCENE.changing}"
     )  # the plain model takes no control tokens from text, so only the halves are compared
-    before, after = chat._rendered(SCENE)
+    before, after = chat._template.halves(SCENE)
     assert before == f"{written.stable}<|eos|>\n<|user|>"
     assert after == f"{written.changing}<|eos|>\n<|assistant|>"
     cold, warm = (chat.complete(SCENE, spec=SPEC, max_tokens=60) for _ in range(2))
@@ -220,7 +221,7 @@ def test_chat_without_system_role_puts_all_into_the_user_s_message(tmp_path):
         "[{{ m.content }}]{% endfor %}"
     )
     model = opened(export(tmp_path / "x.gguf", template=template), chat=True)
-    assert model._rendered(SCENE) == ("[" + SCENE.stable, SCENE.changing + "]")
+    assert model._template.halves(SCENE) == ("[" + SCENE.stable, SCENE.changing + "]")
 
 
 # -------------------------------------------------------------------- files that are not right
@@ -284,24 +285,6 @@ def test_chat_without_template_is_a_model_error(tmp_path):
         opened(export(tmp_path / "x.gguf"), chat=True)
 
 
-@pytest.mark.parametrize(
-    "text", ["root ::= foo\n", 'root ::= root "a" | "b"\n', "root ::= (\n", ""]
-)
-def test_bad_grammar_is_a_model_error_and_the_process_lives(tmp_path, text):
-    path = tmp_path / "bad.gbnf"
-    path.write_text(text)
-    with pytest.raises(ModelError, match=r"bad\.gbnf"):
-        load_gbnf(path)
-
-
-def test_good_grammar_is_loaded(gguf):
-    import llama_cpp
-
-    llama = llama_cpp.Llama(str(gguf), n_ctx=64, verbose=False)
-    grammar = load_gbnf('root ::= "yes\\n" | "no\\n"\n')
-    assert llama("Go", grammar=grammar, max_tokens=8)["choices"][0]["text"] in ("yes\n", "no\n")
-
-
 def test_answer_tells_the_threads_and_the_batch_that_made_it(gguf):
     found = opened(gguf, n_threads=1, n_ctx=128).complete(OTHER, max_tokens=1)
     assert (found.threads, found.batch) == (1, 128)
@@ -313,8 +296,8 @@ def test_file_too_big_for_the_free_memory_is_refused_before_it_is_opened(
     gguf, tmp_path, monkeypatch
 ):
     (tmp_path / "meminfo").write_text("MemAvailable: 1000 kB\n")
-    monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr(llama, "open_gguf", None)  # not reached
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr(gguf_model, "open_gguf", None)  # not reached
     with pytest.raises(ModelError, match=r"tiny\.gguf: needs about .* 1 MB are free") as caught:
         opened(gguf)
     assert "a context of 512 tokens" in str(caught.value)
@@ -324,19 +307,18 @@ def test_file_too_big_for_the_free_memory_is_refused_before_it_is_opened(
 def test_second_cache_too_big_for_the_free_memory_is_refused(gguf, tmp_path, monkeypatch):
     model = opened(gguf)
     (tmp_path / "meminfo").write_text("MemAvailable: 100 kB\n")
-    monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
     with pytest.raises(ModelError, match=r"tiny: needs about 1 MB .*a second cache, of 5000 tok"):
-        model.sequences(2, cells=5000)
+        model.gguf.sequences(2, cells=5000)
 
 
 def test_keys_and_values_of_32_bits_are_counted_as_such(gguf, tmp_path, monkeypatch):
     parts = {"context": 512, "batch": 512}
     half, whole = (
-        memory_check.gguf_parts_mb(gguf, check_gguf(gguf), **parts, bytes_each=size)
-        for size in (2, 4)
+        memory.gguf_parts_mb(gguf, check_gguf(gguf), **parts, bytes_each=size) for size in (2, 4)
     )
     assert whole - half == pytest.approx(2 * 512 * 2 * (2 * 2 * 16) / 1e6)
-    monkeypatch.setattr(memory_check, "available_mb", lambda: (half + whole) / 2)
+    monkeypatch.setattr(memory, "available_mb", lambda: (half + whole) / 2)
     assert opened(gguf, kv="f16").name == "tiny"
     with pytest.raises(ModelError, match="needs about"):
         opened(gguf, kv="f32")
@@ -363,8 +345,8 @@ def test_damaged_weights_are_a_model_error_not_an_answer(tmp_path, spec, tempera
 
 def test_machine_that_does_not_tell_its_memory_refuses_nothing(gguf, tmp_path, monkeypatch):
     for name in ("MEMINFO", "CGROUP"):
-        monkeypatch.setattr(memory_check, name, tmp_path / "none")
-    assert memory_check.available_mb() is None
+        monkeypatch.setattr(memory, name, tmp_path / "none")
+    assert memory.available_mb() is None
     assert opened(gguf).name == "tiny"
 
 

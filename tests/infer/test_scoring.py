@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from support.paths import ROOT
 from support.tiny import export_tiny
 
-from karma.contracts import Prompt
+from karma.contracts import END, Prompt
 from karma.errors import ModelError
+from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.scoring import END, SkillScorer
+from karma.infer.llama.scoring import SkillScorer
 from karma.infer.llama.token_trie import trie_of
 
 NANO = ROOT / "models/nano/planner.gguf"
@@ -29,10 +30,15 @@ WORDS = st.text("apb (\n", min_size=1, max_size=9)
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory):
+def planner(tmp_path_factory):
     opened = LlamaModel(export_tiny(tmp_path_factory.mktemp("tiny") / "tiny.gguf"), n_threads=1)
     yield opened
     opened.close()
+
+
+@pytest.fixture(scope="module")
+def model(planner):
+    return planner.gguf
 
 
 @pytest.fixture
@@ -114,15 +120,6 @@ def test_text_longer_than_a_batch_is_scored_as_defined(model, scorer):
     assert max(len(model.tokens(text)) for text in texts) > model.n_batch
     expected = naive(model, PROMPT, texts)
     assert scorer.scores(PROMPT, texts).values == pytest.approx(expected, rel=1e-6)
-    assert scorer.scores(PROMPT, texts, one_batch=True).values == pytest.approx(expected, rel=1e-5)
-
-
-def test_one_batch_costs_the_same_tokens_and_is_nearly_as_good(model, scorer):
-    alone, together = scorer.scores(PROMPT, SKILLS), scorer.scores(PROMPT, SKILLS, one_batch=True)
-    # its attention adds up in another order, which long sums show
-    assert together.values == pytest.approx(alone.values, abs=1e-4, rel=2e-5)
-    assert together.cost.run == alone.cost.run
-    assert scorer.scores(PROMPT, SKILLS).values.tobytes() == alone.values.tobytes()
 
 
 def test_average_divides_by_the_number_of_tokens(model, scorer):
@@ -142,33 +139,30 @@ def test_a_text_that_begins_another_scores_no_less(model, scorer):
 def test_one_token_texts_need_no_run(model, scorer):
     texts = [text for text in "abcdefgh" if len(model.tokens(text)) == 1]
     found = scorer.scores(PROMPT, texts)
-    assert found.cost.run == 0
+    assert found.run_tokens == 0
     assert found.values == pytest.approx(naive(model, PROMPT, texts), abs=1e-3)
-    assert scorer.best(PROMPT, texts).cost.run == 0
+    assert scorer.choose(PROMPT, texts).run_tokens == 0
 
 
 def test_equal_texts_score_the_same_and_the_first_is_the_best(scorer):
     values = scorer.scores(PROMPT, ["go go", "go", "go"]).values
     assert values[1] == values[2]
-    assert scorer.best(PROMPT, ["go go", "go", "go"]).number == 1
+    assert scorer.choose(PROMPT, ["go go", "go", "go"]).number == 1
 
 
-def test_more_texts_than_sequences_take_more_than_one_batch(model, scorer):
+def test_several_hundred_texts_are_scored_as_defined(model, scorer):
     texts = [f"{a}{b}{c}x" for a in "abcdefghij" for b in "klmnopqrst" for c in "uvw"]
-    assert len({tuple(model.tokens(text)[:-1]) for text in texts}) > 255
     values = scorer.scores(PROMPT, texts).values
     some = list(range(0, 300, 23))
     expected = naive(model, PROMPT, [texts[i] for i in some])
     assert values[some] == pytest.approx(expected, abs=1e-5)
-    together = scorer.scores(PROMPT, texts, one_batch=True).values
-    assert together[some] == pytest.approx(expected, abs=1e-3)
-    assert scorer.best(PROMPT, texts).number == int(np.argmax(values))
+    assert scorer.choose(PROMPT, texts).number == int(np.argmax(values))
 
 
 def test_shared_beginnings_run_once_and_last_tokens_not_at_all(model, scorer):
     lists = [tokens_of(model, text) for text in SKILLS]
     inner = {tuple(tokens[:n]) for tokens in lists for n in range(1, len(tokens))}
-    assert scorer.scores(PROMPT, SKILLS).cost.run == len(inner)
+    assert scorer.scores(PROMPT, SKILLS).run_tokens == len(inner)
 
 
 # ----------------------------------------------------------------- the best alone
@@ -178,7 +172,7 @@ def test_shared_beginnings_run_once_and_last_tokens_not_at_all(model, scorer):
 @settings(max_examples=40, deadline=None)
 def test_best_first_search_finds_the_argmax_of_all_scores(shared_scorer, texts, scoring):
     values = shared_scorer.scores(PROMPT, texts, scoring=scoring).values
-    best = shared_scorer.best(PROMPT, texts, scoring=scoring)
+    best = shared_scorer.choose(PROMPT, texts, scoring=scoring)
     assert best.score == pytest.approx(values.max(), abs=1e-6)
     assert values[best.number] == pytest.approx(values.max(), abs=1e-6)
 
@@ -192,16 +186,16 @@ def shared_scorer(model):
 
 def test_best_runs_less_than_all(model, scorer):
     texts = [f"{a}{b}{c}{d}" for a in "abcdef" for b in "ghijkl" for c in "mnop" for d in "qrst"]
-    all_of_them = scorer.scores(PROMPT, texts).cost.run
-    assert scorer.best(PROMPT, texts).cost.run < all_of_them / 2
+    all_of_them = scorer.scores(PROMPT, texts).run_tokens
+    assert scorer.choose(PROMPT, texts).run_tokens < all_of_them / 2
 
 
 def test_a_longer_text_never_wins_against_its_beginning_unless_averaged(model, scorer):
     texts = ["go", "go go go go go go"]
     assert model.tokens(texts[1])[: len(model.tokens("go"))] == model.tokens("go")
-    assert scorer.best(PROMPT, texts).number == 0
+    assert scorer.choose(PROMPT, texts).number == 0
     averages = scorer.scores(PROMPT, texts, scoring="average").values
-    assert scorer.best(PROMPT, texts, scoring="average").number == int(averages.argmax())
+    assert scorer.choose(PROMPT, texts, scoring="average").number == int(averages.argmax())
 
 
 # ----------------------------------------------------------------- what is kept
@@ -210,26 +204,26 @@ def test_a_longer_text_never_wins_against_its_beginning_unless_averaged(model, s
 def test_a_kept_prompt_changes_no_bit(model, scorer):
     longer = (*PROMPT, "GoToObject(robot, 'Apple')\n")
     cold = scorer.scores(longer, SKILLS)
-    scorer.best(PROMPT, SKILLS)
+    scorer.choose(PROMPT, SKILLS)
     scorer.scores(("#other\n",), SKILLS)
     before = scorer.scores(PROMPT, SKILLS)
     warm = scorer.scores(longer, SKILLS)
-    assert (before.cost.reused, warm.cost.reused) == (0, before.cost.prompt)
+    assert (before.reused_tokens, warm.reused_tokens) == (0, before.prompt_tokens)
     assert warm.values.tobytes() == cold.values.tobytes()
     again = SkillScorer(model)
     assert again.scores(longer, SKILLS).values.tobytes() == cold.values.tobytes()
     again.close()
 
 
-def test_scoring_leaves_the_models_kept_prompt_and_answers_alone(model, scorer):
+def test_scoring_leaves_the_models_kept_prompt_and_answers_alone(planner, scorer):
     prompt = Prompt(stable=PROMPT[0], changing=PROMPT[1])
-    before = model.complete(prompt, max_tokens=12)
-    logits = model.logits()
+    before = planner.complete(prompt, max_tokens=12)
+    logits = planner.gguf.logits().tobytes()
     scorer.scores(PROMPT, SKILLS)
-    scorer.best(PROMPT, SKILLS)
-    assert model.logits().tobytes() == logits.tobytes()
-    after = model.complete(prompt, max_tokens=12)
-    assert (after.text, model.logits().tobytes()) == (before.text, logits.tobytes())
+    assert planner.choose(PROMPT, SKILLS).number == scorer.choose(PROMPT, SKILLS).number
+    assert planner.gguf.logits().tobytes() == logits
+    after = planner.complete(prompt, max_tokens=12)
+    assert (after.text, planner.gguf.logits().tobytes()) == (before.text, logits)
     assert after.reused_tokens > 0
 
 
@@ -241,7 +235,7 @@ def test_a_prompt_without_room_for_the_longest_text_is_refused(model, scorer):
     tokens = len(model.tokens(*prompt, begins=True))
     longest = max(len(tokens_of(model, text)) for text in SKILLS)
     words = f"context of {tokens + longest - 1}, but tiny has {model.n_ctx}$"
-    for ask in (scorer.scores, scorer.best):
+    for ask in (scorer.scores, scorer.choose):
         with pytest.raises(ModelError, match=words):
             ask(prompt, SKILLS)
     assert scorer.scores(PROMPT, SKILLS).values.shape == (len(SKILLS),)
@@ -249,12 +243,11 @@ def test_a_prompt_without_room_for_the_longest_text_is_refused(model, scorer):
 
 def test_context_smaller_than_a_token_of_each_sequence(model, tmp_path):
     small = LlamaModel(export_tiny(tmp_path / "tiny.gguf"), n_ctx=16, n_threads=1)
-    scorer, texts = SkillScorer(small), ["a", "b c", "go go go go"]
-    for one_batch in (False, True):
-        values = scorer.scores(("#t\n",), texts, one_batch=one_batch).values
-        assert values == pytest.approx(naive(model, ("#t\n",), texts), abs=1e-4)
+    scorer, texts = SkillScorer(small.gguf), ["a", "b c", "go go go go"]
+    values = scorer.scores(("#t\n",), texts).values
+    assert values == pytest.approx(naive(model, ("#t\n",), texts), abs=1e-4)
     with pytest.raises(ModelError, match=r"needs a context of \d+, but tiny has 16"):
-        scorer.best(PROMPT, SKILLS)
+        scorer.choose(PROMPT, SKILLS)
     scorer.close()
     small.close()
 
@@ -278,7 +271,7 @@ def test_trie_refuses_a_text_without_tokens():
 
 @pytest.mark.model
 def test_shipped_planner_scores_as_defined_and_knows_the_first_step():
-    model = LlamaModel(NANO, n_ctx=2048, n_threads=1)
+    model = GgufModel(NANO, n_ctx=2048, n_threads=1)
     steps = [f"{skill}(robot, '{name}')\n" for skill in ("GoToObject", "OpenObject", "PickupObject")
              for name in ("Apple", "Fridge", "Mug", "Potato", "CounterTop")]  # fmt: skip
     texts = [END, *steps, "PutObject(robot, 'Apple', 'Fridge')\n", "人参\n"]
@@ -286,8 +279,8 @@ def test_shipped_planner_scores_as_defined_and_knows_the_first_step():
     for prompt in (PROMPT, (*PROMPT, steps[0]), (*PROMPT, "GoToObject")):
         values = scorer.scores(prompt, texts).values
         assert values == pytest.approx(naive(model, prompt, texts), abs=1e-5)
-        best = scorer.best(prompt, texts)
+        best = scorer.choose(prompt, texts)
         assert best.number == int(values.argmax())
         assert best.score == pytest.approx(values.max(), abs=1e-6)
-    assert texts[scorer.best(PROMPT, texts).number] == steps[0]
+    assert texts[scorer.choose(PROMPT, texts).number] == steps[0]
     model.close()

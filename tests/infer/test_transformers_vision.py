@@ -11,7 +11,7 @@ from support.tiny_vision import FAMILIES, save_family
 
 from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
-from karma.infer.manifest import memory_check
+from karma.infer.checks import memory
 from karma.infer.vision import transformers as transformers_vision
 from karma.infer.vision.crop import LINE, cut
 from karma.infer.vision.transformers import Asking, TransformersVision
@@ -166,7 +166,7 @@ def test_weights_of_something_else_are_refused(copied, folders):
 
 def test_too_little_memory_is_told_with_both_figures(copied, tmp_path, monkeypatch):
     (tmp_path / "meminfo").write_text("MemAvailable:       20480 kB\n")
-    monkeypatch.setattr(memory_check, "MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
     with pytest.raises(ModelError, match=r"needs about \d+ MB of memory .* 21 MB are free"):
         TransformersVision(copied)
 

@@ -10,11 +10,11 @@ from support.tiny import export_tiny
 from karma.agent.perceive import observe
 from karma.agent.planner import Planner
 from karma.agent.program import parse_program
-from karma.contracts import Decoding, Plan, SceneRef, SkillResult, SubTask
+from karma.contracts import END, Decoding, Plan, SceneRef, SkillResult, SubTask
 from karma.errors import ModelError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.scoring import END, SkillScorer
+from karma.infer.llama.scoring import SkillScorer
 from karma.infer.scripted import ScriptedModel
 from karma.methods.lota.forms import (
     DONE,
@@ -264,13 +264,11 @@ def test_score_with_a_model_that_tells_no_probabilities_is_refused():
 
 def test_score_chooses_what_all_scores_say(world, tmp_path):
     model = LlamaModel(export_tiny(tmp_path / "tiny.gguf"), n_threads=1)
-    scorer = chooser_of(model)
-    assert isinstance(scorer, SkillScorer)
-    method = LotaScore(scorer, "compact", LotaScoreSettings(max_steps=2))
+    method = LotaScore(chooser_of(model), "compact", LotaScoreSettings(max_steps=2))
     plans, _, _ = do(started(method, world, tmp_path))
     texts = tuple(steps_in_lines())
     prompt = (plans[0].prompt.stable, plans[0].prompt.changing)
-    values = scorer.scores(prompt, texts).values
+    values = SkillScorer(model.gguf).scores(prompt, texts).values
     chosen = values[texts.index(plans[0].completion.text)]
     assert chosen == pytest.approx(values.max(), abs=1e-6)
     model.close()
@@ -343,18 +341,18 @@ def test_generate_in_the_compact_profile_is_mended_as_for_karma(generate, inspec
 
 def test_scripted_model_passes_over_what_is_not_on_the_list():
     model = ScriptedModel(["a\nx\nb\n", "y"])
-    chosen = [model.best(("p",), ["b", "a\n", END]).number for _ in range(4)]
+    chosen = [model.choose(("p",), ["b", "a\n", END]).number for _ in range(4)]
     assert chosen == [1, 0, 2, 2]
     with pytest.raises(ModelError, match="run out"):
-        model.best(("p",), ["b"])
+        model.choose(("p",), ["b"])
 
 
 def test_scripted_model_passes_over_what_is_no_longer_on_the_list():
     model = ScriptedModel(["a\nb\nc\n"])
-    assert model.best(("p",), ["a\n", "b\n", "c\n"]).number == 0
-    assert model.best(("p",), ["a\n", "c\n"]).number == 1
+    assert model.choose(("p",), ["a\n", "b\n", "c\n"]).number == 0
+    assert model.choose(("p",), ["a\n", "c\n"]).number == 1
 
 
 def test_scripted_model_without_a_line_on_the_list_says_so():
     with pytest.raises(ModelError, match="no line to choose: 'z'"):
-        ScriptedModel(["z"]).best(("p",), ["b"])
+        ScriptedModel(["z"]).choose(("p",), ["b"])

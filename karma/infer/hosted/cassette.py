@@ -21,7 +21,7 @@ import msgspec
 
 from karma.errors import FileError
 from karma.files import append_line, decode_json, read_bytes, to_json, write_atomic
-from karma.infer.hosted.cassette_miss import describe_miss
+from karma.infer.hosted.nearest_request import describe_miss
 
 Mode = Literal["record", "replay", "off"]
 MODES: tuple[Mode, ...] = ("record", "replay", "off")

@@ -195,16 +195,28 @@ class TokenTable:
         return np.flatnonzero(chosen | self._is_end if end else chosen)
 
 
-class Choice(NamedTuple):
+class ChosenToken(NamedTuple):
     """A token, and the state it leads to; None after an end token."""
 
     token: int
     state: State | None
 
 
+def best_token(scores: Logits) -> int:
+    """Return the token of the highest score, the lowest id of equals.
+
+    Raises:
+        ModelError: that score is not a finite number.
+    """
+    top = int(np.argmax(scores))
+    if not np.isfinite(scores[top]):
+        raise ModelError(f"the best score of a token is {scores[top]}: damaged weights")
+    return top
+
+
 def choose_token(
     scores: Logits, automaton: ProgramAutomaton, state: State, table: TokenTable
-) -> Choice:
+) -> ChosenToken:
     """Return the best token that keeps the program alive, lowest id first among equals.
 
     Args:
@@ -218,17 +230,14 @@ def choose_token(
     """
     ends = automaton.accepts(state)
 
-    def admitted(token: int) -> Choice | None:
+    def admitted(token: int) -> ChosenToken | None:
         if token in table.end_tokens:
-            return Choice(token, None) if ends else None
+            return ChosenToken(token, None) if ends else None
         piece = table.pieces[token]
         after = automaton.advance(state, piece) if piece else None
-        return None if after is None else Choice(token, after)
+        return None if after is None else ChosenToken(token, after)
 
-    top = int(np.argmax(scores))
-    if not np.isfinite(scores[top]):
-        raise ModelError(f"the best score of a token is {scores[top]}: damaged weights")
-    best = admitted(top)
+    best = admitted(best_token(scores))
     if best is not None:
         return best
     ids = table.beginning(automaton.next_bytes(state), end=ends)

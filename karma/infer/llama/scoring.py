@@ -6,10 +6,10 @@ naive way runs the whole prompt once per continuation. Here the prompt runs once
 continuations share what they begin with in a trie of tokens.
 
 A prompt is given in segments, and each is always decoded by itself, also when nothing is kept: so
-what was kept from an earlier prompt changes no bit of a score (see `karma.infer.llama.model`). With
-weights in F32, F16, BF16 or Q8_0 the scores are those of the naive way but for the last digits of
-the logarithm (measured: 1e-6), however prompt and continuation are cut there. With Q4_K, whose
-bits depend on the cut, they are off by some hundredths: compare them with each other only.
+what was kept from an earlier prompt changes no bit of a score (see `gguf_model`). With weights in
+F32, F16, BF16 or Q8_0 the scores are those of the naive way but for the last digits of the
+logarithm (measured: 1e-6), however prompt and continuation are cut there. With Q4_K, whose bits
+depend on the cut, they are off by some hundredths: compare them with each other only.
 
 A continuation that another begins with, token by token, never scores less than that one under
 "sum", and the search cannot choose the longer: let continuations end in something that none goes
@@ -18,61 +18,30 @@ on from, such as a comma or the end of the line.
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, Protocol, runtime_checkable
+from dataclasses import dataclass
 
 import numpy as np
 
+from karma.contracts import END, Choice, Scoring
 from karma.errors import ModelError
 from karma.infer.llama.best_first import Race
-from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.constrain import Logits
+from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.path_runs import PathRuns
 from karma.infer.llama.sequence_cache import SequenceCache
-from karma.infer.llama.token_trie import Floats, Logits, Node, score_children, trie_of
-from karma.infer.llama.trie_runs import PathRuns, score_together
+from karma.infer.llama.token_trie import Floats, Node, score_children, trie_of
 
-Scoring = Literal["sum", "average"]
-
-END = ""  # as a continuation: the answer ends here
 _TRIES = 8  # lists of continuations whose tokens are kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cost:
-    """What it took to score, in tokens."""
-
-    prompt: int  # of the prompt
-    reused: int  # of those, kept from an earlier call
-    run: int  # of continuations
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
-    """All continuations scored, in the order given."""
+    """All continuations scored, in the order given, and what that took in tokens."""
 
     values: Floats
-    cost: Cost
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Best:
-    """The continuation with the highest score; the first of equals."""
-
-    number: int  # in the list given
-    score: float
-    tokens: int  # of the continuation
-    cost: Cost
-    seconds: float
-    threads: int | None = None  # that computed it
-
-
-@runtime_checkable
-class Chooser(Protocol):
-    """Chooses from a closed list by the likelihood of each text after a prompt."""
-
-    def best(
-        self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
-    ) -> Best:
-        """Return the best continuation; see `SkillScorer.best`."""
+    prompt_tokens: int
+    reused_tokens: int  # of the prompt, kept from an earlier call
+    run_tokens: int  # of continuations
 
 
 @dataclass(slots=True)
@@ -81,6 +50,16 @@ class _Segment:
 
     tokens: tuple[int, ...]
     logits: Logits  # after its last token
+
+
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    """A trie behind its prompt; the scores of the root's children are known."""
+
+    trie: Sequence[Node]
+    found: Floats
+    prompt_tokens: int
+    reused_tokens: int
 
 
 class SkillScorer:
@@ -95,7 +74,7 @@ class SkillScorer:
         ModelError: the model keeps no keys and values, or there is no memory for a second cache.
     """
 
-    def __init__(self, model: LlamaModel) -> None:
+    def __init__(self, model: GgufModel) -> None:
         self.model = model
         self._cache = SequenceCache(model)
         self._kept: list[_Segment] = []  # segments of the prompt in the cache
@@ -107,7 +86,6 @@ class SkillScorer:
         continuations: Sequence[str],
         *,
         scoring: Scoring = "sum",
-        one_batch: bool = False,
     ) -> Scores:
         """Return the score of every continuation.
 
@@ -115,35 +93,37 @@ class SkillScorer:
             prompt: its segments; each is tokenised and decoded by itself.
             continuations: what may follow; `END` stands for the end of the answer.
             scoring: the sum of log-probabilities, or their average.
-            one_batch: faster, and off by some thousandths: see `karma.infer.llama.trie_runs`.
 
         Raises:
             ModelError: prompt and longest continuation do not fit the context.
             ValueError: there is no continuation, one without tokens, or no prompt.
         """
-        trie, found, cost = self._begin(prompt, continuations)
-        if one_batch:
-            run = score_together(self._cache, trie, found, cost.prompt)
-        else:
-            paths = PathRuns(self._cache, trie, found, cost.prompt)
-            paths.score_all()
-            run = paths.count
+        begun = self._begin(prompt, continuations)
+        trie, found = begun.trie, begun.found
+        paths = PathRuns(self._cache, trie, found, begun.prompt_tokens)
+        paths.score_all()
         values = np.empty(len(continuations), np.float64)
         for number, node in enumerate(trie):
             divisor = max(node.depth, 1) if scoring == "average" else 1
             values[node.ends] = found[number] / divisor
-        return Scores(values=values, cost=replace(cost, run=run))
+        return Scores(
+            values=values,
+            prompt_tokens=begun.prompt_tokens,
+            reused_tokens=begun.reused_tokens,
+            run_tokens=paths.count,
+        )
 
-    def best(
+    def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
-    ) -> Best:
+    ) -> Choice:
         """Return the continuation with the highest score, running as few tokens as can prove it.
 
         The score is the one that `scores` gives. Arguments and errors as there.
         """
-        begun = time.perf_counter()
-        trie, found, cost = self._begin(prompt, continuations)
-        paths = PathRuns(self._cache, trie, found, cost.prompt)
+        start_s = time.perf_counter()
+        begun = self._begin(prompt, continuations)
+        trie, found = begun.trie, begun.found
+        paths = PathRuns(self._cache, trie, found, begun.prompt_tokens)
         race = Race(trie, found, average=scoring == "average")
         leader: int | None = 0
         while leader is not None:
@@ -151,12 +131,14 @@ class SkillScorer:
             race.enter(leader)
             leader = race.leader()
         score, one, number = race.winner()
-        return Best(
+        return Choice(
             number=one,
             score=score,
-            tokens=trie[number].depth,
-            cost=replace(cost, run=paths.count),
-            seconds=time.perf_counter() - begun,
+            prompt_tokens=begun.prompt_tokens,
+            reused_tokens=begun.reused_tokens,
+            completion_tokens=trie[number].depth,
+            run_tokens=paths.count,
+            total_s=time.perf_counter() - start_s,
             threads=self.model.n_threads,
         )
 
@@ -164,14 +146,8 @@ class SkillScorer:
         """Free the cache; the model stays open."""
         self._cache.close()
 
-    def _begin(
-        self, prompt: Sequence[str], continuations: Sequence[str]
-    ) -> tuple[Sequence[Node], Floats, Cost]:
-        """Have the prompt in the cache.
-
-        Returns:
-            The trie, its scores (those of the root's children are known), what the prompt took.
-        """
+    def _begin(self, prompt: Sequence[str], continuations: Sequence[str]) -> _Begun:
+        """Have the prompt in the cache."""
         trie = self._trie(tuple(continuations))
         given = [
             tuple(self.model.tokens(text, begins=number == 0)) for number, text in enumerate(prompt)
@@ -186,10 +162,10 @@ class SkillScorer:
                 f"the prompt has {tokens} tokens and the longest continuation {longest}:"
                 f" that needs a context of {needed}, but {self.model.name} has {self.model.n_ctx}"
             )
-        cost = Cost(prompt=tokens, reused=self._keep(segments), run=0)
+        reused = self._keep(segments)
         found = np.zeros(len(trie), np.float64)
         score_children(trie, found, [0], self._kept[-1].logits[None, :])
-        return trie, found, cost
+        return _Begun(trie, found, tokens, reused)
 
     def _keep(self, segments: Sequence[tuple[int, ...]]) -> int:
         """Decode what is not kept of a prompt; return how many tokens were."""

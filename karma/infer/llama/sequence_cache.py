@@ -1,4 +1,4 @@
-"""Keys and values of a prompt, and of what may follow it, in a llama.cpp context of their own.
+"""Keys and values of a prompt, and of one text that may follow it, in a context of their own.
 
 llama.cpp's CPU kernels for F32, F16, BF16 and Q8_0 (measured on x86) give a token the same bits in
 any batch of two or more, whatever else is decoded with it, as long as its sequence lies in the same
@@ -11,16 +11,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from karma.errors import ModelError
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.token_trie import Logits
+from karma.infer.llama.constrain import Logits
+from karma.infer.llama.gguf_model import GgufModel
 
-SEQUENCES = 255  # in one cache; number 0 holds the prompt
-_SPARE = 255  # one more, for a token that keeps another company
-_CELLS = 1024  # besides the prompt's
+_TEXT, _SPARE = 0, 1  # sequences; the spare one is for a token that keeps another company
 
 
 class SequenceCache:
-    """The prompt is sequence 0; what follows it is there too, or in the others.
+    """One text as tokens at positions, extended or cut back at its end.
 
     Args:
         model: whose weights are used; its own cache is left alone.
@@ -29,35 +27,31 @@ class SequenceCache:
         ModelError: the model keeps no keys and values, or there is no memory for a second cache.
     """
 
-    def __init__(self, model: LlamaModel) -> None:
+    def __init__(self, model: GgufModel) -> None:
         import llama_cpp
 
-        self.cells = model.n_ctx + _CELLS
         self.batch = model.n_batch
         self._model = model
-        self._context = model.sequences(_SPARE + 1, cells=self.cells + 1)
+        self._context = model.sequences(2, cells=model.n_ctx + 1)  # one more for the spare
         self._memory = llama_cpp.llama_get_memory(self._context.ctx)
-        self._tokens = llama_cpp.llama_batch_init(max(self.batch, 2), 0, SEQUENCES)
-        self._branched = False
+        self._tokens = llama_cpp.llama_batch_init(max(self.batch, 2), 0, 1)
 
     def extend(self, tokens: Sequence[int], position: int) -> Logits:
-        """Decode a part of the prompt; return the logits after its last token."""
+        """Decode a text from a position on; return the logits after its last token."""
         for first in range(0, len(tokens), self.batch):
-            part = tokens[first : first + self.batch]
-            places = range(position + first, position + first + len(part))
-            logits = self.decode(part, places, [[0]] * len(part), last_only=True)
+            logits = self.decode(
+                tokens[first : first + self.batch], position + first, last_only=True
+            )
         last: Logits = logits[-1].copy()
         return last
 
-    def decode(
-        self,
-        tokens: Sequence[int],
-        positions: Sequence[int],
-        sequences: Sequence[Sequence[int]],
-        *,
-        last_only: bool = False,
-    ) -> Logits:
-        """Decode one batch; return logits, a row per token (or one), valid until the next.
+    def decode(self, tokens: Sequence[int], position: int, *, last_only: bool = False) -> Logits:
+        """Decode one batch from a position on; return logits, valid until the next.
+
+        Args:
+            tokens: at most `batch`.
+            position: of the first.
+            last_only: return one row, that after the last token, instead of a row per token.
 
         Raises:
             ModelError: llama.cpp cannot.
@@ -66,11 +60,11 @@ class SequenceCache:
 
         count = len(tokens)
         alone = count == 1
-        for number in range(count):
+        for number, token in enumerate(tokens):
             wanted = not last_only or number >= count - 2
-            self._set(number, tokens[number], positions[number], sequences[number], wanted=wanted)
+            self._set(number, token, position + number, _TEXT, wanted=wanted)
         if alone:
-            self._set(1, tokens[0], positions[0], [_SPARE], wanted=True)
+            self._set(1, tokens[0], position, _SPARE, wanted=True)
         self._tokens.n_tokens = max(count, 2)
         code = llama_cpp.llama_decode(self._context.ctx, self._tokens)
         if code != 0:
@@ -85,21 +79,11 @@ class SequenceCache:
             return logits[:1]
         return logits[-1:] if last_only else logits
 
-    def copy(self, source: int, target: int, end: int) -> None:
-        """Let one sequence begin as another does, up to a position."""
-        import llama_cpp
-
-        llama_cpp.llama_memory_seq_cp(self._memory, source, target, 0, end)
-        self._branched = True
-
     def forget(self, position: int) -> None:
-        """Keep sequence 0 up to a position, and nothing else."""
+        """Keep the text up to a position, and nothing else."""
         import llama_cpp
 
-        if self._branched:
-            llama_cpp.llama_memory_seq_keep(self._memory, 0)
-            self._branched = False
-        llama_cpp.llama_memory_seq_rm(self._memory, 0, position, -1)
+        llama_cpp.llama_memory_seq_rm(self._memory, _TEXT, position, -1)
 
     def close(self) -> None:
         """Free it, once."""
@@ -111,12 +95,8 @@ class SequenceCache:
             self._context.close()
             self._memory = None  # what is used after all fails in Python, not in llama.cpp
 
-    def _set(
-        self, number: int, token: int, position: int, sequences: Sequence[int], *, wanted: bool
-    ) -> None:
+    def _set(self, number: int, token: int, position: int, sequence: int, *, wanted: bool) -> None:
         batch = self._tokens
         batch.token[number], batch.pos[number] = token, position
-        batch.n_seq_id[number] = len(sequences)
-        for place, sequence in enumerate(sequences):
-            batch.seq_id[number][place] = sequence
+        batch.n_seq_id[number], batch.seq_id[number][0] = 1, sequence
         batch.logits[number] = wanted

@@ -1,7 +1,7 @@
 """What models/manifest.toml says, and the check of every file before a byte of it is parsed.
 
 Two files make the list: `manifest.toml`, which ships and is only read, and `local.toml` beside it,
-which holds what `karma models add` brought (`local_models`) and which git ignores.
+which holds what `karma models add` brought (`added_models`) and which git ignores.
 """
 
 import hashlib
@@ -107,7 +107,7 @@ class ModelFolder:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
+class ModelCheck:
     """What `check` found of one model."""
 
     name: str
@@ -232,14 +232,14 @@ def verify(entry: ModelEntry, path: str | Path | None = None) -> tuple[Path, ...
 _OPEN = "its hash is not known, so it is not opened"
 
 
-def check(entry: ModelEntry, path: str | Path | None = None) -> Condition:
+def check(entry: ModelEntry, path: str | Path | None = None) -> ModelCheck:
     """Return an entry's condition instead of raising; every file that is there is hashed."""
     try:
         places = file_paths(entry, path)
     except ModelError as error:
-        return Condition(name=entry.name, state="absent", detail=str(error))
+        return ModelCheck(name=entry.name, state="absent", detail=str(error))
     if not any(place.exists() for place in places):
-        return Condition(name=entry.name, state="absent", detail=entry.fix)
+        return ModelCheck(name=entry.name, state="absent", detail=entry.fix)
     nameless = []
     for file, place in zip(entry.files, places, strict=True):
         if file.sha256 is None and place.is_file():
@@ -248,13 +248,13 @@ def check(entry: ModelEntry, path: str | Path | None = None) -> Condition:
         try:
             check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
         except ModelError as error:
-            return Condition(name=entry.name, state="wrong", detail=str(error))
+            return ModelCheck(name=entry.name, state="wrong", detail=str(error))
     if nameless:
         fix = f"fill with `karma models add {places[0].parent} --name {entry.name}`"
-        return Condition(
+        return ModelCheck(
             name=entry.name, state="open", detail=f"hash not known: {nameless[0]}; {fix}"
         )
-    return Condition(name=entry.name, state="ok", detail=f"{len(places)} files as they must be")
+    return ModelCheck(name=entry.name, state="ok", detail=f"{len(places)} files as they must be")
 
 
 def is_present(entry: ModelEntry, path: str | Path | None = None) -> bool:

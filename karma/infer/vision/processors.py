@@ -7,8 +7,8 @@ same classes without their video part need neither. Pictures go through Pillow.
 from typing import Any
 
 from karma.errors import ModelError
-from karma.infer.manifest.folder_check import CheckedFolder
-from karma.infer.manifest.torch_load import quiet
+from karma.infer.checks.folder import CheckedFolder
+from karma.infer.torch_load import quiet
 
 _PARTS = ["image_processor", "tokenizer"]
 _CLASSES = {

@@ -14,9 +14,9 @@ import msgspec
 from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
 from karma.files import read_json
-from karma.infer.manifest.folder_check import check_folder
+from karma.infer.checks.folder import check_folder
 from karma.infer.manifest.manifest import resolve_folder
-from karma.infer.manifest.torch_load import load_weights, quiet
+from karma.infer.torch_load import load_weights, quiet
 from karma.infer.vision.crop import cut
 from karma.infer.vision.processors import load_processor
 from karma.infer.vision.text import Profile, again, question, read_answer

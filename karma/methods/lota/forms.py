@@ -19,10 +19,9 @@ import jinja2
 from karma.agent.inspector import objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import Facts, compact
-from karma.contracts import Prompt, SeenObject, SkillCall, SkillSignature
+from karma.contracts import END, Prompt, SeenObject, SkillCall, SkillSignature
 from karma.household.types import object_types
 from karma.household.uses import has_a_switch
-from karma.infer.llama.scoring import END
 
 Form = Literal["words", "compact"]
 

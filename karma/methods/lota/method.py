@@ -16,6 +16,7 @@ from karma.agent.program import parse_program
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
+    Choice,
     Completion,
     Known,
     LanguageModel,
@@ -25,6 +26,8 @@ from karma.contracts import (
     Prompt,
     Resources,
     SceneRef,
+    Scoring,
+    ScoringModel,
     SkillCall,
     SkillResult,
     SubTask,
@@ -34,8 +37,6 @@ from karma.errors import ModelError, ProgramError
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF
-from karma.infer.llama.model import LlamaModel
-from karma.infer.llama.scoring import Best, Chooser, Scoring, SkillScorer
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.lota.forms import (
     Form,
@@ -83,7 +84,7 @@ class LotaScore:
     """
 
     def __init__(
-        self, chooser: Chooser, form: Form, settings: LotaScoreSettings | None = None
+        self, chooser: ScoringModel, form: Form, settings: LotaScoreSettings | None = None
     ) -> None:
         self.settings = settings or LotaScoreSettings()
         self.form = form
@@ -129,7 +130,7 @@ class LotaScore:
 
     def _choose(self, prompt: Sequence[str]) -> Plan:
         scoring: Scoring = self.settings.scoring
-        best = self._chooser.best(prompt, self._texts, scoring=scoring)
+        best = self._chooser.choose(prompt, self._texts, scoring=scoring)
         text = self._texts[best.number]
         call = self._steps[text]
         return Plan(
@@ -279,15 +280,13 @@ class _Floor:
         return self._areas
 
 
-def chooser_of(model: LanguageModel) -> Chooser:
+def chooser_of(model: LanguageModel) -> ScoringModel:
     """Return what scores steps with a model.
 
     Raises:
         ModelError: the model tells no log-probabilities.
     """
-    if isinstance(model, LlamaModel):
-        return SkillScorer(model)
-    if isinstance(model, Chooser):
+    if isinstance(model, ScoringModel):
         return model
     raise ModelError(
         f"{model.name}: lota.score needs log-probabilities of whole steps, which this model does"
@@ -317,14 +316,14 @@ def _find(call: SkillCall) -> SkillCall:
     return replace(call, skill="Explore") if call.skill == "GoToObject" else call
 
 
-def _completion(best: Best, text: str) -> Completion:
+def _completion(best: Choice, text: str) -> Completion:
     return Completion(
         text=text,
         finish="stop",
-        prompt_tokens=best.cost.prompt,
-        reused_tokens=best.cost.reused,
-        completion_tokens=best.tokens,
-        first_token_s=best.seconds,
-        total_s=best.seconds,
+        prompt_tokens=best.prompt_tokens,
+        reused_tokens=best.reused_tokens,
+        completion_tokens=best.completion_tokens,
+        first_token_s=best.total_s,
+        total_s=best.total_s,
         threads=best.threads,
     )

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from karma.errors import ModelError
-from karma.infer.manifest.folder_check import PICKLES
+from karma.infer.checks.folder import PICKLES
 from karma.infer.manifest.manifest import ModelEntry, ModelFile
 
 _TAKEN = (".safetensors", ".json", ".txt", ".model", ".jinja", ".gguf")

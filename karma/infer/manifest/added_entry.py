@@ -8,11 +8,11 @@ from typing import Any
 import msgspec
 
 from karma.errors import ModelError
-from karma.infer.manifest.folder_check import check_weights, read_config
-from karma.infer.manifest.gguf_check import check_gguf
-from karma.infer.manifest.local_files import parts_of
+from karma.infer.checks.folder import check_weights, read_config
+from karma.infer.checks.gguf import check_gguf
+from karma.infer.checks.memory import gguf_parts_mb, weights_mb
+from karma.infer.manifest.added_files import parts_of
 from karma.infer.manifest.manifest import ModelEntry, ModelFile, Role
-from karma.infer.manifest.memory_check import gguf_parts_mb, weights_mb
 
 _ROLES: Mapping[str, Role] = {
     "clip": "image-embedder",
@@ -34,7 +34,7 @@ _BATCH = 512
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wishes:
+class AddOptions:
     """What the user said of a model that is added; None where nothing was said."""
 
     name: str | None = None
@@ -51,7 +51,7 @@ class Wishes:
 def entry_of(
     name: str,
     shipped: ModelEntry | None,
-    wishes: Wishes,
+    options: AddOptions,
     folder: Path,
     hashes: Mapping[str, tuple[str, int]],
     *,
@@ -68,7 +68,7 @@ def entry_of(
     seen = _gguf(folder / weights[0]) if weights else _safetensors(folder)
     if shipped is not None:
         return msgspec.structs.replace(shipped, files=files)
-    return _described(name, wishes, files, seen)
+    return _described(name, options, files, seen)
 
 
 def _met(
@@ -121,25 +121,25 @@ def _safetensors(folder: Path) -> dict[str, Any]:
 
 
 def _described(
-    name: str, wishes: Wishes, files: tuple[ModelFile, ...], seen: Mapping[str, Any]
+    name: str, options: AddOptions, files: tuple[ModelFile, ...], seen: Mapping[str, Any]
 ) -> ModelEntry:
-    role = wishes.role or seen["role"]
+    role = options.role or seen["role"]
     if role is None:
         raise ModelError(f"{name!r}: its config.json does not tell what it is for; give --role")
     planner = role == "planner"
-    chat = seen.get("chat", False) if wishes.chat is None else wishes.chat
+    chat = seen.get("chat", False) if options.chat is None else options.chat
     fields = {
         "name": name,
         "role": role,
         "format": seen["format"],
         "files": msgspec.to_builtins(files),
-        "licence": wishes.licence or seen.get("licence") or "not known",
-        "source": wishes.source or "added by hand",
-        "revision": wishes.revision,
+        "licence": options.licence or seen.get("licence") or "not known",
+        "source": options.source or "added by hand",
+        "revision": options.revision,
         "restore": f"bring {name}'s files back, or `karma models remove {name}`",
-        "prompt_profile": (wishes.prompt_profile or "full") if planner else None,
+        "prompt_profile": (options.prompt_profile or "full") if planner else None,
         "chat": bool(chat) and planner,
-        "context_length": wishes.context_length or seen["context_length"],
+        "context_length": options.context_length or seen["context_length"],
         "memory_mb": round(seen["memory_mb"]),
     }
     try:

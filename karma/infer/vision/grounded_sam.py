@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from karma.contracts import Detection, Frame, Region
 from karma.errors import ModelError
-from karma.infer.manifest.folder_check import CheckedFolder, check_folder, read_config, whole_number
+from karma.infer.checks.folder import CheckedFolder, check_folder, read_config, whole_number
 from karma.infer.manifest.manifest import resolve_folder
-from karma.infer.manifest.torch_load import (
+from karma.infer.torch_load import (
     load_image_processor,
     load_tokenizer,
     load_weights,

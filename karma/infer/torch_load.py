@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from karma.errors import ModelError
-from karma.infer.manifest.folder_check import CheckedFolder, read_config
-from karma.infer.manifest.memory_check import check_memory, weights_mb
+from karma.infer.checks.folder import CheckedFolder, read_config
+from karma.infer.checks.memory import check_memory, weights_mb
 
 
 def check_room(folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0) -> None:

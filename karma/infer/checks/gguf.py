@@ -39,7 +39,7 @@ def check_gguf(path: Path, *, sizes: Sequence[str] = LANGUAGE) -> Mapping[str, A
     """
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
-            metadata = _Reader(data, sizes).read()
+            metadata = _HeaderReader(data, sizes).read()
     except (_TornError, struct.error, UnicodeDecodeError) as error:
         raise ModelError(f"{path}: damaged or not a GGUF model: {error}") from error
     except (OSError, ValueError) as error:  # ValueError: an empty file cannot be mapped
@@ -53,7 +53,7 @@ def check_gguf(path: Path, *, sizes: Sequence[str] = LANGUAGE) -> Mapping[str, A
     return metadata
 
 
-class _Reader:
+class _HeaderReader:
     """Reads forward; every length is checked against the file's end before use."""
 
     def __init__(self, data: mmap.mmap, sizes: Sequence[str]) -> None:

@@ -20,8 +20,8 @@ import msgspec
 
 from karma.errors import FileError, KarmaError, ModelError
 from karma.files import write_atomic
-from karma.infer.manifest.local_entry import Wishes, entry_of
-from karma.infer.manifest.local_files import files_of, matching
+from karma.infer.manifest.added_entry import AddOptions, entry_of
+from karma.infer.manifest.added_files import files_of, matching
 from karma.infer.manifest.manifest import (
     Manifest,
     ModelEntry,
@@ -45,7 +45,7 @@ class Added:
 
 def add_model(
     path: str | Path,
-    wishes: Wishes | None = None,
+    options: AddOptions | None = None,
     *,
     manifest: str | Path | None = None,
     progress: Progress | None = None,
@@ -54,7 +54,7 @@ def add_model(
 
     Args:
         path: the file or folder.
-        wishes: what cannot be read from the files, and what should be otherwise.
+        options: what cannot be read from the files, and what should be otherwise.
         manifest: by default the project's own.
         progress: told how far the hashing is.
 
@@ -62,19 +62,19 @@ def add_model(
         ModelError: a pickle, a damaged file, or not the file that the manifest wants; by name.
         FileError: something cannot be read, or written; nothing half-done stays.
     """
-    wishes = wishes or Wishes()
+    options = options or AddOptions()
     root = Path(path).expanduser().resolve()
     found, left_out = files_of(root)
-    shipped = matching(read_shipped(manifest).models, wishes.name, found)
-    name = _free_name(shipped, wishes, root, manifest)
+    shipped = matching(read_shipped(manifest).models, options.name, found)
+    name = _free_name(shipped, options, root, manifest)
     place = root if root.is_dir() else root.parent
-    steps = _Steps(found, place, progress)
-    if wishes.in_place or place == (local_path(manifest).parent / "weights" / name).resolve():
-        hashes = {part: steps.hashed(part) for part in found}
-        entry = entry_of(name, shipped, wishes, place, hashes, prefix=place)
+    intake = _Intake(found, place, progress)
+    if options.in_place or place == (local_path(manifest).parent / "weights" / name).resolve():
+        hashes = {part: intake.hashed(part) for part in found}
+        entry = entry_of(name, shipped, options, place, hashes, prefix=place)
         _write_local([*read_local(manifest).models, entry], manifest)
     else:
-        entry = _copied(name, shipped, wishes, steps, manifest)
+        entry = _copied(name, shipped, options, intake, manifest)
     return Added(entry=entry, known=shipped is not None, left_out=left_out)
 
 
@@ -104,9 +104,9 @@ def remove_model(name: str, *, manifest: str | Path | None = None) -> ModelEntry
 
 
 def _free_name(
-    shipped: ModelEntry | None, wishes: Wishes, root: Path, manifest: str | Path | None
+    shipped: ModelEntry | None, options: AddOptions, root: Path, manifest: str | Path | None
 ) -> str:
-    name = wishes.name or (shipped.name if shipped else root.stem if root.is_file() else root.name)
+    name = options.name or (shipped.name if shipped else root.stem if root.is_file() else root.name)
     if shipped is not None and shipped.package is not None:
         raise ModelError(f"{name!r} comes with the package {shipped.package}; use another --name")
     if any(entry.name == name for entry in read_local(manifest).models):
@@ -122,7 +122,7 @@ def _free_name(
 # ----------------------------------------------------------------- taking in
 
 
-class _Steps:
+class _Intake:
     """Reads the files, once each, and tells how far it is."""
 
     def __init__(self, found: Mapping[str, Path], place: Path, progress: Progress | None) -> None:
@@ -160,8 +160,8 @@ class _Steps:
 def _copied(
     name: str,
     shipped: ModelEntry | None,
-    wishes: Wishes,
-    steps: _Steps,
+    options: AddOptions,
+    intake: _Intake,
     manifest: str | Path | None,
 ) -> ModelEntry:
     """Copy, check, and only then put in place and enter in local.toml."""
@@ -172,13 +172,13 @@ def _copied(
         raise FileError(final, "there is something already", fix=fix)
     temporary = _temporary_beside(final)
     try:
-        _check_space(temporary, steps.found.values())
-        hashes = {part: steps.hashed(part, copy=temporary / part) for part in steps.found}
+        _check_space(temporary, intake.found.values())
+        hashes = {part: intake.hashed(part, copy=temporary / part) for part in intake.found}
         prefix = Path("weights") / name
         try:
-            entry = entry_of(name, shipped, wishes, temporary, hashes, prefix=prefix)
+            entry = entry_of(name, shipped, options, temporary, hashes, prefix=prefix)
         except ModelError as error:  # about the copy; the user knows the file that was given
-            raise ModelError(str(error).replace(str(temporary), str(steps.place))) from error
+            raise ModelError(str(error).replace(str(temporary), str(intake.place))) from error
         temporary.chmod(0o755)
         temporary.rename(final)
         try:

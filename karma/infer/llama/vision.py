@@ -13,8 +13,8 @@ from typing import Any
 
 from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
-from karma.infer.manifest.gguf_check import LANGUAGE, PROJECTOR, check_gguf
-from karma.infer.manifest.memory_check import check_memory, gguf_parts_mb
+from karma.infer.checks.gguf import LANGUAGE, PROJECTOR, check_gguf
+from karma.infer.checks.memory import check_memory, gguf_parts_mb
 from karma.infer.vision.text import question, read_answer
 
 HANDLERS = ("qwen2.5-vl", "llava-1.5", "llava-1.6", "minicpm-v-2.6", "moondream2")
