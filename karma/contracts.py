@@ -4,7 +4,7 @@ World coordinates follow AI2-THOR: metres, y up; yaw in degrees, 0 = +z, 90 = +x
 degrees, down positive.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self, runtime_checkable
@@ -65,6 +65,18 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CameraPose:
+    """Where the agent's camera is and how it maps the world to a frame."""
+
+    position_m: Vec3
+    yaw_deg: float
+    horizon_deg: float
+    fov_deg: float  # vertical
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SeenObject:
     """One object in view, as the simulator's own detector labels it (KARMA §4.1)."""
 
@@ -76,6 +88,7 @@ class SeenObject:
     pickupable: bool
     parent_ids: tuple[str, ...] = ()
     states: tuple[str, ...] = ()  # words of `State`, sorted; () when nothing was read
+    controls: tuple[str, ...] = ()  # ids of what it switches: a knob's burner
     region: Region | None = None  # where its box is in the frame it was seen in
     silhouette: tuple[Point, ...] = ()  # corners of its box there, pixels, may reach out of it
 
@@ -92,14 +105,48 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """What the agent knows after one action: only what is in view, never the world's truth."""
+    """What the agent knows after one action: what is in view or was touched, never more."""
 
     pose: Pose
-    seen: tuple[SeenObject, ...]
+    camera: CameraPose
+    seen: tuple[SeenObject, ...]  # in view, without what is held
     held: SeenObject | None
-    ok: bool
-    error: str
-    frame: Frame | None = None
+    reachable: frozenset[str]  # ids in view that an arm can get at: not behind glass
+    ok: bool  # the last action happened
+    error: str  # else why not, in the world's words
+    touched: tuple[SeenObject, ...] = ()  # out of view, but just acted on
+    pieces: tuple[SeenObject, ...] = ()  # what a touched thing was just cut into
+    washed: frozenset[str] = frozenset()  # known ids that a tap just turned on has washed
+    heated: frozenset[str] = frozenset()  # known ids that are hot after something was switched on
+    render: Callable[[], Frame | None] = field(default=lambda: None, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueObject(SeenObject):
+    """One object as it is, seen or not."""
+
+    distance_m: float
+    visible: bool
+    child_ids: tuple[str, ...]  # what lies in or on it
+    receptacle: bool
+    openable: bool
+    dirtyable: bool
+    broken: bool
+    temperature: str  # "Hot", "Cold" or "RoomTemp"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """The whole scene after one action: for the judge of goals, the expert and the benchmark only.
+
+    `washed`, `heated` and `cooled` say what the last action did, by ids.
+    """
+
+    objects: tuple[TrueObject, ...]
+    held_ids: frozenset[str]
+    washed: frozenset[str]
+    heated: frozenset[str]
+    cooled: frozenset[str]
 
 
 # ----------------------------------------------------------------- what it remembers

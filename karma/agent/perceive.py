@@ -1,14 +1,24 @@
-"""From an AI2-THOR event to what the agent may know of it, and to a line of memory.
+"""The one reader of AI2-THOR events: what the agent may know of them, and the whole truth.
 
-Every function is a pure function of one event's metadata. `observe` returns only what is in
-view. `washed`, `heated` and `cooled` say what the last action did to the things around it; they
-speak of the whole scene, so an agent must keep to the ids that it has seen or handled.
+Every function is a pure function of one event. The agent's share is `observe` (what is in view or
+was touched), its pose and camera, the map of the floor and the words of a refusal. `truth_of` is
+for the judge of goals, the expert and the benchmark. After this module there are only nouns.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from karma.contracts import Event, MemoryUnit, Observation, Pose, SeenObject, Vec3
+from karma.contracts import (
+    CameraPose,
+    Event,
+    MemoryUnit,
+    Observation,
+    Pose,
+    SeenObject,
+    TrueObject,
+    Truth,
+    Vec3,
+)
 from karma.household.ids import is_part
 from karma.household.pieces import is_piece
 from karma.household.places import FLOOR, HAND
@@ -21,36 +31,89 @@ _FLAGS = (
 )  # fmt: skip
 
 
-def observe(event: Event, *, frame: bool = True) -> Observation:
-    """Return what is in view after one action.
+# ----------------------------------------------------------------- what the agent may know
+
+
+def observe(
+    event: Event, *, touched: Collection[str] = (), known: Collection[str] = ()
+) -> Observation:
+    """Return what the agent learns from one action.
 
     Args:
         event: of AI2-THOR or of the embedded world.
-        frame: whether to take the picture along (a world may render it only when asked).
+        touched: ids that the action was done to; the agent knows of them out of view too.
+        known: ids that the agent has seen before; of them it learns what a tap or an oven did.
     """
-    metadata = event.metadata
-    agent = metadata["agent"]
-    inventory = {item["objectId"] for item in metadata["inventoryObjects"]}
-    held = None
-    visible = []
-    for thing in metadata["objects"]:
-        if thing["objectId"] in inventory:
+    things = event.metadata["objects"]
+    inventory = _inventory(event)
+    held, seen, at_hand, reachable = None, [], [], set()
+    for thing in things:
+        object_id = thing["objectId"]
+        if object_id in inventory:
             held = _seen(thing, (HAND,))
         elif thing["visible"]:
-            visible.append(sight_of(thing))
+            seen.append(sight_of(thing))
+            if thing["isInteractable"]:
+                reachable.add(object_id)
+        elif object_id in touched:
+            at_hand.append(sight_of(thing))
+    washed = heated = frozenset[str]()
+    if touched and _done(event, "ToggleObjectOn"):
+        mine = {*known, *touched, *inventory, *(sight.object_id for sight in seen)}
+        washed, heated = _washed(event) & mine, _heated(event) & mine
     return Observation(
-        pose=Pose(
-            position_m=_vector(agent["position"]),
-            yaw_deg=float(agent["rotation"]["y"]) % 360.0,
-            horizon_deg=float(agent["cameraHorizon"]),
-            standing=agent["isStanding"] is not False,  # None for bodies that cannot crouch
-        ),
-        seen=tuple(visible),
+        pose=pose_of(event),
+        camera=camera_of(event),
+        seen=tuple(seen),
         held=held,
-        ok=bool(metadata["lastActionSuccess"]),
-        error=str(metadata["errorMessage"] or ""),
-        frame=event.frame if frame else None,
+        reachable=frozenset(reachable),
+        ok=bool(event.metadata["lastActionSuccess"]),
+        error=refusal(event),
+        touched=tuple(at_hand),
+        pieces=_pieces(event, touched) if _done(event, "SliceObject") else (),
+        washed=washed,
+        heated=heated,
+        render=lambda: event.frame,
     )
+
+
+def pose_of(event: Event) -> Pose:
+    """Return where the agent stands and looks."""
+    agent = event.metadata["agent"]
+    return Pose(
+        position_m=_vector(agent["position"]),
+        yaw_deg=float(agent["rotation"]["y"]) % 360.0,
+        horizon_deg=float(agent["cameraHorizon"]),
+        standing=agent["isStanding"] is not False,  # None for bodies that cannot crouch
+    )
+
+
+def camera_of(event: Event) -> CameraPose:
+    """Return where the camera is and how it maps the world to the event's frame."""
+    metadata = event.metadata
+    return CameraPose(
+        position_m=_vector(metadata["cameraPosition"]),
+        yaw_deg=float(metadata["agent"]["rotation"]["y"]),
+        horizon_deg=float(metadata["agent"]["cameraHorizon"]),
+        fov_deg=float(metadata["fov"]),
+        width_px=int(metadata["screenWidth"]),
+        height_px=int(metadata["screenHeight"]),
+    )
+
+
+def scene_of(event: Event) -> str:
+    """Return the world's own name of the scene."""
+    return str(event.metadata["sceneName"])
+
+
+def cells_of(event: Event) -> list[Vec3]:
+    """Return the cells that can be stood on, after GetReachablePositions; [] if it was refused."""
+    return [_vector(cell) for cell in event.metadata["actionReturn"] or ()]
+
+
+def refusal(event: Event) -> str:
+    """Return why the last action did not happen, in the world's words; "" if it did."""
+    return "" if event else str(event.metadata["errorMessage"] or "the world refused")
 
 
 def sight_of(thing: _Object) -> SeenObject:
@@ -58,69 +121,32 @@ def sight_of(thing: _Object) -> SeenObject:
     return _seen(thing, tuple(thing["parentReceptacles"] or ()))
 
 
-def states_of(thing: _Object) -> tuple[str, ...]:
-    """Return the state words of one object's metadata, sorted; () when none applies."""
-    words = {word for flag, word in _FLAGS if thing[flag]}
-    if is_piece(thing["objectType"]):
-        words.add("sliced")
-    if thing["temperature"] == "Hot":
-        words.add("heated")
-    if thing["toggleable"] or thing["isToggled"]:  # a burner is on, but its knob is toggleable
-        words.add("on" if thing["isToggled"] else "off")
-    if thing["openable"]:
-        words.add("opened" if thing["isOpen"] else "closed")
-    return tuple(sorted(words))
+# ----------------------------------------------------------------- the whole truth
 
 
-def shown_states(thing: _Object) -> tuple[str, ...]:
+def truth_of(event: Event) -> Truth:
+    """Return everything in the scene, and what the last action did to it."""
+    return Truth(
+        objects=tuple(_true(thing) for thing in event.metadata["objects"]),
+        held_ids=_inventory(event),
+        washed=_washed(event),
+        heated=_heated(event),
+        cooled=_cooled(event),
+    )
+
+
+def shown_states(thing: TrueObject) -> tuple[str, ...]:
     """Return the words that a picture of an object can tell, sorted; ("none",) for none.
 
-    Those of `states_of`, and "cleaned" for what can be dirty and is not.
+    Those of its sight, and "cleaned" for what can be dirty and is not.
     """
-    words = set(states_of(thing))
-    if thing["dirtyable"] and not thing["isDirty"]:
+    words = set(thing.states)
+    if thing.dirtyable and "dirty" not in words:
         words.add("cleaned")
     return tuple(sorted(words or {"none"}))
 
 
-def washed(event: Event) -> frozenset[str]:
-    """Return the ids that lie under a running tap after a successful ToggleObjectOn.
-
-    A tap washes everything in the basin nearest to it, and what that holds in turn.
-
-    Source: ALFRED (Shridhar et al. 2020), the rule by which a demonstration's object is clean.
-    """
-    if not _done(event, "ToggleObjectOn"):
-        return frozenset()
-    things = event.metadata["objects"]
-    basins = [thing for thing in things if thing["objectType"] in BASINS]
-    bare = [t for t in things if t["objectType"] == SINK and not _has_part(t, basins)]
-    found: set[str] = set()
-    for tap in things:
-        if tap["objectType"] in TAPS and tap["isToggled"] and (basins or bare):
-            near = min([*basins, *bare], key=lambda basin: (_distance(tap, basin), _id(basin)))
-            whole = [thing for thing in things if _has_part(thing, [near])]
-            found.update(_contents([near, *whole], things))
-    return frozenset(found) - {_id(basin) for basin in basins}
-
-
-def heated(event: Event) -> frozenset[str]:
-    """Return the ids that are hot: by temperature, or in a microwave just switched on."""
-    things = event.metadata["objects"]
-    hot = {_id(thing) for thing in things if thing["temperature"] == "Hot"}
-    if _done(event, "ToggleObjectOn"):
-        ovens = [t for t in things if t["objectType"] == MICROWAVE and t["isToggled"]]
-        hot.update(_contents(ovens, things))
-    return frozenset(hot)
-
-
-def cooled(event: Event) -> frozenset[str]:
-    """Return the ids in closed fridges after a successful CloseObject."""
-    if not _done(event, "CloseObject"):
-        return frozenset()
-    things = event.metadata["objects"]
-    fridges = [t for t in things if t["objectType"] == FRIDGE and not t["isOpen"]]
-    return frozenset(_contents(fridges, things))
+# ----------------------------------------------------------------- into memory
 
 
 def place_of(seen: SeenObject) -> str | None:
@@ -162,23 +188,106 @@ def _vector(point: Mapping[str, float]) -> Vec3:
     return float(point["x"]), float(point["y"]), float(point["z"])
 
 
-def _seen(thing: _Object, parents: tuple[str, ...]) -> SeenObject:
+def _sight_fields(thing: _Object, parents: tuple[str, ...]) -> dict[str, Any]:
     box = thing["axisAlignedBoundingBox"]
-    return SeenObject(
-        object_id=_id(thing),
-        object_type=str(thing["objectType"]),
-        position_m=_vector(thing["position"]),
-        box_center_m=_vector(box["center"]),
-        box_size_m=_vector(box["size"]),
-        pickupable=bool(thing["pickupable"]),
-        parent_ids=parents,
-        states=states_of(thing),
+    return {
+        "object_id": _id(thing),
+        "object_type": str(thing["objectType"]),
+        "position_m": _vector(thing["position"]),
+        "box_center_m": _vector(box["center"]),
+        "box_size_m": _vector(box["size"]),
+        "pickupable": bool(thing["pickupable"]),
+        "parent_ids": parents,
+        "states": _states(thing),
+        "controls": tuple(thing["controlledObjects"] or ()),
+    }
+
+
+def _seen(thing: _Object, parents: tuple[str, ...]) -> SeenObject:
+    return SeenObject(**_sight_fields(thing, parents))
+
+
+def _true(thing: _Object) -> TrueObject:
+    return TrueObject(
+        **_sight_fields(thing, tuple(thing["parentReceptacles"] or ())),
+        distance_m=float(thing["distance"]),
+        visible=bool(thing["visible"]),
+        child_ids=tuple(thing["receptacleObjectIds"] or ()),
+        receptacle=bool(thing["receptacle"]),
+        openable=bool(thing["openable"]),
+        dirtyable=bool(thing["dirtyable"]),
+        broken=bool(thing["isBroken"]),
+        temperature=str(thing["temperature"]),
     )
+
+
+def _states(thing: _Object) -> tuple[str, ...]:
+    """Return the state words of one object's metadata, sorted; () when none applies."""
+    words = {word for flag, word in _FLAGS if thing[flag]}
+    if is_piece(thing["objectType"]):
+        words.add("sliced")
+    if thing["temperature"] == "Hot":
+        words.add("heated")
+    if thing["toggleable"] or thing["isToggled"]:  # a burner is on, but its knob is toggleable
+        words.add("on" if thing["isToggled"] else "off")
+    if thing["openable"]:
+        words.add("opened" if thing["isOpen"] else "closed")
+    return tuple(sorted(words))
+
+
+def _inventory(event: Event) -> frozenset[str]:
+    return frozenset(item["objectId"] for item in event.metadata["inventoryObjects"])
 
 
 def _done(event: Event, action: str) -> bool:
     metadata = event.metadata
     return bool(metadata["lastAction"] == action and metadata["lastActionSuccess"])
+
+
+def _pieces(event: Event, wholes: Iterable[str]) -> tuple[SeenObject, ...]:
+    """Return what has been cut off the wholes, wherever it lies."""
+    things = event.metadata["objects"]
+    return tuple(sight_of(t) for t in things if any(is_part(_id(t), whole) for whole in wholes))
+
+
+def _washed(event: Event) -> frozenset[str]:
+    """Return the ids that lie under a running tap after a successful ToggleObjectOn.
+
+    A tap washes everything in the basin nearest to it, and what that holds in turn.
+
+    Source: ALFRED (Shridhar et al. 2020), the rule by which a demonstration's object is clean.
+    """
+    if not _done(event, "ToggleObjectOn"):
+        return frozenset()
+    things = event.metadata["objects"]
+    basins = [thing for thing in things if thing["objectType"] in BASINS]
+    bare = [t for t in things if t["objectType"] == SINK and not _has_part(t, basins)]
+    found: set[str] = set()
+    for tap in things:
+        if tap["objectType"] in TAPS and tap["isToggled"] and (basins or bare):
+            near = min([*basins, *bare], key=lambda basin: (_distance(tap, basin), _id(basin)))
+            whole = [thing for thing in things if _has_part(thing, [near])]
+            found.update(_contents([near, *whole], things))
+    return frozenset(found) - {_id(basin) for basin in basins}
+
+
+def _heated(event: Event) -> frozenset[str]:
+    """Return the ids that are hot: by temperature, or in a microwave just switched on."""
+    things = event.metadata["objects"]
+    hot = {_id(thing) for thing in things if thing["temperature"] == "Hot"}
+    if _done(event, "ToggleObjectOn"):
+        ovens = [t for t in things if t["objectType"] == MICROWAVE and t["isToggled"]]
+        hot.update(_contents(ovens, things))
+    return frozenset(hot)
+
+
+def _cooled(event: Event) -> frozenset[str]:
+    """Return the ids in closed fridges after a successful CloseObject."""
+    if not _done(event, "CloseObject"):
+        return frozenset()
+    things = event.metadata["objects"]
+    fridges = [t for t in things if t["objectType"] == FRIDGE and not t["isOpen"]]
+    return frozenset(_contents(fridges, things))
 
 
 def _distance(one: _Object, other: _Object) -> float:

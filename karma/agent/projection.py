@@ -1,58 +1,46 @@
 """Where in a picture an object is: its box in the world, projected by the camera's own pose.
 
-This is a perception aid. It needs coordinates and the camera, which AI2-THOR's metadata gives in
-every world (KARMA §3.4: "acquired through a simulator"), and no segmentation; it tells nothing of
-an object's state.
+This is a perception aid. It needs coordinates and the camera, which every world gives (KARMA §3.4:
+"acquired through a simulator"), and no segmentation; it tells nothing of an object's state.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from karma.contracts import Point, Region
+from karma.contracts import CameraPose, Point, Region, SeenObject, Vec3
 
 NEAR_M = 0.05
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b).bit_count() == 1]
 
 
-def region_of(metadata: Mapping[str, Any], box: Mapping[str, Any]) -> Region | None:
-    """Return the part of the frame that an object's box takes, None when it is out of the frame.
+def placed(sight: SeenObject, camera: CameraPose, box: SeenObject | None = None) -> SeenObject:
+    """Return a sight with its region and silhouette in the camera's frame.
 
     Args:
-        metadata: of the event that the frame belongs to.
-        box: the object's `axisAlignedBoundingBox` then.
+        sight: of an object.
+        camera: that took the frame.
+        box: the sight whose box is projected, if it is another one.
     """
-    center, size = _vector(box["center"]), _vector(box["size"])
-    return project(metadata, center, size)
+    center_m, size_m = (box or sight).box_center_m, (box or sight).box_size_m
+    return replace(
+        sight,
+        region=region_of(camera, center_m, size_m),
+        silhouette=silhouette_of(camera, center_m, size_m),
+    )
 
 
-def silhouette_of(metadata: Mapping[str, Any], box: Mapping[str, Any]) -> tuple[Point, ...]:
-    """Return the corners of what an object's box covers in the frame, in order; pixels, unclipped.
-
-    Args:
-        metadata: of the event that the frame belongs to.
-        box: the object's `axisAlignedBoundingBox` then.
-    """
-    points = _points(metadata, _vector(box["center"]), _vector(box["size"]))
-    ordered = sorted({(round(float(x), 1), round(float(y), 1)) for x, y in points})
-    return (*_chain(ordered), *_chain(ordered[::-1]))
-
-
-def project(metadata: Mapping[str, Any], center: Any, size: Any) -> Region | None:
+def region_of(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> Region | None:
     """Return where an upright box is in the frame: left, top, right, bottom; pixels, clipped.
 
-    Args:
-        metadata: of the event that the frame belongs to.
-        center: of the box, metres.
-        size: along x, y and z, metres.
+    None when it is out of the frame.
     """
-    points = _points(metadata, center, size)
+    points = _points(camera, center_m, size_m)
     if not len(points):
         return None
-    width, height = float(metadata["screenWidth"]), float(metadata["screenHeight"])
-    left, right = np.clip([points[:, 0].min(), points[:, 0].max()], 0, width)
-    top, bottom = np.clip([points[:, 1].min(), points[:, 1].max()], 0, height)
+    left, right = np.clip([points[:, 0].min(), points[:, 0].max()], 0, float(camera.width_px))
+    top, bottom = np.clip([points[:, 1].min(), points[:, 1].max()], 0, float(camera.height_px))
     if right - left < 1 or bottom - top < 1:
         return None
     return (
@@ -63,11 +51,19 @@ def project(metadata: Mapping[str, Any], center: Any, size: Any) -> Region | Non
     )
 
 
-def _points(metadata: Mapping[str, Any], center: Any, size: Any) -> np.ndarray:
+def silhouette_of(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> tuple[Point, ...]:
+    """Return the corners of what an upright box covers in the frame, in order; pixels, unclipped.
+
+    () when it is behind the camera.
+    """
+    points = _points(camera, center_m, size_m)
+    ordered = sorted({(round(float(x), 1), round(float(y), 1)) for x, y in points})
+    return (*_chain(ordered), *_chain(ordered[::-1]))
+
+
+def _points(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> np.ndarray:
     """Return where a box's corners are in the frame, shape (n, 2), pixels."""
-    agent = metadata["agent"]
-    eye = _vector(metadata["cameraPosition"])
-    yaw, pitch = np.radians([float(agent["rotation"]["y"]), float(agent["cameraHorizon"])])
+    yaw, pitch = np.radians([camera.yaw_deg, camera.horizon_deg])
     axes = np.array(
         [
             (np.cos(yaw), 0.0, -np.sin(yaw)),
@@ -76,10 +72,10 @@ def _points(metadata: Mapping[str, Any], center: Any, size: Any) -> np.ndarray:
         ]
     )
     signs = np.array([[(i >> axis) & 1 for axis in range(3)] for i in range(8)]) - 0.5
-    corners = (np.asarray(center) + signs * np.asarray(size) - eye) @ axes.T
-    points = _before(corners).reshape(-1, 3)
-    width, height = float(metadata["screenWidth"]), float(metadata["screenHeight"])
-    scale = height / 2 / np.tan(np.radians(float(metadata["fov"])) / 2)
+    corners = np.asarray(center_m) + signs * np.asarray(size_m) - np.asarray(camera.position_m)
+    points = _before(corners @ axes.T).reshape(-1, 3)
+    width, height = float(camera.width_px), float(camera.height_px)
+    scale = height / 2 / np.tan(np.radians(camera.fov_deg) / 2)
     x = width / 2 + points[:, 0] / points[:, 2] * scale
     y = height / 2 - points[:, 1] / points[:, 2] * scale
     return np.stack([x, y], axis=1)
@@ -107,7 +103,3 @@ def _before(corners: np.ndarray) -> np.ndarray:
             share = (NEAR_M - one[2]) / (other[2] - one[2])
             found.append(one + share * (other - one))
     return np.array(found)
-
-
-def _vector(point: Mapping[str, float]) -> np.ndarray:
-    return np.array([point["x"], point["y"], point["z"]], dtype=np.float64)

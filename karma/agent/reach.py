@@ -1,12 +1,13 @@
 """Getting a known thing within reach and acting on it, with the world's refusals as words."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from karma.agent.perceive import observe, refusal
 from karma.agent.sightings import Sightings
 from karma.agent.walk import Target, View, Walker
-from karma.contracts import Event, Knowledge, Known, SeenObject, Vec3, World
+from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Vec3, World
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF
 
@@ -53,6 +54,7 @@ class Reach:
         self.walker = Walker(world, max_actions=limits.max_actions)
         self.used: list[str] = []  # ids that names resolved to since `start`
         self.explorations = 0  # since `start`
+        self._last_event: Event | None = None  # that `log` has taken in
 
     def start(self) -> None:
         """Begin a skill."""
@@ -61,8 +63,15 @@ class Reach:
         self.look()
 
     def look(self) -> None:
-        """Take note of what is in view now."""
-        self.log.observe(self.world.last_event)
+        """Take note of what is in view now; what an action showed already is not read again."""
+        if self.world.last_event is not self._last_event:
+            self._observe(self.world.last_event)
+
+    def _observe(self, event: Event, touched: Sequence[str] = ()) -> Observation:
+        observation = observe(event, touched=touched, known=self.log.seen)
+        self.log.add(observation)
+        self._last_event = event
+        return observation
 
     # ------------------------------------------------------------- which object
 
@@ -197,7 +206,7 @@ class Reach:
 
     def act(
         self, target: Known, action: str, *, also: str | None = None, in_passing: bool = False
-    ) -> Event:
+    ) -> Observation:
         """Do one action on a thing, going there first, and again from elsewhere if that may help.
 
         Args:
@@ -214,30 +223,29 @@ class Reach:
         event = self.walker.do(action, **arguments)
         tried: list[View] = []
         opens = action in ("OpenObject", "CloseObject")
-        while not _ok(event) and _ROOM_MATTERS.search(_words(event)):
+        while _ROOM_MATTERS.search(_plain(refusal(event))):
             if len(tried) == self.limits.retries:
                 break
             if not self.next_view(target, tried, least_gap_m=0.75 if opens else 0.0):
                 break
             if target.object_id in self.log.within_reach:
                 event = self.walker.do(action, **arguments)
-        self.done(target, event, also=also, in_passing=in_passing)
-        return event
+        return self.done(target, event, also=also, in_passing=in_passing)
 
     def done(
         self, target: Known, event: Event, *, also: str | None = None, in_passing: bool = False
-    ) -> None:
+    ) -> Observation:
         """Take note of an action on a thing, or refuse with the world's words."""
         touched = [target.object_id] if also is None else [also, target.object_id]
-        self.log.observe(event, touched)
-        if not _ok(event):
-            raise RefusedError(_advice(_words(event), target.object_type))
-        if in_passing:
-            return
-        self.log.changed(target.object_id, target.position_m)
-        self.log.handled.extend(touched)
-        self.used = [*touched, *self.used]
-        self.log.focus[target.object_type] = target.object_id
+        observation = self._observe(event, touched)
+        if not observation.ok:
+            raise RefusedError(_advice(_plain(observation.error), target.object_type))
+        if not in_passing:
+            self.log.changed(target.object_id, target.position_m)
+            self.log.handled.extend(touched)
+            self.used = [*touched, *self.used]
+            self.log.focus[target.object_type] = target.object_id
+        return observation
 
     def use(self, target: Known) -> None:
         """Note that a name meant this thing."""
@@ -245,15 +253,11 @@ class Reach:
         self.log.focus[target.object_type] = target.object_id
 
 
-def _ok(event: Event) -> bool:
-    return bool(event.metadata["lastActionSuccess"])
-
-
-def _words(event: Event) -> str:
+def _plain(words: str) -> str:
     """Return the world's refusal without what a planner cannot use (stack, asset hashes)."""
-    text = str(event.metadata["errorMessage"]).split(". trace:")[0].strip()
+    text = words.split(". trace:")[0].strip()
     text = re.sub(r"^\w+Exception: ", "", text)
-    return re.sub(r"\b([A-Z][A-Za-z]+)_[0-9a-f]{8}\b", r"\1", text) or "the world refused"
+    return re.sub(r"\b([A-Z][A-Za-z]+)_[0-9a-f]{8}\b", r"\1", text)
 
 
 def _advice(words: str, kind: str) -> str:

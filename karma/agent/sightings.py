@@ -1,12 +1,12 @@
 """What the agent has seen and done since it began, and which object a name means."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from karma.agent.perceive import heated, observe, place_of, sight_of, washed
-from karma.contracts import Event, Knowledge, Known, Observation, Pose, SeenObject, Vec3
+from karma.agent.perceive import place_of
+from karma.contracts import Knowledge, Known, Observation, Pose, SeenObject, Vec3
 from karma.household.ids import is_part, whole_id
 from karma.household.pieces import goes_by, is_piece
 from karma.household.places import HAND
@@ -21,41 +21,30 @@ class Sightings:
     """The running log: only what was in view or in the agent's own hands."""
 
     seen: dict[str, SeenObject] = field(default_factory=dict)  # the latest sight of each id
-    views: dict[str, Event] = field(default_factory=dict)  # of the latest sight in a picture
+    views: dict[str, Observation] = field(default_factory=dict)  # with the latest sight in view
     seen_from: dict[str, Pose] = field(default_factory=dict)  # where it was within reach
     handled: list[str] = field(default_factory=list)  # in the order of use, with repeats
     effects: dict[str, list[str]] = field(default_factory=dict)  # what no metadata flag tells
-    controls: dict[str, tuple[str, ...]] = field(default_factory=dict)  # knob -> what it switches
     missed: dict[str, Vec3] = field(default_factory=dict)  # id -> where it was not found
     cut: set[str] = field(default_factory=set)  # wholes that were seen sliced
     in_view: dict[str, SeenObject] = field(default_factory=dict)
-    within_reach: set[str] = field(default_factory=set)  # in view, and not behind glass
+    within_reach: frozenset[str] = frozenset()  # in view, and not behind glass
     held: SeenObject | None = None
     focus: dict[str, str] = field(default_factory=dict)  # type -> id that a skill last turned to
     looked_from: set[tuple[float, float]] = field(default_factory=set)  # cells, x and z
     looked_into: set[str] = field(default_factory=set)  # containers, by id
 
-    def observe(self, event: Event, handled: Iterable[str] = ()) -> Observation:
-        """Take note of what is in view, and of ids that are in the agent's hands anyway."""
-        observation = observe(event, frame=False)
-        touched = set(handled)
+    def add(self, observation: Observation) -> None:
+        """Take note of what is in view, in the hand, or was touched."""
         self.in_view = {sight.object_id: sight for sight in observation.seen}
-        self.within_reach = set()
+        self.within_reach = observation.reachable
         self.held = observation.held
-        for thing in event.metadata["objects"]:
-            object_id = thing["objectId"]
-            if object_id in self.in_view:
-                if thing["controlledObjects"]:
-                    self.controls[object_id] = tuple(thing["controlledObjects"])
-                if thing["isInteractable"]:
-                    self.within_reach.add(object_id)
-                    self.seen_from[object_id] = observation.pose
-            elif object_id in touched and self.held_id != object_id:
-                self._note(sight_of(thing))
+        self.seen_from.update(dict.fromkeys(observation.reachable, observation.pose))
+        for sight in observation.touched:
+            self._note(sight)
         for sight in (*observation.seen, *filter(None, [observation.held])):
             self._note(sight)
-            self.views[sight.object_id] = event
-        return observation
+            self.views[sight.object_id] = observation
 
     def _note(self, sight: SeenObject) -> None:
         self.seen[sight.object_id] = self._without_door(sight)
@@ -105,20 +94,18 @@ class Sightings:
         if word not in words:
             words.append(word)
 
-    def switched(self, event: Event) -> None:
+    def switched(self, observation: Observation) -> None:
         """Note what a switched-on tap or oven did to the things the agent knows of."""
-        for word, ids in (("cleaned", washed(event)), ("heated", heated(event))):
+        for word, ids in (("cleaned", observation.washed), ("heated", observation.heated)):
             for object_id in sorted(ids):
-                if object_id in self.seen:
-                    self.gain(object_id, word)
+                self.gain(object_id, word)
 
-    def sliced(self, whole: str, event: Event) -> None:
+    def sliced(self, whole: str, observation: Observation) -> None:
         """Note a cut: the whole is no more, its slices inherit what was done to it."""
         self.gain(whole, "sliced")
         self.cut.add(whole)
-        for thing in event.metadata["objects"]:
-            if is_part(thing["objectId"], whole):
-                self._note(sight_of(thing))
+        for sight in observation.pieces:
+            self._note(sight)
 
     # ------------------------------------------------------------- what a name means
 

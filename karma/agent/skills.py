@@ -18,9 +18,9 @@ from karma.agent.sightings import known, means
 from karma.agent.walk import OutOfActionsError
 from karma.contracts import (
     Area,
-    Event,
     Knowledge,
     Known,
+    Observation,
     SeenObject,
     SkillCall,
     SkillResult,
@@ -58,8 +58,8 @@ class Skills:
         return self._reach.log.seen
 
     @property
-    def views(self) -> dict[str, Event]:
-        """The event in whose picture each id was last in view or in the hand."""
+    def views(self) -> dict[str, Observation]:
+        """The observation in whose picture each id was last in view or in the hand."""
         return self._reach.log.views
 
     @property
@@ -308,8 +308,7 @@ def _slice(reach: Reach, name: str) -> str:
     if is_piece(target.object_type):
         reach.use(target)
         return "it is sliced already"
-    event = reach.act(target, "SliceObject")
-    reach.log.sliced(target.object_id, event)
+    reach.log.sliced(target.object_id, reach.act(target, "SliceObject"))
     return ""
 
 
@@ -321,9 +320,9 @@ def _toggle(reach: Reach, name: str, word: Literal["on", "off"]) -> str:
         if word == "off" or sight.object_type not in TAPS:
             return f"it is {word} already"
         reach.act(target, "ToggleObjectOff")  # off and on again: what lies there gets water
-    event = reach.act(target, "ToggleObjectOn" if word == "on" else "ToggleObjectOff")
+    observation = reach.act(target, "ToggleObjectOn" if word == "on" else "ToggleObjectOff")
     if word == "on":
-        reach.log.switched(event)
+        reach.log.switched(observation)
     return ""
 
 
@@ -377,11 +376,10 @@ def _knob(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
     if not knobs:
         reach.approach(reach.find(KNOB) or reach.resolve(name))
         knobs = _knobs(reach)
-    log = reach.log
-    laden = {p for sight in log.seen.values() if sight.pickupable for p in sight.parent_ids}
+    laden = {p for sight in reach.log.seen.values() if sight.pickupable for p in sight.parent_ids}
 
     def rank(knob: SeenObject) -> tuple[bool, bool, bool, float, str]:
-        burners = log.controls[knob.object_id]
+        burners = knob.controls
         cold = word == "off" and "on" not in knob.states
         gap = reach.walker.gap(knob.position_m)
         return name not in burners, cold, not laden & set(burners), gap, knob.object_id
@@ -390,8 +388,8 @@ def _knob(reach: Reach, name: str, word: Literal["on", "off"]) -> Known:
 
 
 def _knobs(reach: Reach) -> list[SeenObject]:
-    sights = [reach.log.seen[object_id] for object_id in reach.log.controls]
-    return [sight for sight in sights if sight.object_type == KNOB]
+    sights = reach.log.seen.values()
+    return [sight for sight in sights if sight.object_type == KNOB and sight.controls]
 
 
 def _open_round(reach: Reach, target: Known) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+from karma.agent.perceive import camera_of, cells_of, pose_of, scene_of
 from karma.contracts import Event, Pose, Vec3, World
 
 Cell = tuple[int, int]  # steps along x and z from where the map was asked for
@@ -74,7 +75,7 @@ class Walker:
         self._locate()
 
     def do(self, action: str, **arguments: Any) -> Event:
-        """Do one counted action.
+        """Do one counted action; the event is true if it happened, at no cost of its metadata.
 
         Raises:
             OutOfActionsError: the skill has used up its actions.
@@ -89,7 +90,7 @@ class Walker:
         while abs(horizon_deg - self._horizon) > 1.0:
             tilt = min(max(horizon_deg - self._horizon, -30.0), 30.0)
             action = "LookDown" if tilt > 0 else "LookUp"
-            if not _succeeded(self.do(action, degrees=round(abs(tilt), 1))):
+            if not self.do(action, degrees=round(abs(tilt), 1)):
                 return False
             self._horizon += tilt
         return True
@@ -144,8 +145,7 @@ class Walker:
 
     def view_of(self, pose: Pose) -> View:
         """Return a pose as a view; its cost and gap are left at 0."""
-        x, _, z = pose.position_m
-        state = (*self._cell({"x": x, "z": z}), round(pose.yaw_deg / 90.0) % 4)
+        state = (*self._cell(pose.position_m), round(pose.yaw_deg / 90.0) % 4)
         return View(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
 
     def bearing_deg(self, view: View, point: Vec3) -> float:
@@ -172,7 +172,7 @@ class Walker:
             cell: math.hypot(*self._outside(cell, target)) for cell in {state[:2] for state in ways}
         }
         reach = max(reach_m, min(gaps.values()) + 0.3)
-        eye = float(self.world.last_event.metadata["cameraPosition"]["y"])
+        eye = camera_of(self.world.last_event).position_m[1]
         views = []
         for cell, gap in gaps.items():
             if gap <= reach:
@@ -231,41 +231,38 @@ class Walker:
 
     def _ask_map(self) -> None:
         """Ask for the reachable cells, once per scene."""
-        scene = str(self.world.last_event.metadata["sceneName"])
+        scene = scene_of(self.world.last_event)
         if scene == self._scene:
             return
-        agent = self.world.last_event.metadata["agent"]["position"]
-        found = self.world.step("GetReachablePositions").metadata["actionReturn"] or [agent]
-        self._origin = (float(agent["x"]), float(agent["z"]))
+        here = pose_of(self.world.last_event).position_m
+        found = cells_of(self.world.step("GetReachablePositions")) or [here]
+        self._origin = (here[0], here[2])
         steps = [
             b - a
-            for axis in "xz"
-            for values in [sorted({round(float(cell[axis]), 3) for cell in found})]
+            for axis in (0, 2)
+            for values in [sorted({round(cell[axis], 3) for cell in found})]
             for a, b in pairwise(values)
             if b - a > 0.01
         ]
         self._grid_m = min(steps, default=0.25)
-        self._cells = {
-            self._cell(cell): (float(cell["x"]), float(cell["z"])) for cell in [*found, agent]
-        }
+        self._cells = {self._cell(cell): (cell[0], cell[2]) for cell in [*found, here]}
         self._scene = scene
 
-    def _cell(self, point: Mapping[str, float]) -> Cell:
+    def _cell(self, point: Vec3) -> Cell:
         return (
-            round((point["x"] - self._origin[0]) / self._grid_m),
-            round((point["z"] - self._origin[1]) / self._grid_m),
+            round((point[0] - self._origin[0]) / self._grid_m),
+            round((point[2] - self._origin[1]) / self._grid_m),
         )
 
     def _locate(self) -> None:
         """Read the pose; an odd heading is turned to the nearest of the four."""
-        agent = self.world.last_event.metadata["agent"]
-        yaw = float(agent["rotation"]["y"]) % 360.0
-        heading = round(yaw / 90.0)
-        if abs(yaw - heading * 90.0) > 1.0:
-            turn = "RotateRight" if heading * 90.0 > yaw else "RotateLeft"
-            self.do(turn, degrees=abs(heading * 90.0 - yaw))
-        self._state = (*self._cell(agent["position"]), heading % 4)
-        self._horizon = float(agent["cameraHorizon"])
+        pose = pose_of(self.world.last_event)
+        heading = round(pose.yaw_deg / 90.0)
+        if abs(pose.yaw_deg - heading * 90.0) > 1.0:
+            turn = "RotateRight" if heading * 90.0 > pose.yaw_deg else "RotateLeft"
+            self.do(turn, degrees=abs(heading * 90.0 - pose.yaw_deg))
+        self._state = (*self._cell(pose.position_m), heading % 4)
+        self._horizon = pose.horizon_deg
 
     def _ways(self) -> dict[State, "_Way"]:
         """Return every state that can be reached: its cost, the state before, and the action."""
@@ -297,7 +294,7 @@ class Walker:
     def _follow(self, actions: Iterable[str]) -> bool:
         """Do the actions; at the first refusal remember the wall and stop."""
         for action in actions:
-            if not _succeeded(self.do(action)):
+            if not self.do(action):
                 self._walls.add((self._state, action))
                 self._locate()
                 return False
@@ -306,10 +303,6 @@ class Walker:
 
 
 _Way = tuple[int, State | None, str]
-
-
-def _succeeded(event: Event) -> bool:
-    return bool(event)  # the same as lastActionSuccess, without building the metadata
 
 
 def _after(state: State, action: str) -> State:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from karma.agent.perceive import cells_of, pose_of, refusal, truth_of
 from karma.contracts import Event, SceneRef, Task, World
 from karma.errors import KarmaError
 from karma.methods.expert import OracleEpisode
@@ -121,10 +122,10 @@ def drawn(world: World, task: Task, seed: int, draw: int) -> Event:
         KarmaError: the world refuses to move things.
     """
     rng = stream(seed, "starts", task.id, str(draw))
-    things = world.reset(task.scene).metadata["objects"]
-    loose = sorted(thing["objectId"] for thing in things if thing["pickupable"])
-    types = {thing["objectId"]: thing["objectType"] for thing in things}
-    in_use = {p for t in things if t["pickupable"] for p in t["parentReceptacles"] or ()}
+    things = truth_of(world.reset(task.scene)).objects
+    loose = sorted(thing.object_id for thing in things if thing.pickupable)
+    types = {thing.object_id: thing.object_type for thing in things}
+    in_use = {parent for t in things if t.pickupable for parent in t.parent_ids}
     event = world.step(
         "InitialRandomSpawn",
         randomSeed=int(rng.integers(1 << 30)),
@@ -134,22 +135,22 @@ def drawn(world: World, task: Task, seed: int, draw: int) -> Event:
         placeStationary=True,
     )
     if not event:
-        raise KarmaError(f"{task.scene}: {event.metadata['errorMessage']}")
+        raise KarmaError(f"{task.scene}: {refusal(event)}")
     return _stand(world, rng)
 
 
 def _stand(world: World, rng: np.random.Generator) -> Event:
     """Put the agent on a cell and in a direction drawn by lot; it stays where none will do."""
-    agent = world.last_event.metadata["agent"]
-    cells = world.step("GetReachablePositions").metadata["actionReturn"] or ()
-    order = sorted(cells, key=lambda cell: (cell["x"], cell["z"]))
+    pose = pose_of(world.last_event)
+    cells = cells_of(world.step("GetReachablePositions"))
+    order = sorted(cells, key=lambda cell: (cell[0], cell[2]))
     for index in rng.permutation(len(order)):
         event = world.step(
             "TeleportFull",
-            position=order[index],
+            position=dict(zip("xyz", order[index], strict=True)),
             rotation={"x": 0.0, "y": float(rng.choice(_TURNS_DEG)), "z": 0.0},
-            horizon=agent["cameraHorizon"],
-            standing=agent["isStanding"],
+            horizon=pose.horizon_deg,
+            standing=pose.standing,
         )
         if event:
             return event

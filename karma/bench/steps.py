@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 
+from karma.agent.perceive import refusal
 from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, Vec3, World
 from karma.errors import FileError
 from karma.files import read_bytes, to_json
@@ -230,7 +231,7 @@ class LoggedWorld:
                 action=action,
                 arguments=_plain(arguments),
                 ok=ok,
-                error="" if ok else str(event.metadata["errorMessage"]),
+                error=refusal(event),
             )
         )
         return event

@@ -3,15 +3,15 @@
 The one method that may read a sub-task's goals and the world's hidden state.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from karma.agent.perceive import truth_of
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
-    Event,
     Goal,
     Known,
     Outcome,
@@ -21,11 +21,14 @@ from karma.contracts import (
     SkillCall,
     SkillResult,
     SubTask,
+    TrueObject,
+    Truth,
+    Vec3,
     World,
 )
 from karma.household.ids import whole_id
 from karma.household.pieces import base_type, is_piece
-from karma.household.places import HAND, SURFACES
+from karma.household.places import SURFACES
 from karma.household.uses import SINK
 from karma.methods.options import settings_of
 from karma.tasks.expert import Thing, View, solve
@@ -80,8 +83,7 @@ class OracleEpisode:
         if subtask.is_whole:
             self._tracker.start(self._world.last_event)
         self._tracker.begin_subtask()
-        truth = _Truth(self._world)
-        skills = Skills(self._world, truth)
+        skills = Skills(self._world, _AllKnowing(self._world))
         handled: list[str] = []
         unmet = self._tracker.unmet(subtask.goals, self._world.last_event)
         for _ in range(ATTEMPTS):
@@ -101,12 +103,12 @@ class OracleEpisode:
         """Write the program for goals whose names are bound to objects of the scene."""
         if not goals:
             return ()
-        view, ids = _view(self._world.last_event, self._used)
+        view, ids = _view(truth_of(self._world.last_event), self._used)
         bound = [_bound(goal, view, ids) for goal in goals]
         return solve(bound, view)
 
 
-class _Truth:
+class _AllKnowing:
     """Knowledge of where everything is."""
 
     def __init__(self, world: World) -> None:
@@ -114,16 +116,16 @@ class _Truth:
 
     def where(self, name: str) -> Known | None:
         """Return the object of that id, or the nearest of that type."""
-        things = self._world.last_event.metadata["objects"]
-        fitting = [thing for thing in things if name in (thing["objectId"], thing["objectType"])]
+        things = truth_of(self._world.last_event).objects
+        fitting = [thing for thing in things if name in (thing.object_id, thing.object_type)]
         if not fitting:
             return None
-        thing = min(fitting, key=lambda thing: (thing["distance"], thing["objectId"]))
+        thing = min(fitting, key=lambda thing: (thing.distance_m, thing.object_id))
         return Known(
-            object_id=thing["objectId"],
-            object_type=thing["objectType"],
-            position_m=tuple(thing["position"][axis] for axis in "xyz"),
-            place_id=next(iter(_parents(thing)), None),
+            object_id=thing.object_id,
+            object_type=thing.object_type,
+            position_m=thing.position_m,
+            place_id=next(iter(thing.parent_ids), None),
         )
 
     def areas(self) -> tuple[Area, ...]:
@@ -131,42 +133,37 @@ class _Truth:
         return ()
 
 
-def _view(event: Event, used: list[str]) -> tuple[View, Mapping[str, Mapping[str, Any]]]:
+def _view(truth: Truth, used: list[str]) -> tuple[View, Mapping[str, TrueObject]]:
     """Return everything as the teacher sees it, the last used things first."""
-    things = {thing["objectId"]: thing for thing in event.metadata["objects"]}
+    things = {thing.object_id: thing for thing in truth.objects}
     rank = {object_id: number for number, object_id in enumerate(used)}
-    pieces = {whole_id(object_id) for object_id, t in things.items() if is_piece(t["objectType"])}
+    pieces = {whole_id(object_id) for object_id, t in things.items() if is_piece(t.object_type)}
     order = sorted(
-        (t for t in things.values() if t["objectId"] not in pieces),
-        key=lambda t: (-rank.get(t["objectId"], -1), t["distance"], t["objectId"]),
+        (t for t in things.values() if t.object_id not in pieces),
+        key=lambda t: (-rank.get(t.object_id, -1), t.distance_m, t.object_id),
     )
-    held = {item["objectId"] for item in event.metadata["inventoryObjects"]}
-    fixed = tuple(sorted({t["objectType"] for t in things.values()}))
+    fixed = tuple(sorted({t.object_type for t in things.values()}))
     view = View(
         things=tuple(_thing(t, things) for t in order),
         areas=(Area(name="everywhere", position_m=(0.0, 0.0, 0.0), contains=fixed),),
-        held=next((_thing(things[object_id], things) for object_id in held), None),
+        held=next((_thing(things[object_id], things) for object_id in truth.held_ids), None),
     )
     return view, things
 
 
-def _thing(thing: Mapping[str, Any], things: Mapping[str, Mapping[str, Any]]) -> Thing:
-    place = next(iter(_parents(thing)), None)
-    closed = place is not None and things[place]["openable"]
+def _thing(thing: TrueObject, things: Mapping[str, TrueObject]) -> Thing:
+    place = things[thing.parent_ids[0]] if thing.parent_ids else None
+    closed = place if place is not None and place.openable else None
     return Thing(
-        name=thing["objectId"],
-        object_type=thing["objectType"],
-        states=("sliced",) if is_piece(thing["objectType"]) else (),
-        place=place if closed else None,
-        place_type=things[place]["objectType"] if closed and place else None,
+        name=thing.object_id,
+        object_type=thing.object_type,
+        states=("sliced",) if is_piece(thing.object_type) else (),
+        place=closed.object_id if closed else None,
+        place_type=closed.object_type if closed else None,
     )
 
 
-def _parents(thing: Mapping[str, Any]) -> list[str]:
-    return [parent for parent in thing["parentReceptacles"] or () if parent != HAND]
-
-
-def _bound(goal: Goal, view: View, things: Mapping[str, Mapping[str, Any]]) -> Goal:
+def _bound(goal: Goal, view: View, things: Mapping[str, TrueObject]) -> Goal:
     """Put ids in place of the names of things that can be carried; places keep their type."""
     names = object_names(goal)
     arguments = list(goal.arguments)
@@ -179,27 +176,24 @@ def _bound(goal: Goal, view: View, things: Mapping[str, Mapping[str, Any]]) -> G
     return Goal(predicate=goal.predicate, arguments=tuple(arguments))
 
 
-def _support(name: str, things: Mapping[str, Mapping[str, Any]]) -> str:
+def _support(name: str, things: Mapping[str, TrueObject]) -> str:
     """Return the receptacle for "near": what a thing lies on, or what a place "(x, y, z)" is at."""
     if is_position(name):
-        point = [float(part) for part in name.strip("() ").split(",")]
-        open_ones = (t for t in things.values() if t["receptacle"] and not t["openable"])
-        return str(min(open_ones, key=lambda t: _off(t, point))["objectId"])
+        x, y, z = (float(part) for part in name.strip("() ").split(","))
+        open_ones = (t for t in things.values() if t.receptacle and not t.openable)
+        return min(open_ones, key=lambda t: _off(t, (x, y, z))).object_id
     thing = things.get(name)
-    return name if thing is None or thing["receptacle"] else next(iter(_parents(thing)), name)
+    return name if thing is None or thing.receptacle else next(iter(thing.parent_ids), name)
 
 
-def _off(thing: Mapping[str, Any], point: Sequence[float]) -> float:
+def _off(thing: TrueObject, point: Vec3) -> float:
     """Return the squared distance of a point from a thing's box, m2."""
-    box = thing["axisAlignedBoundingBox"]
-    gaps = (
-        max(abs(p - box["center"][axis]) - box["size"][axis] / 2, 0.0)
-        for p, axis in zip(point, "xyz", strict=True)
-    )
+    box = zip(point, thing.box_center_m, thing.box_size_m, strict=True)
+    gaps = (max(abs(p - center) - size / 2, 0.0) for p, center, size in box)
     return float(sum(gap * gap for gap in gaps))
 
 
-def _choose(names: tuple[str, ...], view: View, things: Mapping[str, Mapping[str, Any]]) -> str:
+def _choose(names: tuple[str, ...], view: View, things: Mapping[str, TrueObject]) -> str:
     """Return the id of what was last used, else the nearest; big fixed things stay a type."""
     for name in names:
         held = view.held
@@ -207,6 +201,6 @@ def _choose(names: tuple[str, ...], view: View, things: Mapping[str, Mapping[str
             return held.name
         for thing in view.things:
             if name in (thing.name, base_type(thing.object_type)):
-                movable = things[thing.name]["pickupable"]
+                movable = things[thing.name].pickupable
                 return thing.name if movable or name not in (*SURFACES, SINK) else name
     return names[0]

@@ -19,7 +19,6 @@ from karma.contracts import (
     SceneRef,
     SkillResult,
     SubTask,
-    Vec3,
     VisionModel,
     World,
 )
@@ -31,7 +30,7 @@ from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory, merged
 from karma.methods.experience import fresh_units
 from karma.methods.options import settings_of
-from karma.methods.tour import survey
+from karma.methods.tour import position_of, survey
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,7 +263,8 @@ class _Turn:
                     place_id=None if unit.place_id == HAND else unit.place_id,
                     source="memory",
                 )
-        found = self._graph.known(name, near=self._position()) if self._graph else None
+        near = position_of(self._world)
+        found = self._graph.known(name, near=near) if self._graph else None
         return found or self._holder(name)
 
     def _holder(self, name: str) -> Known | None:
@@ -293,10 +293,6 @@ class _Turn:
         fresh = _with_history(fresh, self.recalled, self.skills.cut)
         new = {unit.object_id for unit in fresh} | self.gone()
         return (*(unit for unit in self.recalled if unit.object_id not in new), *fresh)
-
-    def _position(self) -> Vec3:
-        position = self._world.last_event.metadata["agent"]["position"]
-        return float(position["x"]), float(position["y"]), float(position["z"])
 
 
 def _with_history(

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from karma.agent.projection import region_of, silhouette_of
-from karma.contracts import Event, Frame, SeenObject, VisionModel
+from karma.agent.projection import placed
+from karma.contracts import Frame, Observation, SeenObject, VisionModel
 from karma.files import write_atomic
 
 FOLDER = "short_term/images"  # below the run folder, as Listing 1 has it
@@ -36,7 +36,7 @@ def look_at(
     vision: VisionModel,
     instruction: str,
     sights: Sequence[SeenObject],
-    views: Mapping[str, Event],
+    views: Mapping[str, Observation],
     folder: Path | None,
 ) -> Looked:
     """Ask a vision model about the last picture of each sight, one question per picture.
@@ -47,7 +47,7 @@ def look_at(
         vision: the model.
         instruction: what was asked for.
         sights: the objects of interest.
-        views: the event of each id's last sight in a picture; ids without one are not asked about.
+        views: in which each id was last in view; ids without one are not asked about.
         folder: the run folder; None keeps no pictures.
 
     Raises:
@@ -57,11 +57,11 @@ def look_at(
         return Looked(states=vision.read_states(None, instruction, sights), images={})
     states: dict[str, tuple[str, ...]] = {}
     images: dict[str, str] = {}
-    for event, group in _by_event(sights, views):
-        frame = event.frame
+    for view, group in _by_view(sights, views):
+        frame = view.render()
         if frame is None:
             continue
-        states.update(vision.read_states(frame, instruction, _placed(group, event)))
+        states.update(vision.read_states(frame, instruction, _placed(group, view)))
         if folder is not None:
             images.update(dict.fromkeys((one.object_id for one in group), keep(frame, folder)))
     return Looked(states=states, images=images)
@@ -94,29 +94,19 @@ def png(frame: Frame) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
 
 
-def _by_event(
-    sights: Sequence[SeenObject], views: Mapping[str, Event]
-) -> list[tuple[Event, list[SeenObject]]]:
-    """Return the sights grouped by the event of their last picture, in the order of the sights."""
-    groups: dict[int, tuple[Event, list[SeenObject]]] = {}
+def _by_view(
+    sights: Sequence[SeenObject], views: Mapping[str, Observation]
+) -> list[tuple[Observation, list[SeenObject]]]:
+    """Return the sights grouped by where they were last in view, in the order of the sights."""
+    groups: dict[int, tuple[Observation, list[SeenObject]]] = {}
     for sight in sights:
-        event = views.get(sight.object_id)
-        if event is not None:
-            groups.setdefault(id(event), (event, []))[1].append(sight)
+        view = views.get(sight.object_id)
+        if view is not None:
+            groups.setdefault(id(view), (view, []))[1].append(sight)
     return list(groups.values())
 
 
-def _placed(group: Sequence[SeenObject], event: Event) -> list[SeenObject]:
-    """Return sights with their place in the event's frame and without what metadata says."""
-    boxes = {
-        thing["objectId"]: thing["axisAlignedBoundingBox"] for thing in event.metadata["objects"]
-    }
-    return [
-        replace(
-            one,
-            states=(),
-            region=region_of(event.metadata, boxes[one.object_id]),
-            silhouette=silhouette_of(event.metadata, boxes[one.object_id]),
-        )
-        for one in group
-    ]
+def _placed(group: Sequence[SeenObject], view: Observation) -> list[SeenObject]:
+    """Return sights with their place in the view's frame and without the simulator's states."""
+    boxes = {sight.object_id: sight for sight in (*view.seen, *filter(None, [view.held]))}
+    return [placed(replace(one, states=()), view.camera, boxes[one.object_id]) for one in group]

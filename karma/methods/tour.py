@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from karma.agent.perceive import cells_of, pose_of
 from karma.agent.skills import Skills
 from karma.contracts import Area, Known, SceneRef, SkillCall, Tour, Vec3, World
 from karma.memory.scene_graph import SceneGraph
@@ -23,7 +24,7 @@ def survey(world: World, scene: SceneRef, saved: Path | None) -> tuple[SceneGrap
     Raises:
         FileError: the saved map is damaged.
     """
-    cells = cells_of(world)
+    cells = floor_of(world)
     graph = SceneGraph.over(cells, height_m=position_of(world)[1])
     if saved is not None and saved.exists():
         known = SceneGraph.load(saved)
@@ -41,10 +42,9 @@ def survey(world: World, scene: SceneRef, saved: Path | None) -> tuple[SceneGrap
     return graph, True
 
 
-def cells_of(world: World) -> list[tuple[float, float]]:
+def floor_of(world: World) -> list[tuple[float, float]]:
     """Return the (x, z) of every cell that can be stood on: the robot's map of the floor."""
-    event = world.step("GetReachablePositions")
-    return [(float(cell["x"]), float(cell["z"])) for cell in event.metadata["actionReturn"]]
+    return [(x, z) for x, _, z in cells_of(world.step("GetReachablePositions"))]
 
 
 def tour(areas: Sequence[Area], start: Vec3) -> list[Area]:
@@ -63,8 +63,7 @@ def _gap(one: Vec3, other: Vec3) -> float:
 
 def position_of(world: World) -> Vec3:
     """Return where the agent stands."""
-    position = world.last_event.metadata["agent"]["position"]
-    return float(position["x"]), float(position["y"]), float(position["z"])
+    return pose_of(world.last_event).position_m
 
 
 class _Blank:

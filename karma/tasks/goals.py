@@ -13,14 +13,12 @@ ON and INSIDE are the same: the object lies in the receptacle, be it in another 
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from karma.agent.perceive import cooled, heated, washed
-from karma.contracts import Event, Goal, World
+from karma.agent.perceive import truth_of
+from karma.contracts import Event, Goal, TrueObject, Truth, World
 from karma.errors import KarmaError
-
-Thing = Mapping[str, Any]  # one object of the metadata
 
 ARITY = {
     "ON": 2, "INSIDE": 2, "STATE": 2, "HOLDON": 2, "TOGGLEON": 1, "TOGGLEOFF": 1, "OPEN": 1,
@@ -34,13 +32,12 @@ _SAME_STATE = {
     "cut": "sliced", "hot": "heated", "warm": "heated", "cold": "cooled", "chilled": "cooled",
     "open": "opened", "close": "closed", "usedup": "used up",
 }  # fmt: skip
-_FLAGS = {
-    "dirty": ("isDirty", True), "cooked": ("isCooked", True), "broken": ("isBroken", True),
-    "filled": ("isFilledWithLiquid", True), "used up": ("isUsedUp", True),
-    "on": ("isToggled", True), "off": ("isToggled", False), "opened": ("isOpen", True),
-    "closed": ("isOpen", False),
-}  # fmt: skip
-STATES = frozenset(_FLAGS) | {"cleaned", "sliced", "heated", "cooled", "empty"}
+STATES = frozenset(
+    (
+        "dirty", "cooked", "broken", "filled", "used up", "on", "off", "opened", "closed",
+        "cleaned", "sliced", "heated", "cooled", "empty",
+    )
+)  # fmt: skip
 MOMENTARY = frozenset(
     ("Faucet", "ShowerHead", "Microwave", "Toaster", "CoffeeMachine", "StoveBurner", "StoveKnob")
 )
@@ -123,10 +120,10 @@ def is_position(argument: str) -> bool:
 class GoalTracker:
     """Watches the events of one task and says which goals hold.
 
-    Placements, HOLDON, OPEN and CLOSED are read off the event asked about. What metadata does not
+    Placements, HOLDON, OPEN and CLOSED are read off the event asked about. What a world does not
     keep, the tracker remembers over all sub-tasks of the task:
 
-    * cleaned: it was in a basin under running water (ALFRED's rule, `perceive.washed`); a dirtyable
+    * cleaned: it was in a basin under running water (ALFRED's rule, `Truth.washed`); a dirtyable
       object is cleaned when it is not dirty, however that came about.
     * heated / cooled: Hot / Cold now, or once in a running microwave or on a burner / in a closed
       fridge; the later of the two counts.
@@ -155,18 +152,18 @@ class GoalTracker:
 
     def update(self, event: Event) -> None:
         """Take in one event, in order."""
-        objects = event.metadata["objects"]
-        ids = {thing["objectId"] for thing in objects}
+        truth = truth_of(event)
+        ids = {thing.object_id for thing in truth.objects}
         for new in ids - self._ids:
             whole = new.rpartition("|")[0]
             for marked in self._marks.values():
                 if whole in marked:
                     marked.add(new)
         self._ids = ids
-        self._marks["cleaned"] |= washed(event)
-        self._mark("heated", "cooled", heated(event) | _at_temperature(objects, "Hot"))
-        self._mark("cooled", "heated", cooled(event) | _at_temperature(objects, "Cold"))
-        self._on = frozenset(thing["objectId"] for thing in objects if thing["isToggled"])
+        self._marks["cleaned"] |= truth.washed
+        self._mark("heated", "cooled", truth.heated)
+        self._mark("cooled", "heated", truth.cooled | _cold(truth))
+        self._on = frozenset(t.object_id for t in truth.objects if "on" in t.states)
         self._ran |= self._on
 
     def holds(self, goal: Goal, event: Event) -> bool:
@@ -178,7 +175,7 @@ class GoalTracker:
 
         Of the ways to choose one object per name, the one that meets most goals counts.
         """
-        index = _Index(event.metadata)
+        index = _Index(truth_of(event))
         missed: set[Goal] = set()
         for group in _linked(goals):
             missed |= _fewest_missed(group, index, self._true)
@@ -188,42 +185,41 @@ class GoalTracker:
         self._marks[state] |= ids
         self._marks[instead_of] -= ids
 
-    def _true(self, goal: Goal, things: Sequence[Thing], index: "_Index") -> bool:
+    def _true(self, goal: Goal, things: Sequence[TrueObject], index: "_Index") -> bool:
         first = things[0]
         match goal.predicate:
             case "ON" | "INSIDE" if is_position(goal.arguments[1]):
                 place = [float(x) for x in goal.arguments[1].strip("() ").split(",")]
-                return _near(first, place) and first["objectId"] not in index.held
-            case "ON" if not things[1]["receptacle"]:
-                place = [things[1]["position"][axis] for axis in "xyz"]
-                return _near(first, place) and first["objectId"] not in index.held
+                return _near(first, place) and first.object_id not in index.held
+            case "ON" if not things[1].receptacle:
+                place_m = things[1].position_m
+                return _near(first, place_m) and first.object_id not in index.held
             case "ON" | "INSIDE":
-                return things[1]["objectId"] in index.holders(first)
+                return things[1].object_id in index.holders(first)
             case "HOLDON":
-                return first["objectId"] in index.held
+                return first.object_id in index.held
             case "STATE":
                 return self._in_state(first, goal.arguments[1])
-            case "TOGGLEON" if first["objectType"] in MOMENTARY:
-                return first["objectId"] in self._ran
+            case "TOGGLEON" if first.object_type in MOMENTARY:
+                return first.object_id in self._ran
             case _:
                 return self._in_state(first, _END_STATES[goal.predicate])
 
-    def _in_state(self, thing: Thing, word: str) -> bool:
+    def _in_state(self, thing: TrueObject, word: str) -> bool:
         state = canonical_state(word) or word
-        if state == "cleaned" and thing["dirtyable"]:
-            return not thing["isDirty"]
+        if state == "cleaned" and thing.dirtyable:
+            return "dirty" not in thing.states
         if state in self._marks:
-            return thing["objectId"] in self._marks[state]
-        if state == "sliced":
-            return bool(thing["isSliced"]) or thing["objectType"].endswith(_CUT)
-        if state == "empty":
-            return not thing["isFilledWithLiquid"] and not thing["receptacleObjectIds"]
-        if state == "closed" and not thing["openable"]:
-            return False
-        if state == "broken" and thing["objectType"] == "EggCracked":
-            return True
-        field, value = _FLAGS[state]
-        return bool(thing[field]) is value
+            return thing.object_id in self._marks[state]
+        match state:
+            case "empty":
+                return "filled" not in thing.states and not thing.child_ids
+            case "broken":
+                return thing.broken or thing.object_type == "EggCracked"
+            case "off":
+                return "on" not in thing.states
+            case _:
+                return state in thing.states
 
 
 class WatchedWorld:
@@ -269,15 +265,15 @@ _END_STATES = {"TOGGLEON": "on", "TOGGLEOFF": "off", "OPEN": "opened", "CLOSED":
 
 
 class _Index:
-    """One event's objects, by id and by name."""
+    """One moment's objects, by id and by name."""
 
-    def __init__(self, metadata: Mapping[str, Any]) -> None:
-        self._by_id: dict[str, Thing] = {thing["objectId"]: thing for thing in metadata["objects"]}
-        self.held = {item["objectId"] for item in metadata["inventoryObjects"]}
+    def __init__(self, truth: Truth) -> None:
+        self._by_id = {thing.object_id: thing for thing in truth.objects}
+        self.held = truth.held_ids
         cut = (key.rpartition("|") for key, thing in self._by_id.items() if _is_piece(thing))
         self._replaced = {whole for whole, _, _ in cut}
 
-    def named(self, name: str) -> list[Thing]:
+    def named(self, name: str) -> list[TrueObject]:
         """Return the objects that a name covers; a cut whole gives way to its pieces."""
         wanted = alternatives(name)
         return [
@@ -286,42 +282,38 @@ class _Index:
             if key not in self._replaced and any(_covers(part, thing) for part in wanted)
         ]
 
-    def holders(self, thing: Thing) -> set[str]:
+    def holders(self, thing: TrueObject) -> set[str]:
         """Return what a thing is in or on, also through receptacles that can be carried."""
         found: set[str] = set()
         todo = [thing]
         while todo:
-            for parent in todo.pop()["parentReceptacles"] or ():
+            for parent in todo.pop().parent_ids:
                 if parent in found:
                     continue
                 found.add(parent)
-                if parent in self._by_id and self._by_id[parent]["pickupable"]:
+                if parent in self._by_id and self._by_id[parent].pickupable:
                     todo.append(self._by_id[parent])
         return found
 
 
-def _is_piece(thing: Thing) -> bool:
-    return str(thing["objectType"]).endswith(_CUT)
+def _is_piece(thing: TrueObject) -> bool:
+    return thing.object_type.endswith(_CUT)
 
 
-def _covers(name: str, thing: Thing) -> bool:
+def _covers(name: str, thing: TrueObject) -> bool:
     if "|" in name:
-        return bool(thing["objectId"] == name or thing["objectId"].startswith(f"{name}|"))
-    return thing["objectType"] in (name, f"{name}Sliced", _PARTS.get(name))
+        return thing.object_id == name or thing.object_id.startswith(f"{name}|")
+    return thing.object_type in (name, f"{name}Sliced", _PARTS.get(name))
 
 
-def _at_temperature(objects: Iterable[Thing], temperature: str) -> frozenset[str]:
-    return frozenset(
-        thing["objectId"]
-        for thing in objects
-        if thing["temperature"] == temperature and thing["objectType"] != "Floor"
-    )
+def _cold(truth: Truth) -> frozenset[str]:
+    cold = (thing for thing in truth.objects if thing.temperature == "Cold")
+    return frozenset(thing.object_id for thing in cold if thing.object_type != "Floor")
 
 
-def _near(thing: Thing, place: Sequence[float]) -> bool:
-    here = [thing["position"][axis] for axis in "xyz"]
-    squares = ((a - b) ** 2 for a, b in zip(here, place, strict=True))
-    return bool(sum(squares) <= NEAR_M**2)
+def _near(thing: TrueObject, place: Sequence[float]) -> bool:
+    squares = ((a - b) ** 2 for a, b in zip(thing.position_m, place, strict=True))
+    return sum(squares) <= NEAR_M**2
 
 
 def _linked(goals: Sequence[Goal]) -> Iterator[list[Goal]]:
@@ -340,17 +332,19 @@ def _linked(goals: Sequence[Goal]) -> Iterator[list[Goal]]:
 def _fewest_missed(
     goals: Sequence[Goal],
     index: _Index,
-    true: Callable[[Goal, Sequence[Thing], _Index], bool],
+    true: Callable[[Goal, Sequence[TrueObject], _Index], bool],
 ) -> frozenset[Goal]:
     """Search the choices of one object per name, depth first, for the fewest missed goals."""
     names = list(dict.fromkeys(name for goal in goals for name in object_names(goal)))
-    named = {name: index.named(name) or [{}] for name in names}
+    named: dict[str, Sequence[TrueObject | None]] = {
+        name: index.named(name) or [None] for name in names
+    }
     due: dict[str, list[Goal]] = {name: [] for name in names}  # by the name chosen last
     for goal in goals:
         due[max(object_names(goal), key=names.index)].append(goal)
     best = frozenset(goals)
 
-    def choose(depth: int, chosen: dict[str, Thing], missed: frozenset[Goal]) -> None:
+    def choose(depth: int, chosen: dict[str, TrueObject | None], missed: frozenset[Goal]) -> None:
         nonlocal best
         if len(missed) >= len(best):
             return
@@ -363,9 +357,10 @@ def _fewest_missed(
             wrong = [goal for goal in due[name] if not meets(goal, now)]
             choose(depth + 1, now, missed | frozenset(wrong))
 
-    def meets(goal: Goal, chosen: Mapping[str, Thing]) -> bool:
-        things = [chosen[name] for name in object_names(goal)]
-        return all(things) and true(goal, things, index)
+    def meets(goal: Goal, chosen: Mapping[str, TrueObject | None]) -> bool:
+        names = object_names(goal)
+        things = [thing for name in names if (thing := chosen[name]) is not None]
+        return len(things) == len(names) and true(goal, things, index)
 
     choose(0, {}, frozenset())
     return best

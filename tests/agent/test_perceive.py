@@ -2,7 +2,7 @@
 
 import pytest
 
-from karma.agent.perceive import cooled, heated, observe, place_of, states_of, to_unit, washed
+from karma.agent.perceive import observe, place_of, refusal, to_unit, truth_of
 from karma.contracts import MemoryUnit, SeenObject
 from karma.household.places import HAND
 from karma.world.sim import EmbeddedWorld
@@ -28,6 +28,11 @@ def do(world, action, object_id, **arguments):
     return event
 
 
+def states(world, object_id):
+    things = truth_of(world.last_event).objects
+    return next(thing.states for thing in things if thing.object_id == object_id)
+
+
 def put(world, object_id, receptacle_id):
     do(world, "PickupObject", object_id)
     return do(world, "PutObject", receptacle_id)
@@ -47,7 +52,35 @@ def test_observe_returns_only_what_is_visible_and_the_pose(world):
 def test_observe_after_a_refusal_tells_it(world):
     event = world.step("PickupObject", objectId=first(world, "Fridge"))
     assert observe(event).ok is False
-    assert observe(event).error == event.metadata["errorMessage"] != ""
+    assert observe(event).error == refusal(event) == event.metadata["errorMessage"] != ""
+
+
+def test_observe_out_of_view_knows_only_of_what_was_touched_and_of_its_pieces(world):
+    world.step("RotateRight")
+    apple, potato = first(world, "Apple"), first(world, "Potato")
+    event = do(world, "SliceObject", apple)
+    told = observe(event, touched=[apple])
+    assert {sight.object_id for sight in told.pieces} >= {f"{apple}|AppleSliced_1"}
+    assert potato not in {sight.object_id for sight in (*told.seen, *told.touched)}
+    assert observe(event).touched == observe(event).pieces == ()
+
+
+def test_observe_tells_of_known_things_only_what_a_tap_has_washed(world):
+    apple, potato, tap = (first(world, kind) for kind in ("Apple", "Potato", "Faucet"))
+    for thing in (apple, potato):
+        put(world, thing, first(world, "SinkBasin"))
+    world.step("LookUp")
+    event = do(world, "ToggleObjectOn", tap)
+    in_view = {sight.object_id for sight in observe(event).seen}
+    assert observe(event, touched=[tap], known=[apple]).washed == {apple} | ({potato} & in_view)
+    assert observe(event, known=[apple]).washed == frozenset()
+
+
+def test_a_frame_is_rendered_only_when_it_is_asked_for(world):
+    event = world.step("RotateRight")
+    observation = observe(event)
+    assert "frame" not in vars(event)
+    assert (observation.render() == event.frame).all()
 
 
 def test_observe_gives_what_is_held_apart_and_its_place_is_the_hand(world):
@@ -61,37 +94,32 @@ def test_observe_gives_what_is_held_apart_and_its_place_is_the_hand(world):
 def test_states_follow_the_flags(world):
     apple, fridge, faucet = (first(world, kind) for kind in ("Apple", "Fridge", "Faucet"))
 
-    def get(object_id):
-        return world.last_event.get_object(object_id)
-
-    assert states_of(get(apple)) == ()
-    assert states_of(get(fridge)) == ("closed",)
-    assert states_of(get(faucet)) == ("off",)
+    assert states(world, apple) == ()
+    assert states(world, fridge) == ("closed",)
+    assert states(world, faucet) == ("off",)
     do(world, "OpenObject", fridge)
     do(world, "ToggleObjectOn", faucet)
-    assert states_of(get(fridge)) == ("opened",)
-    assert states_of(get(faucet)) == ("on",)
-    event = do(world, "SliceObject", apple)
-    slices = [t for t in event.metadata["objects"] if t["objectId"].startswith(f"{apple}|")]
+    assert states(world, fridge) == ("opened",)
+    assert states(world, faucet) == ("on",)
+    slices = observe(do(world, "SliceObject", apple), touched=[apple]).pieces
     assert slices
-    assert all(states_of(thing) == ("sliced",) for thing in slices)
-    assert states_of(get(apple)) == ("sliced",)
+    assert all(sight.states == ("sliced",) for sight in slices)
+    assert states(world, apple) == ("sliced",)
 
 
 def test_states_of_dirty_filled_and_cooked(world):
     mug, potato = first(world, "Mug"), first(world, "Potato")
     do(world, "FillObjectWithLiquid", mug, fillLiquid="water")
     do(world, "CookObject", potato)
-    dirty = states_of(world.last_event.get_object(mug))
-    assert "filled" in dirty
-    assert "cooked" in states_of(world.last_event.get_object(potato))
+    assert "filled" in states(world, mug)
+    assert "cooked" in states(world, potato)
 
 
 def test_burner_is_on_with_its_knob(world):
     knob = first(world, "StoveKnob")
     burner = world.last_event.get_object(knob)["controlledObjects"][0]
     do(world, "ToggleObjectOn", knob)
-    assert states_of(world.last_event.get_object(burner)) == ("on",)
+    assert states(world, burner) == ("on",)
 
 
 def test_washed_is_what_lies_in_the_basin_when_the_tap_is_turned_on(world):
@@ -99,26 +127,26 @@ def test_washed_is_what_lies_in_the_basin_when_the_tap_is_turned_on(world):
     put(world, potato, bowl)
     put(world, bowl, first(world, "SinkBasin"))
     put(world, apple, first(world, "SinkBasin"))
-    assert washed(world.last_event) == frozenset()
+    assert truth_of(world.last_event).washed == frozenset()
     event = do(world, "ToggleObjectOn", first(world, "Faucet"))
-    assert {apple, potato, bowl} <= washed(event)
-    assert first(world, "Bread") not in washed(event)
-    assert not any("Sink" in object_id.split("|")[0] for object_id in washed(event))
+    assert {apple, potato, bowl} <= truth_of(event).washed
+    assert first(world, "Bread") not in truth_of(event).washed
+    assert not any("Sink" in object_id.split("|")[0] for object_id in truth_of(event).washed)
 
 
 def test_washed_after_another_action_is_nothing(world):
     put(world, first(world, "Apple"), first(world, "SinkBasin"))
     do(world, "ToggleObjectOn", first(world, "Faucet"))
-    assert washed(world.step("Pass")) == frozenset()
+    assert truth_of(world.step("Pass")).washed == frozenset()
     refused = world.step("ToggleObjectOn", objectId=first(world, "Faucet"), forceAction=True)
-    assert washed(refused) == frozenset()
+    assert truth_of(refused).washed == frozenset()
 
 
 def test_washed_slices_of_what_was_cut_in_the_sink(world):
     apple = first(world, "Apple")
     put(world, apple, first(world, "SinkBasin"))
     do(world, "SliceObject", apple)
-    clean = washed(do(world, "ToggleObjectOn", first(world, "Faucet")))
+    clean = truth_of(do(world, "ToggleObjectOn", first(world, "Faucet"))).washed
     assert sum(object_id.startswith(f"{apple}|") for object_id in clean) > 1
 
 
@@ -127,17 +155,17 @@ def test_heated_is_what_a_microwave_holds_when_it_starts(world):
     do(world, "OpenObject", oven)
     put(world, potato, oven)
     do(world, "CloseObject", oven)
-    assert potato not in heated(world.last_event)
-    assert potato in heated(do(world, "ToggleObjectOn", oven))
-    assert "heated" in states_of(world.last_event.get_object(potato))
+    assert potato not in truth_of(world.last_event).heated
+    assert potato in truth_of(do(world, "ToggleObjectOn", oven)).heated
+    assert "heated" in states(world, potato)
 
 
 def test_cooled_is_what_a_fridge_holds_when_it_closes(world):
     fridge, apple = first(world, "Fridge"), first(world, "Apple")
     do(world, "OpenObject", fridge)
-    assert cooled(put(world, apple, fridge)) == frozenset()
-    assert apple in cooled(do(world, "CloseObject", fridge))
-    assert cooled(world.step("Pass")) == frozenset()
+    assert truth_of(put(world, apple, fridge)).cooled == frozenset()
+    assert apple in truth_of(do(world, "CloseObject", fridge)).cooled
+    assert truth_of(world.step("Pass")).cooled == frozenset()
 
 
 def sight(*parents):

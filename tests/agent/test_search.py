@@ -6,7 +6,7 @@ from karma.agent.skills import Limits, Skills
 from karma.bench.days import drawn
 from karma.contracts import Known, SkillCall, Task
 from karma.memory.scene_graph import SceneGraph
-from karma.methods.tour import cells_of, position_of
+from karma.methods.tour import floor_of, position_of
 from karma.world.sim import EmbeddedWorld
 
 
@@ -155,7 +155,7 @@ def shut_away(world, kind, container):
 )
 def test_a_thing_is_found_that_is_hard_to_see(room, kind, container):
     world = EmbeddedWorld(room)
-    areas = SceneGraph.over(cells_of(world), height_m=position_of(world)[1]).areas()
+    areas = SceneGraph.over(floor_of(world), height_m=position_of(world)[1]).areas()
     shut_away(world, kind, container)
     result = explore(Skills(world, Nothing(areas)), kind)
     assert result.ok, result.reason

@@ -78,7 +78,7 @@ def do(method, instruction="fetch the apple"):
 
 
 def held(world):
-    thing = observe(world.last_event, frame=False).held
+    thing = observe(world.last_event).held
     return thing.object_type if thing else None
 
 

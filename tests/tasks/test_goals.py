@@ -23,7 +23,7 @@ def thing(object_id, *, inside=(), **fields):
     object_type = fields.pop("objectType", object_id.split("|")[0])
     flags = (
         "receptacle", "pickupable", "openable", "isOpen", "toggleable", "isToggled", "dirtyable",
-        "isDirty", "isFilledWithLiquid", "isBroken", "isUsedUp", "isCooked", "isSliced",
+        "isDirty", "isFilledWithLiquid", "isBroken", "isUsedUp", "isCooked", "isSliced", "visible",
     )  # fmt: skip
     return {
         **dict.fromkeys(flags, False),
@@ -31,6 +31,8 @@ def thing(object_id, *, inside=(), **fields):
         "objectType": object_type,
         "parentReceptacles": list(inside) or None,
         "receptacleObjectIds": [],
+        "controlledObjects": None,
+        "distance": 0.0,
         "temperature": "RoomTemp",
         "position": ORIGIN,
         "axisAlignedBoundingBox": {"center": ORIGIN, "size": ORIGIN},

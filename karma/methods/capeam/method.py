@@ -19,7 +19,7 @@ from karma.methods.capeam.frames import read
 from karma.methods.capeam.memory import EnvironmentMemory
 from karma.methods.capeam.run import Limits, Runner
 from karma.methods.options import settings_of
-from karma.methods.tour import cells_of, position_of
+from karma.methods.tour import floor_of, position_of
 from karma.seeds import stream
 
 FINER_M = 0.5  # every cell is this near to a place of the second round, as in KARMA's own search
@@ -45,7 +45,7 @@ class _Room:
     @classmethod
     def of(cls, world: World) -> Self:
         """Return the empty map of the room that the agent is in."""
-        cells, height = cells_of(world), position_of(world)[1]
+        cells, height = floor_of(world), position_of(world)[1]
         floor = SceneGraph.over(cells, height_m=height)
         looked = [(x, z) for x, _, z in (area.position_m for area in floor.areas())]
         finer = enumerate(cover(cells, looked, FINER_M), start=1)

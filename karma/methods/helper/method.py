@@ -29,7 +29,7 @@ from karma.methods.helper.examples import ExampleMemory, seed_examples
 from karma.methods.helper.memory import ObjectMemory
 from karma.methods.helper.run import Budget, Executor
 from karma.methods.options import settings_of
-from karma.methods.tour import cells_of, position_of
+from karma.methods.tour import floor_of, position_of
 from karma.seeds import stream
 
 TRIES = 2  # of one sub-goal: the second on the next instance
@@ -58,7 +58,7 @@ class _Room:
     @classmethod
     def of(cls, world: World) -> Self:
         """Return the knowledge of somebody who has just come in."""
-        cells, height = sorted(cells_of(world)), position_of(world)[1]
+        cells, height = sorted(floor_of(world)), position_of(world)[1]
         return cls(
             memory=ObjectMemory(here=lambda: position_of(world)),
             cells=[(x, height, z) for x, z in cells],

@@ -51,7 +51,7 @@ from karma.methods.lota.forms import (
     words_prompt,
 )
 from karma.methods.options import settings_of
-from karma.methods.tour import cells_of, position_of
+from karma.methods.tour import floor_of, position_of
 
 # what is done for an instruction; returns whether it was finished, and the steps taken
 Acting = Generator[Plan | SkillResult, None, tuple[bool, tuple[str, ...]]]
@@ -268,7 +268,7 @@ class _Floor:
     """What the rows know of a home: area nodes over the cells that can be stood on, all empty."""
 
     def __init__(self, world: World) -> None:
-        graph = SceneGraph.over(sorted(cells_of(world)), height_m=position_of(world)[1])
+        graph = SceneGraph.over(sorted(floor_of(world)), height_m=position_of(world)[1])
         self._areas = tuple(graph.areas())
 
     def where(self, name: str) -> Known | None:

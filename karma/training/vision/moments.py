@@ -12,8 +12,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from karma.agent.perceive import shown_states
-from karma.agent.projection import region_of, silhouette_of
+from karma.agent.perceive import camera_of, shown_states, truth_of
+from karma.agent.projection import placed
 from karma.contracts import Point, Region
 from karma.seeds import stream
 from karma.world.core.scene import Scene, SceneObject
@@ -76,21 +76,21 @@ def samples(event: WorldEvent, least: int = LEAST_PIXELS) -> list[Sample]:
     rows = event.picture.rows
     counts = np.bincount(rows[rows >= 0], minlength=len(event.state.objects))
     shown = dict(zip(event.state.objects, counts.tolist(), strict=True))
-    inventory = {item["objectId"] for item in event.metadata["inventoryObjects"]}
+    truth, camera = truth_of(event), camera_of(event)
     found = []
-    for thing in event.metadata["objects"]:
-        object_id = thing["objectId"]
-        if not (thing["visible"] or object_id in inventory) or shown[object_id] < least:
+    for thing in truth.objects:
+        pixels = shown[thing.object_id]
+        if not (thing.visible or thing.object_id in truth.held_ids) or pixels < least:
             continue
-        region = region_of(event.metadata, thing["axisAlignedBoundingBox"])
-        if region is not None:
+        one = placed(thing, camera)
+        if one.region is not None:
             found.append(
                 Sample(
-                    object_id=object_id,
-                    object_type=thing["objectType"],
-                    region=region,
-                    silhouette=silhouette_of(event.metadata, thing["axisAlignedBoundingBox"]),
-                    pixels=shown[object_id],
+                    object_id=one.object_id,
+                    object_type=one.object_type,
+                    region=one.region,
+                    silhouette=one.silhouette,
+                    pixels=pixels,
                     states=shown_states(thing),
                 )
             )
@@ -175,7 +175,7 @@ def _unseen_if_on(kind: str, new: dict[str, Any]) -> bool:
 
 
 def _pick_up(world: EmbeddedWorld, rng: _Lot) -> None:
-    ids = [t["objectId"] for t in world.last_event.metadata["objects"] if t["pickupable"]]
+    ids = [t.object_id for t in truth_of(world.last_event).objects if t.pickupable]
     if ids:
         chosen = ids[int(rng.integers(len(ids)))]
         world.step("PickupObject", objectId=chosen, forceAction=True)
