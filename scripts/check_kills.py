@@ -4,7 +4,7 @@
     python scripts/check_kills.py --ray 127.0.0.1:6379 # also on a cluster that is there
     python scripts/check_kills.py --tasks 6 --kills 5 --workers 1
 
-The experiment is cheap: the shipped nano planner and the teacher on tasks of `eval/alfred_l`. The
+The experiment is cheap: the shipped nano planner and the expert on tasks of `eval/alfred_l`. The
 process is killed by SIGKILL at an instant drawn by lot, early enough for all kills to meet a living
 run, and the same command is given again. Times differ from run to run; of
 `timings.jsonl` only the episodes and their order are compared.
@@ -39,8 +39,8 @@ name = "KARMA (K = 3)"
 options = {{ recall_k = 3, query = "subtask", attempts = 1 }}
 
 [[rows]]
-name = "oracle"
-method = "oracle"
+name = "expert"
+method = "expert"
 """
 TIMINGS = "timings.jsonl"
 ORPHANS_S = 60.0  # that workers of a killed run have to end

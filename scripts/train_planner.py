@@ -29,7 +29,7 @@ from karma.bench.episode import run_episode
 from karma.errors import FileError, ProgramError
 from karma.files import read_json, to_json, write_atomic
 from karma.infer.manifest.manifest import resolve_planner
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import ExpertMethod
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.authors import load_authors_tasks
@@ -364,7 +364,7 @@ def tasks(
     seed: int = 0,
     homes: Annotated[int, typer.Option(help="Rooms, half of them kitchens.")] = 24,
 ) -> None:
-    """Draw tasks of rooms and phrasings that training never sees, each done once by the teacher."""
+    """Draw tasks of rooms and phrasings that training never sees, each done once by the expert."""
     book = our_book().part(held_out=True)
     world = registry.load("worlds", "embedded")()
     drawn = list(_draw_homes(folder, seed, homes))
@@ -410,7 +410,7 @@ def _task_line(name: str, kind: str, scene: Path, steps: Sequence[Step]) -> dict
 
 
 def _can_be_done(line: dict[str, Any], world: Any, folder: Path) -> bool:
-    """Return whether the teacher, knowing everything, does it in the world."""
+    """Return whether the expert, knowing everything, does it in the world."""
     path = folder / "one.jsonl"
     write_atomic(path, to_json(line))
     try:
@@ -419,7 +419,7 @@ def _can_be_done(line: dict[str, Any], world: Any, folder: Path) -> bool:
         return False  # the type table lets nothing of the kind in there
     finally:
         path.unlink()
-    record = run_episode(OracleMethod(), world, task, row="oracle", seed=0, folder=folder)
+    record = run_episode(ExpertMethod(), world, task, row="expert", seed=0, folder=folder)
     return not record.error and not any(sub.unmet for sub in record.subtasks)
 
 

@@ -14,7 +14,7 @@ from support.tiny import export_tiny
 from karma.bench.episode import run_episode
 from karma.errors import KarmaError
 from karma.infer.manifest.manifest import find_model, verify
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import ExpertMethod
 from karma.tasks.files import load_tasks
 from karma.world.sim import EmbeddedWorld
 
@@ -57,15 +57,15 @@ def experiment(folder, planner, rows):
     return path
 
 
-ORACLE = '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+EXPERT = '[[rows]]\nname = "expert"\nmethod = "expert"\n'
 
 
 def test_namespace_has_no_interface(cut_off, tmp_path):
     assert cut_off(tmp_path, "-c", INTERFACES).strip() == "[]"
 
 
-def test_oracle_runs_without_an_interface(cut_off, tmp_path):
-    path = experiment(tmp_path, export_tiny(tmp_path / "tiny.gguf"), ORACLE)
+def test_expert_runs_without_an_interface(cut_off, tmp_path):
+    path = experiment(tmp_path, export_tiny(tmp_path / "tiny.gguf"), EXPERT)
     cut_off(tmp_path, *karma("eval", path, "--json", "figures.json"))
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert [line["success_rate"] for line in figures] == [1.0, 1.0]
@@ -96,7 +96,7 @@ def test_shipped_planner_runs_without_an_interface(cut_off, tmp_path):
     assert json.loads((tmp_path / "run.json").read_text())["finished"]
 
 
-def test_oracle_opens_no_socket(monkeypatch, tmp_path):
+def test_expert_opens_no_socket(monkeypatch, tmp_path):
     opened = []
     original = socket.socket.__init__
 
@@ -107,7 +107,7 @@ def test_oracle_opens_no_socket(monkeypatch, tmp_path):
     monkeypatch.setattr(socket.socket, "__init__", noting)
     (task,) = [task for task in load_tasks(TASKS) if task.id == "simple-12"]
     record = run_episode(
-        OracleMethod(), EmbeddedWorld(), task, row="oracle", seed=0, folder=tmp_path
+        ExpertMethod(), EmbeddedWorld(), task, row="expert", seed=0, folder=tmp_path
     )
     assert record.success
     assert opened == []

@@ -226,7 +226,7 @@ def test_lab_can_forbid_leave(tmp_path):
 def test_header_of_a_run_says_whether_it_had_leave(leave, tmp_path):
     (tmp_path / "x.toml").write_text(
         f'name = "x"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-12"]\n'
-        '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+        '[[rows]]\nname = "expert"\nmethod = "expert"\n'
     )
     word = "'--allow-network', " if leave else ""
     program = f"from karma.cli import app; app([{word}'eval', 'x.toml'])"
@@ -263,7 +263,7 @@ def test_planted_call_fails_the_run_and_is_named(kind, tmp_path):
     """A world that telephones home; also one that hides it."""
     (tmp_path / "x.toml").write_text(
         f'name = "x"\ntasks = "{ROOT}/eval/alfred_l/tasks.jsonl"\nonly = ["simple-12"]\n'
-        '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+        '[[rows]]\nname = "expert"\nmethod = "expert"\n'
     )
     (tmp_path / "planted.py").write_text(PLANTED.format(call=CALLS[kind]))
     done = subprocess.run(

@@ -2,7 +2,7 @@
 
 At temperature 0 the same start gives the same episode, so a seed has to change something real: half
 of what can be carried lies elsewhere, and the agent stands somewhere else. All rows of a task and
-seed begin alike. A start is drawn again while the symbolic teacher cannot do in it what it can do
+seed begin alike. A start is drawn again while the expert cannot do in it what it can do
 in the scene as it is, or while something is done in it before it was asked for.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from karma.agent.perceive import cells_of, pose_of, refusal, truth_of
 from karma.contracts import Event, SceneRef, Task, World
 from karma.errors import KarmaError
-from karma.methods.expert import OracleEpisode
+from karma.methods.expert import ExpertEpisode
 from karma.seeds import stream
 from karma.tasks.goals import GoalTracker, WatchedWorld, object_names
 
@@ -161,16 +161,16 @@ def faults(world: World, task: Task) -> Faults:
     """Return what is wrong with the moment as a start of a task; the world is used up by it.
 
     "done": a sub-task that is the first to speak of its things is met already. "hard": the
-    symbolic teacher did not solve it.
+    expert did not solve it.
     """
     tracker = GoalTracker()
     watched = WatchedWorld(world, tracker)
-    teacher = OracleEpisode(watched, SceneRef.of(task.scene))
+    expert = ExpertEpisode(watched, SceneRef.of(task.scene))
     tracker.start(world.last_event)
     found = {("done", number) for number in _done_already(task, tracker, world.last_event)}
     for number, subtask in enumerate(task.subtasks):
         tracker.begin_subtask()
-        for _ in teacher.do(subtask):
+        for _ in expert.do(subtask):
             pass
         if tracker.unmet(subtask.goals, world.last_event):
             found.add(("hard", number))

@@ -7,7 +7,7 @@ from karma.bench.compare import Comparison
 from karma.bench.statistics import Estimate
 from karma.bench.tables import Result, Sheet, figure_text, interval_text
 
-TEACHER = "oracle"
+EXPERT = "expert"
 _MARGINS = (("composite", 1.3), ("complex", 2.3))  # SR over the best baseline's (§4.3)
 _SAVED = (  # Table 1, a little rounded down
     ("RE", "explorations", 0.85),
@@ -71,9 +71,9 @@ def _margins(result: Result) -> Iterator[Claim]:
 
 
 def _is_rival(result: Result, one: Comparison) -> bool:
-    """Return whether the second arm is a baseline: no ablation, no twin, not the teacher."""
+    """Return whether the second arm is a baseline: no ablation, no twin, not the expert."""
     twins = {line.reference for line in result.reductions}
-    return one.second not in {TEACHER, *twins} and not one.second.startswith(one.first)
+    return one.second not in {EXPERT, *twins} and not one.second.startswith(one.first)
 
 
 def _solved_by_second(one: Comparison) -> float:

@@ -47,9 +47,9 @@ def sequences_command(
     layouts: Annotated[Path | None, typer.Option(help="Reachable cells for those.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUT.")] = False,
 ) -> None:
-    """Draw a task file of long sequences in one home, done once by the symbolic teacher.
+    """Draw a task file of long sequences in one home, done once by the expert.
 
-    A task that is done already at its turn, or that the teacher cannot do, is drawn anew.
+    A task that is done already at its turn, or that the expert cannot do, is drawn anew.
     """
     from karma.lab.sequences import draw_sequence
     from karma.tasks.files import write_tasks

@@ -1,6 +1,6 @@
 """ALFWorld-R as episodes: sequences of tasks, each of which can be done when its turn comes.
 
-Tasks are drawn as access traces draw theirs. The symbolic teacher does one after the other in the
+Tasks are drawn as access traces draw theirs. The expert does one after the other in the
 embedded world; what is done already at that point, or what it cannot do, is drawn anew, and has
 never happened: moments of that world do not change, so going back costs nothing and is exact.
 """
@@ -18,7 +18,7 @@ from karma.household.types import object_type
 from karma.household.uses import BASIN_OF
 from karma.lab.tasks import Errand, Pool
 from karma.lab.workloads import TRIES, Draws, Workload, draws
-from karma.methods.expert import OracleEpisode
+from karma.methods.expert import ExpertEpisode
 from karma.seeds import stream
 from karma.tasks.files import check_goal
 from karma.tasks.goals import GoalTracker, WatchedWorld, alternatives, object_names
@@ -32,7 +32,7 @@ NO_ROOM = "its room is not there"
 NO_SENSE = "AI2-THOR 5.0.0 does not allow it"  # to put such a thing there, or has no such type
 NOT_THERE = "not in its room"
 DONE = "done already"
-TOO_HARD = "the teacher cannot"
+TOO_HARD = "the expert cannot"
 FRUITLESS = 200 * TRIES  # draws in a row that come to nothing, until the home is given up
 
 
@@ -176,7 +176,7 @@ def _next(drawn: Draws, walk: "Walk", anew: Counter[str], *, taken: bool) -> Err
 
 
 class Walk:
-    """The teacher in a home, doing one task after the other as an episode's oracle does.
+    """The expert in a home, doing one task after the other as in an episode.
 
     Args:
         tasks: say what the rooms are.
@@ -188,7 +188,7 @@ class Walk:
         self._tracker = GoalTracker()
         self._home = Home(self._make)
         self._watched = WatchedWorld(self._home, self._tracker)
-        self._teacher: OracleEpisode | None = None  # None before the first room
+        self._expert: ExpertEpisode | None = None  # None before the first room
         self._refused: dict[tuple[str, tuple[Goal, ...]], str] = {}  # as things are now
 
     @property
@@ -210,16 +210,16 @@ class Walk:
         if not _has(self._rooms[errand.scene], errand.goals):
             return NOT_THERE
         here = self._home.scene
-        teacher = deepcopy(self._teacher, {id(self._watched): self._watched})
+        expert = deepcopy(self._expert, {id(self._watched): self._watched})
         before = self.moments
         try:
-            teacher = self._entered(teacher, errand.scene)
+            expert = self._entered(expert, errand.scene)
             before = {**self.moments, **before}  # a room at its first visit
-            reason = self._done(teacher, errand)
+            reason = self._done(expert, errand)
         except KarmaError:
             reason = TOO_HARD
         if not reason:
-            self._teacher = teacher
+            self._expert = expert
             return ""
         if not here:  # there was no beginning yet
             self._worlds.clear()
@@ -230,24 +230,24 @@ class Walk:
         self._home.enter(here)
         return reason
 
-    def _entered(self, teacher: OracleEpisode | None, scene: str) -> OracleEpisode:
-        """Return the teacher in a room, where it begins if it is nowhere yet."""
-        if teacher is None:
+    def _entered(self, expert: ExpertEpisode | None, scene: str) -> ExpertEpisode:
+        """Return the expert in a room, where it begins if it is nowhere yet."""
+        if expert is None:
             self._home.reset(scene)
-            return OracleEpisode(self._watched, SceneRef.of(scene))
+            return ExpertEpisode(self._watched, SceneRef.of(scene))
         if scene != self._home.scene:
             self._home.enter(scene)
-            teacher.enter(SceneRef.of(scene))
-        return teacher
+            expert.enter(SceneRef.of(scene))
+        return expert
 
-    def _done(self, teacher: OracleEpisode, errand: Errand) -> str:
-        """Let the teacher do a task in its room, and judge as an episode does."""
+    def _done(self, expert: ExpertEpisode, errand: Errand) -> str:
+        """Let the expert do a task in its room, and judge as an episode does."""
         event = self._home.last_event
         self._tracker.start(event)
         if not self._tracker.unmet(errand.goals, event):
             return DONE
         text = errand.sentences[0]
-        for _ in teacher.do(SubTask(instruction=text, whole=text, goals=errand.goals)):
+        for _ in expert.do(SubTask(instruction=text, whole=text, goals=errand.goals)):
             pass
         return TOO_HARD if self._tracker.unmet(errand.goals, self._home.last_event) else ""
 

@@ -1,4 +1,4 @@
-"""The symbolic teacher acting with the whole truth: the ceiling, and proof that tasks are solvable.
+"""The expert acting with the whole truth: the ceiling, and proof that tasks are solvable.
 
 The one method that may read a sub-task's goals and the world's hidden state.
 """
@@ -31,7 +31,7 @@ from karma.household.pieces import base_type, is_piece
 from karma.household.places import SURFACES
 from karma.household.uses import SINK
 from karma.methods.options import settings_of
-from karma.tasks.expert import Thing, View, solve
+from karma.tasks.expert import ExpertView, NamedThing, solve
 from karma.tasks.goals import GoalTracker, WatchedWorld, alternatives, is_position, object_names
 
 ATTEMPTS = 3
@@ -42,10 +42,10 @@ class _NoOptions:
     pass
 
 
-class OracleMethod:
-    """The `oracle` row: goals and truth in, programs out, through the same skills."""
+class ExpertMethod:
+    """The `expert` row: goals and truth in, programs out, through the same skills."""
 
-    name = "oracle"
+    name = "expert"
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
@@ -53,12 +53,12 @@ class OracleMethod:
         settings_of(_NoOptions, options)
         return cls()
 
-    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "OracleEpisode":
+    def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "ExpertEpisode":
         """Start an episode; nothing is kept from an earlier one."""
-        return OracleEpisode(world, scene)
+        return ExpertEpisode(world, scene)
 
 
-class OracleEpisode:
+class ExpertEpisode:
     """One sequence of instructions; what was used in each room is known.
 
     Args:
@@ -133,8 +133,8 @@ class _AllKnowing:
         return ()
 
 
-def _view(truth: Truth, used: list[str]) -> tuple[View, Mapping[str, TrueObject]]:
-    """Return everything as the teacher sees it, the last used things first."""
+def _view(truth: Truth, used: list[str]) -> tuple[ExpertView, Mapping[str, TrueObject]]:
+    """Return everything as the expert sees it, the last used things first."""
     things = {thing.object_id: thing for thing in truth.objects}
     rank = {object_id: number for number, object_id in enumerate(used)}
     pieces = {whole_id(object_id) for object_id, t in things.items() if is_piece(t.object_type)}
@@ -143,7 +143,7 @@ def _view(truth: Truth, used: list[str]) -> tuple[View, Mapping[str, TrueObject]
         key=lambda t: (-rank.get(t.object_id, -1), t.distance_m, t.object_id),
     )
     fixed = tuple(sorted({t.object_type for t in things.values()}))
-    view = View(
+    view = ExpertView(
         things=tuple(_thing(t, things) for t in order),
         areas=(Area(name="everywhere", position_m=(0.0, 0.0, 0.0), contains=fixed),),
         held=next((_thing(things[object_id], things) for object_id in truth.held_ids), None),
@@ -151,10 +151,10 @@ def _view(truth: Truth, used: list[str]) -> tuple[View, Mapping[str, TrueObject]
     return view, things
 
 
-def _thing(thing: TrueObject, things: Mapping[str, TrueObject]) -> Thing:
+def _thing(thing: TrueObject, things: Mapping[str, TrueObject]) -> NamedThing:
     place = things[thing.parent_ids[0]] if thing.parent_ids else None
     closed = place if place is not None and place.openable else None
-    return Thing(
+    return NamedThing(
         name=thing.object_id,
         object_type=thing.object_type,
         states=("sliced",) if is_piece(thing.object_type) else (),
@@ -163,7 +163,7 @@ def _thing(thing: TrueObject, things: Mapping[str, TrueObject]) -> Thing:
     )
 
 
-def _bound(goal: Goal, view: View, things: Mapping[str, TrueObject]) -> Goal:
+def _bound(goal: Goal, view: ExpertView, things: Mapping[str, TrueObject]) -> Goal:
     """Put ids in place of the names of things that can be carried; places keep their type."""
     names = object_names(goal)
     arguments = list(goal.arguments)
@@ -193,7 +193,7 @@ def _off(thing: TrueObject, point: Vec3) -> float:
     return float(sum(gap * gap for gap in gaps))
 
 
-def _choose(names: tuple[str, ...], view: View, things: Mapping[str, TrueObject]) -> str:
+def _choose(names: tuple[str, ...], view: ExpertView, things: Mapping[str, TrueObject]) -> str:
     """Return the id of what was last used, else the nearest; big fixed things stay a type."""
     for name in names:
         held = view.held

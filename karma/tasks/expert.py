@@ -1,6 +1,6 @@
-"""The symbolic teacher: goals and what is known -> a program of skill calls.
+"""The expert's programs: goals and what is known -> skill calls.
 
-It writes the programs that the nano planner learns from, and it is the `oracle` row's planner,
+The nano planner learns from them, and the `expert` row (`karma.methods.expert`) acts on them,
 which shows that every task can be solved. It knows the skill API and household sense, not the
 world: the view it is given may be one agent's memory or the whole truth.
 """
@@ -22,7 +22,7 @@ COLD = ("cooled", "cold", "chilled")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Thing:
+class NamedThing:
     """One object as a program may name it."""
 
     name: str
@@ -33,20 +33,20 @@ class Thing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class ExpertView:
     """What is known when the program is written."""
 
-    things: tuple[Thing, ...] = ()  # the last used first
+    things: tuple[NamedThing, ...] = ()  # the last used first
     areas: tuple[Area, ...] = ()
-    held: Thing | None = None
+    held: NamedThing | None = None
 
 
 @dataclass(slots=True)
 class _Draft:
     """A program being written, and the world as it will be at that line."""
 
-    view: View
-    held: Thing | None
+    view: ExpertView
+    held: NamedThing | None
     calls: list[SkillCall] = field(default_factory=list)
     places: dict[str, tuple[str, str]] = field(default_factory=dict)  # name -> place, its type
     found: set[str] = field(default_factory=set)
@@ -57,7 +57,7 @@ class _Draft:
         if not (skill == "GoToObject" and self.calls and self.calls[-1] == call):
             self.calls.append(call)
 
-    def thing(self, word: str) -> Thing:
+    def thing(self, word: str) -> NamedThing:
         """Return what a goal's word means: what is held, a known thing, or just a type."""
         known = [*([self.held] if self.held else []), *self.view.things]
         for candidate in known:
@@ -66,9 +66,9 @@ class _Draft:
         for candidate in known:
             if word == base_type(candidate.object_type):
                 return candidate
-        return Thing(name=word, object_type=word)
+        return NamedThing(name=word, object_type=word)
 
-    def place_of(self, thing: Thing) -> tuple[str, str] | None:
+    def place_of(self, thing: NamedThing) -> tuple[str, str] | None:
         """Return name and type of the receptacle that holds a thing, if known."""
         if thing.name in self.places:
             return self.places[thing.name]
@@ -80,7 +80,7 @@ class _Draft:
         """Return whether long-term memory knows an immovable thing of this type."""
         return any(kind in area.contains for area in self.view.areas)
 
-    def knows(self, thing: Thing) -> bool:
+    def knows(self, thing: NamedThing) -> bool:
         """Return whether the robot can go straight there."""
         return (
             thing.name in self.found
@@ -88,7 +88,7 @@ class _Draft:
             or self.has_landmark(thing.object_type)
         )
 
-    def reach(self, thing: Thing) -> str | None:
+    def reach(self, thing: NamedThing) -> str | None:
         """Go where a thing can be touched; return the container that had to be opened."""
         if self.held is not None and thing.name == self.held.name:
             return None
@@ -105,7 +105,7 @@ class _Draft:
         self.say("GoToObject", thing.name)
         return None
 
-    def take(self, thing: Thing) -> None:
+    def take(self, thing: NamedThing) -> None:
         """Have a thing in the hand."""
         if self.held is not None and thing.name == self.held.name:
             return
@@ -126,9 +126,9 @@ class _Draft:
         allowed = [name for name in SURFACES if fits is None or name in fits] or list(SURFACES)
         known = [name for name in allowed if self.has_landmark(name)]
         surface = (known or allowed)[0]
-        self.put(self.held, Thing(name=surface, object_type=surface))
+        self.put(self.held, NamedThing(name=surface, object_type=surface))
 
-    def put(self, thing: Thing, receptacle: Thing, *, close: bool = True) -> None:
+    def put(self, thing: NamedThing, receptacle: NamedThing, *, close: bool = True) -> None:
         """Put a thing into a receptacle, opening and closing what must be."""
         self.take(thing)
         opened = self.reach(receptacle)
@@ -143,7 +143,7 @@ class _Draft:
         self.found.add(thing.name)
 
 
-def solve(goals: Sequence[Goal], view: View) -> tuple[SkillCall, ...]:
+def solve(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
     """Write the program that makes the goals true, one subject after another.
 
     Args:
@@ -202,7 +202,7 @@ def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
         draft.take(thing)
 
 
-def _change(draft: _Draft, thing: Thing, state: str, goals: Sequence[Goal]) -> str:
+def _change(draft: _Draft, thing: NamedThing, state: str, goals: Sequence[Goal]) -> str:
     """Write the lines for one STATE goal; return the type of the place it ends in, if any."""
     if state == "sliced":
         _slice(draft, thing)
@@ -228,7 +228,7 @@ def _change(draft: _Draft, thing: Thing, state: str, goals: Sequence[Goal]) -> s
     return ""
 
 
-def _slice(draft: _Draft, thing: Thing) -> None:
+def _slice(draft: _Draft, thing: NamedThing) -> None:
     """Fetch a knife, as Listing 2 does, and slice; a whole thing in the hand is put down first."""
     knives = [draft.thing(kind) for kind in KNIVES]
     held_knife = draft.held is not None and draft.held.object_type in KNIVES
@@ -240,7 +240,7 @@ def _slice(draft: _Draft, thing: Thing) -> None:
         draft.say("CloseObject", opened)
 
 
-def _rinse(draft: _Draft, thing: Thing) -> str:
+def _rinse(draft: _Draft, thing: NamedThing) -> str:
     """Hold a thing under the tap: it gets clean, and full if it can be filled."""
     draft.put(thing, draft.thing("Sink"))
     draft.say("ToggleOn", "Faucet")
@@ -248,13 +248,13 @@ def _rinse(draft: _Draft, thing: Thing) -> str:
     return "Sink"
 
 
-def _coffee(draft: _Draft, thing: Thing) -> str:
+def _coffee(draft: _Draft, thing: NamedThing) -> str:
     draft.put(thing, draft.thing("CoffeeMachine"))
     draft.say("ToggleOn", "CoffeeMachine")
     return "CoffeeMachine"
 
 
-def _heat(draft: _Draft, thing: Thing, state: str) -> str:
+def _heat(draft: _Draft, thing: NamedThing, state: str) -> str:
     """Toast bread; everything else goes into the microwave, an egg is cracked in there."""
     if base_type(thing.object_type) == "Bread" and state == "cooked":
         if "sliced" not in thing.states and not thing.object_type.endswith("Sliced"):

@@ -12,7 +12,7 @@ from karma.errors import ModelError
 from karma.household.places import landmark_types
 from karma.infer.llama.constrain import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
-from karma.tasks.expert import Thing, View, solve
+from karma.tasks.expert import ExpertView, NamedThing, solve
 from karma.tasks.goals import parse_goal
 
 GOOD = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
@@ -119,13 +119,13 @@ def test_what_was_searched_for_in_vain_is_not_offered_again_unless_memory_has_it
     units=st.lists(st.sampled_from(UNITS), unique=True),
     mapped=st.booleans(),
 )
-def test_spec_admits_every_program_of_the_teacher(texts, units, mapped):
+def test_spec_admits_every_program_of_the_expert(texts, units, mapped):
     home = Area(name="home", position_m=(0, 0, 0), contains=tuple(sorted(landmark_types())))
     facts = Facts(instruction="go", areas=(*AREAS, home) if mapped else (), units=units)
     names = compact(facts).names
     name_of = {object_id: name for name, object_id in names.items()}
     things = [
-        Thing(
+        NamedThing(
             name=name_of[unit.object_id],
             object_type=unit.object_type,
             place=name_of.get(unit.place_id),
@@ -134,7 +134,7 @@ def test_spec_admits_every_program_of_the_teacher(texts, units, mapped):
         for unit in reversed(units)
     ]
     goals = [parse_goal(text) for text in texts if "_2" not in text or "Apple_2" in names]
-    calls = solve(goals, View(things=tuple(things), areas=facts.areas))
+    calls = solve(goals, ExpertView(things=tuple(things), areas=facts.areas))
     text = "".join(f"{call}\n" for call in calls)
     automaton = ProgramAutomaton(program_spec(facts, names))
     state = automaton.advance(automaton.start(), text)

@@ -9,7 +9,7 @@ from karma.contracts import MemoryUnit, Outcome, SubTask, Task
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import ExpertMethod
 from karma.methods.karma import KarmaMethod, KarmaSettings
 from karma.tasks.goals import parse_goal
 from karma.world.sim import EmbeddedWorld
@@ -187,9 +187,9 @@ def test_slice_in_memory_is_a_hit_for_the_whole(tmp_path):
     assert not record.success
 
 
-def test_oracle_s_record_has_calls_but_no_answers(tmp_path):
+def test_expert_s_record_has_calls_but_no_answers(tmp_path):
     record = run_episode(
-        OracleMethod(), EmbeddedWorld(), PUT_AND_FETCH, row="oracle", seed=0, folder=tmp_path
+        ExpertMethod(), EmbeddedWorld(), PUT_AND_FETCH, row="expert", seed=0, folder=tmp_path
     )
     assert record.success
     assert all(sub.calls and not sub.answers for sub in record.subtasks)

@@ -88,7 +88,7 @@ def timings(*records):
 FAILED = episode(task="t2", subtasks=(part(unmet=("OPEN(Fridge): 1",), hits=0, queries=1),))
 BROKEN = episode(task="t3", kind="complex", subtasks=(part(queries=0, hits=0),), error="broke")
 SILENT = episode(
-    row="oracle",
+    row="expert",
     subtasks=(part(answers=(), recalled=(), hits=0, calls=(call(), call(actions=5))),),
 )
 
@@ -174,9 +174,9 @@ def test_summary_equals_figures_computed_by_hand():
     lines = summarise(records, timings(*records))
     assert [(line.row, line.kind) for line in lines] == [
         ("KARMA", "simple"), ("KARMA", "complex"), ("KARMA", "all"),
-        ("oracle", "simple"), ("oracle", "all"),
+        ("expert", "simple"), ("expert", "all"),
     ]  # fmt: skip
-    simple, broken, every, _, oracle = lines
+    simple, broken, every, _, expert = lines
     assert (simple.episodes, simple.successes, simple.success_rate) == (2, 1, 0.5)
     assert (simple.explorations, simple.actions) == (1.5, 4.5)  # 3 calls of 1 and 3 in 2 episodes
     assert (simple.planner_calls, simple.seconds) == (1.5, 2.25)
@@ -185,8 +185,8 @@ def test_summary_equals_figures_computed_by_hand():
     assert (every.episodes, every.successes) == (3, 1)
     assert every.success_rate == pytest.approx(1 / 3)
     assert every.memory_hit_rate == pytest.approx(2 / 5)
-    assert (oracle.success_rate, oracle.actions, oracle.explorations) == (1.0, 8.0, 2.0)
-    assert (oracle.planner_calls, oracle.memory_hit_rate) == (None, None)
+    assert (expert.success_rate, expert.actions, expert.explorations) == (1.0, 8.0, 2.0)
+    assert (expert.planner_calls, expert.memory_hit_rate) == (None, None)
 
 
 def test_summary_of_an_episode_that_broke_at_once_measures_no_planner():
@@ -217,7 +217,7 @@ def test_success_needs_every_goal_no_error_and_a_goal_at_all():
 
 def test_by_task_keeps_the_last_seed_of_each_row():
     last = episode(seed=1)
-    assert by_task([episode(), SILENT, last]) == {"t1": {"KARMA": last, "oracle": SILENT}}
+    assert by_task([episode(), SILENT, last]) == {"t1": {"KARMA": last, "expert": SILENT}}
 
 
 def printed(renderable):
@@ -229,7 +229,7 @@ def printed(renderable):
 def test_tables_print_a_dash_for_what_was_not_measured():
     text = printed(show.summary_table(summarise([SILENT], timings(SILENT)), "a title"))
     (line,) = [line for line in text.splitlines() if " simple" in line]
-    assert re.sub(r"[│\s]+", " ", line).strip() == "oracle simple 1/1 1.00 2.0 8 – 1.50 –"
+    assert re.sub(r"[│\s]+", " ", line).strip() == "expert simple 1/1 1.00 2.0 8 – 1.50 –"
     tasks = printed(show.task_table([episode(), FAILED, SILENT]))
     assert "✗ 0/1" in tasks
     assert "–" in tasks
@@ -249,7 +249,7 @@ def experiment(tmp_path, planner):
     """A function that writes an experiment and returns its path."""
 
     def write(*rows, only=("simple-12",), more="", name="x"):
-        rows = rows or ('name = "oracle"\nmethod = "oracle"',)
+        rows = rows or ('name = "expert"\nmethod = "expert"',)
         path = tmp_path / f"{name}.toml"
         path.write_text(
             f'name = "{name}"\ntasks = "{TASKS}"\nonly = {list(only)}\n{more}\n'
@@ -271,7 +271,7 @@ def two_rows(planner, tmp_path_factory):
     path = folder / "two.toml"
     path.write_text(
         f'name = "two"\ntasks = "{TASKS}"\nonly = ["simple-04", "simple-12"]\n'
-        f'[[rows]]\nname = "oracle"\nmethod = "oracle"\n[[rows]]\n{BABBLE}\n'
+        f'[[rows]]\nname = "expert"\nmethod = "expert"\n[[rows]]\n{BABBLE}\n'
         f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
     )
     run = Run(path, folder / "run")
@@ -283,7 +283,7 @@ def test_run_leaves_records_header_and_maps(two_rows):
     _, folder = two_rows
     records = read_records(folder / "episodes.jsonl")
     assert [(record.row, record.task) for record in records] == [
-        ("oracle", "simple-04"), ("oracle", "simple-12"),
+        ("expert", "simple-04"), ("expert", "simple-12"),
         ("babble", "simple-04"), ("babble", "simple-12"),
     ]  # fmt: skip
     assert all(record.error == "" for record in records)
@@ -381,7 +381,7 @@ def test_missing_experiment_is_refused_with_where_they_lie(tmp_path, monkeypatch
 
 def test_two_rows_of_one_name_are_refused(experiment, tmp_path):
     with pytest.raises(FileError, match="rows: 'x' stands twice"):
-        Run(experiment('name = "x"', 'name = "x"\nmethod = "oracle"'), tmp_path / "run")
+        Run(experiment('name = "x"', 'name = "x"\nmethod = "expert"'), tmp_path / "run")
 
 
 def test_unknown_task_is_refused_with_the_known_ones(experiment, tmp_path):
@@ -403,15 +403,15 @@ def test_missing_task_file_is_named(experiment, tmp_path):
     ("row", "named"),
     [
         ('name = "x"\noptions = { colour = "red" }', "unknown option 'colour'; known options: lo"),
-        ('name = "x"\nmethod = "oracle"\noptions = { k = 1 }', "unknown option 'k'"),
-        ('name = "x"\nmethod = "orakel"', "Did you mean 'oracle'"),
+        ('name = "x"\nmethod = "expert"\noptions = { k = 1 }', "unknown option 'k'"),
+        ('name = "x"\nmethod = "exprt"', "Did you mean 'expert'"),
         ('name = "x"\noptions = { recall_k = "three" }', "Expected `int`.*recall_k"),
     ],
 )
 def test_wrong_row_is_refused_by_name_before_any_row_runs_and_mended_in_place(
     experiment, tmp_path, row, named
 ):
-    folder, right = tmp_path / "run", 'name = "oracle"\nmethod = "oracle"'
+    folder, right = tmp_path / "run", 'name = "expert"\nmethod = "expert"'
     with pytest.raises(KarmaError, match=f"row 'x': .*{named}"):
         list(Run(experiment(right, row), folder).episodes())
     assert not (folder / "episodes.jsonl").exists()
@@ -420,9 +420,9 @@ def test_wrong_row_is_refused_by_name_before_any_row_runs_and_mended_in_place(
 
 
 def test_folder_that_another_run_has_taken_meanwhile_is_not_written(experiment, tmp_path):
-    oracle = 'name = "oracle"\nmethod = "oracle"'
-    first = Run(experiment(oracle), tmp_path / "run")
-    second = Run(experiment(oracle, only=["simple-04"]), tmp_path / "run")
+    expert = 'name = "expert"\nmethod = "expert"'
+    first = Run(experiment(expert), tmp_path / "run")
+    second = Run(experiment(expert, only=["simple-04"]), tmp_path / "run")
     assert len(list(second.episodes())) == 1
     with pytest.raises(FileError, match="this folder holds a run of something else"):
         next(first.episodes())

@@ -97,9 +97,9 @@ def test_mra_of_unrelated_tasks_and_of_rows_without_memory_is_undefined():
     forgetful = episode(sub(CUT), sub(KEEP, queries=1))
     for key in ("retrieved", "retrieved_of_held", "hits", "hits_later"):
         assert value([forgetful], key) is None
-    teacher = episode(sub(CUT, answers=[]), sub(KEEP, answers=[], queries=1))
-    assert value([teacher], "retrieved") is None
-    assert value([teacher], "planner_calls") is None
+    expert = episode(sub(CUT, answers=[]), sub(KEEP, answers=[], queries=1))
+    assert value([expert], "retrieved") is None
+    assert value([expert], "planner_calls") is None
 
 
 def test_hits_count_things_cold_and_in_the_later_half():

@@ -96,9 +96,9 @@ def test_one_seed_says_nothing_about_seeds_so_a_second_is_taken():
 
 def test_row_that_seeds_help_goes_on_beside_one_that_they_do_not():
     wanted = Precision(half_width=0.1)
-    oracle, karma = drawn(2, [1] * 10, row="oracle"), drawn(2, [0.5] * 10)
-    assert not takes_another(oracle, wanted, 2)
-    assert takes_another(oracle + karma, wanted, 2)
+    expert, karma = drawn(2, [1] * 10, row="expert"), drawn(2, [0.5] * 10)
+    assert not takes_another(expert, wanted, 2)
+    assert takes_another(expert + karma, wanted, 2)
 
 
 def test_kind_is_judged_by_itself_and_one_that_nobody_asked_is_not_there():
@@ -143,7 +143,7 @@ def test_precision_that_makes_no_sense_is_refused(width, seeds):
 
 
 COIN = """
-from karma.methods.expert import OracleEpisode
+from karma.methods.expert import ExpertEpisode
 from karma.contracts import Outcome
 from karma.seeds import stream
 
@@ -157,7 +157,7 @@ class Coin:
     def begin(self, world, scene, *, seed, folder):
         return Toss(world, scene, seed)
 
-class Toss(OracleEpisode):
+class Toss(ExpertEpisode):
     def __init__(self, world, scene, seed):
         super().__init__(world, scene)
         self._seed, self._works = seed, None
@@ -171,13 +171,13 @@ class Toss(OracleEpisode):
             yield Outcome(finished=True, resident=(), handled_ids=())
 """
 ONLY = ("simple-11", "simple-12", "simple-13", "simple-14")
-ROWS = '[[rows]]\nname = "coin"\nmethod = "coin"\n[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+ROWS = '[[rows]]\nname = "coin"\nmethod = "coin"\n[[rows]]\nname = "expert"\nmethod = "expert"\n'
 WIDTH, MOST = 0.2, 12
 
 
 @pytest.fixture(scope="module")
 def coin(tmp_path_factory):
-    """An installed method that does as the teacher does, or nothing, by the toss of a coin."""
+    """An installed method that does as the expert does, or nothing, by the toss of a coin."""
     place = tmp_path_factory.mktemp("plugin")
     info = place / "coin-1.0.dist-info"
     info.mkdir(parents=True)
@@ -206,10 +206,10 @@ def test_run_adds_seeds_until_it_is_sure_enough(whole):
     assert seeds == tuple(range(len(seeds)))
     assert 2 < len(seeds) < MOST
     assert (number, run.left, run.total) == (8 * len(seeds), 0, number)
-    coin, oracle = reached(run.records, run.precision)
+    coin, expert = reached(run.records, run.precision)
     assert coin.reached
     assert coin.success.interval.half_width <= WIDTH
-    assert oracle.success.value == 1
+    assert expert.success.value == 1
     earlier = [record for record in run.records if record.seed < len(seeds) - 1]
     assert not reached(earlier, run.precision)[0].reached
     assert [record.seed for record in run.records] == sorted(r.seed for r in run.records)
@@ -276,13 +276,13 @@ def test_run_stops_at_the_maximum_and_says_what_was_reached(whole, tmp_path):
     assert {r.seed for r in read_records(tmp_path / "run" / EPISODES)} == {0, 1}
     said = " ".join(result.output.split())
     assert "success to ± 0.1" in said
-    assert "takes more tasks, not seeds" in said  # the teacher, who always succeeds
+    assert "takes more tasks, not seeds" in said  # the expert, who always succeeds
     assert {line["episodes"] for line in json.loads(json_path.read_text())} == {8}
 
 
-def test_teacher_alone_ends_after_the_second_seed_whatever_is_allowed(whole, tmp_path):
+def test_expert_alone_ends_after_the_second_seed_whatever_is_allowed(whole, tmp_path):
     path, *_ = whole
-    rows = '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    rows = '[[rows]]\nname = "expert"\nmethod = "expert"\n'
     other = write_experiment(
         tmp_path / "x.toml", path.with_name("tiny.gguf"), rows=rows, only=ONLY[:2], more=""
     )
@@ -307,7 +307,7 @@ def test_sequences_have_one_seed_so_a_half_width_is_refused(whole, tmp_path):
     path, *_ = whole
     one = next(task for task in load_tasks(TASKS) if task.id == ONLY[0])
     write_tasks(tmp_path / "tasks.jsonl", [replace(one, kind="sequence")])
-    rows = '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    rows = '[[rows]]\nname = "expert"\nmethod = "expert"\n'
     other = write_experiment(
         tmp_path / "x.toml", path.with_name("tiny.gguf"), rows=rows, only=ONLY[:1], more=""
     )

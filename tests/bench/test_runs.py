@@ -62,12 +62,12 @@ def test_finished_run_is_in_the_order_of_seed_row_and_task(whole):
     order = [
         (row, task, seed)
         for seed in (0, 1)
-        for row in ("oracle", "babble (K = 3)")
+        for row in ("expert", "babble (K = 3)")
         for task in ONLY
     ]
     # the experiment's order of tasks is the task file's
     listed = [json.loads(line)["id"] for line in TASKS.read_text().splitlines()]
-    order.sort(key=lambda key: (key[2], key[0] != "oracle", listed.index(key[1])))
+    order.sort(key=lambda key: (key[2], key[0] != "expert", listed.index(key[1])))
     data = read_run(folder)
     assert [record.key for record in data.records] == order
     assert list(data.timings) == order
@@ -192,9 +192,9 @@ def test_run_goes_on_to_the_same_bytes_wherever_it_was_cut(whole, tmp_path, kept
 def test_episode_whose_step_log_is_missing_is_done_again(whole, tmp_path):
     path, folder = whole
     cut = copy(folder, tmp_path / "cut")
-    steps_path(cut, "oracle", ONLY[1], 1).unlink()
+    steps_path(cut, "expert", ONLY[1], 1).unlink()
     (again,) = Run(path, cut).episodes()
-    assert again.key == ("oracle", ONLY[1], 1)
+    assert again.key == ("expert", ONLY[1], 1)
     assert files(cut) == files(folder)
 
 

@@ -37,7 +37,7 @@ def write_experiment(folder, planner, seeds="[0]"):
     path = folder / "x.toml"
     path.write_text(
         f'name = "x"\ntasks = "{folder / "tasks.jsonl"}"\nseeds = {seeds}\n'
-        '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+        '[[rows]]\nname = "expert"\nmethod = "expert"\n'
         '[[rows]]\nname = "KARMA"\noptions = { attempts = 1, recall_k = 3 }\n'
         '[[rows]]\nname = "memory off"\noptions = { attempts = 1, short_term = false }\n'
         f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
@@ -72,7 +72,7 @@ def test_record_tells_room_method_and_what_it_comes_back_to(whole):
         assert not related[1]  # the first in the other room
     methods = {record.row: record.method for record in data.records}
     assert methods == {
-        "oracle": "oracle", "KARMA": "KARMA", "memory off": "KARMA (w/o short term memory)",
+        "expert": "expert", "KARMA": "KARMA", "memory off": "KARMA (w/o short term memory)",
     }  # fmt: skip
 
 
@@ -121,7 +121,7 @@ def test_tables_have_the_kind_and_print_no_hits_without_memory(whole):
     main, costs, *_ = sheets(result)
     assert main.title == "x: sequence tasks"
     assert "read their share in the next table" in main.caption
-    assert [line[0] for line in main.lines] == ["oracle", "KARMA", "memory off"]
+    assert [line[0] for line in main.lines] == ["expert", "KARMA", "memory off"]
     assert {line[column] for line in main.lines for column in (2, 4, 6, 8)} == {"–"}  # published
     assert main.lines[1][5] != "–"  # RE against the twin
     for row in costs.lines:

@@ -92,7 +92,7 @@ def test_every_task_can_be_done_and_is_not_done_yet_at_each_seed(starts, kind):
 
 
 def test_a_start_with_a_fault_is_drawn_again(starts):
-    """The first draw of this task and seed leaves the teacher with something out of reach."""
+    """The first draw of this task and seed leaves the expert with something out of reach."""
     task = TASKS["composite-07"]
     world = EmbeddedWorld()
     drawn(world, task, 2, 0)
@@ -102,7 +102,7 @@ def test_a_start_with_a_fault_is_drawn_again(starts):
 
 
 def test_faults_that_the_scene_has_anyway_are_not_held_against_a_start():
-    """A task that nobody can do still starts: the oracle row shows that it cannot be done."""
+    """A task that nobody can do still starts: the expert row shows that it cannot be done."""
     bad = TASKS["simple-01"]
     impossible = Task(
         id="never", kind="simple", scene=bad.scene,

@@ -36,11 +36,11 @@ def run(tmp_path):
     records = [
         plain(
             row == "KARMA" or (task == "t1" and row == "memory off"),
-            places={"KARMA": 2, "memory off": 10, "oracle | &": 0}[row],
+            places={"KARMA": 2, "memory off": 10, "expert | &": 0}[row],
             row=row, task=task, kind="simple" if task in ("t1", "t2") else "complex", seed=seed,
         )
         for seed in (0, 1)
-        for row in ("KARMA", "memory off", "oracle | &")
+        for row in ("KARMA", "memory off", "expert | &")
         for task in ("t1", "t2", "t3", "t4")
     ]  # fmt: skip
     return read_run(write_run(tmp_path / "run", records, name="table_1"))
@@ -67,7 +67,7 @@ def test_markdown_sets_ours_beside_the_published(result):
     assert first[5:7] == [("RE", "0.80 [0.80, 0.80]"), ("published", "0.582")]
     assert ("MRA", "–") in first
     assert second[1:3] == [("SR", "0.50 [0.09, 0.91]"), ("published", "–")]
-    assert third[0] == ("method", r"oracle \| &")
+    assert third[0] == ("method", r"expert \| &")
 
 
 def test_captions_say_how_many_episodes_and_seeds(result):
@@ -81,7 +81,7 @@ def test_sheets_compare_the_first_row_with_every_other(result):
     (sheet,) = [one for one in sheets(result) if one.title == "Success compared"]
     assert [line[:3] for line in sheet.lines] == [
         ("KARMA", other, kind)
-        for other in ("memory off", "oracle | &")
+        for other in ("memory off", "expert | &")
         for kind in ("all", "simple", "complex")
     ]
     assert sheet.lines[0][3] == "8 (4 × 2)"
@@ -103,7 +103,7 @@ def test_sheets_leave_out_what_nobody_measured(result):
 
 def test_latex_escapes_and_balances(result):
     text = to_latex(sheets(result))
-    assert r"oracle | \&" in text
+    assert r"expert | \&" in text
     assert r"table\_1" in text
     assert "×" not in text
     assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == len(sheets(result))
@@ -165,9 +165,9 @@ def margins(tmp_path, **solved):
     return {claim.text: claim for claim in claims(result_of(run, PUBLISHED))}
 
 
-def test_claims_take_the_best_baseline_and_no_twin_ablation_or_teacher(tmp_path):
+def test_claims_take_the_best_baseline_and_no_twin_ablation_or_expert(tmp_path):
     found = margins(
-        tmp_path, KARMA=9, HELPER=4, CAPEAM=6, KARMA_w_o=8, memory_off=8, oracle=10
+        tmp_path, KARMA=9, HELPER=4, CAPEAM=6, KARMA_w_o=8, memory_off=8, expert=10
     )  # fmt: skip
     text = "SR of KARMA, composite tasks, times that of the best baseline"
     claim = found[text]

@@ -196,7 +196,7 @@ def experiment(planner, tmp_path):
     path = tmp_path / "x.toml"
     path.write_text(
         f'name = "x"\ntasks = "{TASKS}"\nonly = ["simple-12"]\n'
-        f'[[rows]]\nname = "oracle"\nmethod = "oracle"\n[models]\nplanner = "{planner}"\n'
+        f'[[rows]]\nname = "expert"\nmethod = "expert"\n[models]\nplanner = "{planner}"\n'
     )
     return path
 
@@ -208,7 +208,7 @@ def test_eval_prints_the_table_and_writes_figures(experiment, tmp_path):
     assert "records: runs/x/episodes.jsonl" in text
     figures = json.loads((tmp_path / "figures.json").read_text())
     assert [(line["row"], line["kind"], line["success_rate"]) for line in figures] == [
-        ("oracle", "simple", 1.0), ("oracle", "all", 1.0),
+        ("expert", "simple", 1.0), ("expert", "all", 1.0),
     ]  # fmt: skip
     assert all(line["seconds"] > 0 for line in figures)
     kept = json.loads(Path("runs/x/results.json").read_text())

@@ -1,7 +1,7 @@
 """Sequences of tasks as episodes: drawn as traces are, each task done once on the way.
 
 Covered: the draw that is told what was taken; going back without a trace; shorter sequences begin
-longer ones; the episode's oracle does all that the drawing teacher did; ALFRED's tasks in
+longer ones; an episode's expert does all that was done while drawing; ALFRED's tasks in
 AI2-THOR's rooms; task files as traces; the command.
 """
 
@@ -35,7 +35,7 @@ from karma.lab.sequences import (
 from karma.lab.tasks import Errand, Finds, Pool, alfred_pool, shipped_pool
 from karma.lab.trace import read_traces
 from karma.lab.workloads import TRIES, WORKLOADS, draw_errands, draws
-from karma.methods.expert import OracleEpisode, OracleMethod
+from karma.methods.expert import ExpertEpisode, ExpertMethod
 from karma.tasks.files import load_tasks, required_types, write_tasks
 from karma.tasks.goals import GoalTracker, parse_goal
 from karma.world.core.scene import load
@@ -188,13 +188,13 @@ def test_sequences_differ_by_number_and_by_seed(ours):
 
 
 @pytest.mark.parametrize("workload", WORKLOADS)
-def test_oracle_of_an_episode_does_every_task(workload, drawn, tmp_path):
+def test_expert_of_an_episode_does_every_task(workload, drawn, tmp_path):
     task = drawn[workload].task
     path = tmp_path / "tasks.jsonl"
     write_tasks(path, [task])
     (read,) = load_tasks(path)
     record = run_episode(
-        OracleMethod(), Home(EmbeddedWorld), read, row="oracle", seed=0, folder=tmp_path
+        ExpertMethod(), Home(EmbeddedWorld), read, row="expert", seed=0, folder=tmp_path
     )
     assert not record.error
     assert [sub.unmet for sub in record.subtasks] == [()] * LENGTH
@@ -208,13 +208,13 @@ def test_no_task_is_done_when_its_turn_comes(workload, drawn, ours):
         scene = sub.scene or drawn[workload].task.scene
         if not number:
             home.reset(scene)
-            oracle = OracleEpisode(home, SceneRef.of(scene))
+            expert = ExpertEpisode(home, SceneRef.of(scene))
         elif scene != home.scene:
             home.enter(scene)
-            oracle.enter(SceneRef.of(scene))
+            expert.enter(SceneRef.of(scene))
         tracker.start(home.last_event)
         assert tracker.unmet(sub.goals, home.last_event), sub
-        for _ in oracle.do(replace(sub, whole=sub.instruction)):
+        for _ in expert.do(replace(sub, whole=sub.instruction)):
             pass
 
 
@@ -306,7 +306,7 @@ def test_alfreds_tasks_are_done_in_ai2thors_rooms(shared, tmp_path):
     assert all(scene == str(tmp_path / "scenes" / f"{load(scene).name}.json")
                for scene in task.scenes)  # fmt: skip
     record = run_episode(
-        OracleMethod(), Home(EmbeddedWorld), task, row="oracle", seed=0, folder=tmp_path
+        ExpertMethod(), Home(EmbeddedWorld), task, row="expert", seed=0, folder=tmp_path
     )
     assert not any(sub.unmet for sub in record.subtasks)
 
@@ -382,13 +382,13 @@ def test_command_replaces_a_file_only_when_told_to(tmp_path):
     assert len(load_tasks(out)) == 1
 
 
-def test_committed_sequences_are_still_done_by_the_oracle(tmp_path):
-    """The skills by which the teacher acts may change: then what it can do may, too."""
+def test_committed_sequences_are_still_done_by_the_expert(tmp_path):
+    """The skills by which the expert acts may change: then what it can do may, too."""
     tasks = load_tasks(COMMITTED)
     assert len(tasks) == 15
     for task in tasks:
         record = run_episode(
-            OracleMethod(), Home(EmbeddedWorld), task, row="oracle", seed=0, folder=tmp_path
+            ExpertMethod(), Home(EmbeddedWorld), task, row="expert", seed=0, folder=tmp_path
         )
         assert not [sub.instruction for sub in record.subtasks if sub.unmet], task.id
         assert len(record.subtasks) == len(task.subtasks), record.error

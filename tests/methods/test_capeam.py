@@ -15,7 +15,7 @@ from karma.methods.capeam.method import CapeamMethod, CapeamSettings
 from karma.methods.capeam.prior import count_places, likely_places, to_toml
 from karma.tasks.drawing.alfred import Facts as Truth
 from karma.tasks.drawing.alfred import Sentence, facts_of, goals_of, program_of
-from karma.tasks.expert import View
+from karma.tasks.expert import ExpertView
 from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
 
@@ -111,13 +111,13 @@ def test_taking_out_of_what_was_opened_names_the_place():
 
 @pytest.mark.parametrize("task", ["look", "simple", "stack", "clean", "cool", "heat", "two"])
 @pytest.mark.parametrize("sliced", [False, True])
-def test_context_of_a_teachers_program_is_the_sentences_facts(task, sliced):
+def test_context_of_an_experts_program_is_the_sentences_facts(task, sliced):
     place = {"look": "DeskLamp", "cool": "DiningTable", "stack": "CounterTop"}.get(
         task, "SideTable"
     )
     movable = "Plate" if task == "stack" else ""
     truth = Truth(task=task, thing="Tomato", movable=movable, place=place, sliced=sliced)
-    calls = program_of(Sentence(text="do it", facts=truth), View())
+    calls = program_of(Sentence(text="do it", facts=truth), ExpertView())
     context = read(calls).context
     found = Truth(
         task=context.task,

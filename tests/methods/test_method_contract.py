@@ -129,7 +129,7 @@ def test_equal_inputs_give_equal_records(name, tmp_path):
     assert first == again
 
 
-def test_goals_are_read_by_the_oracle_only(name, tmp_path):
+def test_goals_are_read_by_the_expert_only(name, tmp_path):
     moments = []
     for goals in (True, False):
         episode, _ = begun(name, tmp_path)
@@ -142,7 +142,7 @@ def test_goals_are_read_by_the_oracle_only(name, tmp_path):
                 )
             ]
         )
-    assert (moments[0] == moments[1]) == (name != "oracle")
+    assert (moments[0] == moments[1]) == (name != "expert")
 
 
 def test_unknown_option_is_refused_by_name(name):
@@ -164,11 +164,11 @@ def spied_record(method, task, folder, *, lies):
     return to_json(record), spied.spy.offences
 
 
-def test_what_is_out_of_view_changes_nothing_but_for_the_oracle(name, tmp_path):
+def test_what_is_out_of_view_changes_nothing_but_for_the_expert(name, tmp_path):
     honest, _ = spied_record(build(name), TASK, tmp_path / "a", lies=False)
     lied, offences = spied_record(build(name), TASK, tmp_path / "b", lies=True)
-    assert (honest == lied) == (name != "oracle")
-    assert offences == [] or name == "oracle"
+    assert (honest == lied) == (name != "expert")
+    assert offences == [] or name == "expert"
 
 
 # ----------------------------------------------------------------- from room to room
@@ -240,8 +240,8 @@ def test_no_room_is_acted_in_on_what_was_seen_in_another(name, tmp_path, twin):
         home = Home(EmbeddedWorld)
         record = run_episode(spied, home, task, row=name, seed=0, folder=tmp_path)
         told.append((to_json(record), spied.spy.offences))
-    assert (told[0][0] == told[1][0]) == (name != "oracle")
-    assert told[1][1] == [] or name == "oracle"
+    assert (told[0][0] == told[1][0]) == (name != "expert")
+    assert told[1][1] == [] or name == "expert"
 
 
 # ----------------------------------------------------------------- an episode's borders
@@ -260,8 +260,8 @@ def test_begin_again_leaves_nothing_of_the_episode_before(name, tmp_path):
 def test_model_that_fails_becomes_a_record(name, tmp_path):
     method = build(name, answers=[])
     record = run_episode(method, EmbeddedWorld(), TASK, row=name, seed=0, folder=tmp_path)
-    assert record.error.startswith("ModelError: ") == (name != "oracle")
-    assert record.success == (name == "oracle")
+    assert record.error.startswith("ModelError: ") == (name != "expert")
+    assert record.success == (name == "expert")
 
 
 @pytest.mark.model
@@ -271,5 +271,5 @@ def test_what_is_out_of_view_does_not_lead_the_shipped_planner_either(name, tmp_
     for lies in (False, True):
         method = registry.load("methods", name).build(resources(*nano), {})
         told.append(spied_record(method, task, tmp_path, lies=lies))
-    assert (told[0][0] == told[1][0]) == (name != "oracle")
-    assert told[1][1] == [] or name == "oracle"
+    assert (told[0][0] == told[1][0]) == (name != "expert")
+    assert told[1][1] == [] or name == "expert"

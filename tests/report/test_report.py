@@ -22,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.chromium import chromium
 from support.paths import ROOT
-from support.report_run import AGENT, EVIL, KEYS, POURED, TASKS, TEACHER, make_run
+from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, TASKS, make_run
 from typer.testing import CliRunner
 
 from karma.bench.records import EpisodeRecord
@@ -186,7 +186,7 @@ def test_replays_of_all_episodes_go_as_logged_also_of_another_seed(made, run):
 
 
 def test_replay_says_which_action_did_not_go_as_logged(run):
-    story = told(read_steps(steps_path(run.folder, TEACHER, "t1", 0)))
+    story = told(read_steps(steps_path(run.folder, EXPERT, "t1", 0)))
     number = next(n for n, m in enumerate(story.moments) if m.text == "OpenObject Fridge")
     wrong = replace(story.moments[number], ok=False)
     story = replace(story, moments=(*story.moments[:number], wrong, *story.moments[number + 1 :]))
@@ -195,7 +195,7 @@ def test_replay_says_which_action_did_not_go_as_logged(run):
 
 
 def test_replay_ends_where_the_episode_ended(run):
-    story = told(read_steps(steps_path(run.folder, TEACHER, "t1", 0)))
+    story = told(read_steps(steps_path(run.folder, EXPERT, "t1", 0)))
     found = replay(story, Rooms(), Frames(), "none")
     assert found.sights[-1].held.startswith("Apple|")
     assert all(sight.frame == -1 for sight in found.sights)
@@ -213,7 +213,7 @@ def test_replay_ends_where_the_episode_ended(run):
 
 
 def test_replay_takes_the_scene_that_a_run_brought_along(run, tmp_path):
-    (record,) = (one for one in run.records if one.key == (TEACHER, "t1", 0))
+    (record,) = (one for one in run.records if one.key == (EXPERT, "t1", 0))
     elsewhere = replace(record, scene="FloorPlan999")
     log = gzip.decompress(steps_path(run.folder, *record.key).read_bytes())
     for data, place in (
@@ -232,7 +232,7 @@ def test_replay_takes_the_scene_that_a_run_brought_along(run, tmp_path):
 
 
 def test_pictures_of_every_action_are_more_than_those_of_calls(run):
-    story = told(read_steps(steps_path(run.folder, TEACHER, "t1", 0)))
+    story = told(read_steps(steps_path(run.folder, EXPERT, "t1", 0)))
     every, calls = Frames(), Frames()
     replay(story, Rooms(), every, "every")
     replay(story, Rooms(), calls, "calls")
@@ -251,7 +251,7 @@ def test_frames_keep_each_different_picture_once(run):
 
 
 def test_frames_of_equal_moments_are_drawn_once_and_are_what_would_have_been_drawn(run):
-    story = told(read_steps(steps_path(run.folder, TEACHER, "t1", 0)))
+    story = told(read_steps(steps_path(run.folder, EXPERT, "t1", 0)))
     frames = Frames()
     first = replay(story, Rooms(), frames, "every")
     count = len(frames)
@@ -336,7 +336,7 @@ def test_page_escapes_whatever_the_model_or_a_task_says(made):
     assert AGENT in said
     assert "small <i>run</i>" in said
     data = data_of(page)
-    assert {one["row"] for one in data} == {AGENT, TEACHER}
+    assert {one["row"] for one in data} == {AGENT, EXPERT}
     programs = [p["program"] for one in data for part in one["parts"] for p in part["plans"]]
     assert POURED in programs
 
@@ -406,7 +406,7 @@ def test_page_without_step_logs_has_tables_and_no_replay(run):
 
 def test_episode_that_was_lost_before_it_began_is_in_the_tables_only(tmp_path):
     folder = make_run(tmp_path / "run", KEYS[:1])
-    lost = lost_episode(Job(row=TEACHER, task=TASKS["t1"], seed=0), "killed")
+    lost = lost_episode(Job(row=EXPERT, task=TASKS["t1"], seed=0), "killed")
     RunFolder(folder, steps=True).commit(lost)
     result = invoke(folder, "--episodes", "all")
     assert result.exit_code == 0, result.output
@@ -506,7 +506,7 @@ def test_command_writes_a_recording_for_rerun(folder, tmp_path):
     assert data.startswith(b"RRF2")
     for entity in ("first_person", "map/path", "map/agent", "memory", "prompt", "program", "log"):
         assert f"KARMA__b__amp_/t1/0/{entity}".encode() in data
-    assert b"oracle/t1/1/first_person" in data
+    assert b"expert/t1/1/first_person" in data
 
 
 # ----------------------------------------------------------------- in a browser
@@ -605,9 +605,9 @@ def test_browser_goes_by_buttons_calls_and_instructions(tab, made):
 
 
 def test_browser_goes_to_the_episode_of_an_address(tab, made):
-    tab.open(f"{tab.page}#episode={quote(f'{TEACHER}/t1/1')}&step=7")
+    tab.open(f"{tab.page}#episode={quote(f'{EXPERT}/t1/1')}&step=7")
     assert text(tab, "now").startswith("step 8 of ")
-    assert tab.value("document.getElementById('episode').value") == f"{TEACHER}/t1/1"
+    assert tab.value("document.getElementById('episode').value") == f"{EXPERT}/t1/1"
     tab.open(f"{tab.page}#episode={quote(f'{AGENT}/t2/0')}&step=0")
     assert "the script has run out" in text(tab, "trouble")
 

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import msgspec
 import pytest
 from support.chromium import chromium
-from support.report_run import AGENT, SEQUENCE_KEYS, TEACHER, make_run
+from support.report_run import AGENT, EXPERT, SEQUENCE_KEYS, make_run
 from typer.testing import CliRunner
 
 from karma.bench.records import EpisodeRecord
@@ -75,24 +75,24 @@ def test_replays_of_sequences_find_rooms_as_they_were_left(made):
         assert one.replay.differing == ()
         assert one.replay.actions > 20
         assert list(one.rooms) == ["kitchen_1", "bedroom_1"]
-    teacher = replays[1]
+    expert = replays[1]
     hand = dict(
         (moment.part, sight.held)
-        for moment, sight in zip(teacher.story.moments, teacher.replay.sights, strict=True)
+        for moment, sight in zip(expert.story.moments, expert.replay.sights, strict=True)
         if moment.kind == "outcome"
     )
     assert hand[2].startswith("Apple|")  # out of the fridge, where it had put it
     assert hand[1].startswith("CD|")
     doors = [
         sight.held
-        for moment, sight in zip(teacher.story.moments, teacher.replay.sights, strict=True)
+        for moment, sight in zip(expert.story.moments, expert.replay.sights, strict=True)
         if moment.kind == "enter"
     ]
     assert doors == [None] * 3  # nothing goes through a door
 
 
 def test_replay_without_its_doors_leaves_the_log(run):
-    story = story_of(run, (TEACHER, "s4", 0))
+    story = story_of(run, (EXPERT, "s4", 0))
     walled = tuple(moment for moment in story.moments if moment.kind != "enter")
     assert replay(replace(story, moments=walled), Rooms(), Frames(), "none").differing
 
@@ -173,7 +173,7 @@ def test_choice_of_instructions_refuses_what_there_is_not(wanted):
 
 
 def test_choice_takes_one_episode_by_its_key(run):
-    assert [one.key for one in choose(run.records, f"{TEACHER}/s4/0")] == [(TEACHER, "s4", 0)]
+    assert [one.key for one in choose(run.records, f"{EXPERT}/s4/0")] == [(EXPERT, "s4", 0)]
 
 
 # ----------------------------------------------------------------- the page
@@ -181,7 +181,7 @@ def test_choice_takes_one_episode_by_its_key(run):
 
 def test_page_shows_the_chosen_instructions_and_names_the_command_for_others(run):
     frames = Frames()
-    key = (TEACHER, "s16", 0)
+    key = (EXPERT, "s16", 0)
     records = [one for one in run.records if one.key == key]
     (one,) = Replayer(run, frames, "none").episodes(records, "2,7-8")
     assert one.replay.differing == ()
@@ -196,7 +196,7 @@ def test_page_shows_the_chosen_instructions_and_names_the_command_for_others(run
 
 
 def test_page_of_a_long_sequence_marks_which_instructions_failed(run):
-    (long,) = (one for one in run.records if one.key == (TEACHER, "s16", 0))
+    (long,) = (one for one in run.records if one.key == (EXPERT, "s16", 0))
     parts = [
         replace(part, unmet=part.goals) if number in (3, 9) else part
         for number, part in enumerate(long.subtasks)
@@ -237,7 +237,7 @@ def test_command_writes_the_rooms_of_a_sequence_for_rerun(folder, tmp_path):
     assert done.exit_code == 0, done.output
     for room in ("kitchen_1", "bedroom_1"):
         for what in ("furniture", "path", "agent"):
-            assert f"oracle/s4/0/map/{room}/{what}".encode() in path.read_bytes()
+            assert f"expert/s4/0/map/{room}/{what}".encode() in path.read_bytes()
 
 
 # ----------------------------------------------------------------- in a browser
@@ -298,7 +298,7 @@ def test_browser_shows_units_of_other_rooms_apart(tab, made):
 
 def test_browser_finds_an_instruction_of_many(tab, made):
     story = made[0][2].story
-    tab.open(f"{tab.page}#episode={quote(f'{TEACHER}/s16/0')}&step=0")
+    tab.open(f"{tab.page}#episode={quote(f'{EXPERT}/s16/0')}&step=0")
     visible = "[...document.querySelectorAll('#list li:not([hidden]) b')].map((b) => b.innerText)"
     assert len(tab.value(visible)) == 16
     tab.value(

@@ -12,13 +12,13 @@ from karma.contracts import SubTask, Task
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import ExpertMethod
 from karma.methods.karma import KarmaMethod, KarmaSettings
 from karma.tasks.goals import parse_goal
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 
-AGENT, TEACHER = "KARMA <b>&amp;", "oracle"  # a row may be called anything
+AGENT, EXPERT = "KARMA <b>&amp;", "expert"  # a row may be called anything
 EVIL = "Fetch it </script><script>document.title = 'owned'</script><img src=x onerror=alert(1)>."
 AWAY = (
     "Explore(robot, 'Apple')\nGoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
@@ -32,8 +32,8 @@ BACK = (
 POURED = "</script><script>document.title = 'owned'</script>"  # no program
 DISC = "Explore(robot, 'CD')\nGoToObject(robot, 'CD')\nPickupObject(robot, 'CD')\n"
 MUG = "Explore(robot, 'Mug')\nGoToObject(robot, 'Mug')\n"
-SEQUENCE_KEYS = ((AGENT, "s4", 0), (TEACHER, "s4", 0), (TEACHER, "s16", 0))
-KEYS = ((AGENT, "t1", 0), (AGENT, "t2", 0), (TEACHER, "t1", 0), (TEACHER, "t1", 1))
+SEQUENCE_KEYS = ((AGENT, "s4", 0), (EXPERT, "s4", 0), (EXPERT, "s16", 0))
+KEYS = ((AGENT, "t1", 0), (AGENT, "t2", 0), (EXPERT, "t1", 0), (EXPERT, "t1", 1))
 
 
 class Words:
@@ -123,8 +123,8 @@ def make_run(folder, keys=KEYS):
 
 
 def _method(row, name, folder):
-    if row == TEACHER:
-        return OracleMethod()
+    if row == EXPERT:
+        return ExpertMethod()
     return KarmaMethod(
         Planner(ScriptedModel(ANSWERS[name]), "compact"), CosineRecall(Words()), MetadataVision(),
         KarmaSettings(policy="fifo-merge[2]", attempts=1, witnesses=2), maps=folder / "maps",

@@ -15,7 +15,7 @@ from support.paths import ROOT
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 ONLY = ["simple-11", "simple-14", "composite-14"]
 ROWS = (
-    '[[rows]]\nname = "oracle"\nmethod = "oracle"\n'
+    '[[rows]]\nname = "expert"\nmethod = "expert"\n'
     '[[rows]]\nname = "babble (K = 3)"\noptions = { attempts = 1, recall_k = 3 }\n'
 )
 

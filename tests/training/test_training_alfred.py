@@ -17,7 +17,7 @@ from karma.tasks.drawing.alfred import (
     truth_of,
 )
 from karma.tasks.drawing.rooms import room_of
-from karma.tasks.expert import View
+from karma.tasks.expert import ExpertView
 from karma.training.planner.samples import draw_alfred, draw_step
 from karma.world.core import scene
 
@@ -36,13 +36,13 @@ def facts():
 
 @pytest.mark.parametrize("wanted", list(facts()), ids=str)
 def test_facts_of_a_program_are_those_it_was_written_for(wanted):
-    calls = program_of(Sentence(text="a sentence", facts=wanted), View())
+    calls = program_of(Sentence(text="a sentence", facts=wanted), ExpertView())
     assert facts_of(calls) == wanted
 
 
 def test_facts_of_a_text_survive_being_written_and_read():
     wanted = Facts(task="heat", thing="Potato", movable="", place="DiningTable", sliced=True)
-    calls = program_of(Sentence(text="Cook a slice.", facts=wanted), View())
+    calls = program_of(Sentence(text="Cook a slice.", facts=wanted), ExpertView())
     assert facts_of(parse_program("".join(f"{call}\n" for call in calls))) == wanted
 
 
@@ -88,7 +88,7 @@ def test_every_goal_of_the_reference_data_comes_back_from_its_program(shared):
         pytest.skip(f"needs {path}")
     sentences = read_sentences(path)
     assert len(sentences) == 820
-    assert all(facts_of(program_of(s, View())) == s.facts for s in sentences)
+    assert all(facts_of(program_of(s, ExpertView())) == s.facts for s in sentences)
 
 
 @pytest.mark.shared

@@ -26,7 +26,7 @@ from karma.infer.vision.metadata import MetadataVision
 from karma.memory.policies import make_policy
 from karma.memory.recall import CosineRecall
 from karma.memory.short_term import ShortTermMemory
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import ExpertMethod
 from karma.methods.karma import KarmaMethod, KarmaSettings
 from karma.methods.lota.method import LotaGenerate
 from karma.tasks.files import load_tasks, with_whole, write_tasks
@@ -270,10 +270,10 @@ def test_only_in_a_sequence_every_sub_task_is_judged_by_itself(karma, tmp_path, 
     assert len(record.subtasks[1].unmet) == unmet
 
 
-def test_oracle_does_again_what_was_done_for_an_earlier_sub_task(tmp_path):
+def test_expert_does_again_what_was_done_for_an_earlier_sub_task(tmp_path):
     wash = (KITCHEN, "Wash the apple.", "INSIDE(Apple, Sink)", "STATE(Apple, cleaned)")
     rest = (BEDROOM, "Open the drawer.", "OPEN(Drawer)")
-    record = run(OracleMethod(), sequence(wash, wash, rest, wash), tmp_path)
+    record = run(ExpertMethod(), sequence(wash, wash, rest, wash), tmp_path)
     assert record.success
     assert all(sub.calls for sub in record.subtasks)
 
@@ -368,12 +368,12 @@ def test_all_rooms_are_shown_before_and_begin_as_they_were(tmp_path):
 
 def test_sequence_has_no_other_days_and_rooms_need_a_home(tmp_path):
     task = sequence((KITCHEN, "a", "OPEN(Fridge)"), (BEDROOM, "b", "OPEN(Drawer)"))
-    world, oracle = Home(EmbeddedWorld), OracleMethod()
+    world, expert = Home(EmbeddedWorld), ExpertMethod()
     with pytest.raises(KarmaError, match="'s1' has no other days, only seed 0") as caught:
-        run_episode(oracle, world, task, row="r", seed=1, folder=tmp_path)
+        run_episode(expert, world, task, row="r", seed=1, folder=tmp_path)
     assert "karma sequences" in str(caught.value)
     with pytest.raises(TypeError, match="2 rooms take a Home"):
-        run_episode(oracle, EmbeddedWorld(), task, row="r", seed=0, folder=tmp_path)
+        run_episode(expert, EmbeddedWorld(), task, row="r", seed=0, folder=tmp_path)
 
 
 # ----------------------------------------------------------------- files

@@ -18,7 +18,7 @@ from karma.contracts import Goal, SkillCall
 from karma.errors import FileError
 from karma.household.types import object_types
 from karma.tasks.drawing.programs import plain_program
-from karma.tasks.expert import View
+from karma.tasks.expert import ExpertView
 
 LAMPS = ("DeskLamp", "FloorLamp")
 KNIVES = ("Knife", "ButterKnife")
@@ -166,7 +166,7 @@ def goals_of(facts: Facts, thing: str, text: str) -> tuple[Goal, ...]:
     return (*goals, _goal("ON", top, facts.place))
 
 
-def program_of(sentence: Sentence, view: View) -> tuple[SkillCall, ...]:
+def program_of(sentence: Sentence, view: ExpertView) -> tuple[SkillCall, ...]:
     """Return the plain program; for two things the second follows the first."""
     facts = sentence.facts
     calls = plain_program(goals_of(facts, facts.thing, sentence.text.lower()), view)

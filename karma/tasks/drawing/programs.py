@@ -11,11 +11,11 @@ from dataclasses import replace
 
 from karma.contracts import Area, Goal, SkillCall
 from karma.household.places import SURFACES, landmark_types
-from karma.tasks.expert import View, solve
+from karma.tasks.expert import ExpertView, solve
 
 
-def plain_program(goals: Sequence[Goal], view: View) -> tuple[SkillCall, ...]:
-    """Return the teacher's program as if every place was known and open and the hand free.
+def plain_program(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
+    """Return the expert's program as if every place was known and open and the hand free.
 
     Args:
         goals: in the order in which they are to come true.
@@ -23,7 +23,7 @@ def plain_program(goals: Sequence[Goal], view: View) -> tuple[SkillCall, ...]:
     """
     things = tuple(replace(thing, place=None, place_type=None) for thing in view.things)
     home = Area(name="home", position_m=(0.0, 0.0, 0.0), contains=tuple(sorted(landmark_types())))
-    calls = solve(goals, View(things=things, areas=(home,)))
+    calls = solve(goals, ExpertView(things=things, areas=(home,)))
     wanted = {goal.arguments for goal in goals}
     kept: list[SkillCall] = []
     for call in calls:

@@ -6,7 +6,7 @@
   memory of what was done can resolve (KARMA section 4: "unspecific object references").
 
 What a request leaves behind is written down by rule; whether a task can be done at all is for the
-teacher to show in the world.
+expert to show in the world.
 """
 
 from collections.abc import Iterator, Sequence
@@ -164,7 +164,7 @@ def _subject(goal: Goal) -> str:
 
 
 def _by_type(goal: Goal) -> Goal:
-    """Return a goal with types for the teacher's `Apple_2`; Sinks hold in their basins."""
+    """Return a goal with types for the expert's `Apple_2`; Sinks hold in their basins."""
     return Goal(
         predicate=goal.predicate,
         arguments=tuple(word.partition("_")[0] for word in goal.arguments),

@@ -17,7 +17,7 @@ from karma.tasks.drawing.programs import plain_program
 from karma.tasks.drawing.recollections import Rng, Room, draw_units, pick, place_type
 from karma.tasks.drawing.references import Situation
 from karma.tasks.drawing.requests import Ask, one_ask, pick_kind, wrapped
-from karma.tasks.expert import Thing, View
+from karma.tasks.expert import ExpertView, NamedThing
 from karma.training.planner.histories import draw_history
 
 ERRORS = (
@@ -119,7 +119,7 @@ def draw_step(rng: Rng, room: Room, steps: Sequence[StepSentence]) -> Example | 
         held_id=held.object_id if held else None,
         held_type=held.object_type if held else None,
     )
-    calls = plain_program(step.goals, View())
+    calls = plain_program(step.goals, ExpertView())
     return _example("step", facts, calls) if calls else None
 
 
@@ -274,19 +274,19 @@ def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
     return Ask(kind="two", text=first.text + joint + second.text, goals=first.goals + second.goals)
 
 
-def _view(scene: Situation, held: MemoryUnit | None) -> View:
-    """Return the teacher's view of the same knowledge that the prompt states."""
+def _view(scene: Situation, held: MemoryUnit | None) -> ExpertView:
+    """Return the expert's view of the same knowledge that the prompt states."""
     things = tuple(_thing(scene, unit) for unit in reversed(scene.units))
-    return View(
+    return ExpertView(
         things=things,
         areas=scene.room.areas if scene.mapped else (),
         held=_thing(scene, held) if held else None,
     )
 
 
-def _thing(scene: Situation, unit: MemoryUnit) -> Thing:
+def _thing(scene: Situation, unit: MemoryUnit) -> NamedThing:
     place = unit.place_id if unit.place_id != "hand" else None
-    return Thing(
+    return NamedThing(
         name=scene.names[unit.object_id],
         object_type=unit.object_type,
         states=unit.states,

@@ -1,4 +1,4 @@
-"""The symbolic teacher: goals and a view become programs; every task is solvable."""
+"""The expert: goals and a view become programs; every task is solvable."""
 
 import pytest
 from hypothesis import given
@@ -11,8 +11,8 @@ from karma.bench.episode import run_episode
 from karma.contracts import Area, Goal
 from karma.household.pieces import base_type
 from karma.household.types import object_types
-from karma.methods.expert import OracleMethod
-from karma.tasks.expert import CLOSED, KNIVES, Thing, View, solve
+from karma.methods.expert import ExpertMethod
+from karma.tasks.expert import CLOSED, KNIVES, ExpertView, NamedThing, solve
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
 
@@ -24,13 +24,13 @@ KITCHEN = (
         contains=("CoffeeMachine", "DiningTable", "Faucet", "Sink", "Toaster"),
     ),
 )  # fmt: skip
-APPLE = Thing(name="Apple", object_type="Apple")
-MUG = Thing(name="Mug", object_type="Mug")
-KNIFE = Thing(name="Knife", object_type="Knife")
+APPLE = NamedThing(name="Apple", object_type="Apple")
+MUG = NamedThing(name="Mug", object_type="Mug")
+KNIFE = NamedThing(name="Knife", object_type="Knife")
 
 
 def program(goals, things=(), *, held=None, areas=KITCHEN):
-    view = View(things=tuple(things), areas=areas, held=held)
+    view = ExpertView(things=tuple(things), areas=areas, held=held)
     return [str(call) for call in solve([parse_goal(goal) for goal in goals], view)]
 
 
@@ -53,7 +53,7 @@ def test_solve_puts_into_a_fridge_opened_before_and_closed_after():
 
 
 def test_solve_takes_out_of_a_closed_place_and_shuts_it():
-    inside = Thing(name="Apple", object_type="Apple", place="Fridge_2", place_type="Fridge")
+    inside = NamedThing(name="Apple", object_type="Apple", place="Fridge_2", place_type="Fridge")
     assert program(["HOLDON(robot, Apple)"], [inside]) == lines("""
         GoToObject(robot, 'Fridge_2')
         OpenObject(robot, 'Fridge_2')
@@ -79,7 +79,7 @@ def test_solve_fetches_a_knife_to_slice_and_puts_it_down_before_carrying():
 
 
 def test_solve_uses_the_knife_that_is_held_or_known():
-    butter = Thing(name="ButterKnife", object_type="ButterKnife")
+    butter = NamedThing(name="ButterKnife", object_type="ButterKnife")
     held = program(["STATE(Apple, sliced)"], [APPLE], held=butter)
     assert held == lines("GoToObject(robot, 'Apple')\nSliceObject(robot, 'Apple')")
     known = program(["STATE(Apple, sliced)"], [APPLE, butter])
@@ -141,7 +141,7 @@ def test_solve_does_not_place_again_where_washing_leaves_it():
 
 
 def test_solve_cracks_an_egg_in_the_microwave():
-    egg = Thing(name="Egg", object_type="Egg")
+    egg = NamedThing(name="Egg", object_type="Egg")
     assert program(["STATE(Egg, cooked)"], [egg])[-6:] == lines("""
         OpenObject(robot, 'Microwave')
         PutObject(robot, 'Egg', 'Microwave')
@@ -153,7 +153,7 @@ def test_solve_cracks_an_egg_in_the_microwave():
 
 
 def test_solve_slices_bread_before_it_is_toasted_and_only_once():
-    whole = Thing(name="Bread", object_type="Bread")
+    whole = NamedThing(name="Bread", object_type="Bread")
     said = program(["STATE(Bread, cooked)"], [whole, KNIFE])
     assert "SliceObject(robot, 'Bread')" in said
     assert said[-4:] == lines("""
@@ -162,7 +162,7 @@ def test_solve_slices_bread_before_it_is_toasted_and_only_once():
         ToggleOn(robot, 'Toaster')
         ToggleOff(robot, 'Toaster')
     """)
-    slice_ = Thing(name="Bread", object_type="BreadSliced", states=("sliced",))
+    slice_ = NamedThing(name="Bread", object_type="BreadSliced", states=("sliced",))
     assert "SliceObject(robot, 'Bread')" not in program(["STATE(Bread, cooked)"], [slice_])
 
 
@@ -217,14 +217,16 @@ def views(draw):
     things = []
     for kind in kinds:
         place = draw(st.sampled_from([None, "Fridge", "Cabinet", "CounterTop"]))
-        things.append(Thing(name=base_type(kind), object_type=kind, place=place, place_type=place))
+        things.append(
+            NamedThing(name=base_type(kind), object_type=kind, place=place, place_type=place)
+        )
     held = None
     if things and draw(st.booleans()):
-        held = Thing(name=things[0].name, object_type=things[0].object_type)
+        held = NamedThing(name=things[0].name, object_type=things[0].object_type)
         things[0] = held
     found = draw(st.lists(st.sampled_from(FIXED), unique=True, max_size=12))
     areas = (Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=tuple(found)),)
-    return View(things=tuple(things), areas=draw(st.sampled_from([(), areas])), held=held)
+    return ExpertView(things=tuple(things), areas=draw(st.sampled_from([(), areas])), held=held)
 
 
 @st.composite
@@ -293,9 +295,9 @@ def test_solve_opens_what_is_shut_before_it_puts_something_in(goals, view):
 
 
 @pytest.mark.parametrize("task", TASKS, ids=[task.id for task in TASKS])
-def test_oracle_solves_the_task(task, tmp_path):
+def test_expert_solves_the_task(task, tmp_path):
     world = registry.load("worlds", "embedded")()
-    record = run_episode(OracleMethod(), world, task, row="oracle", seed=0, folder=tmp_path)
+    record = run_episode(ExpertMethod(), world, task, row="expert", seed=0, folder=tmp_path)
     wrong = [(sub.instruction, sub.unmet) for sub in record.subtasks if sub.unmet]
     assert (record.error, wrong) == ("", [])
     assert record.success
