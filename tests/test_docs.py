@@ -17,6 +17,7 @@ from karma.cli import app
 
 HISTORY = ROOT / "CHANGELOG.md"  # it names what is no more
 NOW = [page for page in PAGES if page != HISTORY]
+FOREIGN = {"InteractionObject"}  # classes of others
 MADE_LATER = ("models/weights", "models/local.toml")  # by users, ignored by git
 NEEDS = re.compile(r"^\| `([^`]+)` \| (.+) \|$", re.MULTILINE)
 PATHS = re.compile(r"(?<![\w/.~-])((?:karma|docs|tests|scripts|eval|models)/[\w./*-]*[\w*/])")
@@ -100,6 +101,21 @@ def missing_modules(page: Path) -> list[str]:
     return sorted(n for n in missing if not n.endswith((".tar", ".json")))
 
 
+def test_every_class_that_is_named_exists():
+    source = " ".join(
+        text_of(path)
+        for folder in ("karma", "scripts", "tests/support")
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in (".py", ".toml", ".txt")
+    )
+    words = set(re.findall(r"\w+", source)) | FOREIGN
+    assert not on_pages(NOW, lambda page: sorted(named_classes(page) - words))
+
+
+def named_classes(page: Path) -> set[str]:
+    return {name for span in code(page) for name in re.findall(r"\b[A-Z][a-z]+[A-Z]\w+", span)}
+
+
 def is_importable(name: str) -> bool:
     """Return whether a dotted name is a module, or a word in the module that it begins with."""
     parts = name.split(".")
@@ -162,8 +178,7 @@ def misuse(words: list[str]) -> str:
         case ["python", script, *rest] if script != "-m":
             return unknown_script(script, rest)
         case ["pytest", *rest]:
-            files = [word for word in rest if word.endswith(".py")]
-            return " ".join(file for file in files if not (ROOT / file).exists())
+            return unknown_tests([ROOT / w for w in rest if w.endswith(".py")], rest)
         case [script, *_] if script.startswith("scripts/"):
             return "" if (ROOT / script).exists() else f"no {script}"
     return ""
@@ -192,6 +207,16 @@ def wrong_option(command: Any, words: list[str]) -> str:
     return ""
 
 
+def unknown_tests(files: list[Path], words: list[str]) -> str:
+    """Return the file that is not there, or the word of -k that no test in the files has."""
+    missing = [str(file) for file in files if not file.exists()]
+    if missing or "-k" not in words:
+        return " ".join(missing)
+    wanted = words[words.index("-k") + 1]
+    tests = [name for file in files for name in re.findall(r"def (test_\w+)", text_of(file))]
+    return "" if any(wanted in name for name in tests) else f"no test has {wanted}"
+
+
 def unknown_script(script: str, words: list[str]) -> str:
     """Return the option that neither a script nor a module that it imports speaks of."""
     if not (ROOT / script).exists():
@@ -212,6 +237,7 @@ def test_misspelt_commands_are_noticed():
     assert misuse(["python", "scripts/no_such.py"])
     assert misuse(["python", "scripts/check_kills.py", "--rya", "X"])
     assert misuse(["pytest", "tests/test_nothing.py"])
+    assert misuse(["pytest", "tests/test_docs.py", "-k", "no_such_test"])
     assert row_of(["karma", "paint"]) is None
 
 
