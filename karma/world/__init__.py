@@ -1,1 +1,1 @@
-"""Where the robot lives: a headless household that speaks AI2-THOR 5.0.0."""
+"""Simulate the household where the robot lives, in AI2-THOR 5.0.0's vocabulary."""

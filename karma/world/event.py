@@ -1,4 +1,4 @@
-"""What the embedded world returns: AI2-THOR 5.0.0's event.
+"""Return what happened as AI2-THOR 5.0.0's event.
 
 A genuine `ai2thor.server.Event` where that package is installed, else one with the same attributes.
 Metadata and pictures are made when first asked for; a moment never changes, so later is not too

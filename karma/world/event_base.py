@@ -1,4 +1,4 @@
-"""Stands in for `ai2thor.server.Event` where that package is not installed.
+"""Stand in for `ai2thor.server.Event` where that package is not installed.
 
 Only what the embedded world's events need of it: the attributes of a picture with instance
 segmentation. The mappings are computed when asked for, as AI2-THOR's are.

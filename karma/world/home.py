@@ -1,4 +1,4 @@
-"""Several rooms as one home: each is a world of its own, and stays as it was left.
+"""Join several rooms to one home: each is a world of its own, and stays as it was left.
 
 A door costs nothing, and nothing goes through it: what is in the hand is put onto the nearest open
 surface first, or dropped where none takes it. Time stands still in a room that nobody is in.

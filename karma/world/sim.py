@@ -1,4 +1,4 @@
-"""The embedded world: AI2-THOR 5.0.0's vocabulary over a scene file, headless and deterministic.
+"""Simulate AI2-THOR 5.0.0's vocabulary over a scene file, headless and deterministic.
 
 Covered: the actions in `ACTIONS`, all event and object fields, containment, visibility, heat,
 cold, water, coffee, slicing, breaking, pictures. Not covered: mesh physics; docs/world.md lists

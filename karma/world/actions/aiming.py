@@ -1,4 +1,4 @@
-"""Which object an action means: by its id, or by a place in the picture."""
+"""Find the object that an action means: by its id, or by a place in the picture."""
 
 import inspect
 from collections.abc import Callable

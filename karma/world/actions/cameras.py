@@ -1,4 +1,4 @@
-"""Actions on cameras that are not the agent's."""
+"""Add and change cameras that are not the agent's."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Actions that move and turn what is in the hand, which stays in the hand."""
+"""Move and turn what is in the hand, which stays in the hand."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Actions of the hand: picking up, putting, opening, switching, and changing what a thing is."""
+"""Pick up, put, open and switch objects, and change their states."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Actions of AI2-THOR that the embedded world leaves out; the list is data (`left_out.toml`)."""
+"""Refuse the actions of AI2-THOR that the embedded world leaves out (`left_out.toml`)."""
 
 from collections.abc import Callable
 from pathlib import Path

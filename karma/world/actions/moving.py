@@ -1,4 +1,4 @@
-"""Actions of the agent's body: walking, turning, looking."""
+"""Walk, turn and tilt the agent, and put it elsewhere."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

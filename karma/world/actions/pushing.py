@@ -1,4 +1,4 @@
-"""Actions that push things along what they stand on; there is no physics, only a slide.
+"""Push things along what they stand on; there is no physics, only a slide.
 
 A force acts for one physics step and friction ends the slide; the thing keeps its height and its
 turn, stops before the first box in its way, at the edge of what it lies on, at the room's wall and

@@ -1,4 +1,4 @@
-"""Questions about what is in the picture; nothing changes."""
+"""Answer questions about what is in the picture; nothing changes."""
 
 import math
 

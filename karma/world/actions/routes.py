@@ -1,4 +1,4 @@
-"""Questions about paths, places to stand on, and poses; nothing changes."""
+"""Answer questions about paths, places to stand on, and poses; nothing changes."""
 
 from typing import Any
 

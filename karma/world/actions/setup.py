@@ -1,4 +1,4 @@
-"""Actions that set the world up: what Initialize says, the picture's size, what metadata lists."""
+"""Set the world up: what Initialize says, the picture's size, what metadata lists."""
 
 from dataclasses import replace
 

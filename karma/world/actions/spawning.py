@@ -1,4 +1,4 @@
-"""Actions that put things in places drawn by lot; the seed alone decides."""
+"""Put things in places drawn by lot; the seed alone decides."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

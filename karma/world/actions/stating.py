@@ -1,4 +1,4 @@
-"""Actions that give many objects a state at once: as asked for, or by lot."""
+"""Give many objects a state at once: as asked for, or by lot."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""The dispatch table: which actions there are, what may be said with each, and who does it."""
+"""List the actions: the arguments that each takes, and the function that does it."""
 
 import inspect
 from collections.abc import Callable, Mapping

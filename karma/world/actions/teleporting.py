@@ -1,4 +1,4 @@
-"""Actions that put objects somewhere without a hand, or take them out of the world."""
+"""Put objects somewhere without a hand, or take them out of the world."""
 
 from collections.abc import Iterable
 from dataclasses import replace

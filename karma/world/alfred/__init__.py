@@ -1,1 +1,1 @@
-"""ALFRED's demonstrations: read, built into scenes, replayed through the public `step`, judged."""
+"""Read ALFRED's demonstrations, build their scenes, replay them, and judge the outcome."""

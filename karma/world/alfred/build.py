@@ -1,4 +1,4 @@
-"""An episode's scene from a trial: what stands there by the facts, what lies there by the trial."""
+"""Build an episode's scene: fixed objects from the room's facts, movable ones from the trial."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Which receptacle each movable object lies in at the start, which ALFRED does not say.
+"""Infer which receptacle each movable object lies in at the start, which ALFRED does not say.
 
 Of the rules below the first that applies decides; the figures are in docs/alfred-replay.md.
 1. The planner names the receptacle at the object's first pickup.

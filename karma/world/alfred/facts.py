@@ -1,4 +1,4 @@
-"""What is known of the rooms: ALFRED's side files, AI2-THOR's dump, and the trials themselves.
+"""Gather what is known of the rooms: ALFRED's side files, AI2-THOR's dump, and the trials.
 
 A trial tells of its room: the cells its demonstrator walked on, the ids of what it handled, and
 the planner's coordinates, which give receptacles to a millimetre and say what lay in them.

@@ -1,4 +1,4 @@
-"""The fixed objects of a room, with the ids that a trial uses and boxes from AI2-THOR 5.0.0.
+"""Place a room's fixed objects, with the ids that a trial uses and boxes from AI2-THOR 5.0.0.
 
 Between the AI2-THOR that ALFRED was recorded on and 5.0.0, fixed objects were shifted, renamed,
 moved or dropped. An id of ALFRED's takes, of what the dump has left:

@@ -1,4 +1,4 @@
-"""Whether a task of ALFRED's is done, as ALFRED's own evaluation decides it on metadata.
+"""Decide whether a task of ALFRED's is done, as ALFRED's own evaluation does on metadata.
 
 A target names objects by any part of their id: Pen also finds Pencil, Pot also Potato, Knife also
 ButterKnife. "In" means listed among a receptacle's `receptacleObjectIds`.

@@ -1,4 +1,4 @@
-"""AI2-THOR's object ids, exactly as the simulator that ALFRED was recorded on wrote them."""
+"""Write AI2-THOR's object ids exactly as the simulator that ALFRED was recorded on did."""
 
 import struct
 from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP, Context, Decimal

@@ -1,4 +1,4 @@
-"""Demonstrations with an action left out: a replay that does not notice checks nothing."""
+"""Leave an action out of a demonstration: a replay that does not notice checks nothing."""
 
 from karma.seeds import stream
 from karma.world.alfred.trial import LowAction, Trial

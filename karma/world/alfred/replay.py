@@ -1,4 +1,4 @@
-"""A demonstration replayed through the world's public `step`, and what is checked of it.
+"""Replay a demonstration through the world's public `step`, and check where it leads.
 
 1. Every action succeeds.
 2. The agent's pose at the end of each GotoLocation is the planner's: same quarter-metre cell, same

@@ -1,4 +1,4 @@
-"""A demonstrator's actions: what they mean to AI2-THOR 5.0.0, and where they lead.
+"""Translate a demonstrator's actions into AI2-THOR 5.0.0's, and follow where they lead.
 
 ALFRED was recorded on an older AI2-THOR. Its turns are of 90 degrees, its looks of 15; PutObject
 names the held object and the receptacle, where 5.0.0's names the receptacle alone; pieces of what

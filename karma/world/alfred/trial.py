@@ -1,4 +1,4 @@
-"""ALFRED's files as strict records: demonstrations, and the side files of their rooms.
+"""Read ALFRED's files as strict records: demonstrations, and the side files of their rooms.
 
 A trial is a line of JSON (or a lone `traj_data.json`) with `id` or `task_id`, `task_type`,
 `pddl_params`, `scene` and `plan`, as ALFRED publishes them. Keys that are not read are allowed.

@@ -1,1 +1,1 @@
-"""One moment of the household, and the rules by which it becomes the next."""
+"""Describe one moment of the household, and the rules by which it becomes the next."""

@@ -1,4 +1,4 @@
-"""What may be said with an action: plain, finite values that fit the handler's annotations."""
+"""Check the arguments of an action: plain, finite values that fit the handler's annotations."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The boxes of all objects as arrays, a row each in the objects' order."""
+"""Hold the boxes of all objects as arrays, a row each in the objects' order."""
 
 from collections.abc import Iterable, Mapping
 

@@ -1,4 +1,4 @@
-"""Axis-aligned boxes, and the cells between them on which an agent can stand."""
+"""Measure axis-aligned boxes, and find the cells between them on which an agent can stand."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""A camera: where it is, where it looks, and what it takes in."""
+"""Describe a camera: where it is, where it looks, and what it takes in."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Who lies in whom."""
+"""Tell which objects lie in which."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""Where the agent may stand between the cells of the scene's grid."""
+"""Tell where the agent may stand between the cells of the scene's grid."""
 
 from math import ceil, floor
 

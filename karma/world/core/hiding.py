@@ -1,4 +1,4 @@
-"""What hides what: closed containers, solid boxes, and the pieces of what is no longer whole."""
+"""Tell which objects hide others: closed containers, solid boxes; pieces hide nothing."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""AI2-THOR 5.0.0 metadata of one object: the fields that do not depend on anything around it."""
+"""Write AI2-THOR 5.0.0 metadata of one object: the fields that depend on nothing around it."""
 
 import math
 from typing import Any

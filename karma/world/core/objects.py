@@ -1,4 +1,4 @@
-"""The objects of one moment, and what is worked out from them and stays true in later ones."""
+"""Keep the objects of one moment, and hand on to the next what is known of them and still true."""
 
 from collections.abc import Callable, ItemsView, Iterator, Mapping, Sequence, ValuesView
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What is left of a thing that was cut or broken."""
+"""Make the pieces of a thing that was cut or broken."""
 
 from dataclasses import replace
 

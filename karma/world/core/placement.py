@@ -1,4 +1,4 @@
-"""Finding a free place, on a surface, in a container or below a hand, and what it is part of.
+"""Find a free place on a surface, in a container or below a hand, and what it is part of.
 
 Boxes only. A place is looked for with full clearance first, then with less, because a meal's
 worth of plates does fit a table whose boxes claim otherwise.

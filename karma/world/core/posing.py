@@ -1,4 +1,4 @@
-"""Putting things where they are told to be, by no hand: poses, and what a thing lies in there."""
+"""Put things into poses that no hand brings them to, and find what they lie in there."""
 
 import math
 from dataclasses import replace

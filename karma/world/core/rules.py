@@ -1,4 +1,4 @@
-"""The rule table: what the household does by itself, and the measures it goes by."""
+"""Read the rule table: what the household does by itself, and the measures it goes by."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A room as a file: objects with boxes, containment and states, and cells to stand on.
+"""Read a room from a file: objects with boxes, containment and states, and cells to stand on.
 
 A scene file is one JSON object of `Scene`; the running world keeps the same records and replaces
 them (they are frozen), so a snapshot of the world is a scene again.

@@ -1,4 +1,4 @@
-"""One moment of the world, frozen; every action makes the next one."""
+"""Hold one moment of the world, frozen; every action makes the next one."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""One object: where its box is, the object moved or turned, and whether it is still whole."""
+"""Measure, move and turn one object, and tell whether it is still whole."""
 
 import math
 from typing import Any

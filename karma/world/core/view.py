@@ -1,4 +1,4 @@
-"""What the agent sees: reach, field of view and rays, over boxes instead of meshes.
+"""Compute what the agent sees: reach, field of view and rays, over boxes instead of meshes.
 
 As AI2-THOR's default scheme: an object counts when its box is within `visibility_m` of the agent's
 axis, measured across the floor, and a ray from the camera meets one of its sample points inside

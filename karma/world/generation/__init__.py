@@ -1,1 +1,1 @@
-"""Drawing rooms from a table of furniture: equal seeds give equal scenes."""
+"""Draw rooms from a table of furniture: equal seeds give equal scenes."""

@@ -1,4 +1,4 @@
-"""Furniture into a room: along walls, on walls, in the middle, without boxes in boxes."""
+"""Furnish a room: along walls, on walls and in the middle, no box inside another."""
 
 from collections.abc import Sequence
 from math import inf

@@ -1,4 +1,4 @@
-"""Rooms of our own making, drawn from one seed: furniture, then contents, then a check.
+"""Draw a room from one seed: furniture, then contents, then a check.
 
 `scripts/make_scenes.py` writes the sixteen that ship; training draws hundreds more.
 """

@@ -1,4 +1,4 @@
-"""What our rooms are made of: furniture, where things rest, odds (`rooms.toml`)."""
+"""Read what our rooms are made of: furniture, where things rest, odds (`rooms.toml`)."""
 
 from collections.abc import Iterator
 from functools import cache

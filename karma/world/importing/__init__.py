@@ -1,1 +1,1 @@
-"""AI2-THOR's metadata dumps made into scenes."""
+"""Make scenes from AI2-THOR's metadata dumps."""

@@ -1,4 +1,4 @@
-"""AI2-THOR metadata as it lies in files: decoded strictly, with the place of what is wrong."""
+"""Decode AI2-THOR metadata from files strictly; errors name the place."""
 
 import gzip
 import json

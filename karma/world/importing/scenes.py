@@ -1,4 +1,4 @@
-"""AI2-THOR metadata dumps into scenes: what the genuine simulator reported at reset."""
+"""Make scenes from AI2-THOR metadata: what the genuine simulator reported at reset."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence

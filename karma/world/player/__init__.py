@@ -1,4 +1,4 @@
-"""The embedded world behind AI2-THOR's own process protocol: the genuine client drives it.
+"""Put the embedded world behind AI2-THOR's own process protocol: the genuine client drives it.
 
 `ai2thor.controller.Controller(local_executable_path=command())` starts it; see `command`.
 """

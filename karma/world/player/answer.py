@@ -1,4 +1,4 @@
-"""Events of the embedded world as messages of AI2-THOR's player."""
+"""Write events of the embedded world as messages of AI2-THOR's player."""
 
 from collections.abc import Iterator
 from typing import Any

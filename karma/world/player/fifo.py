@@ -1,4 +1,4 @@
-"""AI2-THOR's pipe format: fields of type, length and body; a message is fields and an end mark.
+"""Read and write AI2-THOR's pipe format: fields of type, length and body, then an end mark.
 
 A field is one byte of type, four bytes of length (big endian) and the body; the end mark is a field
 of type 255 and length 0. Covered: writing and strict reading of messages, over pipes that give a

@@ -1,4 +1,4 @@
-"""What to give AI2-THOR's Controller so that it starts the player."""
+"""Return what AI2-THOR's Controller needs in order to start the player."""
 
 import shlex
 import sys

@@ -1,4 +1,4 @@
-"""`karma-player`: what AI2-THOR's Controller starts as its `local_executable_path`.
+"""Run `karma-player`, which AI2-THOR's Controller starts as its `local_executable_path`.
 
 Standard error is the log; the client appends it to ~/.ai2thor/log/unity.log.
 """

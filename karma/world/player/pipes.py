@@ -1,4 +1,4 @@
-"""Opening the two pipes of AI2-THOR's client without waiting for one that is dead.
+"""Open the two pipes of AI2-THOR's client without waiting for one that is dead.
 
 The client makes both, starts the player, and reads before it writes. A plain `open` would wait for
 ever if the client died in between, and leave the player behind as an orphan.

@@ -1,4 +1,4 @@
-"""The embedded world as AI2-THOR's player: a message in, a message out.
+"""Serve the embedded world as AI2-THOR's player: a message in, a message out.
 
 Covered: what the client asks of a player itself (scenes, Reset), per-step pictures, fast emit,
 answers to malformed messages and to faults of our own, which the player outlives. Everything else

@@ -1,4 +1,4 @@
-"""Which scenes a player serves, under the names that AI2-THOR's client asks for."""
+"""List the scenes that a player serves, under the names that AI2-THOR's client asks for."""
 
 import os
 from collections.abc import Mapping, Sequence

@@ -1,1 +1,1 @@
-"""Recorded sessions of the real simulator, replayed and compared."""
+"""Replay recorded sessions of the real simulator and compare."""

@@ -1,4 +1,4 @@
-"""What of two events is compared, and where a difference comes from."""
+"""Compare two events value by value, and tell where each difference comes from."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Recorded sessions of the real simulator, replayed here and compared flag by flag.
+"""Replay recorded sessions of the real simulator here, and compare them flag by flag.
 
 A recording is a file of lines {"action": {...}, "metadata": {...}}, one per step; the first is
 Initialize, and its metadata is the scene. Every following action is done by `EmbeddedWorld.step`,

@@ -1,1 +1,1 @@
-"""Pictures of a moment, drawn on the CPU with Embree; needs no display."""
+"""Draw pictures of a moment on the CPU with Embree; needs no display."""

@@ -1,4 +1,4 @@
-"""The agent as other cameras see it: a white post with a head that shows where it looks."""
+"""Draw the agent for other cameras: a white post with a head that shows where it looks."""
 
 from functools import lru_cache
 

@@ -1,4 +1,4 @@
-"""What opens: closed they are solid in front, open one sees into them."""
+"""Build furniture with doors and drawers: closed it is solid in front, open one sees into it."""
 
 import itertools
 

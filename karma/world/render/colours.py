@@ -1,4 +1,4 @@
-"""AI2-THOR's colour tables: one colour for each object, each type and the room's structure."""
+"""Give each object, each type and the room's structure a colour, as AI2-THOR's tables do."""
 
 from collections.abc import Iterable, Mapping
 from functools import lru_cache

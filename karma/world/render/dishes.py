@@ -1,4 +1,4 @@
-"""Vessels, bottles, plates and cutlery."""
+"""Build vessels, bottles, plates and cutlery."""
 
 from math import cos, sin
 

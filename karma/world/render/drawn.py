@@ -1,4 +1,4 @@
-"""From the objects of a moment to triangles in the room."""
+"""Turn the objects of a moment into triangles in the room."""
 
 from collections.abc import Iterator
 from typing import NamedTuple

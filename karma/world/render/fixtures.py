@@ -1,4 +1,4 @@
-"""What is built into a room: basins, taps, windows, pictures, curtains, switches, burners."""
+"""Build fixtures: basins, taps, windows, pictures, curtains, switches, burners."""
 
 from math import cos, sin
 

@@ -1,4 +1,4 @@
-"""Fruit, bread, eggs and their pieces."""
+"""Build fruit, bread, eggs and their pieces."""
 
 from math import cos, pi, sin
 

@@ -1,4 +1,4 @@
-"""What a builder gets: the measures, colours and state of one object, and nothing else."""
+"""Describe one object to its builder: its measures, colours and state, and nothing else."""
 
 from collections.abc import Callable
 from typing import NamedTuple

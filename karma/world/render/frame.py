@@ -1,4 +1,4 @@
-"""How an object stands: its own axes, its sides along them, and which side is its front."""
+"""Find how an object stands: its own axes, its sides along them, and its front."""
 
 from typing import Literal, NamedTuple
 

@@ -1,4 +1,4 @@
-"""Tables, seats, beds, shelves and chests."""
+"""Build tables, seats, beds, shelves and chests."""
 
 import itertools
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What is built for a room, and used again until something looks different."""
+"""Keep what is built for a room until something in it looks different."""
 
 from weakref import WeakKeyDictionary
 

@@ -1,4 +1,4 @@
-"""Triangles that rays can be shot at."""
+"""Shoot rays at sets of triangles."""
 
 from collections.abc import Sequence
 

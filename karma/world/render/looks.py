@@ -1,4 +1,4 @@
-"""What each type looks like (`looks.toml`): a builder, its colours and measures."""
+"""Read what each type looks like (`looks.toml`): a builder, its colours and measures."""
 
 from collections.abc import Mapping
 from functools import cache

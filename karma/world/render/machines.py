@@ -1,4 +1,4 @@
-"""Lamps, screens, machines and small devices."""
+"""Build lamps, screens, machines and small devices."""
 
 from karma.world.render.cases import cracks, glass
 from karma.world.render.form import Builder, Form, shade

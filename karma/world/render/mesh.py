@@ -1,4 +1,4 @@
-"""Triangles with a colour each, and the few solids that everything is built from.
+"""Build coloured triangles, and the few solids that everything is made of.
 
 All lengths in metres; y up, z to the front, x to the right of who looks at the front. Faces wind
 so that their normals point out, with x, y and z as the axes of a right hand.

@@ -1,4 +1,4 @@
-"""A moment seen by a camera: colours, depth and which object each pixel shows."""
+"""Draw a moment as a camera sees it: colours, depth and which object each pixel shows."""
 
 from typing import NamedTuple
 

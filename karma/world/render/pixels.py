@@ -1,4 +1,4 @@
-"""From what rays meet to colours, depths and rows of objects."""
+"""Turn what rays meet into colours, depths and rows of objects."""
 
 from typing import NamedTuple
 

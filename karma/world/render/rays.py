@@ -1,4 +1,4 @@
-"""From a camera to rays, one for each pixel, the top row first."""
+"""Cast a camera's rays, one for each pixel, the top row first."""
 
 from functools import lru_cache
 from math import radians, tan

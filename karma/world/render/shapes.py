@@ -1,4 +1,4 @@
-"""From the form of an object to its triangles, with what dirt, heat and cold do to any shape."""
+"""Build an object's triangles from its form, with what dirt, heat and cold do to any shape."""
 
 from functools import lru_cache
 from types import MappingProxyType

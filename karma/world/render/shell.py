@@ -1,4 +1,4 @@
-"""The room itself: floor, walls and ceiling of its bounds, seen from inside only.
+"""Draw the room itself: floor, walls and ceiling of its bounds, seen from inside only.
 
 A ray meets the shell where it leaves the bounds, so that walls between an outside camera and the
 room hide nothing, and a camera above looks in through the ceiling. Faces are painted once.

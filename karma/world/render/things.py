@@ -1,4 +1,4 @@
-"""Everything small and still: books, toys, tools, plants, cushions."""
+"""Build everything small and still: books, toys, tools, plants, cushions."""
 
 from math import cos, sin
 

@@ -1,4 +1,4 @@
-"""A room from above, for people."""
+"""Draw a room from above, for people."""
 
 from math import cos, radians, sin
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The real AI2-THOR 5.0.0 as a world.
+"""Drive the real AI2-THOR 5.0.0 as a world.
 
 A Unity build and the package `ai2thor` are the user's to bring; docs/thor.md says how. The player
 runs behind a guard (guard.py) under AI2-THOR's own client (client.py): one that dies, hangs or

@@ -1,4 +1,4 @@
-"""Where the Unity build lies: an argument, $KARMA_THOR_BUILD, or AI2-THOR's own cache.
+"""Find the Unity build: an argument, $KARMA_THOR_BUILD, or AI2-THOR's own cache.
 
 Only looks at the disk; a build that is not there is never fetched.
 """

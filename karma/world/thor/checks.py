@@ -1,4 +1,4 @@
-"""What AI2-THOR needs on this machine, looked at one by one.
+"""Check one by one what AI2-THOR needs on this machine.
 
 Only looks: nothing is started, written for longer than the look, or fetched; the one connection is
 to an X server of this machine.

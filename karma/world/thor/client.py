@@ -1,4 +1,4 @@
-"""AI2-THOR's own client, kept from what it does to a lab without a network.
+"""Run AI2-THOR's own client, kept from what it does to a lab without a network.
 
 `Client` is `ai2thor.controller.Controller` with a guard before the player and these differences:
 no look-up or download of builds (the executable is given), no pruning of other releases, no look at

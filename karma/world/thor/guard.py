@@ -1,4 +1,4 @@
-"""A launcher that stands between AI2-THOR's client and a player, so that the client never hangs.
+"""Stand between AI2-THOR's client and a player, so that the client never hangs.
 
     python guard.py [--stall SECONDS] EXECUTABLE [ARGUMENT ...]
 
