@@ -89,14 +89,26 @@ def target(
 
 
 def _aimed(state: WorldState, x: float, y: float) -> SceneObject | Refusal:
-    if not (0 <= x <= 1 and 0 <= y <= 1):
-        message = f"x and y must be in [0:1] not (x={x:g}, y={y:g})."
-        return refuse("ArgumentOutOfRangeException", message)
-    settings, seen = state.settings, state.sight.interactable - state.in_hand
-    found = aim(
-        state.objects, state.pose, x, y,
-        seen=frozenset(seen), fov_deg=settings.fov_deg, aspect=settings.aspect,
-    )  # fmt: skip
+    if refusal := outside(x, y):
+        return refusal
+    found = shown_at(state, x, y)
     if found is None:
         return refuse("NullReferenceException", "No object at the given screen coordinates.")
     return state.objects[found]
+
+
+def outside(x: float, y: float) -> Refusal | None:
+    """Return why there is no such place in the picture, if so."""
+    if 0 <= x <= 1 and 0 <= y <= 1:
+        return None
+    message = f"x and y must be in [0:1] not (x={x:g}, y={y:g})."
+    return refuse("ArgumentOutOfRangeException", message)
+
+
+def shown_at(state: WorldState, x: float, y: float) -> str | None:
+    """Return the id of what a place in the picture shows and the hand can reach."""
+    settings, seen = state.settings, state.sight.interactable - state.in_hand
+    return aim(
+        state.objects, state.pose, x, y,
+        seen=frozenset(seen), fov_deg=settings.fov_deg, aspect=settings.aspect,
+    )  # fmt: skip

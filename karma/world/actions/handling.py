@@ -18,7 +18,7 @@ from karma.world.core.posing import emptied
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
-from karma.world.core.thing import bottom, heading, moved
+from karma.world.core.thing import bottom, difference, heading, moved
 
 _GRAVITY = 9.81
 
@@ -115,7 +115,7 @@ def _released(state: WorldState, middle: Vec3, holder: str | None) -> WorldState
     """Return the state with the held object, and what it carries, let go somewhere."""
     thing = state.objects[state.held or ""]
     objects = state.objects
-    by = (middle[0] - thing.center[0], middle[1] - thing.center[1], middle[2] - thing.center[2])
+    by = difference(middle, thing.center)
     changes = {child: moved(objects[child], by) for child in objects.carried(thing.id)}
     there = msgspec.structs.replace(moved(thing, by), is_picked_up=False)
     parents = () if holder is None else parents_in(objects, there, holder)

@@ -12,7 +12,7 @@ from karma.world.core.footing import Ground, finer, snapped
 from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects
 from karma.world.core.state import BODY_M, SILL_M, Done, Refusal, Result, WorldState, refuse
-from karma.world.core.thing import heading, moved, turned
+from karma.world.core.thing import difference, heading, moved, turned
 
 _LOOK_UP_LIMIT, _LOOK_DOWN_LIMIT = -30.0, 60.0
 _ON_GRID_M = 0.01
@@ -32,8 +32,8 @@ def with_pose(state: WorldState, pose: Pose) -> WorldState:
 def hang(state: WorldState, object_id: str, turn: float) -> Objects:
     """Return the objects with one, and what it carries, brought to the hand and turned."""
     thing = turned(state.objects[object_id], turn, state.objects[object_id].position)
-    here, hand = state.objects[object_id].position, state.hand
-    by = (hand[0] - here[0], hand[1] - here[1], hand[2] - here[2])
+    here = state.objects[object_id].position
+    by = difference(state.hand, here)
     changes = {object_id: moved(thing, by)}
     for child in state.objects.carried(object_id):
         changes[child] = moved(turned(state.objects[child], turn, here), by)

@@ -17,6 +17,7 @@ from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import BODY_M, Done, Refusal, Result, WorldState
 from karma.world.core.thing import heading, moved
+from karma.world.core.view import crossing
 
 _PUSH_S = 0.02  # for which the force acts
 _BRAKE_MS2 = 2 * 0.5 * 9.81  # twice the braking by friction
@@ -81,9 +82,7 @@ def _slide(state: WorldState, thing: SceneObject, step: Floats, far: float) -> f
 
 def _entries(place: Floats, step: Floats, low: Floats, high: Floats) -> list[float]:
     """Return how far away grown boxes begin; those that a place is in already do not count."""
-    along = np.where(np.abs(step) < 1e-9, 1e-9, step)
-    ends = (low - place) / along, (high - place) / along
-    enter, leave = np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
+    enter, leave = crossing(place, step, low, high)
     outside = ~np.all((low < place) & (high > place), axis=1)
     found = enter[(enter < leave) & (enter > -_GAP_M) & outside]
     return [float(value) - _GAP_M for value in found]
@@ -93,8 +92,7 @@ def _exit(place: Floats, step: Floats, low: Floats, high: Floats) -> float:
     """Return how far away the edge of a box is from inside; 0 from outside."""
     if np.any(place < low) or np.any(place > high):
         return 0.0
-    along = np.where(np.abs(step) < 1e-9, 1e-9, step)
-    return float(np.maximum((low - place) / along, (high - place) / along).min())
+    return float(crossing(place, step, low, high)[1])
 
 
 def _edges(state: WorldState, thing: SceneObject) -> list[tuple[Floats, Floats]]:

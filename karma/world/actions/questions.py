@@ -5,19 +5,20 @@ import math
 import numpy as np
 
 from karma.contracts import Pose
+from karma.world.actions.aiming import outside, shown_at
 from karma.world.core.arrays import Floats
 from karma.world.core.camera import Camera
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
-from karma.world.core.view import CAMERA_M, aim, camera, camera_axes, in_picture, sight
+from karma.world.core.view import CAMERA_M, camera, camera_axes, crossing, in_picture
 
 _SCHEMES = ("Collider", "Distance")
 
 
 def coordinate(state: WorldState, *, x: float, y: float) -> Result:
     """Return the point that a place in the picture shows."""
-    if outside := _outside(x, y):
-        return outside
+    if refusal := outside(x, y):
+        return refusal
     eye, ray = _ray(state, x, y)
     far, _ = _first_hit(state, eye, ray)
     far = min(far, _wall(state, eye, ray))
@@ -28,14 +29,10 @@ def coordinate(state: WorldState, *, x: float, y: float) -> Result:
 
 def object_in_frame(state: WorldState, *, x: float, y: float, checkVisible: bool = False) -> Result:
     """Return the id of the object that a place in the picture shows."""
-    if outside := _outside(x, y):
-        return outside
+    if refusal := outside(x, y):
+        return refusal
     if checkVisible:
-        settings, seen = state.settings, state.sight.interactable - state.in_hand
-        found = aim(
-            state.objects, state.pose, x, y,
-            seen=frozenset(seen), fov_deg=settings.fov_deg, aspect=settings.aspect,
-        )  # fmt: skip
+        found = shown_at(state, x, y)
     else:
         _, found = _first_hit(state, *_ray(state, x, y))
     if found is None:
@@ -58,10 +55,7 @@ def visible_objects(
     if reach < 0:
         return refuse("ArgumentOutOfRangeException", "maxDistance must not be negative")
     if thirdPartyCameraIndex is None:
-        seen = sight(
-            state.objects, state.pose, held=state.in_hand, visibility_m=reach,
-            fov_deg=state.settings.fov_deg, aspect=state.settings.aspect,
-        ).visible  # fmt: skip
+        seen = state.sight_from(state.pose, visibility_m=reach).visible
         return Done(state, [i for i in state.objects if i in seen], 0.0)
     if not 0 <= thirdPartyCameraIndex < len(state.cameras):
         message = f"there is no third-party camera {thirdPartyCameraIndex}"
@@ -75,27 +69,16 @@ def _seen_by(state: WorldState, one: Camera, reach: float) -> Result:
     x, y, z = one.position_m
     pitch, yaw, _ = one.rotation_deg
     pose = Pose(position_m=(x, y - CAMERA_M, z), yaw_deg=yaw, horizon_deg=pitch)
-    aspect = state.settings.aspect
-    seen = sight(
-        state.objects, pose, held=state.in_hand, visibility_m=reach, fov_deg=one.fov_deg,
-        aspect=aspect,
-    ).visible  # fmt: skip
+    seen = state.sight_from(pose, visibility_m=reach, fov_deg=one.fov_deg).visible
     held = sorted(state.in_hand)
     offsets = np.array([state.objects[i].center for i in held]).reshape(-1, 3) - np.array((x, y, z))
-    shown = in_picture(offsets, camera_axes(yaw, pitch), one.fov_deg, aspect)
+    shown = in_picture(offsets, camera_axes(yaw, pitch), one.fov_deg, state.settings.aspect)
     shown &= np.linalg.norm(offsets, axis=1) <= reach
     gone = {object_id for object_id, there in zip(held, shown, strict=True) if not there}
     return Done(state, [i for i in state.objects if i in seen and i not in gone], 0.0)
 
 
 # ----------------------------------------------------------------- rays
-
-
-def _outside(x: float, y: float) -> Refusal | None:
-    if 0 <= x <= 1 and 0 <= y <= 1:
-        return None
-    message = f"x and y must be in [0:1] not (x={x:g}, y={y:g})."
-    return refuse("ArgumentOutOfRangeException", message)
 
 
 def _ray(state: WorldState, x: float, y: float) -> tuple[Floats, Floats]:
@@ -113,7 +96,7 @@ def _first_hit(state: WorldState, eye: Floats, ray: Floats) -> tuple[float, str 
     if not len(objects):
         return math.inf, None
     low, high = solid_boxes(objects)
-    enter, leave = _crossing(eye, ray, low, high)
+    enter, leave = crossing(eye, ray, low, high)
     hits = (enter < leave) & (enter > 0) & ~inert_rows(objects) & (high[:, 1] > low[:, 1])
     for object_id in state.in_hand:
         hits[objects.rows[object_id]] = False
@@ -123,18 +106,11 @@ def _first_hit(state: WorldState, eye: Floats, ray: Floats) -> tuple[float, str 
     return float(enter[row]), list(objects)[row]
 
 
-def _crossing(eye: Floats, ray: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Return how far along a ray boxes begin and end, each shape (boxes,)."""
-    along = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-    ends = (low - eye) / along, (high - eye) / along
-    return np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
-
-
 def _wall(state: WorldState, eye: Floats, ray: Floats) -> float:
     """Return how far away the room's shell is, seen from inside; infinity from outside."""
     room = state.room
     middle, half = np.array(room.bounds_center), np.array(room.bounds_size) / 2
-    low, high = (middle - half)[None], (middle + half)[None]
-    low[0, 1] = room.floor_y
-    enter, leave = _crossing(eye, ray, low, high)
-    return float(leave[0]) if enter[0] <= 0 < leave[0] else math.inf
+    low = middle - half
+    low[1] = room.floor_y
+    enter, leave = crossing(eye, ray, low, middle + half)
+    return float(leave) if enter <= 0 < leave else math.inf

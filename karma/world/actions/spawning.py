@@ -11,11 +11,11 @@ from karma.seeds import stream
 from karma.world.actions.teleporting import copied
 from karma.world.core.arguments import TypeCount
 from karma.world.core.placement import find_place, parents_in
-from karma.world.core.posing import difference, emptied, let_lie, with_contents
+from karma.world.core.posing import emptied, let_lie, with_contents
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Done, Refusal, Result, WorldState
-from karma.world.core.thing import is_inert, moved
+from karma.world.core.thing import difference, is_inert, moved
 
 _MOST_OF_A_TYPE = 100
 

@@ -10,18 +10,10 @@ from karma.contracts import Vec3
 from karma.world.actions.moving import unknown
 from karma.world.core.arguments import ObjectPose, Place
 from karma.world.core.objects import Objects
-from karma.world.core.posing import (
-    collision,
-    difference,
-    emptied,
-    let_lie,
-    posed,
-    same_pose,
-    vector,
-)
+from karma.world.core.posing import collision, emptied, let_lie, posed, same_pose, vector
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
-from karma.world.core.thing import bottom, is_inert
+from karma.world.core.thing import bottom, difference, is_inert
 
 _LOOSE = frozenset({"pickupable", "moveable"})
 

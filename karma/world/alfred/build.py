@@ -13,7 +13,7 @@ from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import SpawnPose, Trial
 from karma.world.core.boxes import AGENT_RADIUS_M, Box
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
-from karma.world.core.thing import moved, turned
+from karma.world.core.thing import difference, moved, turned
 from karma.world.importing.scenes import ORIGIN_M, room_by_name, room_by_things
 
 
@@ -78,7 +78,7 @@ def _movable(pose: SpawnPose, facts: RoomFacts) -> SceneObject:
         made = turned(made, turn[1], place)
     else:
         made = turned(model, turn[1] - model.rotation[1], model.position)
-        made = moved(made, _minus(place, model.position))
+        made = moved(made, difference(place, model.position))
     return msgspec.structs.replace(
         made,
         id=pose.id,
@@ -101,12 +101,6 @@ def _movable(pose: SpawnPose, facts: RoomFacts) -> SceneObject:
 def _model(kind: str, facts: RoomFacts) -> SceneObject | None:
     here = () if facts.dump is None else facts.dump.objects
     return middling(t for t in here if t.type == kind) or facts.models.get(kind)
-
-
-def _minus(
-    a: tuple[float, float, float], b: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def _in(thing: SceneObject, parents: Mapping[str, str]) -> SceneObject:

@@ -23,7 +23,7 @@ from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.trial import LabelledSpot, Trial
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import bottom, top
+from karma.world.core.thing import bottom, gaps, top
 
 NEAR_M, LEVEL_M = 0.2, 0.08
 _VOTES = 5
@@ -136,8 +136,7 @@ def _rank(position: Vec3, place: SceneObject) -> tuple[bool, bool, float] | None
     if place.type == "Floor":
         return None
     x, y, z = position
-    across = max(abs(x - place.center[0]) - place.size[0] / 2, 0.0)
-    along = max(abs(z - place.center[2]) - place.size[2] / 2, 0.0)
+    across, along = gaps(place, x, z)
     if math.hypot(across, along) > _BESIDE_M:
         return None
     low, high = bottom(place), top(place)

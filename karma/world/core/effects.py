@@ -12,6 +12,7 @@ from karma.world.core.objects import Objects, derived
 from karma.world.core.rules import Effect, rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import WorldState
+from karma.world.core.thing import gaps
 
 _BASINS = (("SinkBasin", "BathtubBasin"), ("Sink", "Bathtub"))
 
@@ -87,9 +88,7 @@ def basin_under(objects: Objects, source: str) -> str | None:
         for kind in kinds:
             for object_id in objects.by_type.get(kind, ()):
                 thing = objects[object_id]
-                across = max(abs(x - thing.center[0]) - thing.size[0] / 2, 0.0)
-                along = max(abs(z - thing.center[2]) - thing.size[2] / 2, 0.0)
-                far = math.hypot(across, along)
+                far = math.hypot(*gaps(thing, x, z))
                 if far <= rules().liquids.basin_reach_m and thing.center[1] <= y + 0.1:
                     found.append((far, object_id))
         if found:

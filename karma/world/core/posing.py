@@ -16,7 +16,7 @@ from karma.world.core.placement import land, parents_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import HAND_M, Refusal, WorldState
-from karma.world.core.thing import bottom, is_inert, moved, top, turned
+from karma.world.core.thing import bottom, difference, is_inert, moved, top, turned
 
 _SAME_M, _SAME_DEG = 1e-4, 1e-3
 _LEVEL_M = 0.06  # a thing whose bottom is so near to a surface lies on it
@@ -28,11 +28,6 @@ _ON_FLOOR_M = 0.1
 def vector(place: Place, usual: Vec3 = (0.0, 0.0, 0.0)) -> Vec3:
     """Return a place with what was left out filled in."""
     return (place.get("x", usual[0]), place.get("y", usual[1]), place.get("z", usual[2]))
-
-
-def difference(a: Vec3, b: Vec3) -> Vec3:
-    """Return a - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def rotation_matrix(degrees: Vec3) -> Floats:

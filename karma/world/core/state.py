@@ -11,7 +11,7 @@ from karma.world.core.metadata import box
 from karma.world.core.objects import Objects, derived
 from karma.world.core.rules import rules
 from karma.world.core.scene import Scene, SceneObject
-from karma.world.core.thing import bottom, heading, is_inert, top
+from karma.world.core.thing import bottom, gaps, heading, is_inert, top
 from karma.world.core.view import Sight, camera, sight
 
 HAND_M: Vec3 = (0.0, -0.16, 0.38)  # right, up, forward from the camera
@@ -117,8 +117,7 @@ class Room:
 
 def _beside(thing: SceneObject, place: Point) -> bool:
     """Return whether the agent's body would touch a thing."""
-    far_x = max(abs(thing.center[0] - place[0]) - thing.size[0] / 2, 0.0)
-    far_z = max(abs(thing.center[2] - place[1]) - thing.size[2] / 2, 0.0)
+    far_x, far_z = gaps(thing, *place)
     return far_x * far_x + far_z * far_z < (BODY_M - 1e-6) ** 2
 
 
@@ -165,12 +164,16 @@ class WorldState:
     @cached_property
     def sight(self) -> Sight:
         """What is in view; computed once, when first asked for."""
+        return self.sight_from(self.pose, visibility_m=self.settings.visibility_m)
+
+    def sight_from(self, pose: Pose, *, visibility_m: float, fov_deg: float | None = None) -> Sight:
+        """Return what is in view from a pose; without an angle, with the agent's camera."""
         return sight(
             self.objects,
-            self.pose,
+            pose,
             held=self.in_hand,
-            visibility_m=self.settings.visibility_m,
-            fov_deg=self.settings.fov_deg,
+            visibility_m=visibility_m,
+            fov_deg=self.settings.fov_deg if fov_deg is None else fov_deg,
             aspect=self.settings.aspect,
         )
 

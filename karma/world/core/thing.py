@@ -58,6 +58,17 @@ def turned(thing: SceneObject, degrees: float, about: Vec3) -> SceneObject:
     return msgspec.structs.replace(thing, **change)
 
 
+def difference(a: Vec3, b: Vec3) -> Vec3:
+    """Return a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def gaps(thing: SceneObject, x: float, z: float) -> tuple[float, float]:
+    """Return how far a place is from a box across the floor, along x and along z; 0 within."""
+    along_x = max(abs(x - thing.center[0]) - thing.size[0] / 2, 0.0)
+    return along_x, max(abs(z - thing.center[2]) - thing.size[2] / 2, 0.0)
+
+
 def bottom(thing: SceneObject) -> float:
     """Return the height of the box's lower side, metres."""
     return thing.center[1] - thing.size[1] / 2

@@ -135,13 +135,25 @@ def cut(starts: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
         low: lower box corners, shape (n, 3), or (3,) when shared.
         high: upper box corners, likewise.
     """
-    along = ends - starts
-    along[np.abs(along) < 1e-9] = 1e-9
-    near, far = (low - starts) / along, (high - starts) / along
-    enter = np.minimum(near, far).max(axis=1)
-    leave = np.maximum(near, far).min(axis=1)
+    enter, leave = crossing(starts, ends - starts, low, high)
     passes: Flags = (np.maximum(enter, 0.0) < np.minimum(leave, 1.0)) & (enter < 0.999)
     return passes
+
+
+def crossing(
+    starts: Floats, directions: Floats, low: Floats, high: Floats
+) -> tuple[Floats, Floats]:
+    """Return how far along their rays boxes begin and end, each shape (n,); met if less in turn.
+
+    Args:
+        starts: shape (n, d), or (d,) when shared.
+        directions: likewise; distances are in their lengths.
+        low: lower box corners, likewise.
+        high: upper box corners, likewise.
+    """
+    along = np.where(np.abs(directions) < 1e-9, 1e-9, directions)
+    ends = (low - starts) / along, (high - starts) / along
+    return np.minimum(*ends).max(axis=-1), np.maximum(*ends).min(axis=-1)
 
 
 def perhaps_cut(eye: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:

@@ -361,33 +361,17 @@ def teddy(f: Form) -> list[Mesh]:
         ball((0, y * 0.69, z * 0.4), (x * 0.22, y * 0.1, z * 0.24), light, sides=8, rings=5),
         ball((0, y * 0.72, z * 0.6), (x * 0.08, y * 0.04, z * 0.08), dark, sides=6, rings=4),
     ]
+    pairs = [  # ears, eyes, arms and legs: middle, half sizes, colour, sides and rings
+        ((0.42, 0.93, 0.0), (0.18, 0.08, 0.1), fur, 8, 5),
+        ((0.2, 0.79, 0.44), (0.06, 0.03, 0.06), dark, 6, 4),
+        ((0.72, 0.42, 0.2), (0.24, 0.17, 0.22), fur, 8, 5),
+        ((0.52, 0.12, 0.62), (0.24, 0.12, 0.36), fur, 8, 5),
+    ]
     for side in (-1, 1):
-        parts += [
-            ball(
-                (side * x * 0.42, y * 0.93, 0), (x * 0.18, y * 0.08, z * 0.1), fur, sides=8, rings=5
-            ),
-            ball(
-                (side * x * 0.2, y * 0.79, z * 0.44),
-                (x * 0.06, y * 0.03, z * 0.06),
-                dark,
-                sides=6,
-                rings=4,
-            ),
-            ball(
-                (side * x * 0.72, y * 0.42, z * 0.2),
-                (x * 0.24, y * 0.17, z * 0.22),
-                fur,
-                sides=8,
-                rings=5,
-            ),
-            ball(
-                (side * x * 0.52, y * 0.12, z * 0.62),
-                (x * 0.24, y * 0.12, z * 0.36),
-                fur,
-                sides=8,
-                rings=5,
-            ),
-        ]
+        for (a, b, c), (wide, high, deep), colour, sides, rings in pairs:
+            half = (x * wide, y * high, z * deep)
+            middle = (side * x * a, y * b, z * c)
+            parts.append(ball(middle, half, colour, sides=sides, rings=rings))
     return parts
 
 
