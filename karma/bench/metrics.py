@@ -10,6 +10,7 @@ from functools import cache
 
 from karma.bench.records import KINDS, Call, EpisodeRecord, EpisodeTiming, Key, SubTaskRecord
 from karma.bench.statistics import Estimate, mean, rate
+from karma.household.ids import root_type
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.infer.hosted.cost import total
@@ -328,7 +329,7 @@ def types_of(object_ids: Iterable[str]) -> frozenset[str]:
     >>> sorted(types_of(["Apple|+1|+1|+0|AppleSliced_2", "Mug|+0|+1|+0"]))
     ['Apple', 'Mug']
     """
-    return frozenset(base_type(object_id.split("|")[0]) for object_id in object_ids)
+    return frozenset(base_type(root_type(object_id)) for object_id in object_ids)
 
 
 def _related_calls(record: EpisodeRecord) -> list[Call]:
@@ -352,7 +353,7 @@ def _loose(goals: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
     """Return for each name in the goals its alternatives that can be carried, if it has any."""
     known = object_types()
     groups = (
-        tuple(kind.split("|")[0] for kind in alternatives(name))
+        tuple(root_type(kind) for kind in alternatives(name))
         for text in goals
         for name in object_names(parse_goal(text))
     )

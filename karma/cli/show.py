@@ -14,6 +14,7 @@ from karma.agent.planner import grounded
 from karma.bench.precision import Precision, Reached
 from karma.bench.records import EpisodeRecord, Summary, by_task
 from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
+from karma.household.ids import root_type
 from karma.infer.hosted.cost import Ledger, Spent
 
 _NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns
@@ -100,7 +101,7 @@ def memory_table(units: Sequence[MemoryUnit], title: str) -> RenderableType:
         table.add_row(
             unit.object_type + (" *" if unit.handled else ""),
             ", ".join(unit.states) or "–",
-            (unit.place_id or "–").split("|")[0],
+            root_type(unit.place_id or "–"),
             " ".join(f"{v:+.2f}" for v in unit.position_m),
         )
     return table

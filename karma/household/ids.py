@@ -19,6 +19,15 @@ def type_of(object_id: str | None) -> str:
     return sections[0] if len(sections) < _OF_A_PART else sections[-1].partition("_")[0]
 
 
+def is_id(name: str) -> bool:
+    """Return whether a name is an id, not a type.
+
+    >>> is_id("Mug"), is_id("Mug|+01.00|+00.90|-02.00")
+    (False, True)
+    """
+    return "|" in name
+
+
 def root_type(object_id: str) -> str:
     """Return the type of the whole that an id begins with: a basin's sink, a slice's apple.
 

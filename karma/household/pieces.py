@@ -5,6 +5,8 @@ from functools import cache
 
 from karma.household.types import object_types
 
+EGG = "Egg"  # what comes to pieces when it breaks, not by a knife
+
 
 def base_type(object_type: str) -> str:
     """Return the whole's type; what is no piece is its own.

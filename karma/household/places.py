@@ -6,6 +6,7 @@ from karma.household.types import object_types
 from karma.household.uses import (
     BASINS,
     BIN,
+    BURNER,
     COFFEE_MACHINE,
     FRIDGE,
     KNOB,
@@ -26,6 +27,14 @@ LIKELY = (
     "Sofa", "ArmChair", "Shelf", FRIDGE, SINK, "Cabinet", "Drawer", "Bathtub", "Toilet", BIN,
     MICROWAVE,
 )  # where things are found, the likeliest first  # fmt: skip
+BESIDE_A_DOOR = (
+    "ArmChair", "Bed", "CoffeeTable", "CounterTop", "Desk", "DiningTable", "Dresser", "Ottoman",
+    "Shelf", "ShelvingUnit", "SideTable", "Sofa", "TVStand",
+)  # where a world puts what may not leave the room: nothing that it would fall into  # fmt: skip
+STAND_CLOSED = (FRIDGE, MICROWAVE, "Cabinet", "Drawer", "Safe", "LaundryHamper")
+# A program opens and closes these: those that `must_be_open`, but a Box, which stands open, and a
+# Safe, of which AI2-THOR does not say so.
+SEVERAL = ("Cabinet", "Drawer", "Shelf", "CounterTop", "SideTable", BURNER)  # often in one room
 OVERLOOKED = frozenset(
     (
         *TAPS, TOASTER, COFFEE_MACHINE, "LightSwitch", "Blinds", "ToiletPaperHanger",

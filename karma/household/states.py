@@ -1,7 +1,40 @@
-"""State words: which end one another, and which stand for the goals and skills that bring them."""
+"""State words: how goals write them, what they ask of a type, which end one another."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
+
+from karma.household.types import Capability
+
+GOAL_STATES = frozenset(
+    (
+        "dirty", "cooked", "broken", "filled", "used up", "on", "off", "opened", "closed",
+        "cleaned", "sliced", "heated", "cooled", "empty",
+    )
+)  # fmt: skip
+NEEDS: Mapping[str, Capability] = MappingProxyType(
+    {
+        "sliced": "sliceable", "cooked": "cookable", "filled": "canFillWithLiquid",
+        "broken": "breakable", "opened": "openable", "closed": "openable", "on": "toggleable",
+        "off": "toggleable", "dirty": "dirtyable", "used up": "canBeUsedUp",
+    }
+)  # what a type must be capable of to be in a state  # fmt: skip
+_SYNONYMS = {
+    "clean": "cleaned", "washed": "cleaned", "rinsed": "cleaned", "chopped": "sliced",
+    "cut": "sliced", "hot": "heated", "warm": "heated", "cold": "cooled", "chilled": "cooled",
+    "open": "opened", "close": "closed", "usedup": "used up",
+}  # fmt: skip
+
+
+def canonical_state(word: str) -> str | None:
+    """Return the state that a goal's word means, None if it means none.
+
+    >>> canonical_state("washed"), canonical_state("Used  Up"), canonical_state("sofa")
+    ('cleaned', 'used up', None)
+    """
+    word = " ".join(word.lower().split())
+    word = _SYNONYMS.get(word, word)
+    return word if word in GOAL_STATES else None
+
 
 _PAIRS = (("opened", "closed"), ("on", "off"), ("dirty", "cleaned"))
 OPPOSITES: Mapping[str, str] = MappingProxyType(

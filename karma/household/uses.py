@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from karma.household.pieces import base_type
+from karma.household.pieces import EGG, base_type
 from karma.household.types import object_types
 
 # ----------------------------------------------------------------- water
@@ -49,7 +49,8 @@ def covers(name: str, object_type: str) -> bool:
 
 # ----------------------------------------------------------------- knives, fire, light
 
-KNIVES = ("Knife", "ButterKnife")  # the better one first
+KNIFE = "Knife"
+KNIVES = (KNIFE, "ButterKnife")  # the better one first
 STOVE, BURNER, KNOB = "Stove", "StoveBurner", "StoveKnob"  # a knob switches its burner
 SWITCHED_BY_A_PART = (BURNER, *BASIN_OF, *BASINS)  # a skill that switches them finds the part
 FOUND_BY_SKILL = (*TAPS, KNOB, BURNER, STOVE)  # of several, a skill knows which is meant
@@ -69,4 +70,10 @@ def has_a_switch(object_type: str) -> bool:
 
 FRIDGE, MICROWAVE, TOASTER, COFFEE_MACHINE = "Fridge", "Microwave", "Toaster", "CoffeeMachine"
 BIN = "GarbageCan"
+CHANGED_IN: Mapping[str, str] = MappingProxyType(
+    {"cleaned": SINK, "filled": SINK, "heated": MICROWAVE, "cooked": MICROWAVE, "cooled": FRIDGE}
+)  # the state that being there brings about
+COOKED = ("Potato", "PotatoSliced", EGG)  # in the microwave; an egg that is cracked is not
+TOASTED = "Bread"
+COFFEE_CUP = "Mug"
 MOMENTARY = frozenset((*TAPS, MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER, KNOB))

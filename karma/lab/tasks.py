@@ -22,6 +22,9 @@ import msgspec
 
 from karma.contracts import Goal
 from karma.errors import FileError, KarmaError
+from karma.household.ids import root_type
+from karma.household.pieces import base_type
+from karma.household.uses import KNIVES
 from karma.seeds import stream
 from karma.tasks.goals import parse_goal
 
@@ -33,7 +36,6 @@ if TYPE_CHECKING:
 UnitSet = Literal["r4", "m"]
 UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
 ROOMS = ("kitchen", "living", "bedroom", "bathroom")
-KNIVES = ("Knife", "ButterKnife")
 SMOOTHING = 0.5  # added to each count of where things were found
 GRAMMAR_SCENES = 10  # generated rooms of each kind
 GRAMMAR_TASKS = 40  # requests drawn in each
@@ -221,7 +223,7 @@ def _handled(trial: _Trial) -> Iterator[tuple[str, str, str]]:
     for act in (step.planner_action for step in trial.plan.high_pddl):
         where = act.coordinate_receptacle_object_id
         if where and act.action in ("PickupObject", "PutObject"):
-            kind = act.object_id.split("|")[0] if act.action == "PickupObject" else ""
+            kind = root_type(act.object_id) if act.action == "PickupObject" else ""
             yield kind, str(where[0]), str(where[1:])
 
 
@@ -251,7 +253,7 @@ def _errand(trial: _Trial, path: Path) -> Errand:
         kind
         for step in trial.plan.high_pddl
         if wanted.object_sliced and step.planner_action.action == "PickupObject"
-        if (kind := step.planner_action.object_id.split("|")[0]) in KNIVES
+        if (kind := root_type(step.planner_action.object_id)) in KNIVES
     ]
     kind, goals = _asked(trial)
     return Errand(
@@ -290,7 +292,7 @@ def _sentences(annotations: Iterable[_Annotation]) -> tuple[str, ...]:
 
 
 def _distinct(names: Iterable[str]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(name.removesuffix("Sliced") for name in names if name))
+    return tuple(dict.fromkeys(base_type(name) for name in names if name))
 
 
 # ------------------------------------------------------------- tasks of our own

@@ -10,12 +10,7 @@ from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
 from karma.contracts import MemoryUnit, ReplacementPolicy
-
-_OPPOSITES = {
-    "opened": "closed", "closed": "opened",
-    "on": "off", "off": "on",
-    "dirty": "cleaned", "cleaned": "dirty",
-}  # fmt: skip
+from karma.household.states import OPPOSITES
 
 
 @runtime_checkable
@@ -132,7 +127,7 @@ def merged_states(old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]
     """
     history = list(dict.fromkeys(old))
     for state in new:
-        opposite = _OPPOSITES.get(state)
+        opposite = OPPOSITES.get(state)
         if opposite in history:
             history.remove(opposite)
         if state not in history:

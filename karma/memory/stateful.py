@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from karma.contracts import Embedder, MemoryUnit, Recalled
+from karma.household.ids import root_type
+from karma.household.pieces import base_type
 from karma.memory.recall import CosineRecall, unit_sentence
 
 STATE_WORDS = {
@@ -79,9 +81,9 @@ class StatefulRecall:
 def _bonus(unit: MemoryUnit, words: Sequence[str], states: set[str]) -> float:
     bonus = HANDLED_BONUS if unit.handled else 0.0
     bonus += STATE_BONUS * bool(states & set(unit.states))
-    place = _words((unit.place_id or "").split("|")[0])
+    place = _words(root_type(unit.place_id or ""))
     bonus += PLACE_BONUS * bool(place and place[-1] in words)
-    named = _words(unit.object_type.removesuffix("Sliced").removesuffix("Cracked"))
+    named = _words(base_type(unit.object_type))
     return bonus + NAME_BONUS * bool(named and named[-1] in words)
 
 

@@ -17,8 +17,11 @@ import msgspec
 from karma.contracts import Goal, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_json
+from karma.household.pieces import base_type
+from karma.household.states import END_STATES, NEEDS, canonical_state
 from karma.household.types import Capability, object_type
-from karma.tasks.goals import ARITY, canonical_state, is_position, object_names, read_goal
+from karma.household.uses import BURNER, LAMPS
+from karma.tasks.goals import ARITY, is_position, object_names, read_goal
 from karma.tasks.splitting import (
     assign,
     exclude,
@@ -33,12 +36,10 @@ _KINDS: Mapping[str, Literal["simple", "composite", "complex"]] = {
     "SimpleTasks": "simple", "CompositeTasks": "composite", "ComplexTasks": "complex",
 }  # fmt: skip
 _NEEDS: Mapping[str, Capability] = {
-    "sliced": "sliceable", "cooked": "cookable", "filled": "canFillWithLiquid",
-    "broken": "breakable", "opened": "openable", "closed": "openable", "on": "toggleable",
-    "off": "toggleable", "dirty": "dirtyable", "used up": "canBeUsedUp",
-    "TOGGLEON": "toggleable", "TOGGLEOFF": "toggleable", "OPEN": "openable", "CLOSED": "openable",
+    **NEEDS,
+    **{goal: NEEDS[state] for goal, state in END_STATES.items()},
     "HOLDON": "pickupable",
-}  # fmt: skip
+}  # of states and predicates
 
 
 class _Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -165,7 +166,7 @@ def _resolve_placement(goal: Goal, present: frozenset[str]) -> Goal:
         place = "(" + ", ".join(_numbers(goal.arguments[1])) + ")"
         return Goal(predicate="ON", arguments=("/".join(_able(moved, "pickupable")), place))
     places = _present(goal.arguments[1], present)
-    if all(kind.endswith("Lamp") for kind in moved) and object_type(places[0]).can("pickupable"):
+    if all(kind in LAMPS for kind in moved) and object_type(places[0]).can("pickupable"):
         return Goal(predicate="HOLDON", arguments=("robot", "/".join(places)))
     moved = _able(moved, "pickupable")
     beside = not any(object_type(place).can("receptacle") for place in places)
@@ -190,7 +191,7 @@ def _present(name: str, present: frozenset[str]) -> tuple[str, ...]:
     if not tiers:
         raise KarmaError(f"no object type is called {name!r}")
     for tier in tiers:
-        here = tuple(k for k in tier if k in present or k.removesuffix("Sliced") in present)
+        here = tuple(k for k in tier if k in present or base_type(k) in present)
         if here:
             return here
     raise KarmaError(f"the scene has no {'/'.join(k for tier in tiers for k in tier)}")
@@ -206,7 +207,7 @@ def _able(kinds: Sequence[str], capability: Capability) -> tuple[str, ...]:
             for one in (kind, object_type(kind).slices_into)
             if one is not None
         )
-        or (capability == "toggleable" and kind == "StoveBurner")
+        or (capability == "toggleable" and kind == BURNER)
     )
     if not able:
         raise KarmaError(f"{'/'.join(kinds)} is not {capability}")

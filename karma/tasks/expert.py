@@ -10,15 +10,13 @@ from dataclasses import dataclass, field
 
 from karma.agent.inspector import likely_areas
 from karma.contracts import Area, Goal, SkillCall
-from karma.household.pieces import base_type
-from karma.household.places import SURFACES
+from karma.household import uses
+from karma.household.pieces import EGG, base_type, is_piece
+from karma.household.places import STAND_CLOSED, SURFACES
+from karma.household.states import END_STATES, canonical_state
 from karma.household.types import object_types
 
-CLOSED = ("Fridge", "Microwave", "Cabinet", "Drawer", "Safe", "LaundryHamper")
-KNIVES = ("Knife", "ButterKnife")
-CLEAN = ("clean", "cleaned", "washed")
-HOT = ("heated", "hot", "warm")
-COLD = ("cooled", "cold", "chilled")
+_PREDICATES = {state: predicate for predicate, state in END_STATES.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +91,7 @@ class _Draft:
         if self.held is not None and thing.name == self.held.name:
             return None
         place = self.place_of(thing)
-        if place is not None and place[1] in CLOSED:
+        if place is not None and place[1] in STAND_CLOSED:
             self.say("GoToObject", place[0])
             self.say("OpenObject", place[0])
             return place[0]
@@ -132,7 +130,7 @@ class _Draft:
         """Put a thing into a receptacle, opening and closing what must be."""
         self.take(thing)
         opened = self.reach(receptacle)
-        if receptacle.object_type in CLOSED:
+        if receptacle.object_type in STAND_CLOSED:
             self.say("OpenObject", receptacle.name)
             opened = receptacle.name
         self.say("PutObject", thing.name, receptacle.name)
@@ -169,8 +167,8 @@ def _subject(goal: Goal) -> str:
     return goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0]
 
 
-def _wants(goals: Sequence[Goal], words: Sequence[str]) -> bool:
-    return any(g.predicate == "STATE" and g.arguments[1].lower() in words for g in goals)
+def _wants(goals: Sequence[Goal], *states: str) -> bool:
+    return any(g.predicate == "STATE" and canonical_state(g.arguments[1]) in states for g in goals)
 
 
 def _helps(goal: Goal, mine: Sequence[Goal]) -> bool:
@@ -178,11 +176,11 @@ def _helps(goal: Goal, mine: Sequence[Goal]) -> bool:
     if goal.predicate != "TOGGLEON":
         return False
     appliance = goal.arguments[0]
-    if appliance in ("Faucet", "ShowerHead"):
-        return _wants(mine, (*CLEAN, "filled"))
-    if appliance in ("Microwave", "Toaster", "StoveBurner", "StoveKnob"):
-        return _wants(mine, ("cooked", *HOT))
-    return appliance == "CoffeeMachine" and _wants(mine, ("filled",))
+    if appliance in uses.TAPS:
+        return _wants(mine, "cleaned", "filled")
+    if appliance in (uses.MICROWAVE, uses.TOASTER, uses.BURNER, uses.KNOB):
+        return _wants(mine, "cooked", "heated")
+    return appliance == uses.COFFEE_MACHINE and _wants(mine, "filled")
 
 
 def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
@@ -192,11 +190,12 @@ def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
     done_in = ""
     for goal in goals:
         if goal.predicate == "STATE":
-            done_in = _change(draft, thing, goal.arguments[1].lower(), goals) or done_in
+            state = canonical_state(goal.arguments[1]) or ""
+            done_in = _change(draft, thing, state, goals) or done_in
         elif goal not in placed and goal.predicate != "HOLDON" and not _helps(goal, goals):
             _switch(draft, goal)
     for goal in placed:
-        if base_type(draft.thing(goal.arguments[1]).object_type).removesuffix("Basin") != done_in:
+        if uses.without_basin(draft.thing(goal.arguments[1]).object_type) != done_in:
             draft.put(thing, draft.thing(goal.arguments[1]))
     if any(goal.predicate == "HOLDON" for goal in goals):
         draft.take(thing)
@@ -206,32 +205,30 @@ def _change(draft: _Draft, thing: NamedThing, state: str, goals: Sequence[Goal])
     """Write the lines for one STATE goal; return the type of the place it ends in, if any."""
     if state == "sliced":
         _slice(draft, thing)
-    elif state in CLEAN:
-        _rinse(draft, thing)
-        return "Sink"
+    elif state == "cleaned":
+        return _rinse(draft, thing)
     elif state == "filled":
-        coffee = any("CoffeeMachine" in g.arguments for g in goals)
+        coffee = any(uses.COFFEE_MACHINE in g.arguments for g in goals)
         return _coffee(draft, thing) if coffee else _rinse(draft, thing)
-    elif state == "cooked" or state in HOT:
+    elif state in ("cooked", "heated"):
         return _heat(draft, thing, state)
-    elif state in COLD:
-        draft.put(thing, draft.thing("Fridge"))
-        return "Fridge"
+    elif state == "cooled":
+        draft.put(thing, draft.thing(uses.FRIDGE))
+        return uses.FRIDGE
     elif state == "broken":
         if draft.held is not None and draft.held.name == thing.name:
             draft.put_down()
         draft.reach(thing)
         draft.say("BreakObject", thing.name)
-    elif state in ("on", "off", "open", "opened", "closed"):
-        predicate = {"on": "TOGGLEON", "off": "TOGGLEOFF", "closed": "CLOSED"}.get(state, "OPEN")
+    elif (predicate := _PREDICATES.get(state)) is not None:
         _switch(draft, Goal(predicate=predicate, arguments=(thing.name,)))
     return ""
 
 
 def _slice(draft: _Draft, thing: NamedThing) -> None:
     """Fetch a knife, as Listing 2 does, and slice; a whole thing in the hand is put down first."""
-    knives = [draft.thing(kind) for kind in KNIVES]
-    held_knife = draft.held is not None and draft.held.object_type in KNIVES
+    knives = [draft.thing(kind) for kind in uses.KNIVES]
+    held_knife = draft.held is not None and draft.held.object_type in uses.KNIVES
     if not held_knife:
         draft.take(next((knife for knife in knives if draft.knows(knife)), knives[0]))
     opened = draft.reach(thing)
@@ -242,42 +239,42 @@ def _slice(draft: _Draft, thing: NamedThing) -> None:
 
 def _rinse(draft: _Draft, thing: NamedThing) -> str:
     """Hold a thing under the tap: it gets clean, and full if it can be filled."""
-    draft.put(thing, draft.thing("Sink"))
-    draft.say("ToggleOn", "Faucet")
-    draft.say("ToggleOff", "Faucet")
-    return "Sink"
+    draft.put(thing, draft.thing(uses.SINK))
+    draft.say("ToggleOn", uses.FAUCET)
+    draft.say("ToggleOff", uses.FAUCET)
+    return uses.SINK
 
 
 def _coffee(draft: _Draft, thing: NamedThing) -> str:
-    draft.put(thing, draft.thing("CoffeeMachine"))
-    draft.say("ToggleOn", "CoffeeMachine")
-    return "CoffeeMachine"
+    draft.put(thing, draft.thing(uses.COFFEE_MACHINE))
+    draft.say("ToggleOn", uses.COFFEE_MACHINE)
+    return uses.COFFEE_MACHINE
 
 
 def _heat(draft: _Draft, thing: NamedThing, state: str) -> str:
     """Toast bread; everything else goes into the microwave, an egg is cracked in there."""
-    if base_type(thing.object_type) == "Bread" and state == "cooked":
-        if "sliced" not in thing.states and not thing.object_type.endswith("Sliced"):
+    if base_type(thing.object_type) == uses.TOASTED and state == "cooked":
+        if "sliced" not in thing.states and not is_piece(thing.object_type):
             _slice(draft, thing)
-        draft.put(thing, draft.thing("Toaster"))
-        draft.say("ToggleOn", "Toaster")
-        draft.say("ToggleOff", "Toaster")
-        return "Toaster"
-    oven = draft.thing("Microwave")
+        draft.put(thing, draft.thing(uses.TOASTER))
+        draft.say("ToggleOn", uses.TOASTER)
+        draft.say("ToggleOff", uses.TOASTER)
+        return uses.TOASTER
+    oven = draft.thing(uses.MICROWAVE)
     draft.put(thing, oven, close=False)
-    if thing.object_type == "Egg" and state == "cooked":
+    if thing.object_type == EGG and state == "cooked":
         draft.say("BreakObject", thing.name)
     draft.say("CloseObject", oven.name)
     draft.say("ToggleOn", oven.name)
     draft.say("ToggleOff", oven.name)
-    return "Microwave"
+    return uses.MICROWAVE
 
 
 def _switch(draft: _Draft, goal: Goal) -> None:
     """Write the lines that switch or open a thing; what is in the hand stays there."""
     thing = draft.thing(goal.arguments[0])
-    opened = None if thing.object_type in CLOSED else draft.reach(thing)
-    if thing.object_type in CLOSED:
+    opened = None if thing.object_type in STAND_CLOSED else draft.reach(thing)
+    if thing.object_type in STAND_CLOSED:
         draft.say("GoToObject", thing.name)
     verb = {"OPEN": "OpenObject", "CLOSED": "CloseObject"}.get(goal.predicate)
     if verb is None:

@@ -15,6 +15,7 @@ import msgspec
 from karma.contracts import Goal, Kind, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, to_json, write_atomic
+from karma.household.ids import root_type
 from karma.household.types import object_type, object_types
 from karma.tasks.goals import alternatives, is_position, object_names, parse_goal
 from karma.world.core import scene
@@ -63,7 +64,7 @@ def required_types(subtask: SubTask) -> tuple[str, ...]:
     """
     names = (part for goal in subtask.goals for name in object_names(goal)
              for part in alternatives(name))  # fmt: skip
-    types = dict.fromkeys(name.split("|")[0] for name in names)
+    types = dict.fromkeys(root_type(name) for name in names)
     known = object_types()
     return tuple(name for name in types if name in known and known[name].can("pickupable"))
 
@@ -159,7 +160,7 @@ def check_goal(goal: Goal) -> None:
     """Raise KarmaError for a type that is not there, or what AI2-THOR lets nobody put together."""
     for name in object_names(goal):
         for part in alternatives(name):
-            object_type(part.split("|")[0])
+            object_type(root_type(part))
     if goal.predicate in ("ON", "INSIDE") and not is_position(goal.arguments[1]):
         check_placement(goal)
 
@@ -167,7 +168,7 @@ def check_goal(goal: Goal) -> None:
 def check_placement(goal: Goal) -> None:
     """Raise KarmaError unless some named type may be put into some named receptacle type."""
     moved, places = (
-        [object_type(part.split("|")[0]) for part in alternatives(name)] for name in goal.arguments
+        [object_type(root_type(part)) for part in alternatives(name)] for name in goal.arguments
     )
     if not any(one.can("pickupable") and one.fits(place) for one in moved for place in places):
         raise KarmaError(f"{goal}: AI2-THOR lets no {goal.arguments[0]} into {goal.arguments[1]}")

@@ -19,6 +19,11 @@ from typing import Any
 from karma.agent.perceive import truth_of
 from karma.contracts import Event, Goal, TrueObject, Truth, World
 from karma.errors import KarmaError
+from karma.household.ids import is_id, is_part, whole_id
+from karma.household.pieces import EGG, is_piece, piece_type
+from karma.household.places import FLOOR
+from karma.household.states import END_STATES, GOAL_STATES, canonical_state
+from karma.household.uses import MOMENTARY, covers
 
 ARITY = {
     "ON": 2, "INSIDE": 2, "STATE": 2, "HOLDON": 2, "TOGGLEON": 1, "TOGGLEOFF": 1, "OPEN": 1,
@@ -27,22 +32,6 @@ ARITY = {
 _SAME_PREDICATE = {
     "SWITCHON": "TOGGLEON", "SWITCHOFF": "TOGGLEOFF", "IN": "INSIDE", "CLOSE": "CLOSED",
 }  # fmt: skip
-_SAME_STATE = {
-    "clean": "cleaned", "washed": "cleaned", "rinsed": "cleaned", "chopped": "sliced",
-    "cut": "sliced", "hot": "heated", "warm": "heated", "cold": "cooled", "chilled": "cooled",
-    "open": "opened", "close": "closed", "usedup": "used up",
-}  # fmt: skip
-STATES = frozenset(
-    (
-        "dirty", "cooked", "broken", "filled", "used up", "on", "off", "opened", "closed",
-        "cleaned", "sliced", "heated", "cooled", "empty",
-    )
-)  # fmt: skip
-MOMENTARY = frozenset(
-    ("Faucet", "ShowerHead", "Microwave", "Toaster", "CoffeeMachine", "StoveBurner", "StoveKnob")
-)
-_PARTS = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin", "Egg": "EggCracked"}
-_CUT = ("Sliced", "Cracked")
 NEAR_M = 0.5  # the paper names none
 
 
@@ -83,15 +72,9 @@ def parse_goal(text: str) -> Goal:
         return goal
     word = canonical_state(goal.arguments[1])
     if word is None:
-        raise KarmaError(f"goal {text!r}: unknown state; known are {', '.join(sorted(STATES))}")
+        known = ", ".join(sorted(GOAL_STATES))
+        raise KarmaError(f"goal {text!r}: unknown state; known are {known}")
     return Goal(predicate="STATE", arguments=(goal.arguments[0], word))
-
-
-def canonical_state(word: str) -> str | None:
-    """Return the state that a word means ("washed" -> "cleaned"), None if it means none."""
-    word = " ".join(word.lower().split())
-    word = _SAME_STATE.get(word, word)
-    return word if word in STATES else None
 
 
 def object_names(goal: Goal) -> tuple[str, ...]:
@@ -155,7 +138,7 @@ class GoalTracker:
         truth = truth_of(event)
         ids = {thing.object_id for thing in truth.objects}
         for new in ids - self._ids:
-            whole = new.rpartition("|")[0]
+            whole = whole_id(new)
             for marked in self._marks.values():
                 if whole in marked:
                     marked.add(new)
@@ -203,7 +186,7 @@ class GoalTracker:
             case "TOGGLEON" if first.object_type in MOMENTARY:
                 return first.object_id in self._ran
             case _:
-                return self._in_state(first, _END_STATES[goal.predicate])
+                return self._in_state(first, END_STATES[goal.predicate])
 
     def _in_state(self, thing: TrueObject, word: str) -> bool:
         state = canonical_state(word) or word
@@ -215,7 +198,7 @@ class GoalTracker:
             case "empty":
                 return "filled" not in thing.states and not thing.child_ids
             case "broken":
-                return thing.broken or thing.object_type == "EggCracked"
+                return thing.broken or thing.object_type == piece_type(EGG)
             case "off":
                 return "on" not in thing.states
             case _:
@@ -261,8 +244,6 @@ _CHANGE_NO_GOAL = frozenset(
     )
 )  # fmt: skip
 
-_END_STATES = {"TOGGLEON": "on", "TOGGLEOFF": "off", "OPEN": "opened", "CLOSED": "closed"}
-
 
 class _Index:
     """One moment's objects, by id and by name."""
@@ -270,8 +251,8 @@ class _Index:
     def __init__(self, truth: Truth) -> None:
         self._by_id = {thing.object_id: thing for thing in truth.objects}
         self.held = truth.held_ids
-        cut = (key.rpartition("|") for key, thing in self._by_id.items() if _is_piece(thing))
-        self._replaced = {whole for whole, _, _ in cut}
+        things = self._by_id.items()
+        self._replaced = {whole_id(key) for key, thing in things if is_piece(thing.object_type)}
 
     def named(self, name: str) -> list[TrueObject]:
         """Return the objects that a name covers; a cut whole gives way to its pieces."""
@@ -296,19 +277,15 @@ class _Index:
         return found
 
 
-def _is_piece(thing: TrueObject) -> bool:
-    return thing.object_type.endswith(_CUT)
-
-
 def _covers(name: str, thing: TrueObject) -> bool:
-    if "|" in name:
-        return thing.object_id == name or thing.object_id.startswith(f"{name}|")
-    return thing.object_type in (name, f"{name}Sliced", _PARTS.get(name))
+    if is_id(name):
+        return thing.object_id == name or is_part(thing.object_id, of=name)
+    return covers(name, thing.object_type)
 
 
 def _cold(truth: Truth) -> frozenset[str]:
     cold = (thing for thing in truth.objects if thing.temperature == "Cold")
-    return frozenset(thing.object_id for thing in cold if thing.object_type != "Floor")
+    return frozenset(thing.object_id for thing in cold if thing.object_type != FLOOR)
 
 
 def _near(thing: TrueObject, place: Sequence[float]) -> bool:

@@ -13,8 +13,10 @@ import msgspec
 
 from karma.contracts import Goal, SubTask
 from karma.files import read_toml
+from karma.household.pieces import base_type
+from karma.household.states import canonical_state
 from karma.household.types import object_type, object_types
-from karma.tasks.goals import canonical_state, object_names
+from karma.tasks.goals import object_names
 
 NAMES = Path(__file__).parent / "loose_names.toml"
 BEAM = 200  # assignments of goals to clauses kept at a time
@@ -218,7 +220,7 @@ def _singular(word: str) -> str:
 def meaning(name: str) -> frozenset[str]:
     """Return every type that a loose name may stand for, wholes for slices as well."""
     kinds = {kind for tier in _names().types.get(key_of(name), ()) for kind in tier}
-    return frozenset(kinds | {kind.removesuffix("Sliced") for kind in kinds})
+    return frozenset(kinds | set(map(base_type, kinds)))
 
 
 def _verb_at(words: Sequence[str], start: int) -> frozenset[str]:

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.contracts import SeenObject
-from karma.infer.vision.text import STATES, again, names_of, plain_type, question, read_answer
+from karma.household.pieces import base_type
+from karma.infer.vision.text import STATES, again, names_of, question, read_answer
 
 
 def thing(kind, number=1, left=0.0):
@@ -48,7 +49,7 @@ def test_several_of_a_type_are_numbered_from_left_to_right():
 
 
 def test_what_tells_a_state_is_not_in_the_name():
-    assert {plain_type(k) for k in ("BreadSliced", "EggCracked")} == {"Bread", "Egg"}
+    assert {base_type(k) for k in ("BreadSliced", "EggCracked")} == {"Bread", "Egg"}
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,11 @@ from karma.agent.program import SKILLS, parse_program
 from karma.bench.episode import run_episode
 from karma.contracts import Area, Goal
 from karma.household.pieces import base_type
+from karma.household.places import STAND_CLOSED
 from karma.household.types import object_types
+from karma.household.uses import KNIVES
 from karma.methods.expert import ExpertMethod
-from karma.tasks.expert import CLOSED, KNIVES, ExpertView, NamedThing, solve
+from karma.tasks.expert import ExpertView, NamedThing, solve
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
 
@@ -287,7 +289,7 @@ def test_solve_opens_what_is_shut_before_it_puts_something_in(goals, view):
             opened.add(call.objects[0])
         elif call.skill == "CloseObject":
             opened.discard(call.objects[0])
-        elif call.skill == "PutObject" and call.objects[1] in CLOSED:
+        elif call.skill == "PutObject" and call.objects[1] in STAND_CLOSED:
             assert call.objects[1] in opened, call
 
 

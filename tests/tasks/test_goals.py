@@ -6,9 +6,9 @@ import pytest
 
 from karma import registry
 from karma.errors import KarmaError
+from karma.household.states import canonical_state
 from karma.tasks.goals import (
     GoalTracker,
-    canonical_state,
     object_names,
     parse_goal,
     read_goal,

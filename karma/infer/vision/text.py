@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from karma.contracts import SeenObject, State
+from karma.household.pieces import base_type
 
 STATES: tuple[str, ...] = get_args(State)
 Profile = Literal["full", "compact"]
@@ -12,7 +13,6 @@ ROLE = (
     "As an image analysis expert, your task is to infer the state of objects in the image "
     "through step-by-step reasoning."
 )
-_CUT = ("Sliced", "Cracked")
 _SPACES = "".join(one for one in map(chr, range(0x3001)) if one.isspace())
 
 
@@ -25,22 +25,11 @@ class Reading:
     faults: tuple[str, ...]  # lines that could not be used, and why
 
 
-def plain_type(kind: str) -> str:
-    """Return a type's name without what tells its state.
-
-    >>> plain_type("AppleSliced"), plain_type("EggCracked"), plain_type("Mug")
-    ('Apple', 'Egg', 'Mug')
-    """
-    for ending in _CUT:
-        kind = kind.removesuffix(ending)
-    return kind
-
-
 def names_of(objects: Sequence[SeenObject]) -> dict[str, str]:
     """Return id -> the name to ask by; several of a type are numbered from left to right."""
     groups: dict[str, list[SeenObject]] = {}
     for one in objects:
-        groups.setdefault(plain_type(one.object_type), []).append(one)
+        groups.setdefault(base_type(one.object_type), []).append(one)
     found = {}
     for name, group in groups.items():
         group.sort(key=lambda one: (one.region[0] if one.region else 0.0, one.object_id))

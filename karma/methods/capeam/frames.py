@@ -12,7 +12,17 @@ from typing import Literal
 from karma.contracts import SkillCall
 from karma.household.ids import short_type
 from karma.household.types import object_types
-from karma.household.uses import BIN, FAUCET, FRIDGE, KNIVES, LAMPS, MICROWAVE, SINK, without_basin
+from karma.household.uses import (
+    BIN,
+    FAUCET,
+    FRIDGE,
+    KNIFE,
+    KNIVES,
+    LAMPS,
+    MICROWAVE,
+    SINK,
+    without_basin,
+)
 
 Action = Literal["Pickup", "Put", "Clean", "Cool", "Heat", "Slice", "ToggleOn", "ToggleOff"]
 _APPLIANCES: dict[str, tuple[Action, str]] = {
@@ -142,8 +152,8 @@ class _Reader:
         self._leave()
         if self.hand not in KNIVES:
             self._free()
-            self.frames.append(Frame(action="Pickup", thing=KNIVES[0]))
-            self.hand = KNIVES[0]
+            self.frames.append(Frame(action="Pickup", thing=KNIFE))
+            self.hand = KNIFE
         self.frames.append(Frame(action="Slice", thing=thing))
 
     def _switch(self, thing: str, skill: str) -> None:

@@ -16,14 +16,13 @@ import msgspec
 
 from karma.contracts import Goal, SkillCall
 from karma.errors import FileError
+from karma.household import uses
+from karma.household.ids import short_type, type_of
+from karma.household.pieces import is_piece
 from karma.household.types import object_types
 from karma.tasks.drawing.programs import plain_program
 from karma.tasks.expert import ExpertView
 
-LAMPS = ("DeskLamp", "FloorLamp")
-KNIVES = ("Knife", "ButterKnife")
-COOKED = ("Potato", "Egg")
-_PARTS = {"SinkBasin": "Sink", "BathtubBasin": "Bathtub"}
 _TYPES = {
     "look_at_obj_in_light": "look", "pick_and_place_simple": "simple",
     "pick_and_place_with_movable_recep": "stack", "pick_clean_then_place_in_recep": "clean",
@@ -113,16 +112,16 @@ def _step_goals(
 ) -> tuple[tuple[Goal, ...], str] | None:
     """Return what a step brings about, and the type of what is in the hand before."""
     action, names = step["discrete_action"]["action"], step["discrete_action"]["args"]
-    if "Sliced" in step["planner_action"].get("objectId", ""):
+    if is_piece(type_of(step["planner_action"].get("objectId", ""))):
         return None
-    types = [_PARTS.get(name, name) for name in (_BY_LOWER.get(one, "") for one in names)]
+    types = [uses.without_basin(_BY_LOWER.get(one, "")) for one in names]
     if not all(types):
         return None
     if action == "PickupObject":
         return (_goal("HOLDON", "robot", types[0]),), ""
     if action == "PutObject" and len(types) == 2:
         return (_goal("ON", *types),), types[0]
-    if action == "ToggleObject" and types[0] in LAMPS:
+    if action == "ToggleObject" and types[0] in uses.LAMPS:
         return (_goal("TOGGLEON", types[0]),), trial["pddl_params"]["object_target"]
     return None
 
@@ -140,7 +139,7 @@ def truth_of(trial: Mapping[str, Any]) -> Facts:
         task=_TYPES[trial["task_type"]],
         thing=wanted["object_target"],
         movable=wanted["mrecep_target"],
-        place=_PARTS.get(place, place),
+        place=uses.without_basin(place),
         sliced=bool(wanted["object_sliced"]),
     )
 
@@ -157,7 +156,7 @@ def goals_of(facts: Facts, thing: str, text: str) -> tuple[Goal, ...]:
     if facts.task == "look":
         return (*goals, _goal("HOLDON", "robot", thing), _goal("TOGGLEON", facts.place))
     if facts.task in _STATES:
-        cooked = facts.task == "heat" and facts.thing in COOKED and "cook" in text
+        cooked = facts.task == "heat" and facts.thing in uses.COOKED and "cook" in text
         goals.append(_goal("STATE", thing, "cooked" if cooked else _STATES[facts.task]))
     top = thing
     if facts.task == "stack":
@@ -189,19 +188,19 @@ def facts_of(calls: Sequence[SkillCall]) -> Facts | None:
     had been put into it before is the object, and it the movable. Without any thing put, what is
     held when a lamp goes on was to be looked at.
     """
-    cut = {_base(call.objects[0]) for call in calls if call.skill == "SliceObject"}
+    cut = {short_type(call.objects[0]) for call in calls if call.skill == "SliceObject"}
     puts = list(_puts(calls))
-    lamp = [_base(c.objects[0]) for c in calls if c.skill.endswith("On")]
-    lamps = [name for name in lamp if name in LAMPS]
+    lamp = [short_type(c.objects[0]) for c in calls if c.skill.endswith("On")]
+    lamps = [name for name in lamp if name in uses.LAMPS]
     if lamps:
-        held = [_base(call.objects[0]) for call in calls if call.skill == "PickupObject"]
-        held = [name for name in held if name not in KNIVES] or held
+        held = [short_type(call.objects[0]) for call in calls if call.skill == "PickupObject"]
+        held = [name for name in held if name not in uses.KNIVES] or held
         if not held:
             return None
         thing = held[-1]
         return Facts(task="look", thing=thing, movable="", place=lamps[-1], sliced=thing in cut)
     if cut:  # the knife is only put out of the way
-        last = [put for put in puts if put[0] not in KNIVES]
+        last = [put for put in puts if put[0] not in uses.KNIVES]
         puts = last or puts
     if not puts:
         return None
@@ -215,8 +214,7 @@ def facts_of(calls: Sequence[SkillCall]) -> Facts | None:
 def _puts(calls: Sequence[SkillCall]) -> Iterator[tuple[str, str]]:
     for call in calls:
         if call.skill == "PutObject" and len(call.objects) == 2:
-            place = _base(call.objects[1])
-            yield _base(call.objects[0]), _PARTS.get(place, place)
+            yield short_type(call.objects[0]), uses.without_basin(short_type(call.objects[1]))
 
 
 def _task(puts: Sequence[tuple[str, str]], switched: Sequence[str]) -> str:
@@ -225,14 +223,10 @@ def _task(puts: Sequence[tuple[str, str]], switched: Sequence[str]) -> str:
     if any(to == thing for _, to in puts[:-1]):
         return "stack"
     before = [to for what, to in puts[:-1] if what == thing]
-    if "Faucet" in switched and "Sink" in before:
+    if uses.FAUCET in switched and uses.SINK in before:
         return "clean"
-    if "Microwave" in switched and "Microwave" in before:
+    if uses.MICROWAVE in switched and uses.MICROWAVE in before:
         return "heat"
     if place in before:
         return "two"
-    return "cool" if "Fridge" in before else "simple"
-
-
-def _base(name: str) -> str:
-    return name.partition("_")[0]
+    return "cool" if uses.FRIDGE in before else "simple"

@@ -7,9 +7,12 @@ from typing import TypeVar
 import numpy as np
 
 from karma.contracts import Area, MemoryUnit
-from karma.household.pieces import base_type
-from karma.household.places import landmark_types
+from karma.household.ids import type_of
+from karma.household.pieces import EGG, base_type
+from karma.household.places import HAND, SEVERAL, landmark_types
+from karma.household.states import OPPOSITES
 from karma.household.types import ObjectType, object_types
+from karma.household.uses import COOKED, TOASTED
 from karma.tasks.drawing.phrases import lexicon
 
 Rng = np.random.Generator
@@ -70,7 +73,7 @@ def draw_units(rng: Rng, room: Room) -> tuple[tuple[MemoryUnit, ...], MemoryUnit
         units.append(_draw_unit(rng, room, kind, number, units, handled=handled))
     held = None
     if units and rng.random() < 0.17:
-        held = replace(units[-1], place_id="hand", handled=True)
+        held = replace(units[-1], place_id=HAND, handled=True)
         units[-1] = held
     return tuple(units), held
 
@@ -79,15 +82,14 @@ def _draw_unit(
     rng: Rng, room: Room, kind: str, number: int, others: Sequence[MemoryUnit], *, handled: bool
 ) -> MemoryUnit:
     info = object_types()[kind]
-    odds = FOOD_STATES if info.slices_into or kind == "Egg" else ()
+    odds = FOOD_STATES if info.slices_into or kind == EGG else ()
     for capability, more in STATES_BY_CAPABILITY.items():
         if capability in info.capabilities:
             odds = (*odds, *more)
     states: list[str] = []
     for state, chance in odds:
-        chance = 0.2 if state == "cooked" and kind in ("Potato", "Egg", "Bread") else chance
-        opposite = {"cleaned": "dirty", "closed": "opened", "off": "on"}.get(state)
-        if rng.random() < chance * (1.0 if handled else 0.4) and opposite not in states:
+        chance = 0.2 if state == "cooked" and kind in (*COOKED, TOASTED) else chance
+        if rng.random() < chance * (1.0 if handled else 0.4) and OPPOSITES.get(state) not in states:
             states.append(state)
     if "sliced" in states and not info.slices_into:
         states.remove("sliced")
@@ -108,17 +110,16 @@ def _draw_place(rng: Rng, room: Room, info: ObjectType, others: Sequence[MemoryU
     carriers = [
         unit.object_id
         for unit in others
-        if unit.place_id != "hand" and info.fits(object_types()[unit.object_type])
+        if unit.place_id != HAND and info.fits(object_types()[unit.object_type])
     ]
     if carriers and rng.random() < 0.15:
         return pick(rng, carriers)
     if not fitting or rng.random() < 0.04:
         return None
     name = pick(rng, fitting)
-    many = name in ("Cabinet", "Drawer", "Shelf", "CounterTop", "SideTable", "StoveBurner")
-    return f"{name}|{int(rng.integers(1, 4)) if many else 1}"
+    return f"{name}|{int(rng.integers(1, 4)) if name in SEVERAL else 1}"
 
 
 def place_type(units: Sequence[MemoryUnit], place: str) -> str:
     """Return the type of a place: a remembered unit's, or the one its id speaks of."""
-    return next((u.object_type for u in units if u.object_id == place), place.split("|")[0])
+    return next((u.object_type for u in units if u.object_id == place), type_of(place))

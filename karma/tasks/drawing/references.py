@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from karma.agent.prompt import Facts
 from karma.contracts import MemoryUnit
 from karma.household.pieces import base_type
+from karma.household.places import HAND
 from karma.tasks.drawing.phrases import Book, lexicon
 from karma.tasks.drawing.recollections import Rng, Room, pick, place_type, weighted
 
@@ -186,7 +187,7 @@ def _done_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
 
 
 def _place_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
-    if unit.place_id is None or unit.place_id == "hand":
+    if unit.place_id is None or unit.place_id == HAND:
         return None
     place = place_type(scene.units, unit.place_id)
     if base_type(place) not in lexicon():

@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 
 from karma.contracts import Goal
-from karma.household.pieces import base_type
+from karma.household import uses
+from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import landmark_types
 from karma.household.types import ObjectType, object_types
 from karma.tasks.drawing.phrases import Book, lexicon
@@ -14,14 +15,13 @@ from karma.tasks.drawing.recollections import Rng, pick
 from karma.tasks.drawing.references import Ref, Situation, refer, with_article
 
 ENDS_IN = {
-    "clean_place": ("Sink",), "heat_place": ("Microwave",), "cook_place": ("Microwave",),
-    "cool_place": ("Fridge",),
+    "clean_place": (uses.SINK,), "heat_place": (uses.MICROWAVE,), "cook_place": (uses.MICROWAVE,),
+    "cool_place": (uses.FRIDGE,),
 }  # where the change itself leaves the thing  # fmt: skip
 
-LAMPS = ("DeskLamp", "FloorLamp")
 NEEDS = {
-    "clean": "Sink", "fill": "Sink", "heat": "Microwave", "cook": "Microwave", "cool": "Fridge",
-    "toast": "Toaster", "coffee": "CoffeeMachine", "trash": "GarbageCan",
+    "clean": uses.SINK, "fill": uses.SINK, "heat": uses.MICROWAVE, "cook": uses.MICROWAVE,
+    "cool": uses.FRIDGE, "toast": uses.TOASTER, "coffee": uses.COFFEE_MACHINE, "trash": uses.BIN,
 }  # what a room must have for it  # fmt: skip
 KINDS = {
     "place": 26, "trash": 5, "clean": 9, "clean_place": 4, "heat": 4, "cook": 4, "heat_place": 3,
@@ -68,17 +68,17 @@ def one_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
     slots = {**_slots("x", x), "x2": "it"}
     goals: list[Goal] = list(_state_goals(kind, x))
     if kind == "look":
-        there = scene.room.landmarks if scene.mapped else LAMPS
-        lamp = _pick_landmark(rng, scene, tuple(name for name in LAMPS if name in there))
+        there = scene.room.landmarks if scene.mapped else uses.LAMPS
+        lamp = _pick_landmark(rng, scene, tuple(name for name in uses.LAMPS if name in there))
         if lamp is None:
             return None
         slots |= {**_slots("s", lamp), "s2": "it"}
         goals = [_goal("HOLDON", "robot", x.name), _goal("TOGGLEON", lamp.name)]
     if kind == "trash":
-        if (base_type(x.object_type), "GarbageCan") in scene.excluded:
+        if (base_type(x.object_type), uses.BIN) in scene.excluded:
             return None
-        goals = [_goal("INSIDE", x.name, "GarbageCan")]
-        slots["r"] = with_article(rng, pick(rng, lexicon()["GarbageCan"].names), "the")
+        goals = [_goal("INSIDE", x.name, uses.BIN)]
+        slots["r"] = with_article(rng, pick(rng, lexicon()[uses.BIN].names), "the")
     if kind == "place" or kind.endswith("_place") or kind == "stack":
         placed = _placement(rng, scene, kind, x, slots)
         if placed is None:
@@ -109,8 +109,8 @@ def _state_goals(kind: str, x: Ref) -> tuple[Goal, ...]:
     if kind == "hold":
         return (_goal("HOLDON", "robot", x.name),)
     if kind == "coffee":
-        return (_goal("STATE", x.name, "filled"), _goal("TOGGLEON", "CoffeeMachine"))
-    if kind == "slice_place" and x.object_type.endswith("Sliced"):
+        return (_goal("STATE", x.name, "filled"), _goal("TOGGLEON", uses.COFFEE_MACHINE))
+    if kind == "slice_place" and is_piece(x.object_type):
         return ()
     return (_goal("STATE", x.name, state),) if state else ()
 
@@ -141,7 +141,7 @@ def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
         name
         for name in (scene.room.landmarks if scene.mapped else sorted(landmark_types()))
         if capability in object_types()[name].capabilities
-        or name == "StoveBurner" * (capability == "toggleable")
+        or (capability == "toggleable" and name == uses.BURNER)
     )
     movables = [u for u in scene.units if capability in object_types()[u.object_type].capabilities]
     thing: Ref | None
@@ -224,22 +224,28 @@ def _suits(kind: str, object_type: str) -> bool:
     base = base_type(object_type)
     sort = kind.removesuffix("_place")
     if sort == "slice":
-        if base == "Egg":
+        if base == EGG:
             return False
         return bool(info.slices_into) or (kind == "slice_place" and object_type != base)
     checks = {
-        "clean": _fits(info, "Sink"), "heat": _fits(info, "Microwave"),
-        "cook": base == "Potato" or object_type == "Egg", "cool": _fits(info, "Fridge"),
-        "toast": base == "Bread", "fill": "canFillWithLiquid" in info.capabilities
-        and _fits(info, "Sink"), "coffee": base == "Mug", "break": "breakable" in info.capabilities,
-        "trash": _fits(info, "GarbageCan"),
-    }  # fmt: skip
+        "clean": _fits(info, uses.SINK),
+        "heat": _fits(info, uses.MICROWAVE),
+        "cook": object_type in uses.COOKED,
+        "cool": _fits(info, uses.FRIDGE),
+        "toast": base == uses.TOASTED,
+        "fill": "canFillWithLiquid" in info.capabilities and _fits(info, uses.SINK),
+        "coffee": base == uses.COFFEE_CUP,
+        "break": "breakable" in info.capabilities,
+        "trash": _fits(info, uses.BIN),
+    }
     return checks.get(sort, True)
 
 
 def _fits(info: ObjectType, place: str) -> bool:
     kinds = object_types()
-    return info.fits(kinds[place]) or (place == "Sink" and info.fits(kinds["SinkBasin"]))
+    # Of a bathtub the basin is left out: goals are about the tub.
+    places = uses.with_basin(place) if place == uses.SINK else (place,)
+    return any(info.fits(kinds[name]) for name in places)
 
 
 def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Ref | None:

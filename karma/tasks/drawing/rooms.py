@@ -5,6 +5,7 @@ from pathlib import Path
 
 from karma.contracts import SeenObject
 from karma.household.pieces import base_type
+from karma.household.uses import SINK, with_basin
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
 from karma.tasks.drawing.recollections import Room
@@ -71,5 +72,5 @@ def asked_pairs(tasks: Iterable[Path]) -> frozenset[tuple[str, str]]:
         for task in load_tasks(path)
         for subtask in task.subtasks
         for goal in subtask.goals
-        if goal.predicate in ("ON", "INSIDE") and goal.arguments[1] not in ("Sink", "SinkBasin")
+        if goal.predicate in ("ON", "INSIDE") and goal.arguments[1] not in with_basin(SINK)
     )

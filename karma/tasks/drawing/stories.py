@@ -15,8 +15,12 @@ from typing import Literal
 
 from karma.agent.prompt import Facts, compact
 from karma.contracts import Goal, MemoryUnit
+from karma.household.ids import short_type
 from karma.household.pieces import base_type
+from karma.household.places import HAND
+from karma.household.states import END_STATES, OPPOSITES
 from karma.household.types import object_types
+from karma.household.uses import CHANGED_IN, FRIDGE, KNIFE
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.recollections import Rng, Room, pick
 from karma.tasks.drawing.references import Situation
@@ -75,7 +79,7 @@ class Story:
     # ------------------------------------------------------------- parts
 
     def _situation(self, *, vague: bool) -> Situation:
-        held = next((unit for unit in self._units if unit.place_id == "hand"), None)
+        held = next((unit for unit in self._units if unit.place_id == HAND), None)
         facts = Facts(
             instruction="",
             areas=self._room.areas,
@@ -101,7 +105,7 @@ class Story:
             unit = self._known(_subject(goal))
             if unit is None:
                 continue
-            if goal.predicate == "HOLDON" and unit.place_id == "hand":
+            if goal.predicate == "HOLDON" and unit.place_id == HAND:
                 return True
             if goal.predicate == "ON" and (unit.place_id or "").startswith(goal.arguments[1]):
                 return True
@@ -133,12 +137,17 @@ class Story:
         )
         self._units = [one for one in self._units if one.object_id != unit.object_id]
         after = _after(unit, goal)
-        if goal.predicate in ("ON", "INSIDE", "HOLDON") or after.place_id == "hand":
+        if goal.predicate in ("ON", "INSIDE", "HOLDON") or after.place_id == HAND:
             self._empty_hand()
         if after.object_type != unit.object_type or goal.arguments[-1] == "sliced":
-            self._units = [one for one in self._units if one.object_type != "Knife"]
-            knife = MemoryUnit(object_id="Knife", object_type="Knife", position_m=(0.0, 0.0, 0.0),
-                               place_id="hand", handled=True)  # fmt: skip
+            self._units = [one for one in self._units if one.object_type != KNIFE]
+            knife = MemoryUnit(
+                object_id=KNIFE,
+                object_type=KNIFE,
+                position_m=(0.0, 0.0, 0.0),
+                place_id=HAND,
+                handled=True,
+            )
             self._units.append(knife)
         if goal.arguments[-1] != "broken":
             self._units.append(after)
@@ -155,7 +164,7 @@ class Story:
 
     def _empty_hand(self) -> None:
         self._units = [
-            replace(one, place_id=None) if one.place_id == "hand" else one for one in self._units
+            replace(one, place_id=None) if one.place_id == HAND else one for one in self._units
         ]
 
 
@@ -167,7 +176,7 @@ def _by_type(goal: Goal) -> Goal:
     """Return a goal with types for the expert's `Apple_2`; Sinks hold in their basins."""
     return Goal(
         predicate=goal.predicate,
-        arguments=tuple(word.partition("_")[0] for word in goal.arguments),
+        arguments=tuple(short_type(word) for word in goal.arguments),
     )
 
 
@@ -177,15 +186,11 @@ def _after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
     if goal.predicate in ("ON", "INSIDE"):
         return replace(unit, place_id=word)
     if goal.predicate == "HOLDON":
-        return replace(unit, place_id="hand")
+        return replace(unit, place_id=HAND)
     if goal.predicate != "STATE":
-        word = {"TOGGLEON": "on", "TOGGLEOFF": "off", "OPEN": "opened", "CLOSED": "closed"}[
-            goal.predicate
-        ]
+        word = END_STATES[goal.predicate]
     state = {"clean": "cleaned", "cold": ""}.get(word, word)
-    gone = {"cleaned": "dirty", "on": "off", "off": "on", "opened": "closed", "closed": "opened"}
-    states = [s for s in unit.states if s not in (state, gone.get(state))]
-    place = {"cleaned": "Sink", "filled": "Sink", "heated": "Microwave", "cooked": "Microwave"}
+    states = [s for s in unit.states if s not in (state, OPPOSITES.get(state))]
     kind = object_types()[unit.object_type]
     if state == "cleaned" and "canFillWithLiquid" in kind.capabilities:
         states.append("filled")
@@ -193,7 +198,7 @@ def _after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
         unit,
         object_type=(kind.slices_into or unit.object_type) if state == "sliced" else kind.name,
         states=(*states, *([state] if state else [])),
-        place_id="Fridge" if word == "cold" else place.get(state, unit.place_id),
+        place_id=FRIDGE if word == "cold" else CHANGED_IN.get(state, unit.place_id),
         handled=True,
     )
 

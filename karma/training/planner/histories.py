@@ -7,7 +7,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from karma.contracts import MemoryUnit
-from karma.household.pieces import base_type
+from karma.household import uses
+from karma.household.ids import part_id
+from karma.household.pieces import EGG, base_type
+from karma.household.places import HAND, SEVERAL
+from karma.household.states import OPPOSITES
 from karma.household.types import ObjectType, object_types
 from karma.tasks.drawing.phrases import lexicon
 from karma.tasks.drawing.recollections import CAPACITY, Rng, Room, pick, weighted
@@ -17,7 +21,7 @@ EVENTS = {
     "place": 30, "into": 10, "wash": 14, "slice": 10, "heat": 6, "cook": 4, "cool": 5, "fill": 5,
     "coffee": 3, "hold": 8, "switch": 5, "shut": 6, "trash": 3,
 }  # fmt: skip
-MANY = ("Cabinet", "Drawer", "Shelf", "CounterTop", "SideTable", "StoveBurner", "Sofa", "ArmChair")
+MANY = (*SEVERAL, "Sofa", "ArmChair")
 DIRTY, WITNESSES = 0.3, 0.55
 
 
@@ -40,7 +44,7 @@ class History:
 
     def held(self) -> MemoryUnit | None:
         """Return what is in the hand."""
-        return next((unit for unit in self._units if unit.place_id == "hand"), None)
+        return next((unit for unit in self._units if unit.place_id == HAND), None)
 
     def live(self) -> None:
         """Do one request more."""
@@ -100,8 +104,8 @@ class History:
         return self._place(pick(self._rng, fitting)) if fitting else None
 
     def _place(self, name: str) -> str:
-        part = {"Sink": "SinkBasin", "Bathtub": "BathtubBasin"}.get(name, name)
-        return f"{part}|{int(self._rng.integers(1, 4)) if name in MANY else 1}"
+        number = int(self._rng.integers(1, 4)) if name in MANY else 1
+        return part_id(uses.BASIN_OF.get(name, name), str(number))
 
     def _thing(self, suits: Suits) -> MemoryUnit | None:
         """Return something to do a request with: a known thing, more often a new one."""
@@ -115,7 +119,7 @@ class History:
 
     def _use(self, unit: MemoryUnit, place: str | None, *add: str, drop: str = "") -> MemoryUnit:
         """Put a unit last, handled, somewhere, with states added and one dropped."""
-        if place == "hand" or unit.place_id != "hand":
+        if place == HAND or unit.place_id != HAND:
             self._free_hand(unit)
         at = next(n for n, one in enumerate(self._units) if one.object_id == unit.object_id)
         states = [s for s in self._units.pop(at).states if s not in (drop, *add)]
@@ -125,12 +129,12 @@ class History:
 
     def _free_hand(self, but: MemoryUnit) -> None:
         for number, unit in enumerate(self._units):
-            if unit.place_id == "hand" and unit.object_id != but.object_id:
+            if unit.place_id == HAND and unit.object_id != but.object_id:
                 place = "CounterTop" if "CounterTop" in self._room.landmarks else "SideTable"
                 self._units[number] = replace(unit, place_id=f"{place}|1")
 
     def _do(self, kind: str) -> None:
-        place = {"cool": "Fridge", "trash": "GarbageCan", "heat": "Microwave"}.get(kind)
+        place = {"cool": uses.FRIDGE, "trash": uses.BIN, "heat": uses.MICROWAVE}.get(kind)
         if kind in ("place", "into"):
             self._put(into=kind == "into")
         elif kind in ("wash", "fill"):
@@ -138,13 +142,13 @@ class History:
         elif kind == "slice":
             self._slice()
         elif kind == "cook":
-            self._at("Microwave", "cooked", _one_of("Potato", "Egg", "PotatoSliced"))
+            self._at(uses.MICROWAVE, "cooked", lambda info: info.name in uses.COOKED)
         elif kind == "coffee":
-            self._at("CoffeeMachine", "filled", _one_of("Mug"))
+            self._at(uses.COFFEE_MACHINE, "filled", lambda info: info.name == uses.COFFEE_CUP)
         elif kind == "hold":
             unit = self._thing(lambda info: "pickupable" in info.capabilities)
             if unit is not None:
-                self._use(unit, "hand")
+                self._use(unit, HAND)
         elif kind in ("switch", "shut"):
             self._switch("toggleable" if kind == "switch" else "openable")
         elif place is not None:
@@ -168,7 +172,7 @@ class History:
         if dish is not None and dish.place_id != unit.object_id:
             self._use(unit, dish.object_id)
             place = dish.place_id or self._landmark_for(dish.object_type)
-            if place == "hand" or self._rng.random() < 0.4:
+            if place == HAND or self._rng.random() < 0.4:
                 place = self._landmark_for(dish.object_type)
             self._use(dish, place)
         elif (place := self._landmark_for(base_type(unit.object_type))) is not None:
@@ -183,23 +187,24 @@ class History:
         kinds = object_types()
 
         def suits(info: ObjectType) -> bool:
-            fits = info.fits(kinds["Sink"]) or info.fits(kinds["SinkBasin"])
+            fits = any(info.fits(kinds[name]) for name in uses.with_basin(uses.SINK))
             return fits and (not filled or "canFillWithLiquid" in info.capabilities)
 
         unit = self._thing(suits)
-        if unit is None or "Sink" not in self._room.landmarks:
+        if unit is None or uses.SINK not in self._room.landmarks:
             return
         fills = "canFillWithLiquid" in kinds[unit.object_type].capabilities
-        self._use(unit, "SinkBasin|1", "cleaned", *(["filled"] if fills else []), drop="dirty")
+        basin = f"{uses.BASIN_OF[uses.SINK]}|1"
+        self._use(unit, basin, "cleaned", *(["filled"] if fills else []), drop="dirty")
 
     def _slice(self) -> None:
-        unit = self._thing(lambda info: bool(info.slices_into) and info.name != "Egg")
+        unit = self._thing(lambda info: bool(info.slices_into) and info.name != EGG)
         if unit is None:
             return
-        place = unit.place_id if unit.place_id not in (None, "hand") else "CounterTop|1"
-        knife = next((u for u in self._units if u.object_type == "Knife"), None)
-        knife = knife or self._add("Knife", None, handled=True)
-        self._use(knife, "hand" if self._rng.random() < 0.7 else "CounterTop|1")
+        place = unit.place_id if unit.place_id not in (None, HAND) else "CounterTop|1"
+        knife = next((u for u in self._units if u.object_type == uses.KNIFE), None)
+        knife = knife or self._add(uses.KNIFE, None, handled=True)
+        self._use(knife, HAND if self._rng.random() < 0.7 else "CounterTop|1")
         sliced = object_types()[unit.object_type].slices_into
         self._use(replace(unit, object_type=sliced or unit.object_type), place, "sliced")
         if sliced and self._rng.random() < 0.25:
@@ -214,11 +219,7 @@ class History:
         pair = ("on", "off") if capability == "toggleable" else ("opened", "closed")
         state = pick(self._rng, pair)
         place = unit.place_id or self._landmark_for(unit.object_type)
-        self._use(unit, place, state, drop=pair[1 - pair.index(state)])
-
-
-def _one_of(*names: str) -> Suits:
-    return lambda info: info.name in names
+        self._use(unit, place, state, drop=OPPOSITES[state])
 
 
 def draw_history(rng: Rng, room: Room) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:

@@ -11,6 +11,7 @@ from itertools import pairwise
 from karma.agent.prompt import Facts, compact
 from karma.contracts import MemoryUnit, SkillCall
 from karma.household.pieces import base_type
+from karma.household.places import HAND
 from karma.tasks.drawing.alfred import Sentence, StepSentence, program_of
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.programs import plain_program
@@ -105,7 +106,7 @@ def draw_step(rng: Rng, room: Room, steps: Sequence[StepSentence]) -> Example | 
     units = [
         unit
         for unit in facts.units
-        if base_type(unit.object_type) not in about and unit.place_id != "hand"
+        if base_type(unit.object_type) not in about and unit.place_id != HAND
     ]
     if rng.random() < 0.5:
         units = units[-FEW + 1 :]
@@ -129,7 +130,7 @@ def _in_hand(object_type: str) -> MemoryUnit:
         object_type=object_type,
         position_m=(0.0, 0.0, 0.0),
         states=(),
-        place_id="hand",
+        place_id=HAND,
         handled=True,
     )
 
@@ -285,7 +286,7 @@ def _view(scene: Situation, held: MemoryUnit | None) -> ExpertView:
 
 
 def _thing(scene: Situation, unit: MemoryUnit) -> NamedThing:
-    place = unit.place_id if unit.place_id != "hand" else None
+    place = unit.place_id if unit.place_id != HAND else None
     return NamedThing(
         name=scene.names[unit.object_id],
         object_type=unit.object_type,

@@ -14,8 +14,8 @@ from typing import Any, get_args
 import numpy as np
 
 from karma.contracts import State
+from karma.household.pieces import base_type
 from karma.household.types import object_types
-from karma.infer.vision.text import plain_type
 
 SIZE_PX = 112
 ACROSS = 4  # features along a side
@@ -45,7 +45,7 @@ class Shape:
 
 def words() -> list[str]:
     """Return the vocabulary, in the order of the tokens' numbers."""
-    names = sorted({plain_type(name) for name in object_types()})
+    names = sorted({base_type(name) for name in object_types()})
     states = list(dict.fromkeys(word for state in get_args(State) for word in state.split()))
     return [PAD, END, UNKNOWN, IMAGE, ":", ",", "\n", *states, *names]
 
@@ -167,14 +167,14 @@ def save(model: Any, folder: Path) -> None:
 def prompt_ids(kind: str) -> list[int]:
     """Return the tokens of a question as the processor makes them."""
     place = {word: i for i, word in enumerate(words())}
-    name = place.get(plain_type(kind), place[UNKNOWN])
+    name = place.get(base_type(kind), place[UNKNOWN])
     return [place[IMAGE]] * FEATURES + [name, place["\n"]]
 
 
 def answer_ids(kind: str, states: Sequence[str]) -> list[int]:
     """Return the tokens of a true answer, `Mug: dirty, filled` and the end."""
     place = {word: i for i, word in enumerate(words())}
-    found = [place.get(plain_type(kind), place[UNKNOWN]), place[":"]]
+    found = [place.get(base_type(kind), place[UNKNOWN]), place[":"]]
     for number, state in enumerate(states):
         found += [place[","]] if number else []
         found += [place[word] for word in state.split()]

@@ -15,6 +15,9 @@ import numpy as np
 from karma.agent.perceive import camera_of, shown_states, truth_of
 from karma.agent.projection import placed
 from karma.contracts import Point, Region
+from karma.household.pieces import EGG
+from karma.household.places import FLOOR
+from karma.household.uses import BURNER, KNOB, MICROWAVE
 from karma.seeds import stream
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.event import WorldEvent
@@ -128,12 +131,12 @@ def _dealt(scene: Scene, rng: _Lot) -> Scene:
     for thing in list(world.state.objects.values()):
         if "sliceable" in thing.capabilities and rng.random() < 0.4:
             world.step("SliceObject", objectId=thing.id, forceAction=True)
-        elif thing.type == "Egg" and rng.random() < 0.4:
+        elif thing.type == EGG and rng.random() < 0.4:
             world.step("BreakObject", objectId=thing.id, forceAction=True)
     things = {thing.id: _changed(thing, rng) for thing in world.state.objects.values()}
     for thing in list(things.values()):
         for name in thing.controls:
-            if thing.type == "StoveKnob" and name in things:
+            if thing.type == KNOB and name in things:
                 on = thing.is_toggled
                 things[name] = msgspec.structs.replace(things[name], is_toggled=on)
     return msgspec.structs.replace(scene, objects=tuple(things.values()))
@@ -158,7 +161,7 @@ def _changed(thing: SceneObject, rng: _Lot) -> SceneObject:
                         ("cookable", "is_cooked")):  # fmt: skip
         if name in thing.capabilities:
             new[field] = name in has
-    if "breakable" in has and thing.type != "Egg":
+    if "breakable" in has and thing.type != EGG:
         new["is_broken"] = True
     if "pickupable" in thing.capabilities and thing.temperature == "RoomTemp" and heat < 0.25:
         new |= {"temperature": "Hot" if heat < 0.18 else "Cold", "heat_left_s": 1000.0}
@@ -168,7 +171,7 @@ def _changed(thing: SceneObject, rng: _Lot) -> SceneObject:
 def _unseen_if_on(kind: str, new: dict[str, Any]) -> bool:
     """Return whether switching on makes no sense: an open microwave, a laptop that is shut."""
     is_open = new.get("openness", 0.0) > 0
-    return (kind == "Microwave" and is_open) or (kind == "Laptop" and not is_open)
+    return (kind == MICROWAVE and is_open) or (kind == "Laptop" and not is_open)
 
 
 # ------------------------------------------------------------------ viewpoints
@@ -184,7 +187,7 @@ def _pick_up(world: EmbeddedWorld, rng: _Lot) -> None:
 def _look(world: EmbeddedWorld, cells: np.ndarray, rng: _Lot) -> WorldEvent:
     """Stand near something, mostly turned to it as the agent would be, and look."""
     state = world.state
-    things = [t for t in state.objects.values() if t.type != "Floor"]
+    things = [t for t in state.objects.values() if t.type != FLOOR]
     weights = np.array([1.0 if _tells(t) else 0.15 for t in things])
     thing = things[int(rng.choice(len(things), p=weights / weights.sum()))]
     x, y, z = thing.center
@@ -215,7 +218,7 @@ def _look(world: EmbeddedWorld, cells: np.ndarray, rng: _Lot) -> WorldEvent:
 def _tells(thing: SceneObject) -> bool:
     """Return whether an object can be in any state that has a word."""
     telling = (set(_ODDS) - {"breakable"}) & set(thing.capabilities)
-    return bool(telling) or thing.type == "StoveBurner"
+    return bool(telling) or thing.type == BURNER
 
 
 def generator(seed: int, *use: str) -> _Lot:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from karma.contracts import Frame, SeenObject, VisionModel
+from karma.household.states import OPPOSITES
 from karma.infer.vision.text import STATES, names_of
 from karma.training.vision.moments import Sample, generator, moments, room, samples, thinned
 from karma.world.core import scene as scenes
@@ -21,8 +22,6 @@ FRESH = 16  # rooms of nobody's acquaintance, drawn from the seed
 DEALS = 3  # times that states are dealt out in a room
 MOST = 8  # objects asked about in one frame
 NOTHING = "–"  # stands for a missing word, in the matrix
-_OPPOSITES = {"opened": "closed", "on": "off", "dirty": "cleaned"}
-_OPPOSITES |= {b: a for a, b in _OPPOSITES.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,9 +187,9 @@ def confusion(asked: Iterable[Asked]) -> dict[str, dict[str, int]]:
         missing = [word for word in one.truth if word not in said]
         wrong = sorted(said - set(one.truth))
         counts.update((word, word) for word in one.truth if word in said)
-        missing.sort(key=lambda word: _OPPOSITES.get(word) not in wrong)
+        missing.sort(key=lambda word: OPPOSITES.get(word) not in wrong)
         for word in missing:
-            partner = _OPPOSITES.get(word)
+            partner = OPPOSITES.get(word)
             if partner not in wrong:
                 partner = wrong[0] if wrong else NOTHING
             counts[word, partner] += 1
