@@ -41,9 +41,9 @@ def layers_text() -> str:
     config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     texts = []
     for contract in config["tool"]["importlinter"]["contracts"]:
-        keys = [k for k in ("containers", "source_modules", "modules", "layers") if k in contract]
-        rows = [f"    {row}" for key in keys for row in contract[key]]
-        texts.append("\n".join([contract["name"], *rows]))
+        inside = [f"    in {name}:" for name in contract.get("containers", ())]
+        rows = [f"    {row}" for row in contract.get("layers", ())]
+        texts.append("\n".join([contract["name"], *inside, *rows]))
     return "```\n" + "\n\n".join(texts) + "\n```\n"
 
 

@@ -154,6 +154,9 @@ def test_architecture_page_lists_every_package():
     }
     table = page.partition("## All packages")[2].partition("## The layers")[0]
     assert not {name for name in packages | modules if f"`{name}`" not in table}
+    for package, holds in re.findall(r"^\| `(karma/\w+/)` \| (.*) \| \d+ \|$", table, re.MULTILINE):
+        inside = re.findall(r"`(\w+/)`", holds)
+        assert not [name for name in inside if not (ROOT / package / name).is_dir()]
 
 
 # ----------------------------------------------------------------- commands
