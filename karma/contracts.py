@@ -440,6 +440,9 @@ class ReplacementPolicy(Protocol):
         The returned key can be `key` itself: a newcomer may be refused.
         """
 
+    def discard(self, key: str) -> None:
+        """Free every line of `key`, if it has one: what it stands for is no more."""
+
     def __contains__(self, key: object) -> bool:
         """Return whether `key` is resident; changes nothing."""
 
@@ -522,6 +525,7 @@ class VisionModel(Protocol):
     """Reads object states out of a picture (KARMA §3.4, Fig. 10)."""
 
     name: str
+    needs_pictures: bool  # False: it is asked without one, and none is drawn for it
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]

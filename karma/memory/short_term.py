@@ -4,20 +4,12 @@ Looking a unit up is no use of it; the caller remembers a task's units in plan o
 is over, and that is the use its policy sees.
 """
 
-import copy
 from collections import OrderedDict
 from dataclasses import replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from karma.contracts import MemoryUnit, ReplacementPolicy
 from karma.household.states import OPPOSITES
-
-
-@runtime_checkable
-class _Discarding(Protocol):
-    """A policy that can free a line on request."""
-
-    def discard(self, key: str) -> None: ...
 
 
 class ShortTermMemory:
@@ -28,7 +20,6 @@ class ShortTermMemory:
     """
 
     def __init__(self, policy: ReplacementPolicy) -> None:
-        self._fresh = copy.deepcopy(policy)
         self._policy = policy
         self._units: OrderedDict[str, MemoryUnit] = OrderedDict()  # by last touch
 
@@ -75,21 +66,12 @@ class ShortTermMemory:
             self._units[key] = unit
 
     def forget(self, object_id: str, scene: str = "") -> bool:
-        """Remove the unit of an object that is no more; return whether there was one.
-
-        A policy without `discard` keeps the line reserved until it would have left anyway.
-        """
+        """Remove the unit of an object that is no more; return whether there was one."""
         key = line_key(object_id, scene)
         if self._units.pop(key, None) is None:
             return False
-        if isinstance(self._policy, _Discarding):
-            self._policy.discard(key)
+        self._policy.discard(key)
         return True
-
-    def clear(self) -> None:
-        """Start anew: no units, no use counts (§3.4, "volatile")."""
-        self._policy = copy.deepcopy(self._fresh)
-        self._units.clear()
 
     def __contains__(self, key: object) -> bool:
         return key in self._units

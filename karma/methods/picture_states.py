@@ -27,11 +27,6 @@ class Looked:
     images: Mapping[str, str]  # object id -> path below the run folder
 
 
-def looks(vision: VisionModel) -> bool:
-    """Return whether a vision model needs pictures; those that do not say are taken to."""
-    return bool(getattr(vision, "sees", True))
-
-
 def look_at(
     vision: VisionModel,
     instruction: str,
@@ -41,7 +36,7 @@ def look_at(
 ) -> Looked:
     """Ask a vision model about the last picture of each sight, one question per picture.
 
-    A model that does not look is asked without pictures.
+    A model that needs no pictures is asked without.
 
     Args:
         vision: the model.
@@ -53,7 +48,7 @@ def look_at(
     Raises:
         FileError: a picture cannot be written.
     """
-    if not looks(vision):
+    if not vision.needs_pictures:
         return Looked(states=vision.read_states(None, instruction, sights), images={})
     states: dict[str, tuple[str, ...]] = {}
     images: dict[str, str] = {}

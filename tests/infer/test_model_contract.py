@@ -1,6 +1,7 @@
 """Language models: llama.cpp over random weights made here, and the scripted one."""
 
 import hashlib
+import inspect
 import json
 import subprocess
 import sys
@@ -9,7 +10,17 @@ import numpy as np
 import pytest
 from support.tiny_models import save_clip, save_dino, save_sam, save_sentence
 
-from karma.contracts import ProgramSpec, Prompt, SeenObject, SkillSignature
+from karma.contracts import (
+    Detector,
+    Embedder,
+    ImageEmbedder,
+    LanguageModel,
+    ProgramSpec,
+    Prompt,
+    SeenObject,
+    SkillSignature,
+    VisionModel,
+)
 from karma.errors import ModelError
 from karma.infer.checks import memory
 from karma.infer.checks.gguf import check_gguf
@@ -353,16 +364,23 @@ def test_machine_that_does_not_tell_its_memory_refuses_nothing(gguf, tmp_path, m
 # ------------------------------------------------------------------------------ the other models
 
 
-@pytest.mark.parametrize(("role", "members"), [
-    ("language_models", ("complete",)), ("vision_models", ("read_states",)),
-    ("embedders", ("embed",)), ("image_embedders", ("embed", "embed_images")),
-    ("detectors", ("detect",)),
+@pytest.mark.parametrize(("role", "contract"), [
+    ("language_models", LanguageModel), ("vision_models", VisionModel), ("embedders", Embedder),
+    ("image_embedders", ImageEmbedder), ("detectors", Detector),
 ])  # fmt: skip
-def test_every_registered_model_has_the_contract_s_members(role, members):
+def test_every_registered_model_has_the_contract_s_methods(role, contract):
     assert names(role)
     for name in names(role):
         found = load(role, name)
-        assert all(callable(getattr(found, member)) for member in members)
+        for method, told in inspect.getmembers(contract, inspect.isfunction):
+            if not method.startswith("_"):
+                ours = inspect.signature(getattr(found, method)).parameters
+                assert list(ours) == list(inspect.signature(told).parameters), (name, method)
+
+
+@pytest.mark.parametrize("name", names("vision_models"))
+def test_every_vision_model_says_whether_it_needs_pictures(name):
+    assert load("vision_models", name).needs_pictures is (name != "metadata")
 
 
 @pytest.fixture(scope="module")

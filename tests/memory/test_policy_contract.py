@@ -90,8 +90,6 @@ def test_renaming_keys_renames_the_answers(name, keys, capacity, names):
 @given(keys=KEYS, more=KEYS, gone=st.sampled_from("abcdefg"), capacity=st.integers(1, 6))
 def test_discard_frees_lines_and_leaves_the_rest(name, keys, more, gone, capacity):
     policy = made(name, capacity)
-    if not hasattr(policy, "discard"):
-        pytest.skip("cannot free a line on request, which a policy need not")
     for key in keys:
         policy.touch(key)
     others = [key for key in policy if key != gone]

@@ -114,46 +114,6 @@ def test_forgotten_unit_frees_its_line():
     assert [line.object_type for line in memory.units()] == ["b", "c"]
 
 
-class Stubborn:
-    """A policy that cannot free a line on request."""
-
-    capacity = 2
-
-    def __init__(self):
-        self.lru = Lru(2)
-
-    def touch(self, key):
-        return self.lru.touch(key)
-
-    def __contains__(self, key):
-        return key in self.lru
-
-    def __len__(self):
-        return len(self.lru)
-
-    def __iter__(self):
-        return iter(self.lru)
-
-
-def test_forgotten_unit_of_a_policy_without_discard_stays_forgotten():
-    memory = ShortTermMemory(Stubborn())
-    for letter in "ab":
-        memory.remember(unit(letter))
-    memory.forget("a|1")
-    assert memory.remember(unit("c")) is None  # the reserved line of "a" left
-    assert [line.object_type for line in memory.units()] == ["b", "c"]
-
-
-def test_cleared_memory_is_as_new():
-    memory = ShortTermMemory(Fifo(2))
-    for letter in "abc":
-        memory.remember(unit(letter))
-    memory.clear()
-    assert memory.units() == ()
-    for letter in "ab":
-        assert memory.remember(unit(letter)) is None
-
-
 def test_plain_queue_with_duplicates_keeps_the_lines_it_still_has():
     memory = ShortTermMemory(Fifo(3))
     for letter in "aab":

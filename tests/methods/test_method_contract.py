@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from functools import cache
+from inspect import signature
 
 import pytest
 from support.paths import ROOT
@@ -10,7 +11,17 @@ from support.spy_world import Spied
 
 from karma import registry
 from karma.bench.episode import run_episode
-from karma.contracts import Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, Task
+from karma.contracts import (
+    Episode,
+    Method,
+    Outcome,
+    Plan,
+    Resources,
+    SceneRef,
+    SkillResult,
+    SubTask,
+    Task,
+)
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
@@ -98,6 +109,15 @@ def timeless(moment):
         return moment
     said = replace(moment.completion, first_token_s=None, total_s=0.0, reused_tokens=None)
     return replace(moment, completion=said)
+
+
+def test_method_and_episode_have_the_contract_s_methods(name, tmp_path):
+    method, (episode, _) = build(name), begun(name, tmp_path)
+    roles = (method, Method, ("build", "begin")), (episode, Episode, ("enter", "do"))
+    for one, role, members in roles:
+        for member in members:
+            ours, told = (signature(getattr(kind, member)) for kind in (type(one), role))
+            assert list(ours.parameters) == list(told.parameters)
 
 
 def test_do_yields_its_outcome_last_and_once(name, tmp_path):

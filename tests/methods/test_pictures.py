@@ -29,7 +29,7 @@ PROGRAM = (
 class Looking:
     """Answers from a list, and keeps what it was shown."""
 
-    name, sees = "looking", True
+    name, needs_pictures = "looking", True
 
     def __init__(self, **words):
         self.words, self.shown = words, []

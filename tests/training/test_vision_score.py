@@ -43,7 +43,7 @@ ANSWERS = [
 class Knowing:
     """Says of each object what it was told; reads no metadata."""
 
-    name, sees = "knowing", True
+    name, needs_pictures = "knowing", True
 
     def __init__(self, answer=lambda one: ("none",)):
         self.answer, self.asked = answer, []

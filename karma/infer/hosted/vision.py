@@ -31,7 +31,7 @@ class HostedVision:
         KarmaError: see `Session.admit`.
     """
 
-    sees = True
+    needs_pictures = True
 
     def __init__(self, endpoint: Endpoint, *, session: Session | None = None) -> None:
         if endpoint.api != "chat":

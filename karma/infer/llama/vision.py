@@ -45,7 +45,7 @@ class LlamaVision:
             too little memory.
     """
 
-    sees = True
+    needs_pictures = True
 
     def __init__(
         self,

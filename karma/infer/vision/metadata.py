@@ -9,7 +9,7 @@ class MetadataVision:
     """A `VisionModel` that returns each object's own `states`, i.e. a reader without error."""
 
     name = "metadata"
-    sees = False  # no picture is drawn for it
+    needs_pictures = False
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]

@@ -75,7 +75,7 @@ class TransformersVision:
             that before weights are read.
     """
 
-    sees = True
+    needs_pictures = True
 
     def __init__(self, model: str | Path = NANO, *, asking: Asking | None = None) -> None:
         place = resolve_folder(model, "vlm")
