@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from karma.bench.counterfactual import Pair, paired
-from karma.bench.metrics import METRICS, SUCCESS, Episode, Metric, by_task, measure
+from karma.bench.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task, measure
 from karma.bench.records import KINDS, EpisodeRecord
 from karma.bench.statistics import (
     Estimate,
@@ -29,11 +29,11 @@ class Arm:
     """One side of a comparison: the episodes of one row of one run, from `episodes_of`."""
 
     name: str
-    episodes: Sequence[Episode]
+    episodes: Sequence[TimedEpisode]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
+class MetricPair:
     """One metric of both arms over the same pairs."""
 
     key: str
@@ -70,10 +70,15 @@ class Comparison:
     p: float  # McNemar's exact test of the success rates, pairs taken as independent
     p_tasks: float  # the same with a task's seeds kept together
     ratio: Estimate  # of the success rates, first / second
-    lines: tuple[Line, ...]
+    lines: tuple[MetricPair, ...]
     half_width: float  # wanted of each success rate
     more_seeds_first: int | None
     more_seeds_second: int | None
+
+    @property
+    def success(self) -> MetricPair:
+        """The success rates of both."""
+        return next(line for line in self.lines if line.key == SUCCESS.key)
 
 
 def compare(
@@ -163,12 +168,12 @@ def check_same_tasks(first: Arm, second: Arm) -> None:
         )
 
 
-_Asked = tuple[str, str, tuple[tuple[str, tuple[str, ...]], ...]]  # scene, kind, sub-tasks
+_TaskWords = tuple[str, str, tuple[tuple[str, tuple[str, ...]], ...]]  # scene, kind, sub-tasks
 
 
-def _asked(episodes: Sequence[Episode]) -> Mapping[str, _Asked]:
+def _asked(episodes: Sequence[TimedEpisode]) -> Mapping[str, _TaskWords]:
     """Return what each task asks, by its longest record."""
-    found: dict[str, _Asked] = {}
+    found: dict[str, _TaskWords] = {}
     for one in episodes:
         record = one.record
         parts = tuple((sub.instruction, sub.goals) for sub in record.subtasks)
@@ -177,7 +182,7 @@ def _asked(episodes: Sequence[Episode]) -> Mapping[str, _Asked]:
     return found
 
 
-def _agree(mine: _Asked, other: _Asked) -> bool:
+def _agree(mine: _TaskWords, other: _TaskWords) -> bool:
     """Return whether two records ask the same as far as both go: an error may have ended one."""
     shorter = min(len(mine[2]), len(other[2]))
     return mine[:2] == other[:2] and mine[2][:shorter] == other[2][:shorter]
@@ -188,7 +193,7 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + more
 
 
-def _text(asked: _Asked) -> str:
+def _text(asked: _TaskWords) -> str:
     scene, kind, parts = asked
     return repr(f"{kind}, {scene}: {' '.join(text for text, _ in parts)}"[:120])
 
@@ -201,12 +206,15 @@ def _seeds(arm: Arm) -> list[int]:
 
 
 def _line(
-    metric: Metric, pairs: Sequence[Pair], mine: Sequence[Episode], other: Sequence[Episode]
-) -> Line:
+    metric: Metric,
+    pairs: Sequence[Pair],
+    mine: Sequence[TimedEpisode],
+    other: Sequence[TimedEpisode],
+) -> MetricPair:
     first, second = measure(metric, mine), measure(metric, other)
     known = first.value is not None and second.value is not None
     both = _resampled(metric, pairs) if known else None
-    return Line(
+    return MetricPair(
         key=metric.key,
         title=metric.title,
         digits=metric.digits,
@@ -251,7 +259,7 @@ def _gaps(pairs: Sequence[Pair]) -> list[list[int]]:
     return list(found.values())
 
 
-def _splits(episodes: Sequence[Episode]) -> tuple[Split, ...]:
+def _splits(episodes: Sequence[TimedEpisode]) -> tuple[Split, ...]:
     found: dict[str, list[int]] = {}
     for one in episodes:
         found.setdefault(one.record.task, []).append(one.record.seed)
@@ -268,7 +276,7 @@ def _same_programs(pairs: Sequence[Pair]) -> float | None:
     return sum(same) / len(same) if same else None
 
 
-def arm_of(records: Sequence[EpisodeRecord], episodes: Sequence[Episode], row: str) -> Arm:
+def arm_of(records: Sequence[EpisodeRecord], episodes: Sequence[TimedEpisode], row: str) -> Arm:
     """Return one row of some records as an arm.
 
     Raises:

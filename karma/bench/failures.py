@@ -9,7 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from karma.bench.metrics import Episode, Need, needs, related_needs, types_of
+from karma.bench.metrics import TimedEpisode
+from karma.bench.needs import Need, needs, related_needs, types_of
 from karma.bench.records import Call, SubTaskRecord
 from karma.bench.steps import Ended, Enter, Instruction, Start, Step
 
@@ -76,7 +77,7 @@ class _Case:
         return "evicted" if need & self.memory.ever else "not stored"
 
 
-def failures(episode: Episode, steps: Sequence[Step] | None = None) -> tuple[Failure, ...]:
+def failures(episode: TimedEpisode, steps: Sequence[Step] | None = None) -> tuple[Failure, ...]:
     """Return the failed sub-tasks of an episode with their causes, in order.
 
     Args:

@@ -1,10 +1,10 @@
-"""What an episode leaves behind, one JSON line each, and what the lines add up to.
+"""What an episode leaves behind, one JSON line each.
 
 A record is the same in every run of the same experiment. Whatever may differ between two equal
 runs, such as times and what a cache held, is in the episode's timing, a line of its own.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar, get_args
@@ -12,7 +12,7 @@ from typing import TypeVar, get_args
 from karma.contracts import Kind, SkillResult, Tour
 from karma.errors import FileError
 from karma.files import append_line, decode_json, read_bytes, to_json
-from karma.infer.hosted.cost import Spent, total
+from karma.infer.hosted.cost import Spent
 
 KINDS: tuple[str, ...] = get_args(Kind)
 Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
@@ -102,6 +102,11 @@ class EpisodeRecord:
         asked = any(sub.goals for sub in self.subtasks)
         return asked and not self.error and all(sub.success for sub in self.subtasks)
 
+    @property
+    def rooms(self) -> tuple[str, ...]:
+        """The room of each instruction."""
+        return tuple(sub.scene or self.scene for sub in self.subtasks)
+
     def spent(self) -> tuple[Spent, ...]:
         """Return what hosted models cost in it, also where it ended early."""
         return (*(one for sub in self.subtasks for one in sub.hosted), *self.hosted)
@@ -167,77 +172,6 @@ def spent_by(record: EpisodeRecord, timing: EpisodeTiming | None) -> tuple[Spent
     return tuple(replace(one, seconds=s) for one, s in pairs)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
-    """The figures of one row and kind; None where nothing was measured."""
-
-    row: str
-    kind: str
-    episodes: int
-    successes: int
-    success_rate: float | None
-    explorations: float | None  # per episode
-    actions: float | None  # world actions per episode
-    planner_calls: float | None
-    seconds: float | None
-    memory_hit_rate: float | None  # cold start included
-    hosted_requests: int = 0  # to hosted models, all roles
-    hosted_tokens: float | None = None  # both ways, per episode
-    cost: float | None = None  # per episode, in the currency of the price tables
-
-
-def summarise(
-    records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming] | None = None
-) -> tuple[Summary, ...]:
-    """Return one line per row and kind, and one over all kinds, in the order rows appear.
-
-    Seconds are None unless the timing of every episode is given.
-    """
-    timings = timings or {}
-    lines: list[Summary] = []
-    for row in dict.fromkeys(record.row for record in records):
-        mine = [record for record in records if record.row == row]
-        for kind in KINDS:
-            if some := [record for record in mine if record.kind == kind]:
-                lines.append(_summary(row, kind, some, timings))
-        lines.append(_summary(row, "all", mine, timings))
-    return tuple(lines)
-
-
-def _summary(
-    row: str, kind: str, records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming]
-) -> Summary:
-    parts = [sub for record in records for sub in record.subtasks]
-    queries = sum(sub.queries for sub in parts)
-    number = len(records)
-    taken = [timings[record.key].seconds for record in records if record.key in timings]
-    successes = sum(record.success for record in records)
-    asked = any(sub.answers for sub in parts)
-    remembers = asked and any(sub.hits or sub.recalled for sub in parts)
-    spent = [one for record in records for one in record.spent()]
-    tokens = total(n for one in spent for n in (one.prompt_tokens, one.completion_tokens))
-    cost = total(one.cost for one in spent)
-    return Summary(
-        row=row,
-        kind=kind,
-        episodes=number,
-        successes=successes,
-        success_rate=_ratio(successes, number),
-        explorations=_ratio(sum(c.explorations for sub in parts for c in sub.calls), number),
-        actions=_ratio(sum(call.actions for sub in parts for call in sub.calls), number),
-        planner_calls=_ratio(sum(len(sub.answers) for sub in parts), number) if asked else None,
-        seconds=_ratio(sum(taken), number) if len(taken) == number else None,
-        memory_hit_rate=_ratio(sum(sub.hits for sub in parts), queries) if remembers else None,
-        hosted_requests=sum(one.requests for one in spent),
-        hosted_tokens=None if tokens is None else _ratio(tokens, number),
-        cost=None if cost is None else _ratio(cost, number),
-    )
-
-
-def _ratio(part: float, whole: int) -> float | None:
-    return part / whole if whole else None
-
-
 def write_record(path: Path, record: EpisodeRecord | EpisodeTiming) -> None:
     """Append one record or timing and see it to the disk."""
     append_line(path, to_json(record))
@@ -270,12 +204,4 @@ def _read_lines(path: Path, kind: type[T]) -> list[T]:
                 "(--fresh does all of them)"
             )
             raise FileError(path, f"line {number}: {error.reason}", fix=fix) from error
-    return found
-
-
-def by_task(records: Iterable[EpisodeRecord]) -> dict[str, dict[str, EpisodeRecord]]:
-    """Return task -> row -> record (the last seed)."""
-    found: dict[str, dict[str, EpisodeRecord]] = {}
-    for record in records:
-        found.setdefault(record.task, {})[record.row] = record
     return found

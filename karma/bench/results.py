@@ -5,10 +5,12 @@ from pathlib import Path
 from karma.bench.compare import Arm, Comparison, arm_of, compare_kinds
 from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, reductions
 from karma.bench.failures import Failure, failures
-from karma.bench.metrics import Episode, episodes_of, figures
+from karma.bench.figures import figures_of
+from karma.bench.metrics import TimedEpisode, episodes_of
+from karma.bench.published import PublishedFigures
 from karma.bench.run_folder import RunData, differences, read_run
 from karma.bench.steps import read_steps, steps_path
-from karma.bench.tables import PublishedFigures, Result
+from karma.bench.tables import Result
 from karma.errors import KarmaError
 
 
@@ -28,18 +30,19 @@ def result_of(
         lota_row: the row that the paper seems to measure them against, likewise.
     """
     episodes = episodes_of(run.records, run.timings)
+    saved = reductions(episodes, reference=off_row)
     return Result(
         name=run.header.name,
-        figures=figures(run.records, run.timings),
-        reductions=reductions(run.records, run.timings, reference=off_row),
-        paper_reductions=reductions(run.records, run.timings, reference=lota_row),
+        figures=figures_of(episodes, saved),
+        reductions=saved,
+        paper_reductions=reductions(episodes, reference=lota_row),
         comparisons=_comparisons(run, episodes),
         failures=[one for episode in episodes for one in _failures(run, episode)],
         published=published,
     )
 
 
-def _comparisons(run: RunData, episodes: list[Episode]) -> list[Comparison]:
+def _comparisons(run: RunData, episodes: list[TimedEpisode]) -> list[Comparison]:
     """Return the first row compared with every other one that has pairs with it."""
     rows = list(dict.fromkeys(record.row for record in run.records))
     arms = [arm_of(run.records, episodes, row) for row in rows]
@@ -52,7 +55,7 @@ def _comparisons(run: RunData, episodes: list[Episode]) -> list[Comparison]:
     ]
 
 
-def _failures(run: RunData, episode: Episode) -> tuple[Failure, ...]:
+def _failures(run: RunData, episode: TimedEpisode) -> tuple[Failure, ...]:
     if episode.record.success:
         return ()
     path = steps_path(run.folder, *episode.record.key)

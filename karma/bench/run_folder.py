@@ -14,13 +14,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from karma.bench.figures import figures
 from karma.bench.records import (
     EpisodeRecord,
     EpisodeTiming,
     Key,
     read_records,
     read_timings,
-    summarise,
     write_record,
 )
 from karma.bench.steps import FOLDER as STEPS
@@ -259,7 +259,7 @@ class RunFolder:
         order = sorted((record.key for record in records), key=rank.__getitem__)
         by_key = {record.key: record for record in records}
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
-        lines = summarise([by_key[key] for key in order])  # without seconds: no run repeats them
+        lines = figures([by_key[key] for key in order])  # without seconds: no run repeats them
         _replace(self.path / RESULTS, to_json(lines, indent=2))
 
     # ------------------------------------------------------------- parts

@@ -28,7 +28,7 @@ _FEWEST = round(2 / (1 - LEVEL))  # a two-sided p below 0.05 is a tail below one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
+class ConfidenceInterval:
     """A confidence interval of level `LEVEL`."""
 
     low: float
@@ -48,14 +48,14 @@ class Estimate:
     """A figure and how sure it is; None where nothing was observed."""
 
     value: float | None
-    interval: Interval | None = None
+    interval: ConfidenceInterval | None = None
     number: int = 0  # observations behind it
 
 
 # ----------------------------------------------------------------- rates
 
 
-def wilson(successes: float, number: float, *, level: float = LEVEL) -> Interval | None:
+def wilson(successes: float, number: float, *, level: float = LEVEL) -> ConfidenceInterval | None:
     """Return Wilson's score interval of a rate; None when nothing was tried.
 
     Args:
@@ -74,7 +74,7 @@ def wilson(successes: float, number: float, *, level: float = LEVEL) -> Interval
     middle = rate + z * z / (2 * number)
     spread = z * math.sqrt(rate * (1 - rate) / number + z * z / (4 * number * number))
     scale = 1 + z * z / number
-    return Interval(
+    return ConfidenceInterval(
         low=max(0.0, min(rate, (middle - spread) / scale)),
         high=min(1.0, max(rate, (middle + spread) / scale)),
     )
@@ -243,7 +243,7 @@ def bootstrap(
     return Resampled(
         estimate=Estimate(
             value=value,
-            interval=Interval(low=min(low, value), high=max(high, value)),
+            interval=ConfidenceInterval(low=min(low, value), high=max(high, value)),
             number=number,
         ),
         deviation=deviation if deviation > 1e-12 else None,

@@ -1,55 +1,27 @@
 """Tables 1 and 2 of the paper from a run's records, beside the published figures.
 
-A sheet is a table in words; it is written as Markdown or LaTeX. The CSV has the numbers themselves.
+A table is a `Sheet`, written as Markdown or LaTeX; the CSV has the numbers themselves.
 """
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal, TypeVar, get_args
+from typing import TypeVar
 
 from karma.bench.compare import Comparison
-from karma.bench.counterfactual import Reduction
+from karma.bench.counterfactual import SAVINGS, Reduction
 from karma.bench.failures import CAUSES, Failure, count
-from karma.bench.metrics import METRICS, Figures
-from karma.bench.statistics import Estimate
-from karma.errors import FileError
-from karma.files import read_bytes
+from karma.bench.figures import COLUMNS, Figures
+from karma.bench.formats import UNKNOWN, figure_text, interval_text, plural
+from karma.bench.metrics import METRICS
+from karma.bench.published import COLUMNS as PUBLISHED_COLUMNS
+from karma.bench.published import PublishedFigures
+from karma.bench.sheet import Sheet
 
-UNKNOWN = "–"
-Line = TypeVar("Line", Figures, Reduction)
-Column = Literal["success", "retrieved", "re", "rt"]
-COLUMNS: tuple[Column, ...] = get_args(Column)
-TITLES: Mapping[Column, str] = {"success": "SR", "retrieved": "MRA", "re": "RE", "rt": "RT"}
-_COST_COLUMNS = (
-    "subtasks_done", "goals_met", "hits", "hits_later", "explorations", "actions",
-    "planner_calls", "prompt_tokens", "completion_tokens", "seconds",
-    "first_token_s", "answer_s", "cost",
-)  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Published:
-    """One figure of the paper."""
-
-    value: float
-    source: str  # its table
-    paper_row: str  # the row's name there
-
-
-PublishedFigures = Mapping[tuple[str, str, str], Published]  # (our row, kind, column)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sheet:
-    """A table in words."""
-
-    title: str
-    caption: str
-    head: tuple[str, ...]
-    lines: tuple[tuple[str, ...], ...]
+Listed = TypeVar("Listed", Figures, Reduction)
+_OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
+_TOURED = tuple(one for one in SAVINGS if "_toured" in one.key)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,33 +37,6 @@ class Result:
     published: PublishedFigures
 
 
-def load_published(path: Path) -> PublishedFigures:
-    """Read the paper's figures.
-
-    Raises:
-        FileError: a line lacks a column, or its value is no number; names the line.
-    """
-    found: dict[tuple[str, str, str], Published] = {}
-    try:
-        text = read_bytes(path, fix="--published FILE; ours is eval/paper/published.csv").decode()
-    except UnicodeDecodeError as error:
-        raise FileError(path, str(error)) from error
-    for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):
-        try:
-            key = row["row"], row["kind"], row["metric"]
-            if row["metric"] not in COLUMNS:
-                raise ValueError(f"metric {row['metric']!r}; there are {', '.join(COLUMNS)}")
-            found[key] = Published(
-                value=float(row["value"]), source=row["source"], paper_row=row["paper_row"]
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise FileError(path, f"line {number}: {error}") from error
-    return found
-
-
-# ----------------------------------------------------------------- the sheets
-
-
 def sheets(result: Result) -> list[Sheet]:
     """Return all tables of a run: the paper's by kind, then what stands behind them."""
     found = [_main(result, kind) for kind in kinds(result)]
@@ -102,6 +47,8 @@ def sheets(result: Result) -> list[Sheet]:
     ):
         if lines:
             found.append(_savings(lines, words))
+    if _any_measured(result.reductions, "re_toured"):
+        found.append(_tours(result))
     if result.comparisons:
         found.append(comparison_sheet(result.comparisons))
     if result.failures:
@@ -113,8 +60,7 @@ def size_words(lines: Sequence[Figures]) -> str:
     """Return how much stands behind a table."""
     parts = sorted({(line.episodes, line.tasks, line.seeds) for line in lines})
     words = [
-        f"{_plural(episodes, 'episode')} a row "
-        f"({_plural(tasks, 'task')} × {_plural(seeds, 'seed')})"
+        f"{plural(episodes, 'episode')} a row ({plural(tasks, 'task')} × {plural(seeds, 'seed')})"
         for episodes, tasks, seeds in parts
     ]
     return " or ".join(words)
@@ -127,55 +73,57 @@ def kinds(result: Result) -> list[str]:
 
 def _main(result: Result, kind: str) -> Sheet:
     lines = [line for line in result.figures if line.kind == kind]
+    more = [key for key in _OURS_ALONE if _any_measured(lines, key)]
     head = ["method"]
-    for column in COLUMNS:
-        head += [TITLES[column], "published"]
+    for column in PUBLISHED_COLUMNS:
+        head += [COLUMNS[column].title, "published"]
     rows = []
     for line in lines:
         cells = [line.row]
-        for column in COLUMNS:
-            cells.append(interval_text(estimate_of(result, line, column)))
+        for column in PUBLISHED_COLUMNS:
+            cells.append(interval_text(line.values[column]))
             there = result.published.get((line.row, kind, column))
             cells.append(UNKNOWN if there is None else f"{there.value:g}")
+        cells += (interval_text(line.values[key]) for key in more)
         rows.append(tuple(cells))
-    twin = result.reductions[0].reference if result.reductions else ""
-    saved = (
-        f"RE and RT: places searched and actions saved against {twin!r}, same task and seed. "
-        if twin
-        else "RE and RT need a row without memory. "
-    )
-    alone = (
-        "SR asks for every sub-task of a sequence, so read their share in the next table. "
-        if kind == "sequence"
-        else ""
-    )
     return Sheet(
         title=f"{result.name}: {kind} tasks",
         caption=(
             f"{size_words(lines)}; brackets hold 95 % intervals that keep a task's seeds together. "
-            f"{alone}{saved}Published: the paper, with GPT-4o on other tasks in other rooms."
+            f"{_alone(kind)}{_saved_words(result)}Published: the paper, with GPT-4o on other tasks "
+            "in other rooms."
         ),
-        head=tuple(head),
+        head=(*head, *(COLUMNS[key].title for key in more)),
         lines=tuple(rows),
     )
 
 
-def estimate_of(result: Result, line: Figures, column: Column) -> Estimate:
-    """Return one of the paper's columns for a row and kind."""
-    if column == "success" or column == "retrieved":
-        return line.values[column]
-    for one in result.reductions:
-        if (one.row, one.kind) == (line.row, line.kind):
-            return one.explorations if column == "re" else one.actions
-    return Estimate(value=None)
+def _alone(kind: str) -> str:
+    if kind != "sequence":
+        return ""
+    return "SR asks for every sub-task of a sequence, so read their share in the next table. "
+
+
+def _saved_words(result: Result) -> str:
+    if not result.reductions:
+        return "RE and RT need a row without memory. "
+    return (
+        f"RE and RT: places searched and actions saved against {result.reductions[0].reference!r}, "
+        "same task and seed; by the clock: seconds on the machine of the run. With tour: the first "
+        "tour of each room counted, spread over all that the row was asked in it. "
+    )
+
+
+def _any_measured(lines: Sequence[Listed], key: str) -> bool:
+    return any(line.values[key].value is not None for line in lines)
 
 
 def _costs(result: Result) -> Sheet:
     metrics = [
-        metric
-        for metric in METRICS
-        if metric.key in _COST_COLUMNS
-        and any(line.values[metric.key].value is not None for line in result.figures)
+        one
+        for one in METRICS
+        if one.key not in (*PUBLISHED_COLUMNS, "retrieved_of_held")
+        and _any_measured(result.figures, one.key)
     ]
     rows = []
     for line in _by_kind(result.figures):
@@ -192,29 +140,14 @@ def _costs(result: Result) -> Sheet:
     )
 
 
-def _by_kind(lines: Sequence[Line]) -> list[Line]:
+def _by_kind(lines: Sequence[Listed]) -> list[Listed]:
     """Return lines without those over all kinds where there is only one kind."""
     alone = len({line.kind for line in lines}) == 2
     return [line for line in lines if not (alone and line.kind == "all")]
 
 
 def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
-    rows = tuple(
-        (
-            one.row,
-            one.kind,
-            str(one.pairs),
-            interval_text(one.explorations),
-            interval_text(one.actions),
-            interval_text(one.seconds),
-            interval_text(one.explorations_related),
-            interval_text(one.actions_related),
-            str(one.solved_pairs),
-            interval_text(one.explorations_solved),
-            interval_text(one.actions_solved),
-        )
-        for one in _by_kind(lines)
-    )
+    plain = [one for one in SAVINGS if one not in _TOURED]
     return Sheet(
         title=f"Saved against {lines[0].reference}",
         caption=(
@@ -222,19 +155,43 @@ def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
             "that come back to a thing; what is asked for first has to be searched by everybody. "
             "Both solved: only in such pairs, as who gives up early also searches little."
         ),
-        head=(
-            "method", "tasks", "pairs", "RE", "RT (actions)", "RT (seconds)", "RE related",
-            "RT related", "both solved", "RE of those", "RT of those",
+        head=("method", "tasks", "pairs", "both solved", *(one.title for one in plain)),
+        lines=tuple(
+            (
+                one.row,
+                one.kind,
+                str(one.pairs),
+                str(one.solved_pairs),
+                *(interval_text(one.values[saving.key]) for saving in plain),
+            )
+            for one in _by_kind(lines)
         ),
-        lines=rows,
-    )  # fmt: skip
+    )
+
+
+def _tours(result: Result) -> Sheet:
+    lines = [one for one in result.reductions if one.values["re_toured"].value is not None]
+    return Sheet(
+        title=f"Saved against {lines[0].reference}, with the first tour of each room counted",
+        caption=(
+            "A row with a map has walked through the room once before its first instruction there. "
+            "With tour: what that cost is spread over all instructions that the row was asked in "
+            "the room in this run; over 10 or 40: as if it were asked so many. Rows without a map "
+            "have no tour; HELPER's look around is among its steps."
+        ),
+        head=("method", "tasks", *(one.title for one in _TOURED)),
+        lines=tuple(
+            (one.row, one.kind, *(interval_text(one.values[saving.key]) for saving in _TOURED))
+            for one in _by_kind(lines)
+        ),
+    )
 
 
 def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
     """Return success rates compared, a line per pair of arms and kind."""
     rows = []
     for one in comparisons:
-        line = next(line for line in one.lines if line.key == "success")
+        line = one.success
         rows.append(
             (
                 one.first,
@@ -245,8 +202,8 @@ def comparison_sheet(comparisons: Sequence[Comparison]) -> Sheet:
                 figure_text(line.second.value),
                 interval_text(line.difference, sign=True),
                 interval_text(one.ratio),
-                f"{one.p:.3f}",
-                f"{one.p_tasks:.3f}",
+                figure_text(one.p, 3),
+                figure_text(one.p_tasks, 3),
                 figure_text(line.detectable),
                 f"{sum(len(s.seeds) for s in one.only_first)} / "
                 f"{sum(len(s.seeds) for s in one.only_second)}",
@@ -285,88 +242,6 @@ def _causes(result: Result, *, first_only: bool) -> Sheet:
     )
 
 
-# ----------------------------------------------------------------- words
-
-
-def figure_text(value: float | None, digits: int = 2) -> str:
-    """Return a figure, or the sign for what was not measured.
-
-    >>> figure_text(None), figure_text(0.5)
-    ('–', '0.50')
-    """
-    return UNKNOWN if value is None else f"{value:.{digits}f}"
-
-
-def interval_text(estimate: Estimate, digits: int = 2, *, sign: bool = False) -> str:
-    """Return a figure with its interval."""
-    if estimate.value is None:
-        return UNKNOWN
-    form = f"{'+' if sign else ''}.{digits}f"
-    text = f"{estimate.value:{form}}"
-    if estimate.interval is None:
-        return text
-    return f"{text} [{estimate.interval.low:{form}}, {estimate.interval.high:{form}}]"
-
-
-def _plural(number: int, word: str) -> str:
-    return f"{number} {word}" + ("" if number == 1 else "s")
-
-
-# ----------------------------------------------------------------- files
-
-
-def to_markdown(tables: Sequence[Sheet]) -> str:
-    """Write sheets as Markdown."""
-    return "\n".join(_markdown(sheet) for sheet in tables)
-
-
-def _markdown(sheet: Sheet) -> str:
-    def line(cells: Sequence[str]) -> str:
-        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-
-    rows = [line(sheet.head), "|" + "---|" * len(sheet.head), *map(line, sheet.lines)]
-    return f"### {sheet.title}\n\n" + "\n".join(rows) + f"\n\n{sheet.caption}\n"
-
-
-def to_latex(tables: Sequence[Sheet]) -> str:
-    """Write sheets as LaTeX tables; they need the packages booktabs and graphicx."""
-    return "% \\usepackage{booktabs,graphicx}\n" + "\n".join(_latex(sheet) for sheet in tables)
-
-
-def _latex(sheet: Sheet) -> str:
-    def line(cells: Sequence[str]) -> str:
-        return " & ".join(map(_escaped, cells)) + r" \\"
-
-    return "\n".join(
-        (
-            r"\begin{table}[t]",
-            r"\centering",
-            rf"\caption{{{_escaped(sheet.title)}. {_escaped(sheet.caption)}}}",
-            r"\resizebox{\linewidth}{!}{%",
-            rf"\begin{{tabular}}{{l{'r' * (len(sheet.head) - 1)}}}",
-            r"\toprule",
-            line(sheet.head),
-            r"\midrule",
-            *map(line, sheet.lines),
-            r"\bottomrule",
-            r"\end{tabular}}",
-            r"\end{table}",
-            "",
-        )
-    )
-
-
-_SPECIAL = {
-    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
-    "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "–": "--", "×": r"$\times$", "<": r"$<$", ">": r"$>$", "[": "{[}", "]": "{]}",
-}  # fmt: skip
-
-
-def _escaped(text: str) -> str:
-    return "".join(_SPECIAL.get(letter, letter) for letter in text)
-
-
 def to_csv(result: Result) -> str:
     """Write every figure of a run, one a line, with its interval and what was published."""
     out = io.StringIO()
@@ -375,8 +250,7 @@ def to_csv(result: Result) -> str:
         ("row", "kind", "metric", "value", "low", "high", "episodes", "tasks", "seeds", "published")
     )
     for line in result.figures:
-        values = dict(line.values) | {c: estimate_of(result, line, c) for c in ("re", "rt")}
-        for key, one in values.items():
+        for key, one in line.values.items():
             there = result.published.get((line.row, line.kind, key))
             low_high = (one.interval.low, one.interval.high) if one.interval else (None, None)
             writer.writerow(

@@ -167,8 +167,9 @@ def eval_command(
     json: Json = None,
 ) -> None:
     """Do an experiment: every row on every task. Stopped or killed, the same command goes on."""
+    from karma.bench.figures import figures
     from karma.bench.precision import reached
-    from karma.bench.records import spent_by, summarise
+    from karma.bench.records import spent_by
     from karma.bench.run import Run
     from karma.cli import show
     from karma.lab.figure import is_figure
@@ -200,7 +201,7 @@ def eval_command(
         raise KarmaError(f"{error}\n  Kept: {_kept(run)}") from error
     if tasks or run.experiment.authors:
         console.print(show.task_table(run.records))
-    lines = summarise(run.records, run.timings)
+    lines = figures(run.records, run.timings)
     console.print(show.summary_table(lines, run.experiment.name))
     if run.precision is not None:
         console.print(show.precision_table(reached(run.records, run.precision), run.precision))

@@ -14,7 +14,7 @@ from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.compare import Comparison, Split
-    from karma.bench.tables import Sheet
+    from karma.bench.sheet import Sheet
 
 
 def add_to(app: typer.Typer) -> None:
@@ -48,8 +48,8 @@ def compare_command(
         for other in group[1:]
     ]
     for comparisons in found:
-        console.print(_side_by_side(comparisons[0]))
-        console.print(_by_kind(comparisons))
+        console.print(_rich(_side_by_side(comparisons[0]), kept="detectable"))
+        console.print(_rich(_by_kind(comparisons), kept="difference"))
         console.print(escape(_remarks(comparisons[0])), soft_wrap=True, highlight=False)
     for words in set_apart(runs):
         console.print(escape(words), soft_wrap=True, highlight=False)
@@ -73,9 +73,11 @@ def table_command(
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
     from karma.bench import tables
     from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
-    from karma.bench.margins import claim_sheet, claims
+    from karma.bench.margins import margin_sheet, margins
+    from karma.bench.published import load_published
     from karma.bench.results import result_of, unfinished
     from karma.bench.run_folder import read_run
+    from karma.bench.sheet import to_latex, to_markdown
 
     data = read_run(run)
     if not data.records:
@@ -86,19 +88,19 @@ def table_command(
             raise KarmaError(f"{run}: no row {wanted!r}; there are {', '.join(sorted(rows))}")
     result = result_of(
         data,
-        tables.load_published(published),
+        load_published(published),
         off_row=off or OFF_ROW,
         lota_row=lota or LOTA_ROW,
     )
-    claimed = [sheet for sheet in (claim_sheet(result),) if sheet is not None]
-    sheets = [*tables.sheets(result), *claimed]
-    for sheet in (*sheets[: len(tables.kinds(result))], *claimed):
+    margin = [sheet for sheet in (margin_sheet(result),) if sheet is not None]
+    sheets = [*tables.sheets(result), *margin]
+    for sheet in (*sheets[: len(tables.kinds(result))], *margin):
         console.print(_rich(sheet))
     for words in unfinished([str(run)]):
         console.print(escape(words), soft_wrap=True, highlight=False)
     folder = out or run
-    write_atomic(folder / "table.md", tables.to_markdown(sheets).encode())
-    write_atomic(folder / "table.tex", tables.to_latex(sheets).encode())
+    write_atomic(folder / "table.md", to_markdown(sheets).encode())
+    write_atomic(folder / "table.tex", to_latex(sheets).encode())
     write_atomic(folder / "table.csv", tables.to_csv(result).encode())
     console.print(
         escape(
@@ -113,66 +115,70 @@ def table_command(
             "paper_reductions": result.paper_reductions,
             "comparisons": result.comparisons,
             "failures": result.failures,
-            "claims": claims(result),
+            "margins": margins(result),
         }
         write_atomic(json, to_json(parts, indent=2))
 
 
-def _side_by_side(one: "Comparison") -> Table:
+def _side_by_side(one: "Comparison") -> "Sheet":
     """Return every metric of two arms."""
-    from karma.bench.tables import figure_text, interval_text
+    from karma.bench.formats import figure_text, interval_text
+    from karma.bench.sheet import Sheet
 
-    table = Table(title=escape(f"{one.first} against {one.second}"), title_justify="left")
-    table.add_column("per episode")
-    for name in ("first", "second", "difference", "detectable"):
-        table.add_column(name, justify="right", no_wrap=name == "detectable")
-    for line in one.lines:
-        if line.first.value is None and line.second.value is None:
-            continue
-        table.add_row(
-            escape(line.title),
-            escape(interval_text(line.first, line.digits)),
-            escape(interval_text(line.second, line.digits)),
-            escape(interval_text(line.difference, line.digits, sign=True)),
-            figure_text(line.detectable, line.digits),
-        )
     seeds = ", ".join(map(str, one.seeds))
-    table.caption = escape(
-        f"{one.pairs} pairs: {one.tasks} tasks, seeds {seeds}. Difference: first - second; 95 % "
-        "intervals keep a task's seeds together. Detectable: what this many pairs would show."
+    return Sheet(
+        title=f"{one.first} against {one.second}",
+        caption=(
+            f"{one.pairs} pairs: {one.tasks} tasks, seeds {seeds}. Difference: first - second; "
+            "95 % intervals keep a task's seeds together. Detectable: what this many pairs would "
+            "show."
+        ),
+        head=("per episode", "first", "second", "difference", "detectable"),
+        lines=tuple(
+            (
+                line.title,
+                interval_text(line.first, line.digits),
+                interval_text(line.second, line.digits),
+                interval_text(line.difference, line.digits, sign=True),
+                figure_text(line.detectable, line.digits),
+            )
+            for line in one.lines
+            if line.first.value is not None or line.second.value is not None
+        ),
     )
-    return table
 
 
-def _by_kind(comparisons: "Sequence[Comparison]") -> Table:
+def _by_kind(comparisons: "Sequence[Comparison]") -> "Sheet":
     """Return the success rates of two arms by kind of task."""
-    from karma.bench.tables import figure_text, interval_text
+    from karma.bench.formats import figure_text, interval_text
+    from karma.bench.sheet import Sheet
 
-    table = Table(title="SR by kind of task", title_justify="left")
-    table.add_column("tasks (pairs)", no_wrap=True)
-    for name in ("first", "second", "difference", "p", "detectable"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for one in comparisons:
-        line = next(line for line in one.lines if line.key == "success")
-        table.add_row(
-            f"{one.kind} ({one.pairs})",
-            figure_text(line.first.value),
-            figure_text(line.second.value),
-            escape(interval_text(line.difference, sign=True)),
-            f"{one.p_tasks:.3f}",
-            figure_text(line.detectable),
-        )
-    table.caption = "p: exact, a task's seeds kept together"
-    return table
+    return Sheet(
+        title="SR by kind of task",
+        caption="p: exact, a task's seeds kept together",
+        head=("tasks (pairs)", "first", "second", "difference", "p", "detectable"),
+        lines=tuple(
+            (
+                f"{one.kind} ({one.pairs})",
+                figure_text(one.success.first.value),
+                figure_text(one.success.second.value),
+                interval_text(one.success.difference, sign=True),
+                figure_text(one.p_tasks, 3),
+                figure_text(one.success.detectable),
+            )
+            for one in comparisons
+        ),
+    )
 
 
 def _remarks(one: "Comparison") -> str:
     """Return where the arms differ, and how many more seeds would make them surer."""
-    same = "–" if one.same_programs is None else f"{one.same_programs:.0%}"
-    agree = "–" if one.agreement is None else f"{one.agreement:.0%}"
+    from karma.bench.formats import figure_text, percent_text
+
     lines = [
-        f"agree on success: {agree} of pairs; same first program: {same} of sub-tasks; "
-        f"McNemar p = {one.p:.3f}, {one.p_tasks:.3f} with seeds kept together",
+        f"agree on success: {percent_text(one.agreement)} % of pairs; same first program: "
+        f"{percent_text(one.same_programs)} % of sub-tasks; McNemar p = {figure_text(one.p, 3)}, "
+        f"{figure_text(one.p_tasks, 3)} with seeds kept together",
         f"only {one.first} solved: {_splits(one.only_first)}",
         f"only {one.second} solved: {_splits(one.only_second)}",
     ]
@@ -183,14 +189,17 @@ def _remarks(one: "Comparison") -> str:
 
 
 def _splits(splits: "tuple[Split, ...]") -> str:
+    from karma.bench.formats import UNKNOWN
+
     words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
-    return "; ".join(words) or "–"
+    return "; ".join(words) or UNKNOWN
 
 
-def _rich(sheet: "Sheet") -> Table:
+def _rich(sheet: "Sheet", *, kept: str = "") -> Table:
+    """Return a sheet for the terminal; the column named `kept` is never broken."""
     table = Table(title=escape(sheet.title), title_justify="left", caption=escape(sheet.caption))
     for number, name in enumerate(sheet.head):
-        table.add_column(escape(name), justify="right" if number else "left")
+        table.add_column(escape(name), justify="right" if number else "left", no_wrap=name == kept)
     for cells in sheet.lines:
         table.add_row(*map(escape, cells))
     return table

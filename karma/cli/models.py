@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 from rich.table import Table
 
+from karma.bench.formats import UNKNOWN
 from karma.cli.shared import Json, clear_errors, console
 from karma.errors import ModelError
 from karma.files import to_json, write_atomic
@@ -40,7 +41,7 @@ def models_list(json: Json = None) -> None:
     entries = read_manifest().models
     table = Table("model", "role", "MB", "memory", "licence", "here", box=None, pad_edge=False)
     for entry in entries:
-        here = "added" if entry.name in added else "yes" if is_present(entry) else "–"
+        here = "added" if entry.name in added else "yes" if is_present(entry) else UNKNOWN
         table.add_row(
             escape(entry.name), entry.role, _megabytes(entry), _or_dash(entry.memory_mb),
             escape(entry.licence), here,
@@ -182,13 +183,13 @@ def _megabytes(entry: "ModelEntry") -> str:
     """Return the size of what is known, with a sign where a file's size is not."""
     known = [file.bytes for file in entry.files if file.bytes is not None]
     more = "+" if len(known) < len(entry.files) else ""
-    return f"{sum(known) / 1e6:.1f}{more}" if known else "–"
+    return f"{sum(known) / 1e6:.1f}{more}" if known else UNKNOWN
 
 
 def _or_dash(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return "–" if value is None else str(value)
+    return UNKNOWN if value is None else str(value)
 
 
 def _say(line: str) -> None:

@@ -67,9 +67,9 @@ def _write_run(
 ) -> None:
     from rich.progress import track
 
+    from karma.bench.published import load_published
     from karma.bench.results import result_of
     from karma.bench.run_folder import read_run
-    from karma.bench.tables import load_published
     from karma.report.choice import choose
     from karma.report.episodes import Replayer
     from karma.report.frames import Frames

@@ -11,13 +11,19 @@ from rich.table import Table
 from rich.text import Text
 
 from karma.agent.planner import grounded
+from karma.bench.figures import COLUMNS, Figures
+from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.precision import Precision, Reached
-from karma.bench.records import EpisodeRecord, Summary, by_task
+from karma.bench.records import EpisodeRecord
 from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
 from karma.household.ids import root_type
 from karma.infer.hosted.cost import Ledger, Spent
 
 _NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns
+_SHOWN = {  # in it: figure -> short title
+    "success": "rate", "explorations": "places", "actions": "steps", "planner_calls": "calls",
+    "seconds": "sec", "hits": "hits",
+}  # fmt: skip
 
 
 class InstructionView:
@@ -61,11 +67,12 @@ class InstructionView:
         table = Table.grid(padding=(0, 1))
         said = plan.completion
         note = (
-            f"{count(said.completion_tokens)} tokens in {said.total_s:.2f} s, "
-            f"{count(said.reused_tokens)} of {count(said.prompt_tokens)} prompt tokens kept"
+            f"{figure_text(said.completion_tokens, 0)} tokens in {figure_text(said.total_s)} s, "
+            f"{figure_text(said.reused_tokens, 0)} of {figure_text(said.prompt_tokens, 0)} "
+            "prompt tokens kept"
         )
         if said.cost is not None:
-            note += f", cost {said.cost:.6f}"
+            note += f", cost {figure_text(said.cost, COLUMNS['cost'].digits)}"
         table.add_row("", Text(f"program ({note})", style="dim"))
         if plan.error:
             table.add_row("[red]✗[/]", Text(plan.error, style="red"))
@@ -100,29 +107,11 @@ def memory_table(units: Sequence[MemoryUnit], title: str) -> RenderableType:
     for unit in units:
         table.add_row(
             unit.object_type + (" *" if unit.handled else ""),
-            ", ".join(unit.states) or "–",
-            root_type(unit.place_id or "–"),
+            ", ".join(unit.states) or UNKNOWN,
+            root_type(unit.place_id or UNKNOWN),
             " ".join(f"{v:+.2f}" for v in unit.position_m),
         )
     return table
-
-
-def number(value: float | None, digits: int = 2) -> str:
-    """Return a figure, or the sign for what was not measured.
-
-    >>> number(None), number(0.5)
-    ('–', '0.50')
-    """
-    return "–" if value is None else f"{value:.{digits}f}"
-
-
-def count(value: int | None) -> str:
-    """Return a count, or the sign for what was not measured.
-
-    >>> count(None), count(3)
-    ('–', '3')
-    """
-    return "–" if value is None else str(value)
 
 
 def spent_text(spent: Sequence[Spent]) -> str:
@@ -132,18 +121,18 @@ def spent_text(spent: Sequence[Spent]) -> str:
         ledger.enter(one)
     return "\n".join(
         f"{one.role} {one.model}: {one.requests} requests ({one.failures} failed), "
-        f"{count(one.prompt_tokens)} + {count(one.completion_tokens)} tokens, "
-        f"cost {number(one.cost, 6)}, {number(one.seconds)} s"
+        f"{figure_text(one.prompt_tokens, 0)} + {figure_text(one.completion_tokens, 0)} tokens, "
+        f"cost {figure_text(one.cost, COLUMNS['cost'].digits)}, {figure_text(one.seconds)} s"
         for one in ledger.take()
     )
 
 
-def summary_table(lines: Sequence[Summary], title: str) -> Table:
+def summary_table(lines: Sequence[Figures], title: str) -> Table:
     """Return the table at the end of a run."""
     table = Table(title=title, title_justify="left", box=HORIZONTALS, padding=(0, 1, 0, 0))
     table.add_column("row")
     table.add_column("tasks", no_wrap=True)
-    for name in ("success", "rate", "places", "steps", "calls", "sec", "hits"):
+    for name in ("success", *_SHOWN.values()):
         table.add_column(name, justify="right", no_wrap=True)
     for row in dict.fromkeys(line.row for line in lines):
         group = [line for line in lines if line.row == row]
@@ -153,12 +142,7 @@ def summary_table(lines: Sequence[Summary], title: str) -> Table:
                 escape(words),
                 line.kind,
                 f"{line.successes}/{line.episodes}",
-                number(line.success_rate),
-                number(line.explorations, 1),
-                number(line.actions, 0),
-                number(line.planner_calls, 1),
-                number(line.seconds),
-                number(line.memory_hit_rate),
+                *(figure_text(line.values[key].value, COLUMNS[key].digits) for key in _SHOWN),
                 end_section=line is group[-1],
             )
     table.caption = (
@@ -195,8 +179,8 @@ def precision_table(lines: Sequence[Reached], wanted: Precision) -> Table:
             escape(line.row),
             f"{line.tasks} {line.kind}",
             str(line.seeds),
-            number(line.success.value),
-            number(interval.half_width if interval else None, 3),
+            figure_text(line.success.value),
+            figure_text(interval.half_width if interval else None, 3),
             _reached(line),
         )
     return table
@@ -211,7 +195,7 @@ def _reached(line: Reached) -> str:
         return "not known what it takes" + (
             "" if line.seeds == 1 else "; tasks seem to differ much"
         )
-    return f"takes about {count(line.more_seeds)} more seeds"
+    return f"takes about {figure_text(line.more_seeds, 0)} more seeds"
 
 
 def task_table(records: Sequence[EpisodeRecord]) -> Table:
@@ -222,7 +206,10 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
         table.add_column(name)
     table.caption = "goals: resolved of all; a task is judged by those that could be resolved"
     table.add_column("notes", overflow="fold")
-    for task, found in by_task(records).items():
+    by_task: dict[str, dict[str, EpisodeRecord]] = {}  # of each row the last seed
+    for record in records:
+        by_task.setdefault(record.task, {})[record.row] = record
+    for task, found in by_task.items():
         one = next(iter(found.values()))
         goals = sum(len(sub.goals) for sub in one.subtasks)
         table.add_row(
@@ -237,7 +224,7 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
 
 def _mark(record: EpisodeRecord | None) -> str:
     if record is None:
-        return "–"
+        return UNKNOWN
     if record.success:
         return "[green]✓[/]"
     good = sum(sub.success for sub in record.subtasks)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from karma.bench.formats import UNKNOWN, figure_text, percent_text
 from karma.cli.shared import PARTS, Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
@@ -163,9 +164,10 @@ def _table(found: "Sweep", name: str) -> "Table":
             share = row.cold.value / bound.value
         style = "dim" if row.policy.startswith((BELADY, "unbounded")) else ""
         table.add_row(
-            escape(row.policy), _percent(row.cold), _span(row.cold), _number(share, 2),
-            _percent(row.first), _percent(row.steady), _number(row.warm_task, 1),
-            _number(row.left, 0), style=style,
+            escape(row.policy), percent_text(_value(row.cold), 2), _span(row.cold),
+            figure_text(share), percent_text(_value(row.first), 2),
+            percent_text(_value(row.steady), 2), figure_text(row.warm_task, 1),
+            figure_text(row.left, 0), style=style,
         )  # fmt: skip
     return table
 
@@ -178,15 +180,11 @@ def _note(traces: Sequence["Trace"], found: "Sweep") -> str:
     )
 
 
-def _percent(rate: "Interval | None") -> str:
-    return "–" if rate is None else f"{100 * rate.value:.2f}"
-
-
 def _span(rate: "Interval | None") -> str:
     if rate is None or rate.low is None or rate.high is None:
-        return "–"
-    return f"{100 * rate.low:.1f}–{100 * rate.high:.1f}"
+        return UNKNOWN
+    return f"{percent_text(rate.low, 1)}–{percent_text(rate.high, 1)}"
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+def _value(rate: "Interval | None") -> float | None:
+    return None if rate is None else rate.value

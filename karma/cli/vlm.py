@@ -7,6 +7,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from karma.bench.formats import figure_text
 from karma.cli.shared import Json, clear_errors, console
 from karma.files import to_json, write_atomic
 
@@ -65,20 +66,14 @@ def _show(found: Any) -> None:
     for name in ("true of", "precision", "recall", "F1"):
         table.add_column(name, justify="right")
     for word, line in found.words.items():
-        figures = (_figure(value) for value in (line.precision, line.recall, line.f1))
+        figures = (figure_text(value, 3) for value in (line.precision, line.recall, line.f1))
         table.add_row(word, str(line.support), *figures)
     console.print(table)
     console.print(
-        f"macro-F1 {_figure(found.macro_f1)} · accuracy {_figure(found.accuracy)} · "
-        f"of objects filling 2 % of the frame {_figure(found.large.value)} ({found.large.of}) · "
+        f"macro-F1 {figure_text(found.macro_f1, 3)} · accuracy {figure_text(found.accuracy, 3)} · "
+        f"of objects filling 2 % of the frame {figure_text(found.large.value, 3)} "
+        f"({found.large.of}) · "
         f"no usable answer {found.unanswered}"
     )
-    console.print(f"ms per frame {_ms(found.ms_per_frame)}, per object {_ms(found.ms_per_object)}")
-
-
-def _figure(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f}"
-
-
-def _ms(value: float | None) -> str:
-    return "–" if value is None else f"{value:.0f}"
+    frame, thing = (figure_text(ms, 0) for ms in (found.ms_per_frame, found.ms_per_object))
+    console.print(f"ms per frame {frame}, per object {thing}")

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Table
 
+from karma.bench.formats import figure_text, percent_text
 from karma.cli.shared import Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
@@ -244,7 +245,7 @@ def _summed(results: "Sequence[TrialResult]", mutate: int | None, json: Path | N
         figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
         write_atomic(json, to_json({**figures, "results": list(results)}, indent=2))
     if mutate is None:
-        share = f" ({100 * (handled - unseen) / handled:.1f} %)" if handled else ""
+        share = f" ({percent_text((handled - unseen) / handled, 1)} %)" if handled else ""
         _say(f"actions on objects {handled}, in view {handled - unseen}{share}")
         _say(f"trials {len(results)}, ok {ok}")
     else:
@@ -282,4 +283,4 @@ def _event_figures(reports: "Sequence[EventReport]") -> list[dict[str, Any]]:
 
 def _percent(share: float | None) -> str:
     """Return a share in percent, rounded down, so that only all is 100."""
-    return "–" if share is None else f"{int(share * 10_000) / 100:.2f}"
+    return figure_text(None if share is None else int(share * 10_000) / 100)

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from karma.bench.tables import Sheet
+from karma.bench.formats import UNKNOWN, range_text
+from karma.bench.sheet import Sheet
 from karma.lab.figure import Results, caption_of, draw_figure, read_figure
 from karma.lab.intervals import Interval
 from karma.lab.paper_claims import CLAIMS
@@ -88,7 +89,6 @@ def _claims(results: Results) -> Iterator[Sheet]:
 
 def _percent(rate: Interval | None) -> str:
     if rate is None:
-        return "–"
-    if rate.low is None or rate.high is None:
-        return f"{100 * rate.value:.1f}"
-    return f"{100 * rate.value:.1f} [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+        return UNKNOWN
+    low, high = (None if end is None else 100 * end for end in (rate.low, rate.high))
+    return range_text(100 * rate.value, low, high, 1)

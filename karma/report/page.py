@@ -7,14 +7,17 @@ from typing import Any
 import msgspec
 
 from karma.bench.failures import Cause, Failure, count
+from karma.bench.figures import COLUMNS
+from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.run_folder import RunData
-from karma.bench.tables import Result, Sheet, figure_text, sheets, size_words
+from karma.bench.sheet import Sheet
+from karma.bench.tables import Result, sheets, size_words
 from karma.report.choice import episode_key
 from karma.report.episodes import EpisodeReplay
 from karma.report.frames import Frames
 from karma.report.html import fill, script_data
 from karma.report.plots import Plot, bar_plot, cause_plot, success_plot
-from karma.report.results import Column, Line, columns, rates, result_lines
+from karma.report.results import Heading, ResultLine, columns, rates, result_lines
 from karma.report.room import RoomPlan
 from karma.report.tasks import TaskLine, rows_of, task_lines
 
@@ -28,8 +31,8 @@ class Page:
     seeds: int
     rows: tuple[str, ...]
     caption: str
-    columns: tuple[Column, ...]
-    lines: tuple[Line, ...]
+    columns: tuple[Heading, ...]
+    lines: tuple[ResultLine, ...]
     plots: tuple[Plot, ...]
     sheets: tuple[Sheet, ...]  # the tables that stand in papers
     failures: Mapping[tuple[str, str, int], Failure]  # the first of each failed episode
@@ -190,8 +193,8 @@ def _over_all(result: Result, key: str) -> list[tuple[str, float | None]]:
 def _caption(result: Result) -> str:
     lines = [line for line in result.figures if line.kind == "all"]
     return (
-        f"{size_words(lines)}. SR: tasks of which every goal of every instruction held when that "
-        "instruction ended; an episode that broke off counts. Small figures: 95 % intervals that "
+        f"{size_words(lines)}. SR: {COLUMNS['success'].says}; an episode that broke off counts. "
+        "Small figures: 95 % intervals that "
         "keep the seeds of a task together. Amounts are means per episode."
     )
 
@@ -208,5 +211,5 @@ def _facts(run: RunData) -> Iterator[tuple[str, tuple[tuple[str, str], ...]]]:
 
 def _plain(value: Any) -> str:
     if value is None:
-        return "–"
+        return UNKNOWN
     return ("no", "yes")[value] if isinstance(value, bool) else str(value)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.bench.failures import CAUSES, Cause
+from karma.bench.formats import figure_text
 from karma.bench.records import KINDS
 
 LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is
@@ -122,8 +123,8 @@ def bar_plot(title: str, values: Sequence[tuple[str, float | None]], *, note: st
             width=round(WIDTH * value / most, 1) if most else 0.0,
             height=13.0,
             style="s1",
-            title=f"{row}: {value:.2f}",
-            after=f"{value:.1f}" if value < 100 else f"{value:.0f}",
+            title=f"{row}: {figure_text(value)}",
+            after=figure_text(value, 1 if value < 100 else 0),
         )
         for number, (row, value) in enumerate(values)
         if value is not None
@@ -207,7 +208,9 @@ def _at(rate: float) -> float:
 
 def _said(rate: Rate) -> str:
     text = f"{rate.row}, {rate.kind}: {rate.successes} of {rate.episodes}"
-    return text if rate.low is None else f"{text}, {rate.low:.2f} to {rate.high:.2f}"
+    return (
+        text if rate.low is None else f"{text}, {figure_text(rate.low)} to {figure_text(rate.high)}"
+    )
 
 
 def _round_up(value: float) -> float:

@@ -13,6 +13,7 @@ from support.paths import ROOT
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.bench.figures import figures
 from karma.bench.records import (
     Answer,
     AnswerTiming,
@@ -21,11 +22,9 @@ from karma.bench.records import (
     EpisodeTiming,
     SubTaskRecord,
     SubTaskTiming,
-    by_task,
     read_records,
     read_timings,
     spent_by,
-    summarise,
     untimed,
     waited,
     write_record,
@@ -169,41 +168,26 @@ def test_damaged_line_before_the_last_is_refused_with_its_number(tmp_path):
 # ----------------------------------------------------------------- figures
 
 
-def test_summary_equals_figures_computed_by_hand():
+def test_figures_equal_those_computed_by_hand():
     records = [episode(), FAILED, BROKEN, SILENT]
-    lines = summarise(records, timings(*records))
+    lines = figures(records, timings(*records))
     assert [(line.row, line.kind) for line in lines] == [
         ("KARMA", "simple"), ("KARMA", "complex"), ("KARMA", "all"),
         ("expert", "simple"), ("expert", "all"),
     ]  # fmt: skip
-    simple, broken, every, _, expert = lines
-    assert (simple.episodes, simple.successes, simple.success_rate) == (2, 1, 0.5)
-    assert (simple.explorations, simple.actions) == (1.5, 4.5)  # 3 calls of 1 and 3 in 2 episodes
-    assert (simple.planner_calls, simple.seconds) == (1.5, 2.25)
-    assert simple.memory_hit_rate == pytest.approx(2 / 5)
-    assert (broken.successes, broken.success_rate, broken.memory_hit_rate) == (0, 0.0, None)
-    assert (every.episodes, every.successes) == (3, 1)
-    assert every.success_rate == pytest.approx(1 / 3)
-    assert every.memory_hit_rate == pytest.approx(2 / 5)
-    assert (expert.success_rate, expert.actions, expert.explorations) == (1.0, 8.0, 2.0)
-    assert (expert.planner_calls, expert.memory_hit_rate) == (None, None)
-
-
-def test_summary_of_an_episode_that_broke_at_once_measures_no_planner():
-    (_, line) = summarise([episode(subtasks=(), error="no scene")])
-    assert (line.success_rate, line.actions) == (0.0, 0.0)
-    assert (line.planner_calls, line.memory_hit_rate) == (None, None)
-
-
-def test_summary_without_the_timing_of_every_episode_has_no_seconds():
-    records = [episode(), FAILED]
-    assert [line.seconds for line in summarise(records)] == [None, None]
-    assert [line.seconds for line in summarise(records, timings(FAILED))] == [None, None]
-    assert [line.seconds for line in summarise(records, timings(*records))] == [2.25, 2.25]
-
-
-def test_summary_of_nothing_is_nothing():
-    assert summarise([]) == ()
+    found = [{key: one.value for key, one in line.values.items()} for line in lines]
+    assert [(line.successes, line.episodes) for line in lines] == [
+        (1, 2), (0, 1), (1, 3), (1, 1), (1, 1),
+    ]  # fmt: skip
+    simple, broken, every, _, expert = found
+    assert (simple["explorations"], simple["actions"]) == (1.5, 4.5)  # 3 calls in 2 episodes
+    assert (simple["planner_calls"], simple["seconds"]) == (1.5, 2.25)
+    assert simple["hits"] == every["hits"] == pytest.approx(2 / 5)
+    assert (broken["success"], broken["hits"]) == (0.0, None)
+    assert every["success"] == pytest.approx(1 / 3)
+    assert (expert["success"], expert["actions"], expert["explorations"]) == (1.0, 8.0, 2.0)
+    assert (expert["planner_calls"], expert["hits"]) == (None, None)
+    assert figures([]) == ()
 
 
 def test_success_needs_every_goal_no_error_and_a_goal_at_all():
@@ -215,11 +199,6 @@ def test_success_needs_every_goal_no_error_and_a_goal_at_all():
     assert episode(subtasks=(part(), part(goals=()))).success
 
 
-def test_by_task_keeps_the_last_seed_of_each_row():
-    last = episode(seed=1)
-    assert by_task([episode(), SILENT, last]) == {"t1": {"KARMA": last, "expert": SILENT}}
-
-
 def printed(renderable):
     console = Console(file=io.StringIO(), width=160)
     console.print(renderable)
@@ -227,10 +206,10 @@ def printed(renderable):
 
 
 def test_tables_print_a_dash_for_what_was_not_measured():
-    text = printed(show.summary_table(summarise([SILENT], timings(SILENT)), "a title"))
+    text = printed(show.summary_table(figures([SILENT], timings(SILENT)), "a title"))
     (line,) = [line for line in text.splitlines() if " simple" in line]
     assert re.sub(r"[│\s]+", " ", line).strip() == "expert simple 1/1 1.00 2.0 8 – 1.50 –"
-    tasks = printed(show.task_table([episode(), FAILED, SILENT]))
+    tasks = printed(show.task_table([SILENT, episode(subtasks=()), episode(), FAILED]))
     assert "✗ 0/1" in tasks
     assert "–" in tasks
     assert "unresolved X: y" in tasks
@@ -404,7 +383,7 @@ def test_missing_task_file_is_named(experiment, tmp_path):
     [
         ('name = "x"\noptions = { colour = "red" }', "unknown option 'colour'; known options: lo"),
         ('name = "x"\nmethod = "expert"\noptions = { k = 1 }', "unknown option 'k'"),
-        ('name = "x"\nmethod = "exprt"', "Did you mean 'expert'"),
+        ('name = "x"\nmethod = "orakel"', "Did you mean 'expert'"),
         ('name = "x"\noptions = { recall_k = "three" }', "Expected `int`.*recall_k"),
     ],
 )

@@ -6,25 +6,39 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.made_records import APPLE, KNIFE, MUG, answer, call, episode, plain, runs, sub
+from support.made_records import (
+    APPLE,
+    KNIFE,
+    MUG,
+    answer,
+    call,
+    episode,
+    plain,
+    runs,
+    sub,
+    write_run,
+)
 
 from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
 from karma.bench.failures import CAUSES, count, failures
-from karma.bench.metrics import (
-    ACTIONS,
-    EXPLORATIONS,
-    METRICS,
-    episodes_of,
-    figures,
-    needs,
-    related_needs,
-)
+from karma.bench.figures import figures
+from karma.bench.metrics import METRICS, actions, episodes_of, explorations
+from karma.bench.needs import needs, related_needs
 from karma.bench.records import AnswerTiming, EpisodeTiming, SubTaskTiming
+from karma.bench.results import result_of
+from karma.bench.run_folder import read_run
 from karma.bench.steps import Ended, Enter, Instruction, Start, Unit
+from karma.contracts import Tour
+from karma.infer.hosted.cost import Spent
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
 HOLD = "HOLDON(robot, Mug): 1"
 TAP = "TOGGLEON(Faucet): 1"
+
+
+def saved(records, timings=None, **changes):
+    """Return what the rows of some records save."""
+    return reductions(episodes_of(records, timings), **changes)
 
 
 def value(records, key, *, row="KARMA", kind="all", timings=None):
@@ -138,6 +152,34 @@ def test_seconds_come_from_timings_alone():
     assert value([record], "first_token_s", timings={timing.key: timing}) == 0.1
 
 
+def test_an_episode_that_dies_before_its_first_prompt_asked_the_planner_nothing(tmp_path):
+    """In the terminal, in `results.json` and in the tables alike: 0 calls, 0 tokens, 0 steps."""
+    done = [answer(prompt_tokens=90, completion_tokens=8)] * 2
+    records = [
+        episode(sub(CUT, answers=done, calls=[call("A", actions=6)]), task="t1"),
+        episode(task="t2", error="WorldLost: gone"),
+    ]
+    keys = ("planner_calls", "prompt_tokens", "completion_tokens", "actions")
+    assert [value(records, key) for key in keys] == [1, 90, 8, 3]
+    alone = [episode(task="t2", error="WorldLost: gone")]
+    assert [value(alone, key) for key in keys] == [None, None, None, 0]  # has it a planner?
+    run = read_run(write_run(tmp_path / "run", records))
+    (line, _) = result_of(run, {}).figures
+    assert [line.values[key].value for key in keys] == [1, 90, 8, 3]
+
+
+def test_hosted_models_count_per_episode_where_there_are_any():
+    spent = Spent(role="planner", model="m", requests=3, failures=0, prompt_tokens=9,
+                  completion_tokens=5, cost=0.5, seconds=None)  # fmt: skip
+    asked = replace(episode(sub(CUT)), hosted=(spent,))
+    records = [asked, episode(task="t2", error="WorldLost: gone")]
+    keys = ("hosted_requests", "hosted_tokens", "cost")
+    assert [value(records, key) for key in keys] == [1.5, 7, 0.25]
+    assert [value(records[1:], key) for key in keys] == [None] * 3
+    unknown = replace(asked, hosted=(replace(spent, cost=None),))
+    assert value([unknown], "cost") is None
+
+
 @given(records=runs(), data=st.data())
 @settings(max_examples=12)
 def test_figures_do_not_depend_on_the_order_of_records(records, data):
@@ -145,8 +187,8 @@ def test_figures_do_not_depend_on_the_order_of_records(records, data):
     named = {(line.row, line.kind): line for line in figures(turned)}
     for line in figures(records):
         assert named[line.row, line.kind] == line
-    saved = {(one.row, one.kind): one for one in reductions(turned)}
-    assert saved == {(one.row, one.kind): one for one in reductions(records)}
+    there = {(one.row, one.kind): one for one in saved(turned)}
+    assert there == {(one.row, one.kind): one for one in saved(records)}
 
 
 @given(records=runs())
@@ -178,28 +220,73 @@ def twins(*amounts, row="KARMA"):
 
 def test_reduction_is_what_the_twin_spent_less_what_the_row_spent():
     records = twins(("t1", 0, 1, 10), ("t1", 1, 3, 10), ("t2", 0, 0, 20))
-    line = next(one for one in reductions(records) if one.kind == "all")
+    line = next(one for one in saved(records) if one.kind == "all")
     assert (line.row, line.reference, line.pairs) == ("KARMA", OFF_ROW, 3)
-    assert line.explorations.value == pytest.approx(1 - 4 / 40)
-    assert line.actions.value == pytest.approx(1 - 4 / 40)
-    assert line.seconds.value is None  # nobody timed it
+    assert line.values["re"].value == pytest.approx(1 - 4 / 40)
+    assert line.values["rt"].value == pytest.approx(1 - 4 / 40)
+    assert line.values["rt_clock"].value is None  # nobody timed it
+
+
+def test_rt_by_the_clock_needs_the_time_of_every_pair():
+    records = twins(("t1", 0, 5, 10), ("t2", 0, 5, 10))
+    took = {
+        one.key: EpisodeTiming(
+            row=one.row, task=one.task, seed=one.seed,
+            subtasks=(SubTaskTiming(seconds=4.0 if one.row == OFF_ROW else 3.0),),
+        )
+        for one in records
+    }  # fmt: skip
+    assert value(records, "rt_clock", timings=took) == pytest.approx(0.25)
+    assert value(records, "rt", timings=took) == pytest.approx(0.5)
+    del took[records[0].key]
+    assert value(records, "rt_clock", timings=took) is None
+
+
+TOUR = Tour(scene="kitchen_1", places=12, actions=120)
+
+
+def test_the_first_tour_is_spread_over_what_was_asked_in_the_room():
+    """Three instructions in one room, 5 places and 50 steps each; 10 and 100 without a map."""
+    records = [
+        replace(one, tours=(TOUR,)) if one.row == "KARMA" else one
+        for one in twins(("t1", 0, 5, 10), ("t1", 1, 5, 10), ("t2", 0, 5, 10))
+    ]
+    assert value(records, "tour_places") == 12
+    assert value(records, "tour_actions") == 120
+    assert value(records, "tour_places", row=OFF_ROW) is None
+    assert value(records, "re") == pytest.approx(1 - 15 / 30)
+    assert value(records, "re_toured") == pytest.approx(1 - (15 + 12) / 30)
+    assert value(records, "rt_toured") == pytest.approx(1 - (150 + 120) / 300)
+    assert value(records, "re_toured_10") == pytest.approx(1 - (15 + 3 * 12 / 10) / 30)
+    assert value(records, "re_toured_40") == pytest.approx(1 - (15 + 3 * 12 / 40) / 30)
+
+
+def test_a_tour_is_counted_once_for_each_room_of_each_row():
+    """Also for an episode that broke off before it could tell of the map that it used."""
+    first, second = (replace(TOUR, scene=name, places=n) for name, n in (("a", 6), ("b", 4)))
+    looked = call("Explore(robot, 'Apple')", explorations=5)
+    parts = [replace(sub(CUT, calls=[looked]), scene=name) for name in ("a", "b", "a")]
+    home = replace(episode(*parts), tours=(first, second))
+    broken = replace(home, seed=1, error="WorldLost: gone", subtasks=home.subtasks[:1], tours=())
+    twin = [replace(one, row=OFF_ROW, tours=()) for one in (home, replace(home, seed=1))]
+    assert value([home, broken, *twin], "re_toured") == pytest.approx(1 - (20 + 10) / 30)
 
 
 def test_reduction_below_0_is_said_and_of_nothing_undefined():
-    worse = next(one for one in reductions(twins(("t1", 0, 6, 4))) if one.kind == "all")
-    assert worse.explorations.value == pytest.approx(-0.5)
-    nothing = next(one for one in reductions(twins(("t1", 0, 0, 0))) if one.kind == "all")
-    assert nothing.explorations.value is None
+    worse = next(one for one in saved(twins(("t1", 0, 6, 4))) if one.kind == "all")
+    assert worse.values["re"].value == pytest.approx(-0.5)
+    nothing = next(one for one in saved(twins(("t1", 0, 0, 0))) if one.kind == "all")
+    assert nothing.values["re"].value is None
 
 
 def test_reduction_pairs_by_task_and_seed_whatever_else_is_there():
     records = twins(("t1", 0, 2, 4), ("t2", 0, 3, 6))
     records += [plain(True, places=99, task="t1", seed=7), plain(True, places=50, row=LOTA_ROW)]
-    line = next(one for one in reductions(records) if (one.row, one.kind) == ("KARMA", "all"))
-    assert (line.pairs, line.explorations.value) == (2, 0.5)
-    other = next(one for one in reductions(records, reference=LOTA_ROW) if one.row == "KARMA")
-    assert other.explorations.value == pytest.approx(1 - 2 / 50)
-    assert reductions(records, reference="nobody") == ()
+    line = next(one for one in saved(records) if (one.row, one.kind) == ("KARMA", "all"))
+    assert (line.pairs, line.values["re"].value) == (2, 0.5)
+    other = next(one for one in saved(records, reference=LOTA_ROW) if one.row == "KARMA")
+    assert other.values["re"].value == pytest.approx(1 - 2 / 50)
+    assert saved(records, reference="nobody") == ()
 
 
 def test_reduction_of_related_sub_tasks_leaves_out_the_first_search():
@@ -207,20 +294,18 @@ def test_reduction_of_related_sub_tasks_leaves_out_the_first_search():
         looks = [call("Explore(robot, 'Apple')", explorations=n) for n in (first, second)]
         return episode(sub(CUT, calls=looks[:1]), sub(KEEP, calls=looks[1:]), row=name)
 
-    line = next(
-        one for one in reductions([row("KARMA", 8, 1), row(OFF_ROW, 8, 8)]) if one.kind == "all"
-    )
-    assert line.explorations.value == pytest.approx(1 - 9 / 16)
-    assert line.explorations_related.value == pytest.approx(1 - 1 / 8)
-    assert line.actions_related.value == 0
+    line = next(one for one in saved([row("KARMA", 8, 1), row(OFF_ROW, 8, 8)]) if one.kind == "all")
+    assert line.values["re"].value == pytest.approx(1 - 9 / 16)
+    assert line.values["re_related"].value == pytest.approx(1 - 1 / 8)
+    assert line.values["rt_related"].value == 0
 
 
 def test_reduction_of_solved_pairs_leaves_out_who_gave_up():
     records = [*twins(("t1", 0, 5, 10)), plain(False, places=0, task="t2"),
                plain(True, places=10, row=OFF_ROW, task="t2")]  # fmt: skip
-    line = next(one for one in reductions(records) if one.kind == "all")
-    assert line.explorations.value == 0.75
-    assert (line.solved_pairs, line.explorations_solved.value) == (1, 0.5)
+    line = next(one for one in saved(records) if one.kind == "all")
+    assert line.values["re"].value == 0.75
+    assert (line.solved_pairs, line.values["re_solved"].value) == (1, 0.5)
 
 
 @given(places=st.lists(st.tuples(st.integers(1, 30), st.floats(0, 1)), min_size=8, max_size=30))
@@ -231,9 +316,9 @@ def test_a_known_reduction_is_recovered_inside_its_interval(places):
         (f"t{number}", 0, off + round(wobble), 5 * off)
         for number, (off, wobble) in enumerate(places)
     ))  # fmt: skip
-    line = next(one for one in reductions(records) if one.kind == "all")
-    assert line.explorations.value in line.explorations.interval
-    assert 0.6 - 1e-9 <= line.explorations.value <= 0.8 + 1e-9
+    line = next(one for one in saved(records) if one.kind == "all")
+    assert line.values["re"].value in line.values["re"].interval
+    assert 0.6 - 1e-9 <= line.values["re"].value <= 0.8 + 1e-9
 
 
 @given(amounts=st.lists(st.integers(0, 30), min_size=2, max_size=20))
@@ -242,8 +327,8 @@ def test_identical_arms_save_nothing(amounts):
     records = twins(*((f"t{number}", 0, one, one) for number, one in enumerate(amounts)))
     episodes = episodes_of(records)
     rows = [[e for e in episodes if e.record.row == row] for row in ("KARMA", OFF_ROW)]
-    for metric in (EXPLORATIONS, ACTIONS):
-        found = reduced(metric, paired(*rows))
+    for amount in (explorations, actions):
+        found = reduced(amount, paired(*rows))
         assert found.value == (0 if any(amounts) else None)
         if found.interval is not None:
             assert 0 in found.interval

@@ -10,19 +10,14 @@ from support.paths import ROOT
 from typer.testing import CliRunner
 
 from karma.bench.experiment import read_experiment
-from karma.bench.margins import claims
-from karma.bench.metrics import METRICS
+from karma.bench.figures import COLUMNS
+from karma.bench.margins import margins
+from karma.bench.published import COLUMNS as PUBLISHED_COLUMNS
+from karma.bench.published import load_published
 from karma.bench.results import result_of
 from karma.bench.run_folder import RESULTS, read_run
-from karma.bench.tables import (
-    COLUMNS,
-    Sheet,
-    load_published,
-    sheets,
-    to_csv,
-    to_latex,
-    to_markdown,
-)
+from karma.bench.sheet import Sheet, to_latex, to_markdown
+from karma.bench.tables import sheets, to_csv
 from karma.cli import app
 from karma.errors import FileError
 
@@ -124,7 +119,7 @@ def test_latex_rows_have_as_many_cells_as_the_table_has_columns():
 
 def test_csv_has_every_metric_of_every_row(result):
     rows = list(csv.DictReader(io.StringIO(to_csv(result))))
-    assert len(rows) == 3 * 3 * (len(METRICS) + 2)
+    assert len(rows) == 3 * 3 * len(COLUMNS)
     one = next(
         r for r in rows if (r["row"], r["kind"], r["metric"]) == ("KARMA", "simple", "success")
     )
@@ -154,19 +149,19 @@ def test_table_of_an_unfinished_run_says_what_stands_behind_each_row(tmp_path):
 # ----------------------------------------------------------------- the paper's margins
 
 
-def margins(tmp_path, **solved):
-    """Return claims of a run over ten composite tasks, from row -> tasks solved, places 1 to 10."""
+def margins_of(tmp_path, **solved):
+    """Return the margins of a run over ten composite tasks, from row -> tasks solved."""
     records = [
         plain(number < count, places=1 if row == "KARMA" else 10, row=row.replace("_", " "),
               task=f"t{number}", kind="composite")
         for row, count in solved.items() for number in range(10)
     ]  # fmt: skip
     run = read_run(write_run(tmp_path / "run", records))
-    return {claim.text: claim for claim in claims(result_of(run, PUBLISHED))}
+    return {one.text: one for one in margins(result_of(run, PUBLISHED))}
 
 
-def test_claims_take_the_best_baseline_and_no_twin_ablation_or_expert(tmp_path):
-    found = margins(
+def test_margins_take_the_best_baseline_and_no_twin_ablation_or_teacher(tmp_path):
+    found = margins_of(
         tmp_path, KARMA=9, HELPER=4, CAPEAM=6, KARMA_w_o=8, memory_off=8, expert=10
     )  # fmt: skip
     text = "SR of KARMA, composite tasks, times that of the best baseline"
@@ -180,12 +175,19 @@ def test_claims_take_the_best_baseline_and_no_twin_ablation_or_expert(tmp_path):
     assert found["RT of KARMA, composite tasks"].verdict == "no"  # ten steps each
 
 
-def test_claims_that_fail_or_cannot_be_judged_are_said_to(tmp_path):
+def test_margins_say_what_the_agent_solves_without_memory(tmp_path):
+    found = margins_of(tmp_path, KARMA=10, HELPER=4, memory_off=8)
+    margin = found["SR of KARMA, composite tasks, times that without memory"]
+    assert (margin.rival, margin.ours.value, margin.wanted) == ("memory off", 1.25, 1.0)
+    assert margin.verdict == "yes"
+
+
+def test_margins_that_fail_or_cannot_be_judged_are_said_to(tmp_path):
     text = "SR of KARMA, composite tasks, times that of the best baseline"
-    assert margins(tmp_path / "a", KARMA=5, HELPER=5)[text].verdict == "no"
-    assert margins(tmp_path / "b", KARMA=5, HELPER=0)[text].verdict == "undefined"
-    assert margins(tmp_path / "c", KARMA=6, HELPER=5)[text].verdict == "no, not surely"
-    assert margins(tmp_path / "d", KARMA=6) == {}
+    assert margins_of(tmp_path / "a", KARMA=5, HELPER=5)[text].verdict == "no"
+    assert margins_of(tmp_path / "b", KARMA=5, HELPER=0)[text].verdict == "undefined"
+    assert margins_of(tmp_path / "c", KARMA=6, HELPER=5)[text].verdict == "no, not surely"
+    assert margins_of(tmp_path / "d", KARMA=6) == {}
 
 
 # ----------------------------------------------------------------- the published figures
@@ -202,7 +204,10 @@ def test_published_figures_are_those_of_the_paper(shared):
         if name not in names or len(cells) != 12:
             continue
         for number, cell in enumerate(cells):
-            kind, column = ("simple", "composite", "complex")[number // 4], COLUMNS[number % 4]
+            kind, column = (
+                ("simple", "composite", "complex")[number // 4],
+                PUBLISHED_COLUMNS[number % 4],
+            )
             found = PUBLISHED.get((names[name], kind, column))
             assert (found.value if found else "-") == (float(cell) if cell != "-" else "-")
             if found:

@@ -2,7 +2,7 @@
 
 from hypothesis import strategies as st
 
-from karma.bench.metrics import needs
+from karma.bench.needs import needs
 from karma.bench.records import Answer, Call, EpisodeRecord, SubTaskRecord
 from karma.bench.run_folder import EPISODES, FORMAT, HEADER, TIMINGS, Header, Machine
 from karma.files import to_json

@@ -1,0 +1,75 @@
+"""The figures of a run: every metric and every saving of every row and kind of task.
+
+The terminal, `results.json`, the tables, the report and comparisons all take theirs from here.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from karma.bench.counterfactual import OFF_ROW, SAVINGS, Reduction, Saving, reductions
+from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of, measure
+from karma.bench.records import KINDS, EpisodeRecord, EpisodeTiming, Key
+from karma.bench.statistics import Estimate
+
+_LISTED: tuple[Metric | Saving, ...] = (*METRICS, *SAVINGS)
+COLUMNS = {one.key: one for one in _LISTED}  # of `Figures.values`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """All figures of one row and kind of task."""
+
+    row: str
+    kind: str  # or "all"
+    episodes: int
+    tasks: int
+    seeds: int
+    values: Mapping[str, Estimate]  # by the keys of `COLUMNS`
+
+    @property
+    def successes(self) -> int:
+        """How many episodes solved their task."""
+        return round((self.values["success"].value or 0.0) * self.episodes)
+
+
+def figures(
+    records: Sequence[EpisodeRecord],
+    timings: Mapping[Key, EpisodeTiming] | None = None,
+    *,
+    reference: str = OFF_ROW,
+) -> tuple[Figures, ...]:
+    """Return every figure of every row and kind, and of all kinds together.
+
+    Rows stand in the order of the records, kinds in the paper's. What is measured against a
+    reference row is undefined in a run without it, what is measured in seconds without timings.
+    """
+    episodes = episodes_of(records, timings)
+    return figures_of(episodes, reductions(episodes, reference=reference))
+
+
+def figures_of(
+    episodes: Sequence[TimedEpisode], reductions: Sequence[Reduction]
+) -> tuple[Figures, ...]:
+    """Return the figures of some episodes with what they save, see `figures`."""
+    saved = {(one.row, one.kind): one.values for one in reductions}
+    lines = []
+    for row in dict.fromkeys(one.record.row for one in episodes):
+        mine = [one for one in episodes if one.record.row == row]
+        for kind in (*KINDS, "all"):
+            if some := [one for one in mine if kind in (one.record.kind, "all")]:
+                lines.append(_figures(row, kind, some, saved.get((row, kind), {})))
+    return tuple(lines)
+
+
+def _figures(
+    row: str, kind: str, episodes: Sequence[TimedEpisode], saved: Mapping[str, Estimate]
+) -> Figures:
+    return Figures(
+        row=row,
+        kind=kind,
+        episodes=len(episodes),
+        tasks=len({one.record.task for one in episodes}),
+        seeds=len({one.record.seed for one in episodes}),
+        values={metric.key: measure(metric, episodes) for metric in METRICS}
+        | {one.key: saved.get(one.key, Estimate(value=None)) for one in SAVINGS},
+    )

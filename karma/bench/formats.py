@@ -1,0 +1,84 @@
+"""How figures are written, everywhere alike: one sign for what was not measured."""
+
+from typing import Protocol
+
+UNKNOWN = "–"
+
+
+class Bounds(Protocol):
+    """An interval."""
+
+    @property
+    def low(self) -> float:
+        """The lower end."""
+
+    @property
+    def high(self) -> float:
+        """The upper end."""
+
+
+class Measured(Protocol):
+    """A figure with its interval; see `karma.bench.statistics.Estimate`."""
+
+    @property
+    def value(self) -> float | None:
+        """The figure; None where nothing was measured."""
+
+    @property
+    def interval(self) -> Bounds | None:
+        """Its interval; None where it has none."""
+
+
+def figure_text(value: float | None, digits: int = 2) -> str:
+    """Return a figure, or the sign for what was not measured.
+
+    >>> figure_text(None), figure_text(0.5), figure_text(3, 0)
+    ('–', '0.50', '3')
+    """
+    return UNKNOWN if value is None else f"{value:z.{digits}f}"
+
+
+def percent_text(share: float | None, digits: int = 0) -> str:
+    """Return a share in per cent, without the sign of it.
+
+    >>> percent_text(None), percent_text(0.125, 1)
+    ('–', '12.5')
+    """
+    return figure_text(None if share is None else 100 * share, digits)
+
+
+def interval_text(measured: Measured, digits: int = 2, *, sign: bool = False) -> str:
+    """Return a figure with its interval."""
+    ends = measured.interval
+    low, high = (ends.low, ends.high) if ends else (None, None)
+    return range_text(measured.value, low, high, digits, sign=sign)
+
+
+def range_text(
+    value: float | None,
+    low: float | None,
+    high: float | None,
+    digits: int = 2,
+    *,
+    sign: bool = False,
+) -> str:
+    """Return a figure with the ends of its interval, where it has one.
+
+    >>> range_text(0.5, 0.25, 0.75, 1, sign=True), range_text(2.0, None, None)
+    ('+0.5 [+0.2, +0.8]', '2.00')
+    """
+    if value is None:
+        return UNKNOWN
+    form = f"{'+' if sign else ''}z.{digits}f"
+    if low is None or high is None:
+        return f"{value:{form}}"
+    return f"{value:{form}} [{low:{form}}, {high:{form}}]"
+
+
+def plural(number: int, word: str) -> str:
+    """Return a number of things.
+
+    >>> plural(1, "task"), plural(2, "task")
+    ('1 task', '2 tasks')
+    """
+    return f"{number} {word}" + ("" if number == 1 else "s")
