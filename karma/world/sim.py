@@ -17,8 +17,8 @@ from karma.world.core import scene
 from karma.world.core.effects import settle
 from karma.world.core.scene import Scene
 from karma.world.core.state import (
-    Done,
     Images,
+    Performed,
     Refusal,
     Result,
     Settings,
@@ -174,11 +174,11 @@ def _act(last: WorldEvent, name: str, arguments: Mapping[str, Any]) -> WorldEven
         ready = action.ready(given)
         result = ready if isinstance(ready, Refusal) else action.handler(last.state, **ready)
     state = last.state
-    if isinstance(result, Done) and not (result.state is state and not result.seconds):
+    if isinstance(result, Performed) and not (result.state is state and not result.seconds):
         state = settle(replace(result.state, time_s=result.state.time_s + result.seconds))
     images = _images(state.settings.images, flags)
     before = last if state is last.state else None
-    if isinstance(result, Done):
+    if isinstance(result, Performed):
         return WorldEvent(
             state=state,
             action=name,

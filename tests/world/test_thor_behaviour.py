@@ -194,6 +194,7 @@ def test_look_up_tilts_by_30_degrees_to_minus_30_at_most(front):
     assert front.step("LookUp")
     assert meta(front, "agent", "cameraHorizon") == pytest.approx(-30.0, abs=1e-3)
     assert not front.step("LookUp")
+    assert meta(front, "errorCode") == "LookDownCantExceedMin"
     assert meta(front, "errorMessage").startswith("can't look up beyond 30 degrees")
     assert front.step("LookDown", degrees=12.5)
     assert meta(front, "agent", "cameraHorizon") == pytest.approx(-17.5, abs=1e-3)
@@ -227,6 +228,7 @@ def test_rotate_look_sets_yaw_and_horizon_at_once(front):
     assert front.step("RotateLook", rotation={"x": 0, "y": 33, "z": 0}, horizon=-11)
     assert meta(front, "agent", "rotation", "y") == pytest.approx(33.0, abs=1e-3)
     assert meta(front, "agent", "cameraHorizon") == pytest.approx(-11.0, abs=1e-3)
+    assert not front.step("RotateLook", rotation=0, horizon=61)
 
 
 @behaviour("teleport")
@@ -428,8 +430,10 @@ def test_question_without_fast_emit_is_answered_in_full(front):
 @behaviour("fifo_large_input")
 def test_arguments_larger_than_any_pipe_arrive_whole(front):
     text = "".join(random.Random(3).choices(string.ascii_letters, k=1 << 20))
+    before = front.step("RotateRight")
     event = front.step("TestActionReflectParam", rvalue=text)
     assert event.metadata["actionReturn"] == text
+    assert event.metadata["objects"] is not before.metadata["objects"]
 
 
 @behaviour("action_dispatch_invalid_action")
@@ -574,6 +578,7 @@ def test_third_party_camera_is_where_it_was_put_and_has_pictures(front):
     assert event.third_party_camera_frames[0].shape == (300, 300, 3)
     assert front.step("AddThirdPartyCamera", **CAMERA)
     assert len(front.last_event.third_party_camera_frames) == 2
+    assert meta(front, "thirdPartyCameras", 1, "fieldOfView") == 90.0
     for number, camera in enumerate(meta(front, "thirdPartyCameras")):
         assert camera["thirdPartyCameraId"] == number
         for key, given in CAMERA.items():
@@ -742,6 +747,7 @@ def test_burner_is_lit_by_its_knob_and_not_directly(front):
     knob = first(front, "StoveKnob")
     (burner,) = look(front, knob)["controlledObjects"]
     assert look(front, burner)["objectType"] == "StoveBurner"
+    assert not front.step("ToggleObjectOn", objectId=burner, forceAction=True)
     reach(front, knob)
     assert front.step("ToggleObjectOn", objectId=knob)
     assert look(front, knob)["isToggled"]

@@ -142,30 +142,9 @@ def test_turn_by_any_positive_angle_and_no_other(world):
         assert not world.step("RotateRight", degrees=degrees)
 
 
-def test_look_goes_by_30_degrees_to_its_limits(world):
-    for horizon in (30.0, 60.0):
-        assert world.step("LookDown").metadata["agent"]["cameraHorizon"] == horizon
-    event = world.step("LookDown")
-    assert event.message == "can't look down beyond 60 degrees below the forward horizon"
-    assert event.code == "LookDownCantExceedMin"
-    assert event.metadata["agent"]["cameraHorizon"] == 60.0
-    world.step("LookUp", degrees=89.9)
-    assert world.last_event.metadata["agent"]["cameraHorizon"] == -29.9
-    assert world.step("LookUp", degrees=1).code == "LookDownCantExceedMin"
-
-
 def test_look_by_a_fraction_that_is_no_tenth_is_refused(world):
     assert "multiple of 0.1" in world.step("LookDown", degrees=0.25).message
     assert "negative" in world.step("LookUp", degrees=-10).message
-
-
-def test_rotate_look_sets_both_angles(world):
-    event = world.step("RotateLook", rotation=90, horizon=31)
-    agent = event.metadata["agent"]
-    assert (agent["rotation"], agent["cameraHorizon"]) == ({"x": 0.0, "y": 90.0, "z": 0.0}, 31.0)
-    agent = world.step("RotateLook", rotation=0, horizon=0).metadata["agent"]
-    assert (agent["rotation"]["y"], agent["cameraHorizon"]) == (0.0, 0.0)
-    assert not world.step("RotateLook", rotation=0, horizon=61)
 
 
 # ----------------------------------------------------------------- teleporting

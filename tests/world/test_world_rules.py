@@ -62,15 +62,6 @@ def test_table_has_no_effect_without_a_test():
     assert {effect.name for effect in rules().effect} == set(EFFECTS_TRIED)
 
 
-def test_burner_follows_its_knob_and_only_its_knob(world):
-    burner = find(world, "StoveBurner")
-    assert not world.step("ToggleObjectOn", objectId=burner, forceAction=True)
-    assert switch(world, "StoveKnob")
-    assert look(world, burner)["isToggled"]
-    assert switch(world, "StoveKnob", False)
-    assert not look(world, burner)["isToggled"]
-
-
 @pytest.mark.parametrize(
     ("kind", "cooked"), [("Potato", True), ("EggCracked", True), ("Apple", False)]
 )
@@ -428,11 +419,6 @@ def test_closed_container_hides_its_contents_and_an_open_one_shows_them(world):
     assert world.step("CloseObject", objectId=fridge)
     assert world.step("CloseObject", objectId=fridge)  # it is opening to the degree 0
     assert world.step("PickupObject", objectId=egg, forceAction=True)
-
-
-def test_openness_out_of_range_is_refused(world):
-    fridge = reach(world, "Fridge")
-    assert "openness" in world.step("OpenObject", objectId=fridge, openness=1.5).message
 
 
 @pytest.mark.parametrize(

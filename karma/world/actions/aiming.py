@@ -8,7 +8,7 @@ from typing import Any
 from karma.household.types import Capability
 from karma.world.actions.moving import unknown
 from karma.world.core.scene import SceneObject
-from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import is_inert
 from karma.world.core.view import aim
 
@@ -40,7 +40,7 @@ def on_object(
             **own: Any,
         ) -> Result:
             if done and getattr(state.objects.get(objectId or ""), done, False):
-                return Done(state)
+                return Performed(state)
             thing = target(state, action, objectId, x, y, forceAction)
             if isinstance(thing, Refusal):
                 return thing

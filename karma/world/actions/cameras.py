@@ -7,7 +7,7 @@ from typing import Any
 from karma.world.core.arguments import Place
 from karma.world.core.camera import Camera
 from karma.world.core.posing import vector
-from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
 
 _COLORS = (
     "default", "red", "cyan", "blue", "darkblue", "lightblue", "purple", "yellow", "lime",
@@ -43,7 +43,7 @@ def add(
     )  # fmt: skip
     if isinstance(camera, Refusal):
         return camera
-    return Done(replace(state, cameras=(*state.cameras, camera)))
+    return Performed(replace(state, cameras=(*state.cameras, camera)))
 
 
 def update(
@@ -73,7 +73,7 @@ def update(
         return camera
     cameras = list(state.cameras)
     cameras[thirdPartyCameraId] = camera
-    return Done(replace(state, cameras=tuple(cameras)))
+    return Performed(replace(state, cameras=tuple(cameras)))
 
 
 def _changed(
@@ -134,4 +134,4 @@ def map_view(state: WorldState) -> Result:
         "orthographicSize": float(half),
         "orthographic": True,
     }
-    return Done(state, view, 0.0)
+    return Performed(state, view, 0.0)

@@ -12,7 +12,7 @@ from karma.world.core.arguments import Place
 from karma.world.core.arrays import Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.posing import angles, rotation_matrix, spun, vector, with_contents
-from karma.world.core.state import Done, Refusal, Result, WorldState
+from karma.world.core.state import Performed, Refusal, Result, WorldState
 from karma.world.core.view import camera, camera_axes, in_picture
 
 _EMPTY = "Agent is not holding anything in its hand."
@@ -57,7 +57,7 @@ def _reach(state: WorldState, by: Vec3, force: bool) -> Result:
     hit = bumped(state, after)
     if hit is not None:
         return Refusal(f"{state.objects[state.held].name} would run into {hit}.")
-    return Done(after)
+    return Performed(after)
 
 
 def _too_far(state: WorldState) -> Refusal | None:
@@ -105,7 +105,7 @@ def rotate(
     hit = bumped(state, after)
     if hit is not None:
         return Refusal(f"{thing.name} would run into {hit} when turned.")
-    return Done(after)
+    return Performed(after)
 
 
 def bumped(before: WorldState, after: WorldState) -> str | None:

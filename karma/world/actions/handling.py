@@ -17,7 +17,7 @@ from karma.world.core.placement import find_place, flight, land, parents_in
 from karma.world.core.posing import emptied
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import bottom, difference, heading, moved
 
 _GRAVITY = 9.81
@@ -49,7 +49,7 @@ def pick_up(state: WorldState, thing: SceneObject, *, manualInteract: bool = Fal
     if state.held is not None:
         message = "Agent hand has something in it already! Can't pick up anything else"
         return refuse("InvalidOperationException", message)
-    return Done(_grasped(state, thing), thing.id)
+    return Performed(_grasped(state, thing), thing.id)
 
 
 def _grasped(state: WorldState, thing: SceneObject) -> WorldState:
@@ -93,7 +93,7 @@ def put(
     place = find_place(state, thing, receptacle)
     if place is None:
         return Refusal("No valid positions to place object found")
-    return Done(_released(state, place, receptacle.id))
+    return Performed(_released(state, place, receptacle.id))
 
 
 def _does_not_take(
@@ -166,7 +166,7 @@ def _let_go(state: WorldState, force: float) -> Result:
     impulse += fragile.fall_share * thing.mass_kg * (2 * _GRAVITY * height) ** 0.5
     after = _struck(_released(state, middle, holder), thing.id, holder, impulse)
     px, py, pz = after.objects[thing.id].position
-    return Done(after, {"x": px, "y": py, "z": pz}, rules().time.fall_s)
+    return Performed(after, {"x": px, "y": py, "z": pz}, rules().time.fall_s)
 
 
 def _struck(state: WorldState, fallen: str, under: str | None, impulse: float) -> WorldState:
@@ -211,7 +211,7 @@ def _opened(state: WorldState, thing: SceneObject, openness: float) -> Result:
         return Refusal(f"{thing.id} is not an Openable object")
     if thing.type in rules().toggle.must_be_off_to_open and thing.is_toggled:
         return Refusal("Target must be OFF to open!")
-    return Done(changed(state, thing.id, openness=float(openness)))
+    return Performed(changed(state, thing.id, openness=float(openness)))
 
 
 def toggler(on: bool) -> Callable[..., Result]:
@@ -225,7 +225,7 @@ def toggler(on: bool) -> Callable[..., Result]:
             return refusal
         for object_id in (thing.id, *(c for c in thing.controls if c in state.objects)):
             state = changed(state, object_id, is_toggled=on)
-        return Done(state)
+        return Performed(state)
 
     return toggle
 
@@ -260,7 +260,7 @@ def state_changer(
         fields: dict[str, Any] = {field: value}
         if field == "is_filled":
             fields["liquid"] = None
-        return Done(changed(state, thing.id, **fields))
+        return Performed(changed(state, thing.id, **fields))
 
     return change
 
@@ -274,7 +274,9 @@ def fill(state: WorldState, thing: SceneObject, *, fillLiquid: str = "water") ->
     if thing.is_filled:
         return Refusal(f"{thing.name} is already filled!")
     after = changed(state, thing.id, is_filled=True, liquid=fillLiquid)
-    return Done(changed(after, thing.id, temperature="Hot") if fillLiquid == "coffee" else after)
+    return Performed(
+        changed(after, thing.id, temperature="Hot") if fillLiquid == "coffee" else after
+    )
 
 
 @on_object("SliceObject", "sliceable", done="is_sliced")
@@ -282,7 +284,7 @@ def slice_object(state: WorldState, thing: SceneObject) -> Result:
     """Cut into pieces, which stay where the whole was; no knife is needed."""
     if thing.id in state.in_hand:
         return Refusal("target object cannot be sliced if it is in the agent's hand")
-    return Done(in_pieces(state, msgspec.structs.replace(thing, is_sliced=True)))
+    return Performed(in_pieces(state, msgspec.structs.replace(thing, is_sliced=True)))
 
 
 @on_object("BreakObject", "breakable")
@@ -293,4 +295,4 @@ def break_object(state: WorldState, thing: SceneObject) -> Result:
     if state.held == thing.id:
         middle, holder = land(state, thing, thing.center[0], thing.center[2])
         state = _released(state, middle, holder)
-    return Done(broken(state, state.objects[thing.id]))
+    return Performed(broken(state, state.objects[thing.id]))

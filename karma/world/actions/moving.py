@@ -11,7 +11,7 @@ from karma.world.core.arguments import Place
 from karma.world.core.footing import Ground, finer, snapped
 from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects
-from karma.world.core.state import BODY_M, SILL_M, Done, Refusal, Result, WorldState, refuse
+from karma.world.core.state import BODY_M, SILL_M, Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import difference, heading, moved, turned
 
 _LOOK_UP_LIMIT, _LOOK_DOWN_LIMIT = -30.0, 60.0
@@ -74,7 +74,7 @@ def _step(state: WorldState, step: tuple[float, float], far: float, snap: bool) 
     if on_cells:
         target = state.cells[room.key(*target)]
     pose = replace(state.pose, position_m=(round(target[0], 6), y, round(target[1], 6)))
-    return Done(with_pose(state, pose))
+    return Performed(with_pose(state, pose))
 
 
 def _on_a_cell(state: WorldState) -> Callable[[float, float], bool]:
@@ -116,7 +116,7 @@ def turner(sign: int) -> Callable[..., Result]:
         if by <= 0:
             return Refusal("degrees must be greater than 0")
         yaw = round((state.pose.yaw_deg + sign * by) % 360, 4) % 360
-        return Done(with_pose(state, replace(state.pose, yaw_deg=yaw)))
+        return Performed(with_pose(state, replace(state.pose, yaw_deg=yaw)))
 
     return turn
 
@@ -131,7 +131,7 @@ def looker(sign: int) -> Callable[..., Result]:
             return refuse("InvalidOperationException", "degrees must be a multiple of 0.1")
         horizon = round(state.pose.horizon_deg + sign * degrees, 4)
         refusal = _beyond(horizon)
-        return refusal or Done(with_pose(state, replace(state.pose, horizon_deg=horizon)))
+        return refusal or Performed(with_pose(state, replace(state.pose, horizon_deg=horizon)))
 
     return look
 
@@ -152,26 +152,26 @@ def rotate_look(
     """Turn to a yaw and tilt to a horizon; what is left out is 0."""
     tilt = round(horizon or 0.0, 4)
     pose = replace(state.pose, yaw_deg=yaw_of(rotation or {}), horizon_deg=tilt)
-    return _beyond(tilt) or Done(with_pose(state, pose))
+    return _beyond(tilt) or Performed(with_pose(state, pose))
 
 
 def crouch(state: WorldState) -> Result:
     """Crouch; refused when crouching already."""
     if not state.pose.standing:
         return Refusal("Agent is already crouching.")
-    return Done(with_pose(state, replace(state.pose, standing=False)))
+    return Performed(with_pose(state, replace(state.pose, standing=False)))
 
 
 def stand(state: WorldState) -> Result:
     """Stand up; refused when standing already."""
     if state.pose.standing:
         return Refusal("Agent is already standing.")
-    return Done(with_pose(state, replace(state.pose, standing=True)))
+    return Performed(with_pose(state, replace(state.pose, standing=True)))
 
 
 def wait(state: WorldState) -> Result:
     """Let one action's time pass."""
-    return Done(state)
+    return Performed(state)
 
 
 def teleport(
@@ -204,7 +204,7 @@ def teleport(
         pose = replace(pose, position_m=(at[0], here[1], at[1]))
     elif refusal is None and not forceAction:
         pose = replace(pose, position_m=(to[0], here[1], to[2]))
-    return Done(with_pose(state, pose))
+    return Performed(with_pose(state, pose))
 
 
 def coordinates(

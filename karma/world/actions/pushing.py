@@ -15,7 +15,7 @@ from karma.world.actions.aiming import on_object
 from karma.world.core.arrays import Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.scene import SceneObject
-from karma.world.core.state import BODY_M, Done, Refusal, Result, WorldState
+from karma.world.core.state import BODY_M, Performed, Refusal, Result, WorldState
 from karma.world.core.thing import heading, moved
 from karma.world.core.view import crossing
 
@@ -58,7 +58,7 @@ def _push(state: WorldState, thing: SceneObject, newtons: float, angle: float) -
     by = (round(x * far, 6), 0.0, round(z * far, 6))
     ids = (thing.id, *state.objects.carried(thing.id))
     changes = {object_id: moved(state.objects[object_id], by) for object_id in ids}
-    return Done(replace(state, objects=state.objects.changed(changes)))
+    return Performed(replace(state, objects=state.objects.changed(changes)))
 
 
 def _slide(state: WorldState, thing: SceneObject, step: Floats, far: float) -> float:

@@ -9,7 +9,7 @@ from karma.world.actions.aiming import outside, shown_at
 from karma.world.core.arrays import Floats
 from karma.world.core.camera import Camera
 from karma.world.core.hiding import inert_rows, solid_boxes
-from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.view import CAMERA_M, camera, camera_axes, crossing, in_picture
 
 _SCHEMES = ("Collider", "Distance")
@@ -24,7 +24,7 @@ def coordinate(state: WorldState, *, x: float, y: float) -> Result:
     far = min(far, _wall(state, eye, ray))
     point = eye + ray * far if math.isfinite(far) else np.zeros(3)
     value = {axis: round(float(part), 6) for axis, part in zip("xyz", point, strict=True)}
-    return Done(state, value, 0.0)
+    return Performed(state, value, 0.0)
 
 
 def object_in_frame(state: WorldState, *, x: float, y: float, checkVisible: bool = False) -> Result:
@@ -37,7 +37,7 @@ def object_in_frame(state: WorldState, *, x: float, y: float, checkVisible: bool
         _, found = _first_hit(state, *_ray(state, x, y))
     if found is None:
         return Refusal(f"No object is shown at ({x:g}, {y:g}).")
-    return Done(state, found, 0.0)
+    return Performed(state, found, 0.0)
 
 
 def visible_objects(
@@ -56,7 +56,7 @@ def visible_objects(
         return refuse("ArgumentOutOfRangeException", "maxDistance must not be negative")
     if thirdPartyCameraIndex is None:
         seen = state.sight_from(state.pose, visibility_m=reach).visible
-        return Done(state, [i for i in state.objects if i in seen], 0.0)
+        return Performed(state, [i for i in state.objects if i in seen], 0.0)
     if not 0 <= thirdPartyCameraIndex < len(state.cameras):
         message = f"there is no third-party camera {thirdPartyCameraIndex}"
         return refuse("ArgumentOutOfRangeException", message)
@@ -75,7 +75,7 @@ def _seen_by(state: WorldState, one: Camera, reach: float) -> Result:
     shown = in_picture(offsets, camera_axes(yaw, pitch), one.fov_deg, state.settings.aspect)
     shown &= np.linalg.norm(offsets, axis=1) <= reach
     gone = {object_id for object_id, there in zip(held, shown, strict=True) if not there}
-    return Done(state, [i for i in state.objects if i in seen and i not in gone], 0.0)
+    return Performed(state, [i for i in state.objects if i in seen and i not in gone], 0.0)
 
 
 # ----------------------------------------------------------------- rays

@@ -6,7 +6,7 @@ from karma.contracts import Pose
 from karma.world.actions.moving import between_cells, coordinates, unknown, yaw_of
 from karma.world.core import navigate, scene
 from karma.world.core.arguments import Place
-from karma.world.core.state import Cell, Done, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Cell, Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import heading
 
 _FINEST_M = 0.02  # of the grids that GetReachablePositions can be asked for
@@ -36,7 +36,7 @@ def reachable_positions(
     most = _MOST_STEPS if maxStepCount is None else maxStepCount
     if len(places) > most / grid**2:
         return Refusal("Too many steps taken in GetReachablePositions.")
-    return Done(state, [_xyz(state, place) for place in places], 0.0)
+    return Performed(state, [_xyz(state, place) for place in places], 0.0)
 
 
 def _walk_between(state: WorldState, grid: float, yaw_deg: float) -> list[tuple[float, float]]:
@@ -112,7 +112,7 @@ def _path(state: WorldState, start: Place | None, goal: Cell | None, name: str) 
     if cells is None:
         return Refusal(f"Path to target {name} could not be found.")
     places = [state.room.cells[cell] for cell in navigate.corners(cells)]
-    return Done(state, {"corners": [_xyz(state, place) for place in places]}, 0.0)
+    return Performed(state, {"corners": [_xyz(state, place) for place in places]}, 0.0)
 
 
 def interactable_poses(
@@ -132,7 +132,7 @@ def interactable_poses(
     if maxPoses is not None and maxPoses < 1:
         return refuse("ArgumentOutOfRangeException", "maxPoses must be > 0.")
     if [] in (positions, rotations, horizons, standings):
-        return Done(state, [], 0.0)
+        return Performed(state, [], 0.0)
     choice: dict[str, Any] = {"max_m": maxDistance, "limit": maxPoses}
     if positions is not None:
         cells = [state.room.key(p.get("x", 0.0), p.get("z", 0.0)) for p in positions]
@@ -144,12 +144,12 @@ def interactable_poses(
     if standings is not None:
         choice["standings"] = standings
     poses = navigate.interactable_poses(state, objectId, **choice)
-    return Done(state, [_pose(pose) for pose in poses], 0.0)
+    return Performed(state, [_pose(pose) for pose in poses], 0.0)
 
 
 def scenes_in_build(state: WorldState) -> Result:
     """Return the names of the scenes that come with the package."""
-    return Done(state, sorted(path.stem for path in scene.SCENES.glob("*.json")), 0.0)
+    return Performed(state, sorted(path.stem for path in scene.SCENES.glob("*.json")), 0.0)
 
 
 def _pose(pose: Pose) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import msgspec
 
-from karma.world.core.state import Done, Images, Refusal, Result, Settings, WorldState, refuse
+from karma.world.core.state import Images, Performed, Refusal, Result, Settings, WorldState, refuse
 
 _AGENT_MODES = ("default", "locobot", "bot", "drone", "arm", "stretch", "stochastic", "fpin")
 _SAME_BODY = ("default", "locobot", "bot")  # a LoCoBot does what the default agent does
@@ -65,7 +65,7 @@ def initialize(
     if refusal is not None:
         return refusal
     planes = {"cameraNearPlane": cameraNearPlane, "cameraFarPlane": cameraFarPlane}
-    return Done(replace(state, settings=settings), planes, 0.0)
+    return Performed(replace(state, settings=settings), planes, 0.0)
 
 
 def unfit(settings: Settings) -> Refusal | None:
@@ -116,13 +116,13 @@ def set_decay_time(state: WorldState, *, decayTime: float) -> Result:
     """Set how long heat and cold last; 0 = until the next action."""
     if decayTime < 0:
         return Refusal("decayTime must not be negative")
-    return Done(replace(state, decay_s=float(decayTime)))
+    return Performed(replace(state, decay_s=float(decayTime)))
 
 
 def change_resolution(state: WorldState, *, x: int, y: int) -> Result:
     """Set the picture's width and height, pixels."""
     sized = replace(state, settings=replace(state.settings, width=x, height=y))
-    return _not_this_size(x, y) or Done(sized, None, 0.0)
+    return _not_this_size(x, y) or Performed(sized, None, 0.0)
 
 
 def change_quality(state: WorldState, *, quality: str) -> Result:
@@ -130,28 +130,28 @@ def change_quality(state: WorldState, *, quality: str) -> Result:
     if quality not in _QUALITIES:
         known = ", ".join(_QUALITIES)
         return refuse("ArgumentException", f"unknown quality {quality!r}; there are: {known}")
-    return Done(replace(state), None, 0.0)
+    return Performed(replace(state), None, 0.0)
 
 
 def set_random_seed(state: WorldState, *, seed: int) -> Result:
     """Set the seed of what later actions draw by lot."""
-    return Done(replace(state, seed=seed))
+    return Performed(replace(state, seed=seed))
 
 
 def set_object_filter(state: WorldState, *, objectIds: list[str]) -> Result:
     """List only some objects in metadata from now on; unknown ids do no harm."""
-    return Done(replace(state, shown=frozenset(objectIds)))
+    return Performed(replace(state, shown=frozenset(objectIds)))
 
 
 def set_object_filter_for_type(state: WorldState, *, objectTypes: list[str]) -> Result:
     """List only objects of some types in metadata from now on."""
     ids = (i for kind in objectTypes for i in state.objects.by_type.get(kind, ()))
-    return Done(replace(state, shown=frozenset(ids)))
+    return Performed(replace(state, shown=frozenset(ids)))
 
 
 def reset_object_filter(state: WorldState) -> Result:
     """List all objects in metadata again."""
-    return Done(replace(state, shown=None))
+    return Performed(replace(state, shown=None))
 
 
 def make_all_unbreakable(state: WorldState) -> Result:
@@ -163,12 +163,12 @@ def make_all_unbreakable(state: WorldState) -> Result:
         for thing in state.objects.values()
         if "breakable" in thing.capabilities and not thing.is_broken
     }
-    return Done(replace(state, objects=state.objects.changed(firm)))
+    return Performed(replace(state, objects=state.objects.changed(firm)))
 
 
 def wait_for_physics(state: WorldState) -> Result:
     """Accept a switch of the physics engine, which is not there: the room is always at rest."""
-    return Done(replace(state))
+    return Performed(replace(state))
 
 
 def advance_physics_step(
@@ -184,7 +184,7 @@ def advance_physics_step(
     seconds = timeStep if simSeconds is None else simSeconds
     if not 0 <= seconds <= 3600:
         return refuse("ArgumentOutOfRangeException", "simSeconds must be in [0, 3600]")
-    return Done(replace(state), None, seconds)
+    return Performed(replace(state), None, seconds)
 
 
 # ----------------------------------------------------------------- the client's own tests
@@ -192,9 +192,9 @@ def advance_physics_step(
 
 def echo_fast(state: WorldState, *, rvalue: str) -> Result:
     """Return what was said, as an answer to a question."""
-    return Done(state, rvalue, 0.0)
+    return Performed(state, rvalue, 0.0)
 
 
 def echo(state: WorldState, *, rvalue: str) -> Result:
     """Return what was said, with full metadata."""
-    return Done(replace(state), rvalue, 0.0)
+    return Performed(replace(state), rvalue, 0.0)

@@ -14,7 +14,7 @@ from karma.world.core.placement import find_place, parents_in
 from karma.world.core.posing import emptied, let_lie, with_contents
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.state import Done, Refusal, Result, WorldState
+from karma.world.core.state import Performed, Refusal, Result, WorldState
 from karma.world.core.thing import difference, is_inert, moved
 
 _MOST_OF_A_TYPE = 100
@@ -81,7 +81,7 @@ def initial_random_spawn(
         kind = state.objects.by_type.get(row["objectType"], ())
         sources = [object_id for object_id in kind if object_id in things]
         state = _duplicated(state, sources, row["count"], draw)
-    return Done(state)
+    return Performed(state)
 
 
 def _spawns(thing: SceneObject, moveable: bool) -> bool:

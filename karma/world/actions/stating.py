@@ -7,7 +7,7 @@ from karma.world.actions import handling
 from karma.world.actions.spawning import lot
 from karma.world.core.arguments import ObjectStates
 from karma.world.core.scene import SceneObject
-from karma.world.core.state import Done, Refusal, Result, WorldState
+from karma.world.core.state import Performed, Refusal, Result, WorldState
 
 _Handler = Callable[..., Result]
 
@@ -64,7 +64,7 @@ def set_object_states(state: WorldState, *, SetObjectStates: ObjectStates) -> Re
         return Refusal(f"{one.flag} cannot be undone.")
     for thing in things:
         state = _given(state, thing, one, value)
-    return Done(state)
+    return Performed(state)
 
 
 def _given(state: WorldState, thing: SceneObject, one: _State, value: bool) -> WorldState:
@@ -73,7 +73,7 @@ def _given(state: WorldState, thing: SceneObject, one: _State, value: bool) -> W
     if action is None or bool(getattr(state.objects[thing.id], one.field)) == value:
         return state
     result = action(state, objectId=thing.id, forceAction=True)
-    return result.state if isinstance(result, Done) else state
+    return result.state if isinstance(result, Performed) else state
 
 
 def random_states(state: WorldState, *, randomSeed: int | None = None) -> Result:
@@ -81,7 +81,7 @@ def random_states(state: WorldState, *, randomSeed: int | None = None) -> Result
     for one in _STATES:
         if one.undo is not None:
             state = _shaken(state, one, randomSeed)
-    return Done(state)
+    return Performed(state)
 
 
 def random_state(state: WorldState, *, StateChange: str, randomSeed: int | None = None) -> Result:
@@ -90,7 +90,7 @@ def random_state(state: WorldState, *, StateChange: str, randomSeed: int | None 
     if not found:
         known = ", ".join(one.name for one in _STATES)
         return Refusal(f"StateChange must be one of: {known}")
-    return Done(_shaken(state, found[0], randomSeed))
+    return Performed(_shaken(state, found[0], randomSeed))
 
 
 def _shaken(state: WorldState, one: _State, seed: int | None) -> WorldState:

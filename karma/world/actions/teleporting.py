@@ -12,7 +12,7 @@ from karma.world.core.arguments import ObjectPose, Place
 from karma.world.core.objects import Objects
 from karma.world.core.posing import collision, emptied, let_lie, posed, same_pose, vector
 from karma.world.core.scene import SceneObject
-from karma.world.core.state import Done, Refusal, Result, WorldState, refuse
+from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
 from karma.world.core.thing import bottom, difference, is_inert
 
 _LOOSE = frozenset({"pickupable", "moveable"})
@@ -44,7 +44,7 @@ def place_at_point(
     foot = (there.center[0], bottom(there), there.center[2])
     there = posed(there, _sum(there.position, difference((x, y, z), foot)))
     refusal = collision(state, there)
-    return refusal or Done(let_lie(state, there, falls=not forceKinematic))
+    return refusal or Performed(let_lie(state, there, falls=not forceKinematic))
 
 
 def _sum(a: Vec3, b: Vec3) -> Vec3:
@@ -89,7 +89,7 @@ def teleport_object(
                 firm = tuple(can for can in there.capabilities if can != "breakable")
                 there = msgspec.structs.replace(there, capabilities=firm)
             falls = not forceKinematic and is_loose(thing)
-            return Done(let_lie(state, there, falls=falls))
+            return Performed(let_lie(state, there, falls=falls))
     return refusal or Refusal("there is no position to teleport to")
 
 
@@ -139,7 +139,7 @@ def set_object_poses(
         if there.id in placed or not placed.keys().isdisjoint(state.objects[there.id].parents):
             placed[there.id] = there
             state = let_lie(state, state.objects[there.id], falls=not placeStationary)
-    return Done(state)
+    return Performed(state)
 
 
 def _lowest(thing: SceneObject) -> tuple[float, float, str]:
@@ -198,7 +198,7 @@ def remove(
     for one in wanted:
         if one not in state.objects:
             return unknown(one)
-    return Done(_without(state, wanted))
+    return Performed(_without(state, wanted))
 
 
 def disable(state: WorldState, *, objectId: str) -> Result:
@@ -207,13 +207,13 @@ def disable(state: WorldState, *, objectId: str) -> Result:
         return unknown(objectId)
     thing = msgspec.structs.replace(state.objects[objectId], is_picked_up=False)
     after = _without(state, [objectId])
-    return Done(replace(after, disabled={**state.disabled, objectId: thing}))
+    return Performed(replace(after, disabled={**state.disabled, objectId: thing}))
 
 
 def enable(state: WorldState, *, objectId: str) -> Result:
     """Bring a disabled object back where it was; nothing happens to one that is there."""
     if objectId in state.objects:
-        return Done(state)
+        return Performed(state)
     if objectId not in state.disabled:
         return unknown(objectId)
     rest = {key: thing for key, thing in state.disabled.items() if key != objectId}
@@ -222,7 +222,7 @@ def enable(state: WorldState, *, objectId: str) -> Result:
     controls = tuple(other for other in thing.controls if other in state.objects)
     thing = msgspec.structs.replace(thing, parents=parents, controls=controls)
     after = replace(state, disabled=rest, objects=state.objects.changed({objectId: thing}))
-    return Done(after if parents or not is_loose(thing) else let_lie(after, thing, falls=True))
+    return Performed(after if parents or not is_loose(thing) else let_lie(after, thing, falls=True))
 
 
 def _without(state: WorldState, ids: Iterable[str]) -> WorldState:

@@ -12,7 +12,7 @@ from karma.world.core.objects import Objects, derived
 from karma.world.core.rules import rules
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.thing import bottom, gaps, heading, is_inert, top
-from karma.world.core.view import Sight, camera, sight
+from karma.world.core.view import InView, camera, sight
 
 HAND_M: Vec3 = (0.0, -0.16, 0.38)  # right, up, forward from the camera
 
@@ -162,11 +162,13 @@ class WorldState:
         return self.room.open_cells(self.objects, self.in_hand)
 
     @cached_property
-    def sight(self) -> Sight:
+    def sight(self) -> InView:
         """What is in view; computed once, when first asked for."""
         return self.sight_from(self.pose, visibility_m=self.settings.visibility_m)
 
-    def sight_from(self, pose: Pose, *, visibility_m: float, fov_deg: float | None = None) -> Sight:
+    def sight_from(
+        self, pose: Pose, *, visibility_m: float, fov_deg: float | None = None
+    ) -> InView:
         """Return what is in view from a pose; without an angle, with the agent's camera."""
         return sight(
             self.objects,
@@ -216,7 +218,7 @@ def ahead(pose: Pose, metres: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class Performed:
     """An action that happened: the next moment, what it returns, and how long it took."""
 
     state: WorldState
@@ -232,7 +234,7 @@ class Refusal:
     code: str = "Undefined"
 
 
-Result = Done | Refusal
+Result = Performed | Refusal
 
 
 def refuse(kind: str, message: str) -> Refusal:

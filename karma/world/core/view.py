@@ -31,7 +31,7 @@ _PULL = (-0.85, 0.0, 0.85)
 SAMPLES = np.array([(x, y, z) for x in _PULL for y in _PULL for z in _PULL])  # of the half sizes
 
 
-class Sight:
+class InView:
     """What is in view, and what of it is not only seen through glass."""
 
     def __init__(self, ids: Iterable[str], visible: Flags, interactable: Flags) -> None:
@@ -187,7 +187,7 @@ def sight(
     visibility_m: float = 1.5,
     fov_deg: float = 90.0,
     aspect: float = 1.0,
-) -> Sight:
+) -> InView:
     """Return what is in view from a pose.
 
     Args:
@@ -207,7 +207,7 @@ def sight(
         interactable[seen.rows[inside & seen.clear]] = True
         for object_id in held:
             visible[objects.rows[object_id]] = interactable[objects.rows[object_id]] = True
-    return Sight(objects, visible, interactable)
+    return InView(objects, visible, interactable)
 
 
 def _vantage(objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float) -> _Vantage:
