@@ -22,18 +22,8 @@ from karma.world.core.state import Room, Settings, begin
 from karma.world.importing.scenes import import_dump
 from karma.world.render.drawn import drawn, tasks
 from karma.world.render.kept import _ROOMS
-from karma.world.render.picture import (
-    AGENT,
-    CEILING,
-    FLOOR,
-    NOTHING,
-    PIECES,
-    STAND,
-    WALL,
-    Picture,
-    agent_camera,
-    render,
-)
+from karma.world.render.picture import Picture, agent_camera, render
+from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, STAND, WALL
 from karma.world.sim import EmbeddedWorld
 
 UNDER = ("SinkBasin", "BathtubBasin", "Cabinet", "Drawer", "Shelf")  # something lies over them

@@ -13,34 +13,8 @@ from karma.world.render.body import body, sees_body
 from karma.world.render.kept import built
 from karma.world.render.looks import rgb
 from karma.world.render.mesh import Colour, Floats
-from karma.world.render.pixels import (
-    AGENT,
-    CEILING,
-    FLOOR,
-    NOTHING,
-    PIECES,
-    STAND,
-    WALL,
-    Packed,
-    Pixels,
-    look,
-    packed,
-    scenery,
-)
+from karma.world.render.pixels import NOTHING, Packed, Pixels, look, packed, scenery
 from karma.world.render.rays import rays
-
-__all__ = [
-    "AGENT",
-    "CEILING",
-    "FLOOR",
-    "NOTHING",
-    "PIECES",
-    "STAND",
-    "WALL",
-    "Picture",
-    "agent_camera",
-    "render",
-]
 
 SKY: Colour = (158.0, 190.0, 222.0)
 SKIES: dict[str, Colour] = {
