@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from karma.world import event_base
 from karma.world.core.camera import Camera
 from karma.world.core.metadata import holders, records, xyz
 from karma.world.core.posing import hand_rotation
@@ -20,11 +21,9 @@ from karma.world.core.view import camera
 try:
     from ai2thor.server import Event, MetadataWrapper
 except ImportError:  # the extra `thor` is not installed
-    from karma.world.event_base import (  # type: ignore[assignment, unused-ignore]
-        MetadataWrapper,
-    )
-    from karma.world.event_base import (
-        SegmentedEvent as Event,
+    Event, MetadataWrapper = (  # type: ignore[assignment, misc, unused-ignore]
+        event_base.SegmentedEvent,
+        event_base.MetadataWrapper,
     )
 
 if TYPE_CHECKING:

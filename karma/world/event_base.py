@@ -125,13 +125,6 @@ def box_of(mask: Mask) -> Box:
 class SegmentedEvent:
     """The part of AI2-THOR's event that reads instance segmentation."""
 
-    def process_colors(self) -> None:
-        """Read the colour table of the metadata."""
-        for row in self.metadata["colors"] or ():  # type: ignore[attr-defined]
-            color = tuple(row["color"])
-            self.color_to_object_id[color] = row["name"]  # type: ignore[attr-defined]
-            self.object_id_to_color[row["name"]] = color  # type: ignore[attr-defined]
-
     def process_colors_ids(self, image_ids_data: bytes) -> None:
         """Set masks and boxes from a picture of RGBA colours, bottom row first."""
         height = self.screen_height  # type: ignore[attr-defined]
