@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.world.core.scene import SceneObject
-from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, STAND, WALL, packed
+from karma.world.render.mesh import packed
+from karma.world.render.pixels import AGENT, CEILING, FLOOR, NOTHING, PIECES, STAND, WALL
 
 RGB = tuple[int, int, int]
 STRUCTURE: Mapping[int, str] = {

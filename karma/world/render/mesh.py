@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 Colour = tuple[float, float, float]  # 0-255 each
 Point = tuple[float, float, float]
+Packed = NDArray[np.uint32]  # red, green, blue, 0 in the order of bytes
 
 SOLID, GLASS, GHOST = 0, 1, 2  # GHOST: seen in the picture, but not in depth and masks
 
@@ -40,6 +41,13 @@ class Mesh(NamedTuple):
         """Upper corner of the box around it, shape (3,)."""
         found: Floats = self.vertices.max(axis=0)
         return found
+
+
+def packed(colours: NDArray[np.uint8]) -> Packed:
+    """Return colours (n, 3) as one number each, shape (n,)."""
+    found = np.zeros((len(colours), 4), dtype=np.uint8)
+    found[:, :3] = colours
+    return found.view(np.uint32)[:, 0]
 
 
 def mesh(

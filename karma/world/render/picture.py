@@ -12,8 +12,8 @@ from karma.world.core.view import camera as eye
 from karma.world.render.body import body, sees_body
 from karma.world.render.kept import built
 from karma.world.render.looks import rgb
-from karma.world.render.mesh import Colour, Floats
-from karma.world.render.pixels import NOTHING, Packed, Pixels, look, packed, scenery
+from karma.world.render.mesh import Colour, Floats, Packed, packed
+from karma.world.render.pixels import NOTHING, Pixels, look, scenery
 from karma.world.render.rays import rays
 
 SKY: Colour = (158.0, 190.0, 222.0)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from karma.world.core.objects import Objects
 from karma.world.render import shell as rooms
 from karma.world.render.layer import Layer
-from karma.world.render.mesh import GHOST, GLASS, SOLID, Floats
+from karma.world.render.mesh import GHOST, GLASS, SOLID, Floats, Packed, packed
 from karma.world.render.rays import Rays
 from karma.world.render.shell import Shell
 
@@ -18,8 +18,6 @@ SEE_THROUGH = {GLASS: 0.35, GHOST: 0.3}  # share of the clear thing's own colour
 _PANES = 6  # clear faces that one ray passes at most
 _STEP_M = 1e-3  # beyond a clear face
 _SUNK_M = 0.004  # what lies deeper under the floor is not seen
-
-Packed = NDArray[np.uint32]  # red, green, blue, 0 in the order of bytes
 
 
 class Pixels(NamedTuple):
@@ -47,13 +45,6 @@ class Scenery(NamedTuple):
     clear: NDArray[np.uint8]  # (m,)
     normals: Floats  # (m, 3)
     any_clear: bool
-
-
-def packed(colours: NDArray[np.uint8]) -> Packed:
-    """Return colours (n, 3) as one number each, shape (n,)."""
-    found = np.zeros((len(colours), 4), dtype=np.uint8)
-    found[:, :3] = colours
-    return found.view(np.uint32)[:, 0]
 
 
 def scenery(layers: list[Layer], shell: Shell, objects: Objects, view: Rays) -> Scenery:

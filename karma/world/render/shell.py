@@ -16,7 +16,7 @@ from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects
 from karma.world.core.state import Room
 from karma.world.render.looks import Walls, rgb, walls
-from karma.world.render.mesh import Floats
+from karma.world.render.mesh import Floats, packed
 
 TEXEL_M = 0.025
 SHADOW_M = 0.3  # how far furniture darkens the floor around it
@@ -94,16 +94,10 @@ def _painted(
         low.astype(np.float32),
         high.astype(np.float32),
         np.array([_count(high[axis] - low[axis]) - 1 for axis in range(3)], dtype=np.int32),
-        np.concatenate([_packed(face) for face in faces]),
+        np.concatenate([packed(face.reshape(-1, 3)) for face in faces]),
         np.array([*np.cumsum([0, *sizes[:-1]]), 0], dtype=np.int32),
         strides,
     )
-
-
-def _packed(face: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    found = np.zeros((face.shape[0] * face.shape[1], 4), dtype=np.uint8)
-    found[:, :3] = face.reshape(-1, 3)
-    return found.view(np.uint32)[:, 0]
 
 
 def _count(length: float) -> int:

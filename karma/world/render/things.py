@@ -228,15 +228,9 @@ def boots(f: Form) -> list[Mesh]:
 def garbage_bag(f: Form) -> list[Mesh]:
     """Return a full bag with a knot."""
     x, y, z = f.half
+    profile = ((0.7, 0), (1, 0.25), (0.9, 0.55), (0.35, 0.8), (0.12, 0.86), (0.3, 1))
     body = lathe(
-        [
-            (x * 0.7, 0),
-            (x, y * 0.25),
-            (x * 0.9, y * 0.55),
-            (x * 0.35, y * 0.8),
-            (x * 0.12, y * 0.86),
-            (x * 0.3, y),
-        ],
+        [(x * wide, y * high) for wide, high in profile],
         [f.main, f.second, f.main, f.second, f.main],
         depth=z / x,
         sides=11,
@@ -306,18 +300,10 @@ def statue(f: Form) -> list[Mesh]:
         return shards(f)
     x, y, z = f.half
     wide = min(x, z)
+    profile = ((0.5, 0.14), (0.4, 0.3), (0.85, 0.52), (0.25, 0.66), (0.22, 0.7))
     return [
         box((-x * 0.8, 0, -z * 0.8), (x * 0.8, y * 0.14, z * 0.8), f.second),
-        lathe(
-            [
-                (wide * 0.5, y * 0.14),
-                (wide * 0.4, y * 0.3),
-                (wide * 0.85, y * 0.52),
-                (wide * 0.25, y * 0.66),
-                (wide * 0.22, y * 0.7),
-            ],
-            f.main,
-        ),
+        lathe([(wide * a, y * b) for a, b in profile], f.main),
         ball((0, y * 0.84, 0), (wide * 0.42, y * 0.16, wide * 0.46), f.main, sides=12),
         box((-wide * 0.07, y * 0.8, wide * 0.4), (wide * 0.07, y * 0.87, wide * 0.58), f.main),
     ]
@@ -335,13 +321,13 @@ def decor(f: Form) -> list[Mesh]:
         ),
         rod((0, y * 0.2, 0), (0, y * 0.9, 0), wide * 0.07, f.main),
     ]
-    places = [
+    places = (
         (0, 0.88, 0),
         (-0.5, 0.6, 0.2),
         (0.5, 0.65, -0.2),
         (0.1, 0.5, 0.5),
         (-0.1, 0.72, -0.5),
-    ]
+    )
     for number, (a, b, c) in enumerate(places):
         r = min(wide * 0.36, y * 0.12)
         colour = (f.second, f.third)[number % 2]
