@@ -167,10 +167,10 @@ def test_a_clash_is_resolved_the_same_way_each_time(monkeypatch):
     from karma.world.render import colours
 
     monkeypatch.setattr(colours, "colour", lambda name, turn=0: (len(name) + turn, 0, 0))
-    colours._assigned.cache_clear()
-    first = colours.assigned(["ab", "cd", "efg"])
+    colours.assigned.cache_clear()
+    first = colours.assigned(("ab", "cd", "efg"))
     assert first == {"ab": (2, 0, 0), "cd": (3, 0, 0), "efg": (4, 0, 0)}
-    colours._assigned.cache_clear()
+    colours.assigned.cache_clear()
 
 
 def test_colours_depend_on_names_alone():

@@ -34,7 +34,6 @@ _ONE_M = 0.05  # two ids of one object
 _MARGIN_M = 0.1  # round what lay on a surface
 _ON_FLOOR_M = 0.15
 _FOOT_M = 0.02
-_LOOSE = {"pickupable", "moveable"}
 
 
 class _Match(NamedTuple):

@@ -1,6 +1,6 @@
 """Give each object, each type and the room's structure a colour, as AI2-THOR's tables do."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from hashlib import blake2b
 from typing import Any
@@ -51,13 +51,9 @@ def names(objects: Mapping[str, SceneObject]) -> list[str]:
     return list(found)
 
 
-def assigned(all_names: Iterable[str]) -> dict[str, RGB]:
-    """Return a colour for each name, no two alike; of two that clash the later one gives way."""
-    return dict(_assigned(tuple(all_names)))
-
-
 @lru_cache(maxsize=32)
-def _assigned(all_names: tuple[str, ...]) -> dict[str, RGB]:
+def assigned(all_names: tuple[str, ...]) -> Mapping[str, RGB]:
+    """Return a colour for each name, no two alike; of two that clash the later one gives way."""
     found: dict[str, RGB] = {}
     taken: set[RGB] = set()
     for name in all_names:
@@ -71,7 +67,7 @@ def _assigned(all_names: tuple[str, ...]) -> dict[str, RGB]:
 
 def colour_table(objects: Mapping[str, SceneObject]) -> list[dict[str, Any]]:
     """Return `metadata["colors"]`: {"color": [r, g, b], "name": name} for every name."""
-    table = _assigned(tuple(names(objects)))
+    table = assigned(tuple(names(objects)))
     return [{"color": list(one), "name": name} for name, one in table.items()]
 
 
@@ -95,7 +91,7 @@ def class_frame(rows: NDArray[np.int32], objects: Mapping[str, SceneObject]) -> 
 def _painted(
     rows: NDArray[np.int32], objects: Mapping[str, SceneObject], of_rows: list[str]
 ) -> NDArray[np.uint8]:
-    table = _assigned(tuple(names(objects)))
+    table = assigned(tuple(names(objects)))
     structure = [STRUCTURE[row] for row in range(-_OFFSET, 0)]
     colours = np.array([table[name] for name in (*structure, *of_rows)], dtype=np.uint8)
     quick = packed(colours)[rows + _OFFSET]
