@@ -12,10 +12,9 @@ from karma.world.actions.teleporting import copied
 from karma.world.core.arguments import TypeCount
 from karma.world.core.placement import find_place, parents_in
 from karma.world.core.posing import emptied, let_lie, with_contents
-from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Performed, Refusal, Result, WorldState
-from karma.world.core.thing import difference, is_inert, moved
+from karma.world.core.thing import difference, is_inert, is_shut, moved
 
 _MOST_OF_A_TYPE = 100
 
@@ -67,7 +66,7 @@ def initial_random_spawn(
         and (receptacleObjectIds is None or place.id in receptacleObjectIds)
         and not is_inert(place)
         and "pickupable" not in place.capabilities
-        and not (forceVisible and _hides(place))
+        and not (forceVisible and is_shut(place))
     ]
     rng = lot(state, randomSeed, "InitialRandomSpawn")
     draw = _Lot(rng, places, numPlacementAttempts)
@@ -88,10 +87,6 @@ def _spawns(thing: SceneObject, moveable: bool) -> bool:
     return not is_inert(thing) and (
         "pickupable" in thing.capabilities or (moveable and "moveable" in thing.capabilities)
     )
-
-
-def _hides(place: SceneObject) -> bool:
-    return place.type in rules().view.hides_when_closed and place.openness <= 0
 
 
 def _duplicated(state: WorldState, sources: Sequence[str], count: int, draw: _Lot) -> WorldState:

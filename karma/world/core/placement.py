@@ -17,7 +17,7 @@ from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Room, WorldState
-from karma.world.core.thing import bottom, is_inert, top
+from karma.world.core.thing import bottom, is_inert, is_shut, top
 
 _LIFT_M = 0.002  # above what it rests on
 _STEP_M = 0.06  # between the places tried
@@ -232,16 +232,12 @@ def _surfaces(state: WorldState, other: SceneObject) -> list[float]:
 
     The box of a bed or a desk reaches up to its headboard: where it holds things, they tell.
     """
-    if "receptacle" not in other.capabilities or _is_shut(other):
+    if "receptacle" not in other.capabilities or is_shut(other):
         return [top(other)]
     used = _in_use(state.objects, other)
     if used and other.type not in rules().put.open_top:
         return used
     return [bottom(other) if other.type in rules().put.inside else top(other)]
-
-
-def _is_shut(thing: SceneObject) -> bool:
-    return thing.type in rules().view.hides_when_closed and thing.openness <= 0
 
 
 def _holds(objects: Objects, other: SceneObject, level: float) -> str | None:
@@ -250,7 +246,7 @@ def _holds(objects: Objects, other: SceneObject, level: float) -> str | None:
     What falls on a book on a table, or on a closed box, lies on what those lie on.
     """
     single = object_types()[other.type].accepts_only
-    if "receptacle" in other.capabilities and not _is_shut(other) and not single:
+    if "receptacle" in other.capabilities and not is_shut(other) and not single:
         return other.id
     low = level - bottom(other) <= rules().put.surface_reach_m
     return next(iter(other.parents), None) if low else None

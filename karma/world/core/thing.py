@@ -26,6 +26,11 @@ def shatters(thing: SceneObject) -> bool:
     return "pickupable" in thing.capabilities and thing.type not in rules().fragile.stays_whole
 
 
+def is_shut(thing: SceneObject) -> bool:
+    """Return whether an object is closed, so that what lies in it is hidden."""
+    return thing.type in rules().view.hides_when_closed and thing.openness <= 0
+
+
 def moved(thing: SceneObject, by: Vec3) -> SceneObject:
     """Return the object shifted by a vector."""
     return msgspec.structs.replace(

@@ -10,9 +10,8 @@ from karma.household.types import object_types
 from karma.world.core.boxes import Box
 from karma.world.core.hiding import hidden_rows
 from karma.world.core.objects import Objects
-from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import bottom, is_inert
+from karma.world.core.thing import bottom, is_inert, is_shut
 from karma.world.render.cases import SLIDE
 from karma.world.render.form import LIQUIDS, WATER, Form, Rectangle
 from karma.world.render.frame import Floats, ObjectFrame, frame
@@ -97,8 +96,7 @@ def _lies_about(objects: Objects, thing: SceneObject) -> bool:
     around = [objects[parent] for parent in thing.parents[:1]]
     for one in around:
         around += [objects[parent] for parent in one.parents[:1] if objects[parent] not in around]
-    closes = rules().view.hides_when_closed
-    return not any(one.type in closes and one.openness <= 0 for one in around)
+    return not any(map(is_shut, around))
 
 
 def _holes(objects: Objects, thing: SceneObject) -> tuple[Box, ...]:
