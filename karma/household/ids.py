@@ -37,6 +37,15 @@ def root_type(object_id: str) -> str:
     return object_id.partition("|")[0]
 
 
+def root_id(object_id: str) -> str:
+    """Return the id of the whole that an id begins with: its type and place.
+
+    >>> root_id("Sink|+01.00|+00.90|-02.00|SinkBasin"), root_id("Mug|+01.00|+00.90|-02.00")
+    ('Sink|+01.00|+00.90|-02.00', 'Mug|+01.00|+00.90|-02.00')
+    """
+    return "|".join(object_id.split("|")[: _OF_A_PART - 1])
+
+
 def whole_id(object_id: str) -> str:
     """Return the id of what a piece was cut from, or what a part is a part of.
 

@@ -18,6 +18,21 @@ NEEDS: Mapping[str, Capability] = MappingProxyType(
         "off": "toggleable", "dirty": "dirtyable", "used up": "canBeUsedUp",
     }
 )  # what a type must be capable of to be in a state  # fmt: skip
+STATE_WORDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "cleaned": ("clean", "cleaned", "washed", "rinsed", "wet"),
+        "sliced": ("sliced", "cut", "chopped"),
+        "cooked": ("cooked", "done"),
+        "heated": ("hot", "heated", "warm", "warmed"),
+        "dirty": ("dirty", "unwashed"),
+        "filled": ("filled", "full"),
+        "opened": ("open", "opened"),
+        "closed": ("closed", "shut"),
+        "off": ("off",),
+        "on": ("lit", "running"),
+        "used up": ("empty",),
+    }
+)  # what people say when they mean a thing by its state; wider than what goals may say
 _SYNONYMS = {
     "clean": "cleaned", "washed": "cleaned", "rinsed": "cleaned", "chopped": "sliced",
     "cut": "sliced", "hot": "heated", "warm": "heated", "cold": "cooled", "chilled": "cooled",

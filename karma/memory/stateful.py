@@ -12,21 +12,9 @@ from dataclasses import replace
 from karma.contracts import Embedder, MemoryUnit, Recalled
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
+from karma.household.states import STATE_WORDS
 from karma.memory.recall import CosineRecall, unit_sentence
 
-STATE_WORDS = {
-    "cleaned": ("clean", "cleaned", "washed", "rinsed", "wet"),
-    "sliced": ("sliced", "cut", "chopped"),
-    "cooked": ("cooked", "done"),
-    "heated": ("hot", "heated", "warm", "warmed"),
-    "dirty": ("dirty", "unwashed"),
-    "filled": ("filled", "full"),
-    "opened": ("open", "opened"),
-    "closed": ("closed", "shut"),
-    "off": ("off",),
-    "on": ("lit", "running"),
-    "used up": ("empty",),
-}
 PRONOUNS = frozenset(("it", "its", "that", "them", "this", "they"))
 STATE_BONUS, PLACE_BONUS, HANDLED_BONUS = 0.2, 0.2, 0.1
 NAME_BONUS, PRONOUN_BONUS = 0.5, 0.5

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from karma.household.places import FLOOR
 from karma.memory.scene_graph import SceneGraph
 from karma.world.core.scene import Scene, SceneObject
 
@@ -127,7 +128,7 @@ def _extent(shape: Shape) -> tuple[float, float]:
 
 def _is_furniture(thing: SceneObject) -> bool:
     large = thing.size[0] * thing.size[2] >= SMALL_M2
-    return large and thing.type != "Floor" and "pickupable" not in thing.capabilities
+    return large and thing.type != FLOOR and "pickupable" not in thing.capabilities
 
 
 def _shape(scene: Scene, thing: SceneObject) -> Shape:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.household.ids import is_id, root_type
+
 Mask = NDArray[np.bool_]
 Box = tuple[int, int, int, int]  # first and last column and row: x0, y0, x1, y1
 
@@ -37,13 +39,13 @@ class InstanceMasks(Mapping[str, Mask]):
         self.all_codes = frozenset(code(color) for color in colors.values())
 
     def __getitem__(self, name: str) -> Mask:
-        if "|" not in name:
+        if not is_id(name):
             raise KeyError(name)
         found: Mask = self.codes == self.names[name]
         return found
 
     def __iter__(self) -> Iterator[str]:
-        return (name for name in self.names if "|" in name)
+        return (name for name in self.names if is_id(name))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -60,7 +62,7 @@ class ClassMasks(Mapping[str, Mask]):
         self.instances = instances
         self.codes: dict[str, list[int]] = {}
         for name, value in instances.names.items():
-            self.codes.setdefault(name.split("|")[0], []).append(value)
+            self.codes.setdefault(root_type(name), []).append(value)
 
     def __getitem__(self, name: str) -> Mask:
         codes = self.instances.codes

@@ -9,11 +9,7 @@ from typing import Any
 
 from karma.contracts import Event, World
 from karma.errors import KarmaError
-
-SURFACES = (
-    "ArmChair", "Bed", "CoffeeTable", "CounterTop", "Desk", "DiningTable", "Dresser", "Ottoman",
-    "Shelf", "ShelvingUnit", "SideTable", "Sofa", "TVStand",
-)  # fmt: skip
+from karma.household.places import BESIDE_A_DOOR
 
 
 class Home:
@@ -99,7 +95,7 @@ class Home:
 
 def _surfaces(event: Event) -> list[str]:
     """Return the ids of what things can be put onto without opening it, the nearest first."""
-    things = (thing for thing in event.metadata["objects"] if thing["objectType"] in SURFACES)
+    things = (thing for thing in event.metadata["objects"] if thing["objectType"] in BESIDE_A_DOOR)
     return [
         thing["objectId"]
         for thing in sorted(things, key=lambda thing: (thing["distance"], thing["objectId"]))

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from support import alfred_kitchen as ours
 
 from karma.errors import FileError
+from karma.household.ids import type_of
 from karma.household.types import object_type
 from karma.world.alfred.build import build
 from karma.world.alfred.facts import Files, gather
-from karma.world.alfred.ids import kind_of, object_id
+from karma.world.alfred.ids import object_id
 from karma.world.alfred.mutate import without_one
 from karma.world.alfred.replay import replay, replay_all
 from karma.world.alfred.steps import UntranslatableError, translated, visited
@@ -411,7 +412,7 @@ def test_alfreds_labels_are_guessed_from_those_of_other_trials(alfred):
         own = {
             spot.thing: spot.receptacle
             for spot in known.spots
-            if spot.trial == trial.id and not object_type(kind_of(spot.receptacle)).accepts_only
+            if spot.trial == trial.id and not object_type(type_of(spot.receptacle)).accepts_only
         }
         blind = replace(known, spots=tuple(s for s in known.spots if s.trial != trial.id))
         found = {thing.id: thing.parents for thing in build(trial, blind).objects}

@@ -3,8 +3,8 @@
 import pytest
 from support import alfred_kitchen as ours
 
+from karma.household.ids import type_of
 from karma.world.alfred.goal import Deeds, goal_met
-from karma.world.alfred.ids import kind_of
 
 APPLE, FRIDGE, TABLE = ours.APPLE, ours.FRIDGE, ours.TABLE
 
@@ -15,7 +15,7 @@ APPLE, FRIDGE, TABLE = ours.APPLE, ours.FRIDGE, ours.TABLE
 def thing(one, *, contents=None, parents=None, **more):
     flags = {"pickupable": True, "receptacle": contents is not None, "toggleable": False}
     return {
-        "objectId": one, "objectType": kind_of(one), "receptacleObjectIds": contents,
+        "objectId": one, "objectType": type_of(one), "receptacleObjectIds": contents,
         "parentReceptacles": parents, "isToggled": False, "visible": False, "isDirty": False,
         "temperature": "RoomTemp", "position": {"x": 0, "y": 0, "z": 0}, **flags, **more,
     }  # fmt: skip

@@ -21,6 +21,7 @@ from karma.bench.steps import (
 )
 from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
+from karma.household.places import BESIDE_A_DOOR
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.policies import make_policy
@@ -32,7 +33,7 @@ from karma.methods.lota.method import LotaGenerate
 from karma.tasks.files import load_tasks, with_whole, write_tasks
 from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.world.core.scene import SCENES
-from karma.world.home import SURFACES, Home
+from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 
 KITCHEN, BEDROOM = "kitchen_1", "bedroom_1"
@@ -90,7 +91,7 @@ def test_what_is_in_the_hand_is_put_onto_a_surface_and_not_in_the_way(twin):
         home.enter(twin)
         home.enter(KITCHEN)
         (parent,) = {name.split("|")[0] for name in one_of(home, kind)["parentReceptacles"]}
-        assert parent in SURFACES
+        assert parent in BESIDE_A_DOOR
     assert home.step("GetReachablePositions").metadata["actionReturn"] == cells
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from karma.contracts import Pose
+from karma.household.places import FLOOR
 from karma.world.core.arguments import Place
 from karma.world.core.footing import Ground, finer, snapped
 from karma.world.core.hiding import inert_rows
@@ -101,7 +102,7 @@ def _in_the_way(state: WorldState, place: tuple[float, float]) -> str:
     found = [
         (float(far[row]), things[row].name)
         for row in np.flatnonzero(near)
-        if things[row].type != "Floor" and things[row].id not in state.in_hand
+        if things[row].type != FLOOR and things[row].id not in state.in_hand
     ]
     return min(found, default=(0.0, "Wall"))[1]
 

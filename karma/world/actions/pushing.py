@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from karma.household.places import FLOOR
 from karma.world.actions.aiming import on_object
 from karma.world.core.arrays import Floats
 from karma.world.core.hiding import inert_rows, solid_boxes
@@ -105,7 +106,7 @@ def _edges(state: WorldState, thing: SceneObject) -> list[tuple[Floats, Floats]]
     found.extend(
         (np.minimum(np.array(p.center) - np.array(p.size) / 2, thing.center),
          np.maximum(np.array(p.center) + np.array(p.size) / 2, thing.center))
-        for p in parents[:1] if p.type != "Floor"
+        for p in parents[:1] if p.type != FLOOR
     )  # fmt: skip
     return found
 

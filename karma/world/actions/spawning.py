@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.seeds import stream
 from karma.world.actions.teleporting import copied
@@ -57,7 +58,7 @@ def initial_random_spawn(
         return Refusal("numPlacementAttempts must be a positive integer.")
     if state.held is not None:
         state = let_lie(emptied(state), state.objects[state.held], falls=True)
-    barred = frozenset(excludedReceptacles or ()) | (frozenset() if allowFloor else {"Floor"})
+    barred = frozenset(excludedReceptacles or ()) | (frozenset() if allowFloor else {FLOOR})
     places = [
         place.id
         for place in state.objects.values()

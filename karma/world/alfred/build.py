@@ -4,11 +4,13 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
+from karma.household.ids import type_of
+from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.world.alfred.contents import contained
 from karma.world.alfred.facts import RoomFacts, middling
 from karma.world.alfred.furniture import furnished
-from karma.world.alfred.ids import kind_of, type_now
+from karma.world.alfred.ids import type_now
 from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import SpawnPose, Trial
 from karma.world.core.boxes import AGENT_RADIUS_M, Box
@@ -128,7 +130,7 @@ def _at_start(thing: SceneObject, trial: Trial) -> SceneObject:
     """Return an object in the state that the trial says its type is in."""
     change: dict[str, bool | None] = {}
     for toggle in trial.scene.object_toggles:
-        if kind_of(thing.id) == toggle.object_type or thing.type == toggle.object_type:
+        if type_of(thing.id) == toggle.object_type or thing.type == toggle.object_type:
             change["is_toggled"] = toggle.is_on
     if trial.scene.dirty_and_empty:
         if "dirtyable" in thing.capabilities:
@@ -153,7 +155,7 @@ def _bounds(
     things: Sequence[SceneObject], cells: Sequence[tuple[float, float]], floor_y: float
 ) -> Box:
     """Return what holds all boxes but the floor's, and all cells."""
-    boxes = [Box.around(thing.center, thing.size) for thing in things if thing.type != "Floor"]
+    boxes = [Box.around(thing.center, thing.size) for thing in things if thing.type != FLOOR]
     r = AGENT_RADIUS_M
     boxes += [Box(x - r, floor_y, z - r, x + r, floor_y + 2.0, z + r) for x, z in cells]
     low = [min(box[axis] for box in boxes) for axis in range(3)]

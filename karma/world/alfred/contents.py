@@ -18,6 +18,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from karma.contracts import Vec3
+from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.trial import LabelledSpot, Trial
@@ -133,7 +134,7 @@ def _resting(position: Vec3, places: Mapping[str, SceneObject]) -> str | None:
 
 def _rank(position: Vec3, place: SceneObject) -> tuple[bool, bool, float] | None:
     """Return how well a position fits a receptacle, less is better; None = not at all."""
-    if place.type == "Floor":
+    if place.type == FLOOR:
         return None
     x, y, z = position
     across, along = gaps(place, x, z)

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from karma.contracts import Vec3
-from karma.world.alfred.ids import kind_of, object_id, place_of, spelt_out
+from karma.household.ids import part_id, type_of
+from karma.household.uses import WHOLE_OF, without_basin
+from karma.world.alfred.ids import object_id, place_of, spelt_out
 from karma.world.alfred.steps import named, visited
 from karma.world.alfred.trial import (
     FixedObjects,
@@ -31,7 +33,6 @@ from karma.world.importing.scenes import import_dump
 
 SAME_M = 0.03  # two places of one type that are one object, where ids carry centimetres
 _BASIN_M = 1.0  # between a basin and the sink or tub whose place its id carries
-_PARENT_OF_BASIN = {"SinkBasin": "Sink", "BathtubBasin": "Bathtub"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,8 +192,8 @@ def _named_spots(step: PlannerAction) -> Iterator[tuple[str, Spot]]:
     for one in filter(None, (step.object_id, step.receptacle_object_id)):
         for spot in filter(None, (step.thing, step.receptacle)):
             place = place_of(one)
-            reach = _BASIN_M if spot.kind in _PARENT_OF_BASIN else SAME_M
-            if kind_of(one) == spot.kind and place and math.dist(place, spot.position) <= reach:
+            reach = _BASIN_M if spot.kind in WHOLE_OF else SAME_M
+            if type_of(one) == spot.kind and place and math.dist(place, spot.position) <= reach:
                 yield one, spot
 
 
@@ -219,13 +220,14 @@ def _resolved(places: dict[str, Vec3], spot: Spot) -> str:
     far = {
         one: math.dist(place, spot.position)
         for one, place in places.items()
-        if kind_of(one) == spot.kind
+        if type_of(one) == spot.kind
     }
     nearest = min(far, key=lambda one: (far[one], one), default=None)
-    reach = _BASIN_M if spot.kind in _PARENT_OF_BASIN else SAME_M
+    reach = _BASIN_M if spot.kind in WHOLE_OF else SAME_M
     if nearest is not None and far[nearest] <= reach:
         return nearest
-    parent = _PARENT_OF_BASIN.get(spot.kind)
-    one = object_id(parent or spot.kind, spot.position) + (f"|{spot.kind}" if parent else "")
+    one = object_id(without_basin(spot.kind), spot.position)
+    if spot.kind in WHOLE_OF:
+        one = part_id(one, spot.kind)
     _add(places, one, spot.position)
     return one

@@ -18,9 +18,11 @@ from typing import NamedTuple
 import msgspec
 
 from karma.contracts import Vec3
+from karma.household.ids import type_of
+from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.world.alfred.facts import RoomFacts
-from karma.world.alfred.ids import kind_of, place_of, type_now
+from karma.world.alfred.ids import place_of, type_now
 from karma.world.alfred.trial import LabelledSpot
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
@@ -54,7 +56,7 @@ def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[S
     places = {
         one: place
         for one, place in facts.fixed.items()
-        if (kind := type_now(kind_of(one))) and kind not in kinds
+        if (kind := type_now(type_of(one))) and kind not in kinds
     }
     dump = [] if facts.dump is None else [*facts.dump.objects]
     rest = [o for o in dump if "pickupable" not in o.capabilities and o.type not in kinds]
@@ -113,7 +115,7 @@ def _pair(
 
 def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
     for one, place in places.items():
-        kind = type_now(kind_of(one))
+        kind = type_now(type_of(one))
         for index, thing in enumerate(things):
             if thing.type != kind:
                 continue
@@ -126,10 +128,10 @@ def _of_one_kind(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _
 
 def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
     for one, place in places.items():
-        if "receptacle" not in object_types()[type_now(kind_of(one)) or ""].capabilities:
+        if "receptacle" not in object_types()[type_now(type_of(one)) or ""].capabilities:
             continue
         for index, thing in enumerate(things):
-            if thing.type == "Floor" or "receptacle" not in thing.capabilities:
+            if thing.type == FLOOR or "receptacle" not in thing.capabilities:
                 continue
             across, up = _gaps(place, thing.position)
             if across <= _SAME_ORIGIN_M and up <= _SAME_HEIGHT_M:
@@ -139,7 +141,7 @@ def _of_one_origin(places: Mapping[str, Vec3], things: Sequence[SceneObject]) ->
 def _elsewhere(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pairs:
     for one, place in places.items():
         for index, thing in enumerate(things):
-            if thing.type == type_now(kind_of(one)):
+            if thing.type == type_now(type_of(one)):
                 yield math.dist(place, thing.position), one, index
 
 
@@ -180,7 +182,7 @@ def _at(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
 
 
 def _renamed(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
-    kind = type_now(kind_of(one)) or thing.type
+    kind = type_now(type_of(one)) or thing.type
     same = kind == thing.type
     return msgspec.structs.replace(
         thing,
@@ -196,7 +198,7 @@ def _renamed(thing: SceneObject, one: str, place: Vec3) -> SceneObject:
 
 def _typical(one: str, place: Vec3, facts: RoomFacts, floor_y: float) -> SceneObject:
     """Return an object that no dump of the room has: its type's shape, and what lay there."""
-    kind = type_now(kind_of(one)) or ""
+    kind = type_now(type_of(one)) or ""
     row, model = object_types()[kind], facts.models.get(kind)
     size = row.size_m if model is None else model.size
     if model is None:
@@ -241,14 +243,14 @@ def _round(thing: SceneObject, spots: Sequence[LabelledSpot]) -> SceneObject:
 
 def _with_floor(things: list[SceneObject], facts: RoomFacts, floor_y: float) -> list[SceneObject]:
     """Return the objects with a floor among them: all rooms of AI2-THOR 5.0.0 have one."""
-    if any(thing.type == "Floor" for thing in things):
+    if any(thing.type == FLOOR for thing in things):
         return things
     xs, zs = [x for x, _ in facts.cells] or [0.0], [z for _, z in facts.cells] or [0.0]
     middle = ((min(xs) + max(xs)) / 2, floor_y - 0.05, (min(zs) + max(zs)) / 2)
     size = (max(xs) - min(xs) + 2.0, 0.1, max(zs) - min(zs) + 2.0)
-    row = object_types()["Floor"]
+    row = object_types()[FLOOR]
     floor = SceneObject(
-        id="Floor|+00.00|+00.00|+00.00", type="Floor", name="Floor", position=(0.0, floor_y, 0.0),
+        id=f"{FLOOR}|+00.00|+00.00|+00.00", type=FLOOR, name=FLOOR, position=(0.0, floor_y, 0.0),
         center=middle, size=size, capabilities=row.capabilities,
     )  # fmt: skip
     return [*things, floor]
@@ -277,7 +279,7 @@ def _stands_in(thing: SceneObject, place: SceneObject) -> bool:
     """Return whether a lamp, a plant and the like has its foot in a receptacle's box."""
     if "moveable" not in thing.capabilities or "receptacle" in thing.capabilities:
         return False
-    shuts = place.type == "Floor" or place.type in rules().view.hides_when_closed
+    shuts = place.type == FLOOR or place.type in rules().view.hides_when_closed
     if shuts or "receptacle" not in place.capabilities:
         return False
     foot = (thing.center[0], bottom(thing) + _FOOT_M, thing.center[2])

@@ -21,7 +21,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from karma.world.alfred.ids import kind_of
+from karma.household.ids import type_of
+from karma.household.pieces import piece_type
+from karma.household.uses import BASIN_OF, FAUCET, FRIDGE, MICROWAVE, SINK
 from karma.world.alfred.trial import Targets, Trial
 
 Thing = Mapping[str, Any]  # one object of the metadata
@@ -38,13 +40,13 @@ class Deeds:
 
     def note(self, action: str, object_id: str, after: Metadata) -> None:
         """Take in a successful action on an object."""
-        if action == "ToggleObjectOn" and "Faucet" in object_id:
+        if action == "ToggleObjectOn" and FAUCET in object_id:
             ids = _contents(_nearest_basin(object_id, after))
             self.cleaned |= {one["objectId"] for one in _of(ids, after) if not one["isDirty"]}
-        elif action == "ToggleObjectOn" and "Microwave" in object_id:
+        elif action == "ToggleObjectOn" and MICROWAVE in object_id:
             ids = _contents(_by_id(object_id, after))
             self.heated |= _at("Hot", ids, after)
-        elif action == "CloseObject" and "Fridge" in object_id:
+        elif action == "CloseObject" and FRIDGE in object_id:
             ids = _contents(_by_id(object_id, after))
             self.cooled |= _at("Cold", ids, after)
 
@@ -52,8 +54,8 @@ class Deeds:
 def noteworthy(action: str, object_id: str) -> bool:
     """Return whether `Deeds.note` would look at the metadata after an action."""
     if action == "ToggleObjectOn":
-        return "Faucet" in object_id or "Microwave" in object_id
-    return action == "CloseObject" and "Fridge" in object_id
+        return FAUCET in object_id or MICROWAVE in object_id
+    return action == "CloseObject" and FRIDGE in object_id
 
 
 def _by_id(object_id: str, metadata: Metadata) -> Thing | None:
@@ -63,7 +65,9 @@ def _by_id(object_id: str, metadata: Metadata) -> Thing | None:
 
 def _nearest_basin(faucet: str, metadata: Metadata) -> Thing | None:
     source = _by_id(faucet, metadata)
-    basins: list[Thing] = [one for one in metadata["objects"] if one["objectType"] == "SinkBasin"]
+    basins: list[Thing] = [
+        one for one in metadata["objects"] if one["objectType"] == BASIN_OF[SINK]
+    ]
     if source is None or not basins:
         return None
     here = _place(source)
@@ -126,7 +130,7 @@ def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds, *, exact: bool = Fa
 
 
 def _wanted(targets: Targets) -> str:
-    return targets.object_target + ("Sliced" if targets.object_sliced else "")
+    return piece_type(targets.object_target) if targets.object_sliced else targets.object_target
 
 
 def _find(name: str, capability: str, metadata: Metadata) -> list[Thing]:
@@ -136,7 +140,7 @@ def _find(name: str, capability: str, metadata: Metadata) -> list[Thing]:
 
 def _of_type(name: str, capability: str, metadata: Metadata) -> list[Thing]:
     return [
-        one for one in metadata["objects"] if kind_of(one["objectId"]) == name and one[capability]
+        one for one in metadata["objects"] if type_of(one["objectId"]) == name and one[capability]
     ]
 
 

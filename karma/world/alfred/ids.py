@@ -36,16 +36,6 @@ def _coordinate(value: float) -> str:
     return f"-{digits}" if rounded else digits
 
 
-def kind_of(object_id: str) -> str:
-    """Return the type that an id names: its first part, but the last one of basins and slices.
-
-    >>> kind_of("Sink|+01.00|+00.90|-02.00|SinkBasin"), kind_of("Apple|0|0|0|AppleSliced_2")
-    ('SinkBasin', 'AppleSliced')
-    """
-    parts = object_id.split("|")
-    return parts[0] if len(parts) < 5 else parts[-1].rpartition("_")[0] or parts[-1]
-
-
 def place_of(object_id: str) -> Vec3 | None:
     """Return the position that an id carries, to the centimetre; None if it carries none."""
     try:

@@ -5,12 +5,12 @@ names the held object and the receptacle, where 5.0.0's names the receptacle alo
 was sliced are numbered from 1, 5.0.0's from 0.
 """
 
-import re
 from collections.abc import Collection
 from typing import Any
 
 from karma.errors import KarmaError
-from karma.world.alfred.ids import kind_of
+from karma.household.ids import type_of
+from karma.household.pieces import is_piece
 from karma.world.alfred.trial import ApiAction, Trial
 from karma.world.core.thing import heading
 
@@ -22,7 +22,6 @@ ON_OBJECTS = (
     "PickupObject", "PutObject", "OpenObject", "CloseObject", "ToggleObjectOn", "ToggleObjectOff",
     "SliceObject",
 )  # fmt: skip
-_PIECE = re.compile(r"(.+\|[A-Za-z]+(?:Sliced|Cracked)_)(\d+)")
 
 Step = tuple[str, dict[str, Any]]  # an action and its arguments, as `World.step` takes them
 
@@ -76,13 +75,12 @@ def piece_now(object_id: str, present: Collection[str]) -> str:
     >>> piece_now("Apple|0|1|2|AppleSliced_2", {"Apple|0|1|2|AppleSliced_1"})
     'Apple|0|1|2|AppleSliced_1'
     """
-    found = _PIECE.fullmatch(object_id)
-    if found is None:
+    stem, _, number = object_id.rpartition("_")
+    if not number.isdecimal() or not is_piece(type_of(object_id)):
         return object_id
-    stem, number = found[1], int(found[2])
-    for index in range(number - 1, -1, -1):
-        if f"{stem}{index}" in present:
-            return f"{stem}{index}"
+    for index in range(int(number) - 1, -1, -1):
+        if f"{stem}_{index}" in present:
+            return f"{stem}_{index}"
     return object_id
 
 
@@ -114,4 +112,4 @@ def named(trial: Trial) -> tuple[str, ...]:
 
 
 def _ids(*given: str | None) -> dict[str, None]:
-    return {one: None for one in given if one and _PIECE.fullmatch(one) is None and kind_of(one)}
+    return {one: None for one in given if one and not is_piece(type_of(one)) and type_of(one)}

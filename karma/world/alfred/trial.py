@@ -14,7 +14,8 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.errors import FileError
-from karma.world.alfred.ids import kind_of, object_id, place_of
+from karma.household.ids import root_id, type_of
+from karma.world.alfred.ids import object_id, place_of
 from karma.world.importing.dump import COPY, Xyz, read_unzipped
 
 T = TypeVar("T")
@@ -263,14 +264,14 @@ def _as_named(scene: SceneFacts, plan: DemonstratedPlan) -> SceneFacts:
     """
     actions = [low.api_action for low in plan.low_actions]
     said = {one for act in actions for one in (act.object_id, act.receptacle_object_id) if one}
-    named = sorted({"|".join(one.split("|")[:4]) for one in said})
+    named = sorted({root_id(one) for one in said})
     taken = {pose.id for pose in scene.object_poses}
     poses = list(scene.object_poses)
     for one in named:
         off = {
             row: _off(pose, one)
             for row, pose in enumerate(poses)
-            if pose.object_id is None and pose.kind == kind_of(one) and pose.id not in named
+            if pose.object_id is None and pose.kind == type_of(one) and pose.id not in named
         }
         nearest = min(off, key=off.__getitem__, default=None)
         if one not in taken and nearest is not None and off[nearest] <= _ROUNDED_M:
@@ -307,7 +308,7 @@ def _wrong_pose(poses: Sequence[SpawnPose]) -> str | None:
         field = f"at `$.scene.object_poses[{number}]`"
         if not _sane(pose.position.tuple):
             return f"not a place in a room - {field}"
-        if kind_of(pose.id) != pose.kind:
+        if type_of(pose.id) != pose.kind:
             return f"{pose.id!r} is not an id of {pose.object_name!r} - {field}"
     return None
 

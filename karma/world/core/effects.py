@@ -8,13 +8,12 @@ from typing import NamedTuple
 import msgspec
 from msgspec import UNSET
 
+from karma.household.uses import BASIN_OF, BASINS
 from karma.world.core.objects import Objects, derived
 from karma.world.core.rules import Effect, rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import WorldState
 from karma.world.core.thing import gaps
-
-_BASINS = (("SinkBasin", "BathtubBasin"), ("Sink", "Bathtub"))
 
 
 class Effects(NamedTuple):
@@ -83,7 +82,7 @@ def _zone(objects: Objects, effect: Effect, source: str) -> tuple[str, ...]:
 def basin_under(objects: Objects, source: str) -> str | None:
     """Return the nearest basin a faucet or shower head pours into; basins before sinks."""
     x, y, z = objects[source].center
-    for kinds in _BASINS:
+    for kinds in (BASINS, tuple(BASIN_OF)):
         found: list[tuple[float, str]] = []
         for kind in kinds:
             for object_id in objects.by_type.get(kind, ()):

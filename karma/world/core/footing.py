@@ -4,6 +4,7 @@ from math import ceil, floor
 
 import numpy as np
 
+from karma.household.places import FLOOR
 from karma.world.core.state import BODY_M, SILL_M, WorldState
 from karma.world.core.thing import is_inert
 
@@ -35,7 +36,7 @@ class Ground:
         rows = [
             objects.rows[thing.id]
             for thing in objects.values()
-            if "pickupable" not in thing.capabilities and thing.type != "Floor"
+            if "pickupable" not in thing.capabilities and thing.type != FLOOR
             and not is_inert(thing)
         ]  # fmt: skip
         high = objects.boxes.high[rows, 1] >= floor_y + SILL_M

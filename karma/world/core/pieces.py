@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import msgspec
 
+from karma.household.ids import part_id
+from karma.household.pieces import EGG
 from karma.household.types import object_types
 from karma.world.core.objects import Objects
 from karma.world.core.scene import SceneObject
@@ -17,7 +19,7 @@ def broken(state: WorldState, thing: SceneObject) -> WorldState:
     An egg runs out; a screen goes dark and stays; of a vessel only its id is left, out of
     everything, and what lay in it lies where it lay.
     """
-    if object_types()[thing.type].slices_into and thing.type == "Egg":
+    if thing.type == EGG:
         return in_pieces(state, msgspec.structs.replace(thing, is_broken=True))
     if not shatters(thing):
         thing = msgspec.structs.replace(thing, is_broken=True, is_toggled=False)
@@ -58,7 +60,7 @@ def _pieces(source: SceneObject, kind: str, count: int) -> dict[str, SceneObject
             middle[axis] += (number - (count - 1) / 2) * size[axis]
         place = (round(middle[0], 5), round(middle[1], 5), round(middle[2], 5))
         piece = SceneObject(
-            id=f"{source.id}|{kind}_{number}",
+            id=part_id(source.id, f"{kind}_{number}"),
             type=kind,
             name=f"{kind}_{number}_of_{source.name}",
             position=place,

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from karma.contracts import Vec3
+from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.world.core.arrays import Floats
 from karma.world.core.hiding import blocking, inert_rows, solid_boxes
@@ -162,7 +163,7 @@ def _first_free(
     level = _rest(thing, level)
     tall = (level - half[1] < high[:, 1]) & (level + half[1] > low[:, 1])
     low, high = low[tall][:, [0, 2]] - half[[0, 2]], high[tall][:, [0, 2]] + half[[0, 2]]
-    keep_off = attempt.standing and receptacle.type != "Floor"
+    keep_off = attempt.standing and receptacle.type != FLOOR
     for start in range(0, len(places), _AT_ONCE):
         some = places[start : start + _AT_ONCE, None]
         taken = ((some < high) & (some > low)).all(axis=2).any(axis=1)
@@ -212,7 +213,7 @@ def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec
 
 
 def _floor(objects: Objects) -> str | None:
-    return next(iter(objects.by_type.get("Floor", ())), None)
+    return next(iter(objects.by_type.get(FLOOR, ())), None)
 
 
 def _below(state: WorldState, x: float, z: float) -> list[SceneObject]:
@@ -223,7 +224,7 @@ def _below(state: WorldState, x: float, z: float) -> list[SceneObject]:
     inside &= ~inert_rows(objects)
     things = list(objects.values())
     found = [things[row] for row in np.flatnonzero(inside)]
-    found = [one for one in found if one.type != "Floor" and one.id not in state.in_hand]
+    found = [one for one in found if one.type != FLOOR and one.id not in state.in_hand]
     return sorted(found, key=lambda one: "receptacle" in one.capabilities)
 
 
@@ -278,7 +279,7 @@ def parents_in(objects: Objects, thing: SceneObject, holder: str) -> tuple[str, 
     found = [holder]
     loose = "pickupable" in place.capabilities or "moveable" in place.capabilities
     for other in place.parents:
-        if objects[other].type == "Floor":
+        if objects[other].type == FLOOR:
             if bottom(thing) <= floor_reach(objects, other):
                 found.append(other)
         elif loose and bottom(thing) - bottom(place) <= rules().put.surface_reach_m:

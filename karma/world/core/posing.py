@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from karma.contracts import Vec3
+from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.world.core.arguments import Place
 from karma.world.core.arrays import Floats
@@ -154,7 +155,7 @@ def holder_of(objects: Objects, thing: SceneObject) -> str | None:
         for other in objects.values()
         if "receptacle" in other.capabilities
         and other.id not in mine
-        and other.type != "Floor"
+        and other.type != FLOOR
         and not is_inert(other)
         and _takes(other, thing)
     ]
@@ -184,7 +185,7 @@ def let_lie(state: WorldState, there: SceneObject, *, falls: bool) -> WorldState
     """
     without = replace(state, held=there.id)  # it is in nobody's way, least of all its own
     holder = holder_of(state.objects, there)
-    floor = next(iter(state.objects.by_type.get("Floor", ())), None)
+    floor = next(iter(state.objects.by_type.get(FLOOR, ())), None)
     if holder is None and falls:
         middle, holder = land(without, there, there.center[0], there.center[2])
         there = moved(there, difference(middle, there.center))
@@ -225,6 +226,6 @@ def stuck_in(state: WorldState, there: SceneObject) -> str | None:
     overlap = np.all((low < center + half) & (high > center - half), axis=1) & ~inert_rows(objects)
     ids = list(objects)
     for row in np.flatnonzero(overlap):
-        if ids[row] not in mine and objects[ids[row]].type != "Floor":
+        if ids[row] not in mine and objects[ids[row]].type != FLOOR:
             return objects[ids[row]].name
     return None

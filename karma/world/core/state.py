@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from karma.contracts import Pose, Vec3
+from karma.household.places import FLOOR
 from karma.world.core.camera import Camera
 from karma.world.core.metadata import box
 from karma.world.core.objects import Objects, derived
@@ -98,7 +99,7 @@ class Room:
         for thing in objects.values():
             if self._home.get(thing.id) == thing.center or thing.id in in_hand:
                 continue
-            if is_inert(thing) or any(objects[parent].type != "Floor" for parent in thing.parents):
+            if is_inert(thing) or any(objects[parent].type != FLOOR for parent in thing.parents):
                 continue
             if bottom(thing) < self.floor_y + _ON_FLOOR_M and top(thing) > self.floor_y + SILL_M:
                 found = {key: place for key, place in found.items() if not _beside(thing, place)}

@@ -7,7 +7,9 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from karma.household.places import FLOOR
 from karma.household.types import object_type
+from karma.household.uses import FRIDGE
 from karma.world.core.boxes import Box
 from karma.world.generation.rooms import Furnishing, FurniturePart, Kind, Piece, RoomTable
 
@@ -72,8 +74,8 @@ class RoomInMaking:
         self.width, self.depth = (self._quarter(kind.width), self._quarter(kind.depth))
         x, z = self.width / 2, self.depth / 2
         self.room = Box(-x, 0.0, -z, x, kind.height, z)
-        floor = FurniturePart(type="Floor", y=(-0.1, 0.0), v=(0.0, self.depth))
-        self.placed = [Placed(type="Floor", box=Box(-x, -0.1, -z, x, 0.0, z), group=0, part=floor)]
+        floor = FurniturePart(type=FLOOR, y=(-0.1, 0.0), v=(0.0, self.depth))
+        self.placed = [Placed(type=FLOOR, box=Box(-x, -0.1, -z, x, 0.0, z), group=0, part=floor)]
         self.zones: list[Box] = []
         self.groups = 1
 
@@ -251,7 +253,7 @@ class RoomInMaking:
 
     def _support(self, part: FurniturePart, box: Box, first: int) -> int | None:
         """Return what a part stands on: the floor, or another part of its piece."""
-        if not object_type(part.type).can("moveable") and part.type != "Fridge":
+        if not object_type(part.type).can("moveable") and part.type != FRIDGE:
             return None
         if box.y0 == 0.0:
             return 0

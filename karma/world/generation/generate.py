@@ -11,7 +11,9 @@ import numpy as np
 
 from karma.contracts import Vec3
 from karma.errors import KarmaError, UnknownNameError
+from karma.household.places import FLOOR
 from karma.household.types import object_type
+from karma.household.uses import BURNER, KNOB
 from karma.seeds import stream
 from karma.world.core.boxes import Box, Cell, distances, nearest_to_centre, reachable_cells
 from karma.world.core.scene import AgentPose, Scene, SceneObject
@@ -281,7 +283,7 @@ def _ids(placed: Sequence[Placed]) -> list[str]:
 
 def _position(one: Placed) -> Vec3:
     """Return the origin: on the floor for what stands there, else the middle."""
-    if one.type == "Floor":
+    if one.type == FLOOR:
         return (0.0, 0.0, 0.0)
     x, y, z = one.box.center
     return _rounded((x, 0.0 if one.box.y0 == 0.0 else y, z))
@@ -294,8 +296,8 @@ def _rounded(values: Vec3) -> Vec3:
 
 def _knobs(placed: Sequence[Placed]) -> dict[int, int]:
     """Return which burner each knob controls: the first the first, and so on."""
-    knobs = [i for i, one in enumerate(placed) if one.type == "StoveKnob"]
-    burners = [i for i, one in enumerate(placed) if one.type == "StoveBurner"]
+    knobs = [i for i, one in enumerate(placed) if one.type == KNOB]
+    burners = [i for i, one in enumerate(placed) if one.type == BURNER]
     return dict(zip(knobs, burners, strict=True))
 
 

@@ -9,7 +9,9 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.errors import FileError
+from karma.household.places import FLOOR
 from karma.household.types import Capability, RoomType, object_types
+from karma.household.uses import BASINS
 from karma.world.core.boxes import (
     AGENT_RADIUS_M,
     Box,
@@ -154,14 +156,14 @@ def _floor_y(seen: Sequence[Seen]) -> float:
 
     The Floor's origin does not tell: in 5.0.0 it lies up to 1.3 m off its surface.
     """
-    floors = [one.box.y1 for one in seen if one.object_type == "Floor"]
+    floors = [one.box.y1 for one in seen if one.object_type == FLOOR]
     low = floors or [one.box.y0 for one in seen]
     return round(min(low), 4) + 0.0
 
 
 def _room_box(seen: Sequence[Seen], floor_y: float, cells: Sequence[Cell]) -> Box:
     """Return what holds all boxes and cells; the Floor's own box reaches beyond the walls."""
-    boxes = [one.box for one in seen if one.object_type != "Floor"] or [seen[0].box]
+    boxes = [one.box for one in seen if one.object_type != FLOOR] or [seen[0].box]
     r = AGENT_RADIUS_M
     boxes += [Box(x - r, floor_y, z - r, x + r, floor_y, z + r) for x, z in cells]
     return Box(
@@ -220,7 +222,7 @@ def _spans(one: Seen) -> bool:
 
     Floors, counters round a corner, and basins: their sinks and tubs stand there already.
     """
-    return _is_bent(one) or one.object_type in ("Floor", "BathtubBasin", "SinkBasin")
+    return _is_bent(one) or one.object_type in (FLOOR, *BASINS)
 
 
 def _is_bent(one: Seen) -> bool:
@@ -276,7 +278,7 @@ def _volume(one: Seen) -> float:
 
 def _nearness(child: Seen, parent: Seen) -> tuple[bool, float, float, str]:
     gap = round(parent.box.distance(*child.box.center), 2)
-    return parent.object_type == "Floor", gap, _volume(parent), parent.object_id
+    return parent.object_type == FLOOR, gap, _volume(parent), parent.object_id
 
 
 def _without_loops(parents: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:

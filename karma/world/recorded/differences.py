@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from karma.household.ids import type_of, whole_id
+from karma.household.pieces import is_piece
 from karma.world.importing.scenes import FLAGS as CAPABILITIES
 
 STATES = (
@@ -122,14 +124,14 @@ class Attribution:
         }
 
     def _concerned(self, object_id: str) -> bool:
-        whole = object_id.rsplit("|", 1)[0]  # of a slice
+        whole = whole_id(object_id)  # of a slice
         return object_id in self._touched or whole in self._touched
 
     def cause(self, object_id: str, field: str, ours: Any, theirs: Any) -> str:
         """Return one of `CAUSES`."""
         key = (object_id, field)
         if ours is MISSING or theirs is MISSING or ours == MISSING or theirs == MISSING:
-            return "pieces" if "Sliced_" in object_id else "one side only"
+            return "pieces" if is_piece(type_of(object_id)) else "one side only"
         if self._ours.get(key) == ours and self._theirs.get(key) == theirs:
             return "start"
         if field == "receptacleObjectIds":
@@ -145,7 +147,7 @@ class Attribution:
     def _of_contents(self, ours: frozenset[str], theirs: frozenset[str]) -> str:
         """Return why two lists of contents differ: as their members' parents do."""
         strangers = ours ^ theirs
-        if any("Sliced_" in member for member in strangers):
+        if any(is_piece(type_of(member)) for member in strangers):
             return "pieces"
         if all((member, "parentReceptacles") in self._alone for member in strangers):
             return "jitter"

@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from karma.contracts import Vec3
+from karma.household.places import FLOOR
 from karma.household.types import object_types
+from karma.household.uses import BASIN_OF, BURNER, SINK, with_basin
 from karma.world.core.boxes import Box
 from karma.world.core.hiding import hidden_rows
 from karma.world.core.objects import Objects
@@ -63,7 +65,7 @@ def tasks(objects: Objects, cells: Floats) -> Iterator[DrawingTask]:
     hidden = hidden_rows(objects)
     for row, (object_id, thing) in enumerate(objects.items()):
         unseen = hidden[row] and thing.type != "TargetCircle" and not _lies_about(objects, thing)
-        if thing.type == "Floor" or unseen:
+        if thing.type == FLOOR or unseen:
             continue
         x, y, z = slides.get(object_id, (0.0, 0.0, 0.0))
         shift = (x, y + _lift(objects, object_id, lifts), z)
@@ -101,7 +103,7 @@ def _lies_about(objects: Objects, thing: SceneObject) -> bool:
 
 def _holes(objects: Objects, thing: SceneObject) -> tuple[Box, ...]:
     """Return the basins let into a worktop or a sink."""
-    within = {"CounterTop": ("Sink", "SinkBasin"), "Sink": ("SinkBasin",)}.get(thing.type, ())
+    within = {"CounterTop": with_basin(SINK), SINK: (BASIN_OF[SINK],)}.get(thing.type, ())
     own = Box.around(thing.center, thing.size)
     found = []
     for kind in within:
@@ -185,7 +187,7 @@ def supports(objects: Objects, floor_y: float) -> tuple[Box, ...]:
     fixed = [
         Box.around(thing.center, thing.size)
         for thing in objects.values()
-        if "pickupable" not in thing.capabilities and thing.type not in ("Floor", "StoveBurner")
+        if "pickupable" not in thing.capabilities and thing.type not in (FLOOR, BURNER)
     ]
     found = [_stove(group, floor_y) for group in _burners(objects)]
     found = [stove for stove in found if not any(_under(stove, box) for box in fixed)]
@@ -199,7 +201,7 @@ def supports(objects: Objects, floor_y: float) -> tuple[Box, ...]:
 def _burners(objects: Objects) -> list[list[Box]]:
     """Return the burners, those near to each other together."""
     groups: list[list[Box]] = []
-    for object_id in objects.by_type.get("StoveBurner", ()):
+    for object_id in objects.by_type.get(BURNER, ()):
         burner = Box.around(objects[object_id].center, objects[object_id].size)
         wide = burner.grown(0.25, 0.3, 0.25)
         near = [group for group in groups if any(wide.overlaps(other) for other in group)]
@@ -261,7 +263,7 @@ def _ground(
     thing: SceneObject, stand: ObjectFrame, holes: tuple[Box, ...], cells: Floats
 ) -> tuple[Rectangle, ...]:
     """Return the parts of a worktop's or sink's box that it fills, in its own frame."""
-    if thing.type not in ("CounterTop", "Sink"):
+    if thing.type not in ("CounterTop", SINK):
         return ()
     own = Box.around(thing.center, thing.size)
     free = [(box.x0, box.z0, box.x1, box.z1) for box in holes]

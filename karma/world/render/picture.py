@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.household.uses import LAMPS
 from karma.world.core.camera import Camera
 from karma.world.core.objects import Objects
 from karma.world.core.state import WorldState
@@ -123,7 +124,7 @@ def _light(objects: Objects) -> float:
     switches = objects.by_type.get("LightSwitch", ())
     if not switches or any(objects[one].is_toggled for one in switches):
         return 1.0
-    lamps = [one for kind in ("DeskLamp", "FloorLamp") for one in objects.by_type.get(kind, ())]
+    lamps = [one for kind in LAMPS for one in objects.by_type.get(kind, ())]
     return min(1.0, DARK + LAMP * sum(objects[one].is_toggled for one in lamps))
 
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.household import places
 from karma.world.core.objects import Objects
 from karma.world.render import shell as rooms
 from karma.world.render.layer import Layer
@@ -58,7 +59,7 @@ def scenery(layers: list[Layer], shell: Shell, objects: Objects, view: Rays) -> 
         ]
         for layer in layers
     ]
-    floors = objects.by_type.get("Floor", ())
+    floors = objects.by_type.get(places.FLOOR, ())
     floor = at[floors[0]] if floors else FLOOR
     return Scenery(
         layers,

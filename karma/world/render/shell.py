@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import Vec3
+from karma.household.places import FLOOR
 from karma.household.types import RoomType
+from karma.household.uses import BURNER, FRIDGE, SHOWER_HEAD
 from karma.world.core.hiding import inert_rows
 from karma.world.core.objects import Objects
 from karma.world.core.state import Room
@@ -22,8 +24,8 @@ TEXEL_M = 0.025
 SHADOW_M = 0.3  # how far furniture darkens the floor around it
 _LOW_M = 0.35  # what begins lower throws a shadow on the floor
 _TELLING: tuple[tuple[str, RoomType], ...] = (
-    ("Toilet", "Bathroom"), ("Bathtub", "Bathroom"), ("ShowerHead", "Bathroom"),
-    ("StoveBurner", "Kitchen"), ("Fridge", "Kitchen"), ("Bed", "Bedroom"),
+    ("Toilet", "Bathroom"), ("Bathtub", "Bathroom"), (SHOWER_HEAD, "Bathroom"),
+    (BURNER, "Kitchen"), (FRIDGE, "Kitchen"), ("Bed", "Bedroom"),
 )  # fmt: skip
 FLOOR_FACE, CEILING_FACE = 2, 3  # faces: -x, +x, -y, +y, -z, +z
 _NORMALS = np.array(
@@ -59,7 +61,7 @@ def kind(objects: Objects) -> RoomType:
 def footprints(objects: Objects, floor_y: float) -> NDArray[np.float64]:
     """Return (x0, z0, x1, z1) of what stands low and is not to be carried, shape (n, 4)."""
     carried = np.array(["pickupable" in thing.capabilities for thing in objects.values()], bool)
-    floors = np.array([thing.type == "Floor" for thing in objects.values()], bool)
+    floors = np.array([thing.type == FLOOR for thing in objects.values()], bool)
     boxes = objects.boxes
     low = boxes.low[:, 1] < floor_y + _LOW_M
     rows = np.flatnonzero(low & ~carried & ~floors & ~inert_rows(objects))

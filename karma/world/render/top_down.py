@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrow, Rectangle
 
 from karma.errors import FileError
+from karma.household import places
 from karma.household.types import object_type
 from karma.world.core.boxes import Box
 from karma.world.core.scene import Scene, SceneObject
@@ -95,7 +96,9 @@ def _is_small(thing: SceneObject) -> bool:
 
 def _fixed(scene: Scene) -> list[SceneObject]:
     """Return what is not to be carried, the lowest first."""
-    fixed = (o for o in scene.objects if o.type != "Floor" and "pickupable" not in o.capabilities)
+    fixed = (
+        o for o in scene.objects if o.type != places.FLOOR and "pickupable" not in o.capabilities
+    )
     return sorted(fixed, key=lambda one: (one.center[1] + one.size[1] / 2, one.id))
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from karma.errors import FileError, KarmaError, WorldLost
+from karma.household.ids import root_type
 from karma.world.thor import builds
 from karma.world.thor.builds import Platform
 
@@ -251,7 +252,7 @@ class ThorWorld:
         found = next(
             (o for o in self.last_event.metadata["objects"] if o["objectId"] == object_id), None
         )
-        return found["objectType"] if found else object_id.partition("|")[0]
+        return found["objectType"] if found else root_type(object_id)
 
     def _refuse(self, action: str, *, loud: bool) -> Any:
         """Return the present moment as the event of an action that failed."""
