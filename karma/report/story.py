@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from karma.bench import steps
-from karma.household.ids import type_of
+from karma.household.ids import is_id, type_of
 from karma.memory.short_term import line_key
 
 Change = Literal["added", "changed", "left"]
@@ -223,7 +223,7 @@ def label(line: steps.Action) -> str:
     """Return an action in few words: its name and what it is done to."""
     words = [line.action]
     for name, value in line.arguments.items():
-        if isinstance(value, str) and "|" in value:
+        if isinstance(value, str) and is_id(value):
             words.append(type_of(value))
         elif isinstance(value, float):
             words.append(f"{name}={value:.2f}")
