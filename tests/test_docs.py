@@ -159,6 +159,19 @@ def test_architecture_page_lists_every_package():
         assert not [name for name in inside if not (ROOT / package / name).is_dir()]
 
 
+def test_reading_order_leads_past_every_module_of_agent_and_memory():
+    page = text_of(ROOT / "docs/architecture.md")
+    spine = page.partition("## The spine")[2].partition("| all |")[0]
+    modules = {f"karma/{file.parent.name}/{file.name}" for file in spine_files()}
+    assert modules
+    assert not {name for name in modules if f"`{name}`" not in spine}
+
+
+def spine_files() -> list[Path]:
+    folders = (ROOT / "karma/agent", ROOT / "karma/memory")
+    return [f for folder in folders for f in folder.glob("*.py") if f.name != "__init__.py"]
+
+
 # ----------------------------------------------------------------- commands
 
 
