@@ -148,7 +148,7 @@ def allow_host(host: str) -> None:
     Raises:
         KarmaError: this process was not started with --allow-network.
     """
-    if _is_local(host):
+    if is_local(host):
         return
     if not _guard.leave:
         raise KarmaError(
@@ -205,7 +205,7 @@ def _text(host: Any) -> str:
 
 def _may_ask(host: str) -> bool:
     """Return whether a name may be looked up; none and "any address" ask nobody."""
-    return host in ("", "0.0.0.0", "::") or _is_local(host) or _declared(host)
+    return host in ("", "0.0.0.0", "::") or is_local(host) or _declared(host)
 
 
 def _may_reach(event: str, one: Any, address: Any) -> bool:
@@ -217,7 +217,7 @@ def _may_reach(event: str, one: Any, address: Any) -> bool:
         return True
     host = _text(address[0])
     if event == "socket.bind":
-        return _is_local(host)
+        return is_local(host)
     return _may_ask(host)  # a connection to "any address" ends on this machine
 
 
@@ -225,7 +225,12 @@ def _declared(host: str) -> bool:
     return _guard.leave and (host.lower() in _guard.hosts or host in _guard.addresses)
 
 
-def _is_local(host: str) -> bool:
+def is_local(host: str) -> bool:
+    """Return whether a host is this machine.
+
+    >>> [is_local(h) for h in ("127.0.0.1", "::1", "localhost", "127.0.0.1.example.com")]
+    [True, True, True, False]
+    """
     name = host.lower().rstrip(".").strip("[]")
     if name in _LOCAL_NAMES:
         return True

@@ -31,9 +31,8 @@ from karma.bench.workers import (
 )
 from karma.errors import KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
-from karma.infer.hosted.session import is_loopback
 from karma.infer.manifest.manifest import read_manifest, resolve_planner
-from karma.offline import allow_host, go_offline, network_allowed
+from karma.offline import allow_host, go_offline, is_local, network_allowed
 from karma.tasks.files import in_rooms
 
 _CAUSE = "lost with its node or killed, as happens when memory runs out"
@@ -105,7 +104,7 @@ def host_of(address: str) -> str:
 
 def _check_leave(host: str) -> None:
     """Raise KarmaError where a cluster is on another machine and the run is offline."""
-    if not is_loopback(host) and not network_allowed():
+    if not is_local(host) and not network_allowed():
         raise KarmaError(
             f"the Ray cluster at {host!r} is on another machine, and this run is offline\n"
             "  To fix: `karma --allow-network eval ...`"

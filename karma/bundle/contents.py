@@ -6,6 +6,7 @@ can be refused by name. Travels in the bundle (karma/bundle/install.py), so: sta
 
 import hashlib
 import json
+import tarfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -58,29 +59,22 @@ def header(path: str, size: int, *, executable: bool = False) -> bytes:
     name = path.encode()
     if len(name) > LONGEST_PATH:
         raise BundleError(f"{path}: the path is too long")
-    mode = b"0000755\0" if executable else b"0000644\0"
-    if len(name) <= 100:
-        return _block(name, mode, size, b"0")
+    if len(name) <= tarfile.LENGTH_NAME:
+        return _block(name, size, executable=executable)
     long = name + b"\0"
-    before = _block(b"././@LongLink", b"0000644\0", len(long), b"L")
-    return (
-        before + long.ljust(len(long) + padding(len(long)), b"\0") + _block(name, mode, size, b"0")
-    )
+    before = _block(b"././@LongLink", len(long), kind=tarfile.GNUTYPE_LONGNAME)
+    long = long.ljust(len(long) + padding(len(long)), b"\0")
+    return before + long + _block(name, size, executable=executable)
 
 
-def _block(name: bytes, mode: bytes, size: int, kind: bytes) -> bytes:
-    fields = (
-        name[:100].ljust(100, b"\0"),
-        mode,
-        b"0000000\0" * 2,  # owner and group
-        b"%011o\0" % size if size < 8**11 else b"\x80" + size.to_bytes(11, "big"),
-        b"00000000000\0",  # time
-        b" " * 8,  # stands for the checksum while it is formed
-        kind.ljust(101, b"\0"),
-        b"ustar\x0000",
-    )
-    block = b"".join(fields).ljust(BLOCK, b"\0")
-    return block[:148] + b"%06o\0 " % sum(block) + block[156:]
+def _block(
+    name: bytes, size: int, *, executable: bool = False, kind: bytes = tarfile.REGTYPE
+) -> bytes:
+    """Return one block of a header, without owner and time; sizes beyond 8 GiB as GNU has them."""
+    info = tarfile.TarInfo(name[: tarfile.LENGTH_NAME].decode("utf-8", "surrogateescape"))
+    info.size, info.type, info.mode = size, kind, 0o755 if executable else 0o644
+    layout = tarfile.USTAR_FORMAT if size < 8**11 else tarfile.GNU_FORMAT
+    return info.tobuf(layout, "utf-8")
 
 
 def padding(size: int) -> int:

@@ -1,12 +1,31 @@
 """Opening checked folders with transformers: from disk only, in silence, and only if all fits."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from karma.errors import ModelError
-from karma.infer.checks.folder import CheckedFolder, read_config
+from karma.infer.checks.folder import CheckedFolder, check_folder, read_config
 from karma.infer.checks.memory import check_memory, weights_mb
+from karma.infer.manifest.manifest import Role, resolve_folder
+
+
+def checked_folder(
+    model: str | Path,
+    role: Role,
+    families: Mapping[str, Collection[str]],
+    *,
+    needs: Sequence[Sequence[str]] = (),
+) -> CheckedFolder:
+    """Find a model by its name in the manifest or by its path, and check its folder.
+
+    Raises:
+        UnknownNameError: neither a name nor a folder.
+        ModelError: see `resolve_folder` and `check_folder`.
+    """
+    place = resolve_folder(model, role)
+    return check_folder(place.path, families, needs=needs, name=place.name, fix=place.fix)
 
 
 def check_room(folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0) -> None:
@@ -20,7 +39,7 @@ def check_room(folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0
     Raises:
         ModelError: it would not fit.
     """
-    count = folder.weights.parameters
+    count = folder.parameters
     parts = f"{count / 1e6:.1f} million parameters of {bytes_each} bytes, and room to compute"
     check_memory(
         str(folder.path), weights_mb(count, bytes_each=bytes_each) + work_mb, parts=parts,
@@ -120,12 +139,15 @@ def quiet() -> Iterator[None]:
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Run torch on one thread meanwhile, so that the same input gives the same bits anywhere."""
+def threads(count: int | None) -> Iterator[None]:
+    """Run torch on so many threads meanwhile, None: as it is set.
+
+    On one, the same input gives the same bits anywhere.
+    """
     import torch
 
     before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    torch.set_num_threads(count or before)
     try:
         yield
     finally:

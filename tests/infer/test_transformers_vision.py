@@ -13,7 +13,7 @@ from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.infer.checks import memory
 from karma.infer.vision import transformers as transformers_vision
-from karma.infer.vision.crop import LINE, cut
+from karma.infer.vision.pictures import LINE, cut
 from karma.infer.vision.transformers import Asking, TransformersVision
 
 MUG = SeenObject(

@@ -4,7 +4,6 @@ Only headers and configurations are read: no weights, no code, nothing pickled.
 """
 
 import json
-import struct
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import prod
@@ -14,19 +13,17 @@ from typing import Any
 from karma.errors import ModelError
 
 PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt", ".npy", ".msgpack", ".h5")
-_MOST_HEADER = 100_000_000  # bytes, as the safetensors library has it
-_MOST_CONFIG = 50_000_000
-_BITS = {
-    "F64": 64, "I64": 64, "U64": 64, "F32": 32, "I32": 32, "U32": 32, "F16": 16, "BF16": 16,
-    "I16": 16, "U16": 16, "F8_E4M3": 8, "F8_E5M2": 8, "F8_E8M0": 8, "I8": 8, "U8": 8, "BOOL": 8,
-}  # fmt: skip
+_MOST_CONFIG = 50_000_000  # bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Weights:
-    """What the headers of a folder's safetensors say."""
+class CheckedFolder:
+    """A folder that an adapter can open."""
 
-    files: tuple[Path, ...]
+    name: str
+    path: Path
+    model_type: str
+    config: Mapping[str, Any]
     sizes: Mapping[str, int] = field(repr=False)  # parameters by the name of their tensor
 
     @property
@@ -34,15 +31,9 @@ class Weights:
         """How many numbers there are."""
         return sum(self.sizes.values())
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CheckedFolder:
-    """A folder that an adapter can open."""
-
-    path: Path
-    model_type: str
-    config: Mapping[str, Any]
-    weights: Weights
+    def number(self, *keys: str, default: int) -> int:
+        """Return a positive number of config.json; see `whole_number`."""
+        return whole_number(self.path / "config.json", self.config, *keys, default=default)
 
 
 def check_folder(
@@ -50,6 +41,7 @@ def check_folder(
     families: Mapping[str, Collection[str]],
     *,
     needs: Sequence[Sequence[str]] = (),
+    name: str | None = None,
     fix: str = "bring the model's whole folder and run `karma models add FOLDER`",
 ) -> CheckedFolder:
     """Check a model folder: architecture first, then processor files, then headers of the weights.
@@ -58,6 +50,7 @@ def check_folder(
         folder: holds config.json and model.safetensors, or shards with their index.
         families: `model_type` -> architectures that will do, as config.json has it; () = any.
         needs: groups of files; of every group at least one must be there.
+        name: of the model, by default the folder's.
         fix: what the message tells to do about a missing file.
 
     Raises:
@@ -84,8 +77,13 @@ def check_folder(
     for group in needs:
         if not any((folder / name).is_file() for name in group):
             raise ModelError(f"{folder}: no {' nor '.join(group)}\n  To fix: {fix}")
-    weights = check_weights(folder, fix=fix)
-    return CheckedFolder(path=folder, model_type=model_type, config=config, weights=weights)
+    return CheckedFolder(
+        name=name or folder.name,
+        path=folder,
+        model_type=model_type,
+        config=config,
+        sizes=check_weights(folder, fix=fix),
+    )
 
 
 def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
@@ -127,21 +125,23 @@ def whole_number(path: Path, config: Mapping[str, Any], *keys: str, default: int
     return found
 
 
-def check_weights(folder: Path, *, fix: str) -> Weights:
+def check_weights(folder: Path, *, fix: str) -> Mapping[str, int]:
     """Check the safetensors of a folder: model.safetensors, or all shards its index names.
+
+    Returns:
+        How many parameters each tensor has, by its name.
 
     Raises:
         ModelError: there are none (pickles are refused by name), one is missing or damaged.
     """
-    files = _weight_files(folder, fix)
     sizes: dict[str, int] = {}
-    for file in files:
+    for file in _weight_files(folder, fix):
         sizes.update(check_safetensors(file))
-    return Weights(files=files, sizes=sizes)
+    return sizes
 
 
 def check_safetensors(path: Path) -> Mapping[str, int]:
-    """Read the header of one safetensors file and check that every tensor lies inside it.
+    """Have the header of one safetensors file read, and the place of every tensor checked.
 
     Returns:
         How many parameters each tensor has, by its name.
@@ -149,41 +149,18 @@ def check_safetensors(path: Path) -> Mapping[str, int]:
     Raises:
         ModelError: not a safetensors file, cut off, or with sizes that make no sense.
     """
+    from safetensors import SafetensorError, safe_open
+
     try:
-        with path.open("rb") as file:
-            size = path.stat().st_size
-            (length,) = struct.unpack("<Q", file.read(8))
-            if not 2 <= length <= min(_MOST_HEADER, size - 8):
-                raise ValueError(f"a header of {length} bytes in a file of {size}")
-            header = json.loads(file.read(length))
-        return _sizes(header, size - 8 - length)
+        with safe_open(path, framework="numpy") as file:
+            sizes = {name: prod(file.get_slice(name).get_shape()) for name in sorted(file.keys())}
     except OSError as error:
         raise ModelError(f"{path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, struct.error, RecursionError) as error:
-        reason = f"damaged or not safetensors: {error}"
-        raise ModelError(f"{path}: {reason}") from error
-
-
-def _sizes(header: Any, room: int) -> Mapping[str, int]:
-    if not isinstance(header, dict):
-        raise ValueError("its header is no JSON object")
-    found: dict[str, int] = {}
-    for name, tensor in header.items():
-        if name == "__metadata__":
-            continue
-        kind, shape, (begin, end) = tensor["dtype"], tensor["shape"], tensor["data_offsets"]
-        if not all(isinstance(extent, int) and extent >= 0 for extent in (*shape, begin, end)):
-            raise ValueError(f"tensor {name!r} has impossible sizes")
-        if kind not in _BITS:
-            raise ValueError(f"tensor {name!r} has unknown type {kind!r}")
-        if end - begin != prod(shape) * _BITS[kind] // 8:
-            raise ValueError(f"tensor {name!r} has {end - begin} bytes for shape {shape}")
-        if end > room:
-            raise ValueError(f"tensor {name!r} ends at byte {end} of {room} (cut off?)")
-        found[str(name)] = prod(shape)
-    if not found:
-        raise ValueError("no tensors")
-    return found
+    except SafetensorError as error:
+        raise ModelError(f"{path}: damaged or not safetensors (cut off?): {error}") from error
+    if not sizes:
+        raise ModelError(f"{path}: damaged or not safetensors: no tensors")
+    return sizes
 
 
 def _weight_files(folder: Path, fix: str) -> tuple[Path, ...]:

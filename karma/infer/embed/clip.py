@@ -16,13 +16,13 @@ import numpy as np
 
 from karma.contracts import Frame, Vectors
 from karma.errors import ModelError
-from karma.infer.checks.folder import CheckedFolder, check_folder, whole_number
-from karma.infer.manifest.manifest import resolve_folder
+from karma.infer.checks.folder import CheckedFolder
 from karma.infer.torch_load import (
+    checked_folder,
     load_image_processor,
     load_tokenizer,
     load_weights,
-    one_thread,
+    threads,
 )
 
 FAMILIES = {"clip": ("CLIPModel",), "siglip": ("SiglipModel",)}
@@ -48,9 +48,8 @@ class ClipEmbedder:
     """
 
     def __init__(self, model: str | Path = DEFAULT) -> None:
-        place = resolve_folder(model, "image-embedder")
-        folder = check_folder(place.path, FAMILIES, needs=NEEDS, fix=place.fix)
-        self.name = place.name
+        folder = checked_folder(model, "image-embedder", FAMILIES, needs=NEEDS)
+        self.name = folder.name
         self._words = _Words(folder)
         self._pictures = load_image_processor(folder)
         self._model = load_weights(FAMILIES[folder.model_type][0], folder)
@@ -81,7 +80,7 @@ class ClipEmbedder:
     def _text(self, text: str) -> Vectors:
         import torch
 
-        with one_thread(), torch.inference_mode():
+        with threads(1), torch.inference_mode():
             ids = torch.tensor([self._words.ids(text)])
             return _unit(_features(self._model.get_text_features(input_ids=ids)))
 
@@ -90,7 +89,7 @@ class ClipEmbedder:
 
         if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
             raise ValueError(f"a frame is (H, W, 3) of uint8, not {frame.shape} of {frame.dtype}")
-        with one_thread(), torch.inference_mode():
+        with threads(1), torch.inference_mode():
             pixels = self._pictures(images=[frame], return_tensors="pt")["pixel_values"]
             return _unit(_features(self._model.get_image_features(pixel_values=pixels)))
 
@@ -121,9 +120,7 @@ class _Words:
 
     def __init__(self, folder: CheckedFolder) -> None:
         default = 77 if folder.model_type == "clip" else 64
-        key = ("text_config", "max_position_embeddings")
-        where = folder.path / "config.json"
-        self._length = whole_number(where, folder.config, *key, default=default)
+        self._length = folder.number("text_config", "max_position_embeddings", default=default)
         self._tokenizer = load_tokenizer(folder)
         self._tokenizer.no_padding()
         self._tokenizer.enable_truncation(self._length)

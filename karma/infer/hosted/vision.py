@@ -1,9 +1,6 @@
 """A hosted `VisionModel`: the paper's four steps (KARMA §3.4, Fig. 10) and the picture."""
 
-import base64
 import hashlib
-import struct
-import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,7 +10,8 @@ from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
 from karma.infer.hosted.model import options_of, said_in, sendable
 from karma.infer.hosted.session import Endpoint, Session
-from karma.infer.vision.text import again, question, read_answer
+from karma.infer.vision.pictures import picture_url
+from karma.infer.vision.text import question, some_picture, states_told
 
 MAX_TOKENS = 1024  # four steps of reasoning
 ATTEMPTS = 2  # the second quotes what could not be used
@@ -57,26 +55,17 @@ class HostedVision:
         """
         if not objects:
             return {}
-        if image is None:
-            raise ModelError(f"{self.name} reads pictures, and there is none: nothing was rendered")
+        image = some_picture(self.name, image)
         role, text = question("full", sendable(instruction), objects)
         whole = {"type": "image_url", "image_url": {"url": picture_url(image)}}
         named = {"type": "image_url", "picture": picture_name(image)}
-        later: list[dict[str, Any]] = []
-        states: dict[str, tuple[str, ...]] = {}
-        for _ in range(ATTEMPTS):
-            answer = self._ask(
-                _first(role, text, whole) + later, named=_first(role, text, named) + later
-            )
-            reading = read_answer(answer, objects)
-            states |= reading.states
-            if not reading.unread:
-                break
-            later = [
-                {"role": "assistant", "content": answer},
-                {"role": "user", "content": again(reading, objects)},
-            ]
-        return states
+
+        def ask(said: Sequence[tuple[str, str]]) -> str:
+            later = [{"role": role, "content": text} for role, text in said]
+            sent, kept = (_first(role, text, picture) + later for picture in (whole, named))
+            return self._ask(sent, named=kept)
+
+        return states_told(ask, objects, ATTEMPTS)[0]
 
     def _ask(self, messages: list[dict[str, Any]], *, named: list[dict[str, Any]]) -> str:
         """Return the answer to messages; `named` has the picture's name in its place."""
@@ -96,26 +85,6 @@ def _first(role: str, text: str, picture: Mapping[str, Any]) -> list[dict[str, A
         {"role": "system", "content": role},
         {"role": "user", "content": [picture, {"type": "text", "text": text}]},
     ]
-
-
-def picture_url(image: Frame) -> str:
-    """Return a picture as a data URI (PNG).
-
-    Args:
-        image: shape (H, W, 3), RGB.
-    """
-    height, width, _ = image.shape
-    rows = np.ascontiguousarray(image, np.uint8).reshape(height, width * 3)
-    lines = np.concatenate([np.zeros((height, 1), np.uint8), rows], axis=1)  # 0: no filter
-
-    def chunk(name: bytes, data: bytes) -> bytes:
-        check = zlib.crc32(name + data)
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", check)
-
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    parts = ((b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes())), (b"IEND", b""))
-    data = b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*part) for part in parts)
-    return f"data:image/png;base64,{base64.b64encode(data).decode()}"
 
 
 def picture_name(image: Frame) -> str:

@@ -6,7 +6,6 @@ then computes something else, so everything here is checked by comparing tokens 
 """
 
 import json
-import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.errors import FileError, ModelError
+from karma.files import write_atomic
 
 DType = Literal["F32", "F16", "BF16", "Q8_0"]
 
@@ -25,19 +25,6 @@ LLAMA_BPE_REGEX = (
     r"(?:'[sS]|'[tT]|'[rR][eE]|'[vV][eE]|'[mM]|'[lL][lL]|'[dD])"
     r"|[^\r\n\p{L}\p{N}]?\p{L}+|\p{N}{1,3}| ?[^\s\p{L}\p{N}]+[\r\n]*|\s*[\r\n]+|\s+(?!\S)|\s+"
 )
-
-_LAYER = {
-    "input_layernorm": "attn_norm",
-    "self_attn.q_proj": "attn_q",
-    "self_attn.k_proj": "attn_k",
-    "self_attn.v_proj": "attn_v",
-    "self_attn.o_proj": "attn_output",
-    "post_attention_layernorm": "ffn_norm",
-    "mlp.gate_proj": "ffn_gate",
-    "mlp.up_proj": "ffn_up",
-    "mlp.down_proj": "ffn_down",
-}
-_TOP = {"model.embed_tokens": "token_embd", "model.norm": "output_norm", "lm_head": "output"}
 
 
 def new_tokenizer(corpus: Iterable[str], vocab_size: int, special_tokens: Sequence[str]) -> Any:
@@ -92,7 +79,7 @@ def export_llama_gguf(
     Args:
         weights: a `transformers.LlamaForCausalLM`, or its state dict (then give `config`).
         tokenizer: a `tokenizers.Tokenizer` with the pre-tokenizer of `new_tokenizer`.
-        path: the file; written beside it first and then renamed.
+        path: the file; appears whole or not at all.
         name: general.name.
         eos_token: text of the token that ends an answer; the other tokens may be absent.
         bos_token: first token of a text, put there by llama.cpp when `add_bos`.
@@ -226,29 +213,19 @@ def _add_special_tokens(
 
 def _tensors(state: Mapping[str, Any], config: Any) -> Iterator[tuple[str, NDArray[np.float32]]]:
     """Yield GGUF names and float32 arrays, in the order of the state dict."""
-    heads, kv_heads = config.num_attention_heads, config.num_key_value_heads
-    tied = bool(config.tie_word_embeddings)
+    import gguf
+
+    names = gguf.get_tensor_name_map(gguf.MODEL_ARCH.LLAMA, config.num_hidden_layers)
+    heads = {"attn_q": config.num_attention_heads, "attn_k": config.num_key_value_heads}
     for key, tensor in state.items():
-        name = _tensor_name(key)
-        if name == "output" and tied:
+        name = names.get_name(key, try_suffixes=(".weight",))
+        if name is None or not name.endswith(".weight"):
+            raise ModelError(f"tensor {key!r} has no place in a Llama GGUF")
+        if name == "output.weight" and config.tie_word_embeddings:
             continue
         array = np.ascontiguousarray(tensor.detach().cpu().float().numpy())
-        if name.endswith("attn_q"):
-            array = _interleave(array, heads)
-        elif name.endswith("attn_k"):
-            array = _interleave(array, kv_heads)
-        yield f"{name}.weight", array
-
-
-def _tensor_name(key: str) -> str:
-    """Return the GGUF name of a transformers weight, without the ".weight"."""
-    stem = key.removesuffix(".weight")
-    if stem in _TOP:
-        return _TOP[stem]
-    parts = stem.split(".", 3)
-    if parts[:2] == ["model", "layers"] and parts[-1] in _LAYER:
-        return f"blk.{parts[2]}.{_LAYER[parts[-1]]}"
-    raise ModelError(f"tensor {key!r} has no place in a Llama GGUF")
+        part = name.split(".")[-2]
+        yield name, _interleave(array, heads[part]) if part in heads else array
 
 
 def _interleave(array: NDArray[np.float32], heads: int) -> NDArray[np.float32]:
@@ -275,28 +252,19 @@ def _add_tensor(writer: Any, name: str, array: NDArray[np.float32], dtype: DType
 
 
 def _write(path: Path, fill: Any) -> None:
-    """Let `fill` build the file beside `path`, then rename it."""
+    """Let `fill` build the file elsewhere, then put it in its place."""
     import gguf
 
-    temporary: str | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        os.close(handle)
-        writer = gguf.GGUFWriter(temporary, "llama")
-        fill(writer)
-        writer.write_header_to_file()
-        writer.write_kv_data_to_file()
-        writer.write_tensors_to_file()
-        writer.close()
-        with Path(temporary).open("rb") as file:
-            os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-        temporary = None
+        with tempfile.TemporaryDirectory() as folder:
+            made = Path(folder) / "made.gguf"
+            writer = gguf.GGUFWriter(made, "llama")
+            fill(writer)
+            writer.write_header_to_file()
+            writer.write_kv_data_to_file()
+            writer.write_tensors_to_file()
+            writer.close()
+            write_atomic(path, made.read_bytes())
     except OSError as error:
-        fix = "free some space there, or choose another folder"
+        fix = "free some space there, or set TMPDIR to another folder"
         raise FileError(path, f"cannot write: {error.strerror or error}", fix=fix) from error
-    finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)

@@ -5,7 +5,6 @@ llama-cpp-python can do this when its library mtmd was built. Our own build leav
 says so and how to build it. Nothing of this stands in for it.
 """
 
-import base64
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,7 +14,8 @@ from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
 from karma.infer.checks.gguf import LANGUAGE, PROJECTOR, check_gguf
 from karma.infer.checks.memory import check_memory, gguf_parts_mb
-from karma.infer.vision.text import question, read_answer
+from karma.infer.vision.pictures import picture_url
+from karma.infer.vision.text import question, read_answer, some_picture
 
 HANDLERS = ("qwen2.5-vl", "llava-1.5", "llava-1.6", "minicpm-v-2.6", "moondream2")
 BUILD = (
@@ -87,10 +87,9 @@ class LlamaVision:
         """
         if not objects:
             return {}
-        if image is None:
-            raise ModelError(f"{self.name} reads pictures, and there is none: nothing was rendered")
+        image = some_picture(self.name, image)
         role, text = question("full", instruction, objects)
-        picture = {"type": "image_url", "image_url": {"url": _address(image)}}
+        picture = {"type": "image_url", "image_url": {"url": picture_url(image)}}
         messages = [
             {"role": "system", "content": role},
             {"role": "user", "content": [picture, {"type": "text", "text": text}]},
@@ -149,14 +148,3 @@ def _open(model: Path, projector: Path, family: str, n_ctx: int) -> Any:
         )
     except (ValueError, OSError) as error:
         raise ModelError(f"{model}: llama.cpp does not open it: {error}") from error
-
-
-def _address(image: Frame) -> str:
-    """Return a picture as a data URI."""
-    import io
-
-    from PIL import Image
-
-    data = io.BytesIO()
-    Image.fromarray(image).save(data, "PNG")
-    return f"data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}"

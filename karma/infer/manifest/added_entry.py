@@ -110,13 +110,13 @@ def _gguf(path: Path) -> dict[str, Any]:
 
 def _safetensors(folder: Path) -> dict[str, Any]:
     fix = "bring the model's whole folder"
-    weights = check_weights(folder, fix=fix)
+    parameters = sum(check_weights(folder, fix=fix).values())
     config = read_config(folder / "config.json", fix=fix)
     return {
         "format": "safetensors",
         "role": _ROLES.get(str(config.get("model_type"))),
         "context_length": None,
-        "memory_mb": weights_mb(weights.parameters),
+        "memory_mb": weights_mb(parameters),
     }
 
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from karma.contracts import Detection, Frame, Region
 from karma.errors import ModelError
-from karma.infer.checks.folder import CheckedFolder, check_folder, read_config, whole_number
-from karma.infer.manifest.manifest import resolve_folder
+from karma.infer.checks.folder import CheckedFolder, read_config, whole_number
 from karma.infer.torch_load import (
+    checked_folder,
     load_image_processor,
     load_tokenizer,
     load_weights,
-    one_thread,
+    threads,
 )
 
 BOXES = {"grounding-dino": ("GroundingDinoForObjectDetection",)}
@@ -71,7 +71,7 @@ class GroundedSam:
             raise ValueError(f"a frame is (H, W, 3) of uint8, not {image.shape} of {image.dtype}")
         if not words:
             return ()
-        with one_thread():
+        with threads(1):
             found = self._boxes.find(image, tuple(dict.fromkeys(words)), self._threshold)
             masks = self._masks.cut(image, [one.box_px for one in found]) if self._masks else []
         if not masks:
@@ -86,12 +86,10 @@ class _Boxes:
     """GroundingDINO, asked with words."""
 
     def __init__(self, model: str | Path) -> None:
-        place = resolve_folder(model, "detector")
         needs = (PICTURES, ("tokenizer.json",))
-        folder = check_folder(place.path, BOXES, needs=needs, fix=place.fix)
-        self._name = place.name
-        where = folder.path / "config.json"
-        self._longest = whole_number(where, folder.config, "max_text_len", default=256)
+        folder = checked_folder(model, "detector", BOXES, needs=needs)
+        self._name = folder.name
+        self._longest = folder.number("max_text_len", default=256)
         self._tokenizer = load_tokenizer(folder)
         self._tokenizer.no_padding()
         self._tokenizer.no_truncation()
@@ -151,8 +149,7 @@ class _Masks:
     """SAM, asked with boxes."""
 
     def __init__(self, model: str | Path) -> None:
-        place = resolve_folder(model, "detector")
-        folder = check_folder(place.path, MASKS, needs=(PICTURES,), fix=place.fix)
+        folder = checked_folder(model, "detector", MASKS, needs=(PICTURES,))
         self._pictures = load_image_processor(folder)
         self._model = load_weights("SamModel", folder, work_mb=_masks_work_mb(folder))
 
@@ -189,8 +186,7 @@ def _boxes_work_mb(folder: CheckedFolder) -> float:
         whole_number(where, size, "size", f"{edge}_edge", default=1333)
         for edge in ("shortest", "longest")
     )
-    config = folder.path / "config.json"
-    channels = whole_number(config, folder.config, "backbone_config", "embed_dim", default=96)
+    channels = folder.number("backbone_config", "embed_dim", default=96)
     return 16 * channels * short * long / 1e6
 
 
@@ -199,9 +195,8 @@ def _masks_work_mb(folder: CheckedFolder) -> float:
 
     Measured with ViT-B at 1024 by 1024: 1825 MB; one table has 805 MB.
     """
-    where = folder.path / "config.json"
     side, patch, heads = (
-        whole_number(where, folder.config, "vision_config", key, default=default)
+        folder.number("vision_config", key, default=default)
         for key, default in (("image_size", 1024), ("patch_size", 16), ("num_attention_heads", 12))
     )
     return 2.5 * 4 * heads * (side // patch) ** 4 / 1e6

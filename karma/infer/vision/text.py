@@ -1,10 +1,11 @@
 """What a vision model is asked and how its answer is read (KARMA §3.4, Fig. 10, appendix F)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from karma.contracts import SeenObject, State
+from karma.contracts import Frame, SeenObject, State
+from karma.errors import ModelError
 from karma.household.pieces import base_type
 
 STATES: tuple[str, ...] = get_args(State)
@@ -122,3 +123,40 @@ def again(reading: Reading, objects: Sequence[SeenObject]) -> str:
         f"There is no usable line about: {left}.{wrong} Answer with one line per object in the "
         "format object: state, nothing else."
     )
+
+
+def states_told(
+    ask: Callable[[Sequence[tuple[str, str]]], str], objects: Sequence[SeenObject], attempts: int
+) -> tuple[dict[str, tuple[str, ...]], int]:
+    """Ask until every object of interest has a usable line, or the attempts are used up.
+
+    Args:
+        ask: returns an answer; is given what was said after the question: (role, text) of each
+            earlier answer and of what was said about it.
+        objects: of interest.
+        attempts: at most.
+
+    Returns:
+        Object id -> words, and how often it was asked; a later answer about an object holds.
+    """
+    states: dict[str, tuple[str, ...]] = {}
+    said: list[tuple[str, str]] = []
+    for attempt in range(1, attempts + 1):
+        answer = ask(said)
+        reading = read_answer(answer, objects)
+        states |= reading.states
+        if not reading.unread or attempt == attempts:
+            break
+        said += [("assistant", answer), ("user", again(reading, objects))]
+    return states, attempt
+
+
+def some_picture(name: str, image: Frame | None) -> Frame:
+    """Return the picture that a model is asked about.
+
+    Raises:
+        ModelError: there is none.
+    """
+    if image is None:
+        raise ModelError(f"{name} reads pictures, and there is none: nothing was rendered")
+    return image

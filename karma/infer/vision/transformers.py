@@ -5,21 +5,17 @@ the files that transformers knows there may be `karma.json`, which says how the 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from karma.contracts import Frame, SeenObject
-from karma.errors import ModelError
 from karma.files import read_json
-from karma.infer.checks.folder import check_folder
-from karma.infer.manifest.manifest import resolve_folder
-from karma.infer.torch_load import load_weights, quiet
-from karma.infer.vision.crop import cut
+from karma.infer.torch_load import checked_folder, load_weights, quiet, threads
+from karma.infer.vision.pictures import cut
 from karma.infer.vision.processors import load_processor
-from karma.infer.vision.text import Profile, again, question, read_answer
+from karma.infer.vision.text import Profile, question, some_picture, states_told
 
 FAMILIES = {
     "llava": ("LlavaForConditionalGeneration",),
@@ -78,15 +74,14 @@ class TransformersVision:
     needs_pictures = True
 
     def __init__(self, model: str | Path = NANO, *, asking: Asking | None = None) -> None:
-        place = resolve_folder(model, "vlm")
-        folder = check_folder(place.path, FAMILIES, needs=NEEDS, fix=place.fix)
+        folder = checked_folder(model, "vlm", FAMILIES, needs=NEEDS)
         own = folder.path / ASKING
-        self.name = place.name
+        self.name = folder.name
         self.asking = asking or (read_json(own, Asking) if own.exists() else Asking())
         self.tally = Tally()
         self._processor = load_processor(folder)
         stored = folder.config.get("dtype", folder.config.get("torch_dtype"))
-        half = folder.weights.parameters >= LARGE and stored in ("bfloat16", "float16")
+        half = folder.parameters >= LARGE and stored in ("bfloat16", "float16")
         self._model = load_weights("AutoModelForImageTextToText", folder, half=half)
 
     def read_states(
@@ -104,8 +99,7 @@ class TransformersVision:
         """
         if not objects:
             return {}
-        if image is None:
-            raise ModelError(f"{self.name} reads pictures, and there is none: nothing was rendered")
+        image = some_picture(self.name, image)
         found: dict[str, tuple[str, ...]] = {}
         for picture, group in self._questions(image, objects):
             found.update(self._ask(picture, instruction, group))
@@ -130,17 +124,14 @@ class TransformersVision:
     ) -> Mapping[str, tuple[str, ...]]:
         asking = self.asking
         role, text = question(asking.profile, instruction, objects, boxes=asking.boxes)
-        messages = [_message("system", role)] if role else []
-        messages.append(_message("user", text, picture=True))
-        states: dict[str, tuple[str, ...]] = {}
-        for attempt in range(asking.attempts):
-            answer = self.answer(image, messages)
-            reading = read_answer(answer, objects)
-            states = {**states, **reading.states}
-            if not reading.unread or attempt + 1 == asking.attempts:
-                break
-            self.tally.retried += 1
-            messages += [_message("assistant", answer), _message("user", again(reading, objects))]
+        first = [_message("system", role)] if role else []
+        first.append(_message("user", text, picture=True))
+
+        def ask(said: Sequence[tuple[str, str]]) -> str:
+            return self.answer(image, [*first, *(_message(role, text) for role, text in said)])
+
+        states, asked = states_told(ask, objects, asking.attempts)
+        self.tally.retried += asked - 1
         return states
 
     def answer(self, image: Frame, messages: Sequence[Mapping[str, Any]]) -> str:
@@ -156,7 +147,7 @@ class TransformersVision:
         text = self._processor.apply_chat_template(messages, add_generation_prompt=True)
         batch = self._processor(images=[Image.fromarray(image)], text=[text], return_tensors="pt")
         batch = batch.to(self._model.dtype)  # pictures; tokens stay whole numbers
-        with _threads(self.asking.threads), torch.inference_mode(), quiet():
+        with threads(self.asking.threads), torch.inference_mode(), quiet():
             tokens = self._model.generate(
                 **batch,
                 max_new_tokens=self.asking.max_tokens,
@@ -170,16 +161,3 @@ class TransformersVision:
 def _message(role: str, text: str, *, picture: bool = False) -> dict[str, Any]:
     parts = [{"type": "image"}] if picture else []
     return {"role": role, "content": [*parts, {"type": "text", "text": text}]}
-
-
-@contextmanager
-def _threads(count: int | None) -> Iterator[None]:
-    """Run torch on so many threads meanwhile."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(count or before)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

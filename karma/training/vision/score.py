@@ -251,6 +251,6 @@ def _sight(one: Sample) -> SeenObject:
 
 
 def _shown(frame: Frame, one: Sample) -> Frame:
-    from karma.infer.vision.crop import cut
+    from karma.infer.vision.pictures import cut
 
     return cut(frame, one.region, 1.5, one.silhouette)

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from karma.files import read_json, to_json, write_atomic
-from karma.infer.vision.crop import cut
+from karma.infer.vision.pictures import cut
 from karma.training.vision.moments import generator, lessons, moments, room
 
 ROOMS = 40  # per shard

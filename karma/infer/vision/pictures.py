@@ -1,5 +1,7 @@
-"""A square cut out of a frame around an object of interest."""
+"""Pictures for models: a square cut out around an object of interest, a picture as an address."""
 
+import base64
+import io
 from collections.abc import Sequence
 
 import numpy as np
@@ -41,3 +43,12 @@ def _drawn(picture: Frame, corners: Sequence[Point]) -> Frame:
     wide = max(1, round(len(picture) / THIN))
     ImageDraw.Draw(image).line([*corners, corners[0]], fill=LINE, width=wide)
     return np.asarray(image)
+
+
+def picture_url(image: Frame) -> str:
+    """Return a picture, uint8 (H, W, 3), as a data URI (PNG)."""
+    from PIL import Image
+
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "PNG")
+    return f"data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}"
