@@ -12,6 +12,7 @@ import os
 import socket
 import sys
 import sysconfig
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,20 +49,20 @@ _LOCAL_NAMES = frozenset({"localhost", "localhost.localdomain", "ip6-localhost",
 _LOCAL_FAMILIES = frozenset(
     getattr(socket, name) for name in ("AF_UNIX", "AF_NETLINK", "AF_ALG") if hasattr(socket, name)
 )
-_CLIENTS = ("requests", "urllib3", "httpx", "httpx2", "aiohttp", "websocket", "websockets")
-_PARTS = ("httpcore", "httpcore2", "h11", "h2", "anyio", "sniffio", "trio", "truststore")
-_TRANSPORTS = frozenset((*_CLIENTS, *_PARTS))
-_TO_ADDRESS = {
+_TRANSPORTS = frozenset({
+    "requests", "urllib3", "httpx", "httpx2", "aiohttp", "websocket", "websockets", "httpcore",
+    "httpcore2", "h11", "h2", "anyio", "sniffio", "trio", "truststore",
+})  # fmt: skip
+_LOOK_UP = "a look-up of"
+_ASKED = {
     "socket.connect": "a connection to",
     "socket.sendto": "a datagram to",
     "socket.sendmsg": "a datagram to",
     "socket.bind": "a port open to other machines at",
-}
-_OF_NAME = {
-    "socket.getaddrinfo": "a look-up of",
-    "socket.gethostbyname": "a look-up of",
-    "socket.gethostbyaddr": "a look-up of",
-    "socket.getnameinfo": "a look-up of",
+    "socket.getaddrinfo": _LOOK_UP,
+    "socket.gethostbyname": _LOOK_UP,
+    "socket.gethostbyaddr": _LOOK_UP,
+    "socket.getnameinfo": _LOOK_UP,
 }
 
 
@@ -179,18 +180,19 @@ def forget() -> tuple[NetworkRefused, ...]:
 
 
 def _hook(event: str, arguments: tuple[Any, ...]) -> None:
-    if not event.startswith("socket."):
+    asked = _ASKED.get(event)
+    if asked is None:
         return
-    if event in _OF_NAME:
+    if asked == _LOOK_UP:
         host = _text(arguments[0][0] if isinstance(arguments[0], tuple) else arguments[0])
         wanted, allowed = repr(host), _may_ask(host)
-    elif event in _TO_ADDRESS and arguments[1] is not None:  # None: sendmsg where it is connected
+    elif arguments[1] is not None:
         wanted, allowed = repr(arguments[1]), _may_reach(event, arguments[0], arguments[1])
-    else:
+    else:  # sendmsg where it is connected
         return
     if allowed and not _guard.log:
         return
-    error = _refusal(f"{ {**_OF_NAME, **_TO_ADDRESS}[event] } {wanted}")
+    error = _refusal(f"{asked} {wanted}")
     if _guard.log:
         _note(event, wanted, allowed, error)
     if not allowed:
@@ -259,10 +261,9 @@ def _remembering(host: Any, *arguments: Any, **options: Any) -> Any:
 def _refusal(what: str) -> NetworkRefused:
     """Return the error for what the running thread asks; looks past the transport libraries."""
     frames = list(_frames(sys._getframe(2)))
-    through = [name for _, kind, name in frames if kind == "transport"]
     said = [one for one in frames if one[1] in ("package", "own")]
     if not said:  # a library's own thread: what the main thread does tells more than nothing
-        main = sys._current_frames().get(_main_thread())
+        main = sys._current_frames().get(threading.main_thread().ident or 0)
         said = [one for one in _frames(main) if one[1] in ("package", "own")]
     caller, kind, _ = said[0] if said else ("unknown code", "own", "")
     behalf = next((place for place, kind, _ in said if kind == "own"), "")
@@ -272,12 +273,6 @@ def _refusal(what: str) -> NetworkRefused:
         through = [name for _, kind, name in frames[:first] if kind == "stdlib"][-1:]
     names = tuple(dict.fromkeys(reversed(through)))
     return NetworkRefused(what, caller, names, behalf if kind == "package" else "")
-
-
-def _main_thread() -> int:
-    import threading
-
-    return threading.main_thread().ident or 0
 
 
 def _frames(frame: FrameType | None) -> Iterator[tuple[str, str, str]]:

@@ -5,7 +5,6 @@ Equal inputs give equal bytes: members are sorted, and the tar knows no time, ow
 
 import hashlib
 import io
-import json
 import os
 import tempfile
 import zipfile
@@ -47,6 +46,7 @@ from karma.errors import FileError
 from karma.infer.manifest.manifest import (
     ModelEntry,
     check,
+    entry_toml,
     file_paths,
     find_model,
     read_manifest,
@@ -223,19 +223,8 @@ def _model_sources(entries: Sequence[ModelEntry]) -> Iterator[MemberSource]:
         for name, place in zip(names, places, strict=True):
             yield MemberSource(path=f"models/{name}", file=place)
     if brought:
-        text = "# Models that came with the bundle.\n\n" + "\n".join(map(_toml, brought))
+        text = "# Models that came with the bundle.\n\n" + "\n".join(map(entry_toml, brought))
         yield MemberSource(path="models/local.toml", data=text.encode())
-
-
-def _toml(entry: ModelEntry) -> str:
-    """Return an entry as TOML; a JSON string of printable characters is a TOML string."""
-
-    def pairs(values: dict[str, object]) -> list[str]:
-        return [f"{key} = {json.dumps(v)}" for key, v in values.items() if v is not None]
-
-    values = msgspec.to_builtins(entry)
-    files = [f"  {{ {', '.join(pairs(file))} }}," for file in values.pop("files")]
-    return "\n".join(["[[models]]", *pairs(values), "files = [", *files, "]", ""])
 
 
 def _scene_sources(given: Sequence[Path]) -> Iterator[MemberSource]:

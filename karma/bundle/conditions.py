@@ -1,9 +1,10 @@
 """What a run without a network needs on this machine, looked at one by one; nothing is started."""
 
 import os
+import socket
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +18,7 @@ from karma.offline import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_al
 NEEDED = ("karma-nano", "minilm")  # what `karma run` takes when nothing else is asked for
 _PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy")
 _KEYS = ("HF_TOKEN", "HUGGING_FACE_HUB_TOKEN", "OPENAI_API_KEY", "ANTHROPIC_API_KEY")
+_BY_ITSELF = "karma's commands do so themselves"
 
 Status = Literal["ok", "note", "problem"]
 
@@ -48,65 +50,49 @@ def holds(findings: list[Finding]) -> bool:
     return all(one.status != "problem" for one in findings)
 
 
+def _finding(
+    name: str, good: bool, found: str, fix: str = "", *, else_: Status = "problem"
+) -> Finding:
+    """Return a condition; `fix` is left out where it holds."""
+    return Finding(name=name, status="ok" if good else else_, found=found, fix="" if good else fix)
+
+
 def _guard(environment: Mapping[str, str]) -> Iterator[Finding]:
     armed, leave = is_armed(), network_allowed()
-    yield Finding(
-        name="guard",
-        status="ok" if armed and not leave else "problem",
-        found="off" if not armed else "armed, with leave" if leave else "armed",
-        fix="" if armed and not leave else "leave --allow-network out; programs: go_offline()",
-    )
+    found = "off" if not armed else "armed, with leave" if leave else "armed"
+    fix = "leave --allow-network out; programs: go_offline()"
+    yield _finding("guard", armed and not leave, found, fix)
     inherited = environment.get(OFFLINE) == "1"
-    yield Finding(
-        name=OFFLINE,
-        status="ok" if inherited else "problem",
-        found="1: what is started from here gets no leave either" if inherited else "not set",
-        fix="" if inherited else f"export {OFFLINE}=1; karma's commands do so themselves",
-    )
+    found = "1: what is started from here gets no leave either" if inherited else "not set"
+    yield _finding(OFFLINE, inherited, found, f"export {OFFLINE}=1; {_BY_ITSELF}")
     if environment.get(LOG):
-        yield Finding(name=LOG, status="ok", found=environment[LOG])
+        yield _finding(LOG, True, environment[LOG])
 
 
 def _switches(environment: Mapping[str, str]) -> Iterator[Finding]:
     for name, wanted in {**SWITCHES, **DEFAULTS}.items():
         found = environment.get(name)
         good = found == wanted or (name in DEFAULTS and found is not None)
-        yield Finding(
-            name=name,
-            status="ok" if good else "problem",
-            found="not set" if found is None else found,
-            fix="" if good else f"export {name}={wanted}; karma's commands do so themselves",
-        )
+        fix = f"export {name}={wanted}; {_BY_ITSELF}"
+        yield _finding(name, good, "not set" if found is None else found, fix)
 
 
 def _surroundings(environment: Mapping[str, str]) -> Iterator[Finding]:
     """Yield what no run needs, and what is better not there."""
-    if proxies := [name for name in _PROXIES if environment.get(name)]:
-        fix = f"unset {' '.join(proxies)}"
-        found = f"{', '.join(proxies)} set; calls to a server on this machine would go there"
-        yield Finding(name="proxy", status="note", found=found, fix=fix)
-    else:
-        yield Finding(name="proxy", status="ok", found="none")
+    proxies = [name for name in _PROXIES if environment.get(name)]
+    found = f"{', '.join(proxies)} set; calls to a server on this machine would go there"
+    fix = f"unset {' '.join(proxies)}"
+    yield _finding("proxy", not proxies, found if proxies else "none", fix, else_="note")
     keys = [name for name in _KEYS if environment.get(name)]
-    yield Finding(
-        name="keys of services",
-        status="note" if keys else "ok",
-        found=", ".join(keys) if keys else "none",
-        fix=f"unset {' '.join(keys)}; nothing here uses them offline" if keys else "",
-    )
-    yield Finding(name="name server", status="ok", found="not asked, and not needed")
+    fix = f"unset {' '.join(keys)}; nothing here uses them offline"
+    yield _finding("keys of services", not keys, ", ".join(keys) or "none", fix, else_="note")
+    yield _finding("name server", True, "not asked, and not needed")
     up = _interfaces()
-    yield Finding(
-        name="interfaces",
-        status="note" if up else "ok",
-        found=", ".join(up) if up else "none but loopback",
-        fix="`unshare -rn karma ...` runs without them; the guard holds either way" if up else "",
-    )
+    fix = "`unshare -rn karma ...` runs without them; the guard holds either way"
+    yield _finding("interfaces", not up, ", ".join(up) or "none but loopback", fix, else_="note")
 
 
 def _interfaces() -> list[str]:
-    import socket
-
     try:
         return sorted(name for _, name in socket.if_nameindex() if name != "lo")
     except OSError:
@@ -115,8 +101,6 @@ def _interfaces() -> list[str]:
 
 def _packages() -> Iterator[Finding]:
     """Yield whether what the package says it needs is installed."""
-    from importlib.metadata import requires
-
     missing, count = [], 0
     for text in requires("karma-offline") or ():
         need = Requirement(text)
@@ -128,12 +112,8 @@ def _packages() -> Iterator[Finding]:
                 missing.append(f"{need} (here: {version(need.name)})")
         except PackageNotFoundError:
             missing.append(str(need))
-    yield Finding(
-        name="packages",
-        status="problem" if missing else "ok",
-        found=f"missing: {', '.join(missing)}" if missing else f"all {count} are installed",
-        fix="karma bundle install BUNDLE --into FOLDER" if missing else "",
-    )
+    found = f"missing: {', '.join(missing)}" if missing else f"all {count} are installed"
+    yield _finding("packages", not missing, found, "karma bundle install BUNDLE --into FOLDER")
 
 
 def _models() -> Iterator[Finding]:
@@ -143,7 +123,7 @@ def _models() -> Iterator[Finding]:
         for name in NEEDED:
             find_model(name)
     except KarmaError as error:
-        yield Finding(name="models", status="problem", found=str(error), fix="see the message")
+        yield _finding("models", False, str(error), "see the message")
         return
     absent = []
     for entry in entries:
@@ -152,50 +132,32 @@ def _models() -> Iterator[Finding]:
             absent.append(entry.name)
             continue
         good = found.state == "ok"
-        yield Finding(
-            name=f"model {entry.name}",
-            status="ok" if good else "problem",
-            found=found.detail if good else found.state,
-            fix="" if good else found.detail,
-        )
+        said = found.detail if good else found.state
+        yield _finding(f"model {entry.name}", good, said, found.detail)
     if absent:
-        yield Finding(
-            name="models that may be brought",
-            status="note",
-            found=f"not here: {', '.join(absent)}",
-            fix="`karma models show NAME` says where one is from; only runs that name it need it",
-        )
+        yield _finding(
+            "models that may be brought", False, f"not here: {', '.join(absent)}",
+            "`karma models show NAME` says where one is from; only runs that name it need it",
+            else_="note",
+        )  # fmt: skip
 
 
 def _folders(environment: Mapping[str, str]) -> Iterator[Finding]:
     """Yield folders that a run does without, but somebody may look for."""
-    kept = sorted(path.name for path in kept_wheels().glob("*.whl"))
-    yield Finding(
-        name="wheel cache",
-        status="ok",
-        found=f"{kept_wheels()}: {', '.join(kept) or 'empty'}; for set-up and bundles only",
-    )
+    kept = ", ".join(sorted(path.name for path in kept_wheels().glob("*.whl"))) or "empty"
+    yield _finding("wheel cache", True, f"{kept_wheels()}: {kept}; for set-up and bundles only")
     hub = Path(environment.get("HF_HOME") or Path.home() / ".cache" / "huggingface")
     there = hub.is_dir() and any(hub.iterdir())
-    yield Finding(
-        name="hub cache",
-        status="ok",
-        found=f"{hub}: {'there, never read' if there else 'none, and none is needed'}",
-    )
+    found = f"{hub}: {'there, never read' if there else 'none, and none is needed'}"
+    yield _finding("hub cache", True, found)
     shared = environment.get("KARMA_SHARED")
-    lost = shared is not None and not Path(shared).is_dir()
-    yield Finding(
-        name="KARMA_SHARED",
-        status="note" if lost else "ok",
-        found=f"{shared}: no such folder" if lost else shared or "not set; optional",
-        fix="unset KARMA_SHARED, or bring the reference data" if lost else "",
-    )
+    here = shared is None or Path(shared).is_dir()
+    found = f"{shared or 'not set; optional'}{'' if here else ': no such folder'}"
+    fix = "unset KARMA_SHARED, or bring the reference data"
+    yield _finding("KARMA_SHARED", here, found, fix, else_="note")
     folder = cache_folder()
     near = next(path for path in (folder, *folder.parents) if path.exists())
     writable = os.access(near, os.W_OK)
-    yield Finding(
-        name="cache folder",
-        status="ok" if writable else "note",
-        found=f"{folder}, {'writable' if writable else 'not writable'}",
-        fix="" if writable else "export KARMA_CACHE=/a/folder/of/yours",
-    )
+    found = f"{folder}, {'writable' if writable else 'not writable'}"
+    fix = "export KARMA_CACHE=/a/folder/of/yours"
+    yield _finding("cache folder", writable, found, fix, else_="note")

@@ -17,6 +17,7 @@ import numpy as np
 from karma.contracts import Frame, Vectors
 from karma.errors import ModelError
 from karma.infer.checks.folder import CheckedFolder
+from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.torch_load import (
     checked_folder,
     load_image_processor,
@@ -29,7 +30,6 @@ FAMILIES = {"clip": ("CLIPModel",), "siglip": ("SiglipModel",)}
 NEEDS = (("tokenizer.json",), ("preprocessor_config.json",))
 DEFAULT = "siglip-base"
 
-_REMEMBERED = 20_000  # texts
 _PUNCTUATION = re.compile(f"[{re.escape(string.punctuation)}]")
 
 
@@ -54,17 +54,14 @@ class ClipEmbedder:
         self._pictures = load_image_processor(folder)
         self._model = load_weights(FAMILIES[folder.model_type][0], folder)
         self.dimension = int(self._text("a").shape[0])
-        self._row = lru_cache(maxsize=_REMEMBERED)(self._text)
+        self._row = lru_cache(maxsize=REMEMBERED)(self._text)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0.
 
         What exceeds the model's context (77 or 64 tokens for those that are published) is cut.
         """
-        rows = np.empty((len(texts), self.dimension), np.float32)
-        for number, text in enumerate(texts):
-            rows[number] = self._row(text)
-        return rows
+        return stacked(map(self._row, texts), self.dimension)
 
     def embed_images(self, frames: Sequence[Frame]) -> Vectors:
         """Return one row of length 1 per picture, shape (n, dimension); n may be 0.
@@ -72,10 +69,7 @@ class ClipEmbedder:
         Raises:
             ValueError: a frame is not of shape (H, W, 3) and type uint8.
         """
-        rows = np.empty((len(frames), self.dimension), np.float32)
-        for number, frame in enumerate(frames):
-            rows[number] = self._picture(frame)
-        return rows
+        return stacked(map(self._picture, frames), self.dimension)
 
     def _text(self, text: str) -> Vectors:
         import torch
@@ -146,8 +140,7 @@ def _features(found: Any) -> Any:
 
 
 def _unit(row: Any) -> Vectors:
-    vector = np.asarray(row[0].float().numpy(), np.float32)
-    length = float(np.linalg.norm(vector))
-    if not np.isfinite(length) or length == 0:
-        raise ModelError(f"a vector of length {length}: damaged weights")
-    return np.asarray(vector / np.float32(length), np.float32)
+    try:
+        return unit_row(row[0].float().numpy())
+    except ValueError as error:
+        raise ModelError(f"{error}: damaged weights") from error

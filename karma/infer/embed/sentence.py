@@ -4,17 +4,16 @@ MiniLM comes in an installed package and is known by its hashes here, also witho
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from karma.contracts import Vectors
 from karma.errors import ModelError
 from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
+from karma.infer.embed.rows import REMEMBERED, stacked
 from karma.infer.manifest.manifest import check_file, resolve_folder
 from karma.infer.torch_load import check_room, quiet, threads
 
@@ -30,8 +29,6 @@ FAMILIES: Mapping[str, tuple[str, ...]] = {  # of transformers; any head will do
     family: () for family in ("bert", "distilbert", "mpnet", "roberta", "xlm-roberta", "modernbert")
 }
 NEEDS = (("tokenizer.json", "vocab.txt", "sentencepiece.bpe.model"),)
-
-_REMEMBERED = 20_000  # rows, 30 MB
 
 
 class MiniLm:
@@ -56,18 +53,11 @@ class MiniLm:
         for file, sha256 in FILES.items():
             check_file(place / file, sha256, restore=RESTORE)
         self._model = _load(place)
-        self._row = lru_cache(maxsize=_REMEMBERED)(self._compute)
+        self._row = _encoder(self._model)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, 384); n may be 0."""
-        rows = np.empty((len(texts), self.dimension), np.float32)
-        with threads(1):
-            for number, text in enumerate(texts):
-                rows[number] = self._row(text)
-        return rows
-
-    def _compute(self, text: str) -> Vectors:
-        return _encode(self._model, text)
+        return stacked(map(self._row, texts), self.dimension)
 
 
 class SentenceEmbedder:
@@ -93,19 +83,12 @@ class SentenceEmbedder:
         self.name = place.name
         self._model = _load(place.path)
         _refuse_missing(self._model, checked)
-        self._row = lru_cache(maxsize=_REMEMBERED)(self._compute)
+        self._row = _encoder(self._model)
         self.dimension = int(self._row("a").shape[0])
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
-        rows = np.empty((len(texts), self.dimension), np.float32)
-        for number, text in enumerate(texts):
-            rows[number] = self._row(text)
-        return rows
-
-    def _compute(self, text: str) -> Vectors:
-        with threads(1):
-            return _encode(self._model, text)
+        return stacked(map(self._row, texts), self.dimension)
 
 
 def _check_modules(folder: Path, fix: str) -> str:
@@ -153,10 +136,17 @@ def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
         )
 
 
-def _encode(model: Any, text: str) -> Vectors:
-    row: Vectors = model.encode(
-        text, normalize_embeddings=True, show_progress_bar=False, convert_to_numpy=True
-    )
+def _encoder(model: Any) -> Callable[[str], Vectors]:
+    """Return what turns one text into its row, and remembers it."""
+
+    @lru_cache(maxsize=REMEMBERED)
+    def row(text: str) -> Vectors:
+        with threads(1):
+            found: Vectors = model.encode(
+                text, normalize_embeddings=True, show_progress_bar=False, convert_to_numpy=True
+            )
+        return found
+
     return row
 
 

@@ -12,11 +12,10 @@ import numpy as np
 
 from karma.contracts import Completion, ProgramSpec, Prompt, Vectors
 from karma.errors import ModelError
+from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
 from karma.infer.hosted.cost import cost_of, usage_of
 from karma.infer.hosted.session import Endpoint, Session
-
-_REMEMBERED = 20_000  # rows
 
 
 class HostedLanguageModel:
@@ -81,7 +80,7 @@ class HostedEmbedder:
         self.name = endpoint.model
         self._endpoint, self._session = endpoint, session or Session()
         self._session.admit(endpoint)
-        self._row = lru_cache(maxsize=_REMEMBERED)(self._ask)
+        self._row = lru_cache(maxsize=REMEMBERED)(self._ask)
         self._dimension: int | None = None
 
     @property
@@ -97,9 +96,8 @@ class HostedEmbedder:
         Raises:
             ModelError: the endpoint failed, or its answer is no such row.
         """
-        if not texts:
-            return np.empty((0, self.dimension), np.float32)
-        return np.stack([self._row(text) for text in texts])
+        rows = [self._row(text) for text in texts]
+        return stacked(rows, self.dimension)
 
     def _ask(self, text: str) -> Vectors:
         body = {"input": sendable(text), "model": self._endpoint.model, "encoding_format": "float"}
@@ -121,11 +119,10 @@ class HostedEmbedder:
         if row.ndim != 1:
             reason = "a row per token: it is served without pooling"
             raise _odd(self._endpoint, f"{reason} (shape {row.shape})")
-        length = float(np.linalg.norm(row))
-        if not np.isfinite(length) or length == 0:
-            raise _odd(self._endpoint, f"a row of length {length}")
-        unit: Vectors = row / np.float32(length)
-        return unit
+        try:
+            return unit_row(row)
+        except ValueError as error:
+            raise _odd(self._endpoint, str(error)) from error
 
 
 # ----------------------------------------------------------------- what is sent

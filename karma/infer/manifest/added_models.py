@@ -6,7 +6,6 @@ parsed before all hashes that the manifest knows were met, and nothing that was 
 when anything fails.
 """
 
-import json
 import os
 import shutil
 import tempfile
@@ -14,7 +13,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -25,6 +23,7 @@ from karma.infer.manifest.added_files import files_of, matching
 from karma.infer.manifest.manifest import (
     Manifest,
     ModelEntry,
+    entry_toml,
     local_path,
     read_local,
     read_shipped,
@@ -219,7 +218,7 @@ def _write_local(models: Sequence[ModelEntry], manifest: str | Path | None) -> N
         with suppress(FileNotFoundError):
             path.unlink()
         return
-    text = _HEAD + "\n".join(_toml(entry) for entry in models)
+    text = _HEAD + "\n".join(map(entry_toml, models))
     try:
         back = msgspec.toml.decode(text, type=Manifest)
     except (msgspec.DecodeError, ValueError) as error:
@@ -230,19 +229,3 @@ def _write_local(models: Sequence[ModelEntry], manifest: str | Path | None) -> N
 
 
 _HEAD = "# Models that `karma models add` brought; `karma models remove NAME` takes one out.\n\n"
-
-
-def _toml(entry: ModelEntry) -> str:
-    """Write one entry; a JSON string of printable characters is a TOML string."""
-    values = msgspec.to_builtins(entry)
-    files = values.pop("files")
-    lines = [f"{key} = {_value(value)}" for key, value in values.items() if value is not None]
-    for file in files:
-        inside = (f"{key} = {_value(value)}" for key, value in file.items() if value is not None)
-        lines.append("  { " + ", ".join(inside) + " },")
-    lines.insert(len(lines) - len(files), "files = [")
-    return "\n".join(["[[models]]", *lines, "]", ""])
-
-
-def _value(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False)

@@ -5,6 +5,7 @@ which holds what `karma models add` brought (`added_models`) and which git ignor
 """
 
 import hashlib
+import json
 import os
 import re
 from collections.abc import Callable
@@ -187,6 +188,21 @@ def find_model(name: str, path: str | Path | None = None) -> ModelEntry:
             "  Nothing is ever fetched. To use another: `karma models add PATH` (docs/models.md)"
         )
     return found[name]
+
+
+def entry_toml(entry: ModelEntry) -> str:
+    """Write one entry; a JSON string of printable characters is a TOML string."""
+
+    def pairs(values: dict[str, object]) -> list[str]:
+        return [
+            f"{key} = {json.dumps(value, ensure_ascii=False)}"
+            for key, value in values.items()
+            if value is not None
+        ]
+
+    values = msgspec.to_builtins(entry)
+    files = [f"  {{ {', '.join(pairs(file))} }}," for file in values.pop("files")]
+    return "\n".join(["[[models]]", *pairs(values), "files = [", *files, "]", ""])
 
 
 # ----------------------------------------------------------------- checking
