@@ -73,8 +73,9 @@ def _block(
     """Return one block of a header, without owner and time; sizes beyond 8 GiB as GNU has them."""
     info = tarfile.TarInfo(name[: tarfile.LENGTH_NAME].decode("utf-8", "surrogateescape"))
     info.size, info.type, info.mode = size, kind, 0o755 if executable else 0o644
-    layout = tarfile.USTAR_FORMAT if size < 8**11 else tarfile.GNU_FORMAT
-    return info.tobuf(layout, "utf-8")
+    if size < 8**11:
+        return info.tobuf(tarfile.USTAR_FORMAT, "utf-8")
+    return info.tobuf(tarfile.GNU_FORMAT, "utf-8")
 
 
 def padding(size: int) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from support import tiny_models
 from support.tiny import export_tiny
+from support.tiny_vision import save_family
 
 from karma.bench.experiment import Models, load_resources
 from karma.contracts import MemoryUnit
@@ -20,13 +21,14 @@ from karma.infer.checks import memory
 from karma.infer.embed.clip import ClipEmbedder, unit_vectors
 from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.vision.grounded_sam import GroundedSam
+from karma.infer.vision.transformers import TransformersVision
 
 TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïcödé 苹果"]
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 40, 52, 3), dtype=np.uint8)
 SAVE = {
     "clip": tiny_models.save_clip, "siglip": tiny_models.save_siglip,
     "sentence": tiny_models.save_sentence, "dino": tiny_models.save_dino,
-    "sam": tiny_models.save_sam,
+    "sam": tiny_models.save_sam, "llava": lambda folder: save_family("llava", folder),
 }  # fmt: skip
 
 
@@ -36,6 +38,8 @@ def opened(kind, folder, others):
         return SentenceEmbedder(folder)
     if kind in ("clip", "siglip"):
         return ClipEmbedder(folder)
+    if kind == "llava":
+        return TransformersVision(folder)
     boxes, masks = (folder, others["sam"]) if kind == "dino" else (others["dino"], folder)
     return GroundedSam(boxes, masks, threshold=0.0)
 
@@ -250,7 +254,8 @@ def test_wrong_architecture_is_named_before_weights_are_read(kind, copies, folde
     ("clip", "preprocessor_config.json"), ("clip", "tokenizer.json"), ("clip", "config.json"),
     ("siglip", "tokenizer.json"), ("sentence", "tokenizer.json"), ("sentence", "modules.json"),
     ("dino", "tokenizer.json"), ("dino", "preprocessor_config.json"),
-    ("sam", "preprocessor_config.json"), ("sam", "model.safetensors"),
+    ("sam", "preprocessor_config.json"), ("sam", "model.safetensors"), ("llava", "config.json"),
+    ("llava", "tokenizer.json"), ("llava", "model.safetensors"),
 ])  # fmt: skip
 def test_missing_file_is_named_with_the_way_to_bring_it(kind, file, copies, folders):
     (copies[kind] / file).unlink()

@@ -29,7 +29,6 @@ from support.hosted_server import (
 )
 from support.paths import ROOT
 
-from karma import registry
 from karma.agent.program import SKILLS, parse_program
 from karma.contracts import ProgramSpec, Prompt
 from karma.errors import KarmaError, ModelError
@@ -131,16 +130,6 @@ def test_wrong_key_is_refused_by_the_server_without_being_shown(server, monkeypa
     assert "HTTP 401" in said
     assert "To fix: see what $OPENAI_API_KEY holds" in said
     assert "sk-another-1" not in said
-
-
-def test_registered_hosted_models_are_these():
-    loaded = {
-        role: registry.load(role, "openai").__name__ for role in ("language_models", "embedders")
-    }
-    assert loaded == {
-        "language_models": "HostedLanguageModel",
-        "embedders": "HostedEmbedder",
-    }
 
 
 # ----------------------------------------------------------------- the wire

@@ -8,34 +8,21 @@ import base64
 import re
 from io import BytesIO
 
-import msgspec
 import numpy as np
 import pytest
 from PIL import Image
-from support.hosted_server import chat, llama_server, wire_server
+from support.hosted_server import chat, endpoint, llama_server, need_nano, wire_server
 from support.paths import ROOT
 
 from karma import registry
 from karma.bench.run import Run
 from karma.contracts import SeenObject
-from karma.errors import KarmaError, ModelError
+from karma.errors import ModelError
 from karma.infer.hosted.cassette import Cassette, CassetteError
-from karma.infer.hosted.session import Endpoint, Session
+from karma.infer.hosted.session import Session
 from karma.infer.hosted.vision import HostedVision
-from karma.infer.manifest.manifest import find_model, verify
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
-
-
-def need_nano():
-    try:
-        verify(find_model("karma-nano"))
-    except KarmaError as error:
-        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
-
-
-def endpoint(url, model="eyes", **more):
-    return msgspec.convert({"base_url": url, "model": model, "retries": 0, **more}, Endpoint)
 
 
 def seen_object(name):
@@ -53,7 +40,7 @@ def test_vision_sends_the_picture_whole_and_reads_states_strictly(tmp_path):
     session = Session(Cassette(tmp_path, "record"))
     frame = picture()
     with wire_server(lambda *_: chat("A mug.\nMug: dirty, filled\nCup: clean\n")) as (url, seen):
-        found = HostedVision(endpoint(url), session=session).read_states(
+        found = HostedVision(endpoint(url, "eyes"), session=session).read_states(
             frame, "wash the mug", [seen_object("Mug")]
         )
     assert found == {"Mug|1": ("dirty", "filled")}
@@ -70,7 +57,7 @@ def test_vision_sends_the_picture_whole_and_reads_states_strictly(tmp_path):
 def test_vision_asks_once_more_about_what_could_not_be_read():
     answers = iter([chat("Mug: dirty\nApple: rotten\n"), chat("apple: Sliced, dirty.\n")])
     with wire_server(lambda *_: next(answers)) as (url, seen):
-        found = HostedVision(endpoint(url)).read_states(
+        found = HostedVision(endpoint(url, "eyes")).read_states(
             picture(), "x", [seen_object("Mug"), seen_object("Apple")]
         )
     assert found == {"Mug|1": ("dirty",), "Apple|1": ("dirty", "sliced")}
@@ -83,9 +70,9 @@ def test_vision_asks_once_more_about_what_could_not_be_read():
 def test_vision_of_another_picture_is_another_request(tmp_path):
     frame, mug = picture(), [seen_object("Mug")]
     with wire_server(lambda *_: chat("Mug: dirty")) as (url, _):
-        eyes = HostedVision(endpoint(url), session=Session(Cassette(tmp_path, "record")))
+        eyes = HostedVision(endpoint(url, "eyes"), session=Session(Cassette(tmp_path, "record")))
         eyes.read_states(frame, "x", mug)
-    again = HostedVision(endpoint(url), session=Session(Cassette(tmp_path, "replay")))
+    again = HostedVision(endpoint(url, "eyes"), session=Session(Cassette(tmp_path, "replay")))
     assert again.read_states(frame.copy(), "x", mug) == {"Mug|1": ("dirty",)}
     frame[0, 0, 0] ^= 1
     with pytest.raises(CassetteError, match="picture"):
@@ -141,7 +128,3 @@ def test_server_takes_the_request_and_nonsense_is_read_as_nothing(tmp_path):
     with llama_server(tmp_path, key=None) as url:
         eyes = HostedVision(endpoint(url, "nano-chat"))
         assert eyes.read_states(picture(), "wash the mug", [seen_object("Mug")]) == {}
-
-
-def test_hosted_vision_is_registered():
-    assert registry.load("vision_models", "openai") is HostedVision
