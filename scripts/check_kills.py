@@ -32,11 +32,10 @@ name = "kills"
 tasks = "eval/alfred_l/tasks.jsonl"
 only = {only}
 seeds = [0, 1]
-models = {{ recall = "stateful" }}
 
 [[rows]]
 name = "KARMA (K = 3)"
-options = {{ recall_k = 3, query = "subtask", attempts = 1 }}
+options = {{ attempts = 1 }}
 
 [[rows]]
 name = "expert"

@@ -13,7 +13,8 @@ import msgspec
 from karma import registry
 from karma.bench.days import check_seeds
 from karma.bench.precision import MAX_SEEDS, Precision
-from karma.contracts import Decoding, LanguageModel, Resources, Task
+from karma.bench.presets import PRESETS, preset
+from karma.contracts import Decoding, Embedder, LanguageModel, Recall, Resources, Task
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted.session import Endpoint, Hosted, Session
@@ -31,7 +32,22 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     name: str
     method: str = "karma"
+    preset: str = ""  # "paper": recall, query and K as in the paper; `options` go before it
+    vision: str = ""  # in place of the one in [models]
     options: dict[str, Any] = {}
+
+    def __post_init__(self) -> None:
+        """Refuse a preset that is nobody's, and a hosted model that has no place."""
+        _ = preset(self.preset)
+        if self.preset and self.method != "karma":
+            raise ValueError(f"preset = {self.preset!r} is for rows of method 'karma'")
+        if self.vision == OPENAI:
+            raise ValueError(f"a row's vision = {OPENAI!r}: it stands in [models]")
+
+    @property
+    def all_options(self) -> dict[str, Any]:
+        """What its method is built from."""
+        return {**preset(self.preset).options, **self.options}
 
 
 class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -41,8 +57,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     profile: str = ""  # "compact" or "full"; "" = what the manifest says
     chat: bool = False  # through the GGUF's own chat template
     embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
-    recall: str = "cosine"
-    recall_text: str = "sentence"  # how a unit is put in words for recall
+    recall: str = PRESETS[""].recall
+    recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
     vision: str = "metadata"
     constrained: bool = True
     temperature: float = 0.0
@@ -126,6 +142,11 @@ def read_experiment(path: Path) -> Experiment:
     named += [
         ("embedders", models.embedder.partition(":")[0], "models.embedder"),
         ("vision_models", models.vision.partition(":")[0], "models.vision"),
+    ]
+    named += [
+        ("vision_models", row.vision.partition(":")[0], f"row {row.name!r}")
+        for row in experiment.rows
+        if row.vision
     ]
     for role, name, where in named:
         try:
@@ -248,12 +269,32 @@ def load_resources(
         model=model,
         profile=profile,
         decoding=decoding,
-        recall=registry.load("recalls", models.recall)(embedder, text=models.recall_text),
+        recall=_recall(models.recall, models.recall_text, embedder),
         vision=_filled("vision_models", models.vision, models.hosted.vision, session),
         maps=maps,
         learn=learn,
         embedder=embedder,
     )
+
+
+def for_row(resources: Resources, row: Row) -> Resources:
+    """Return what a row's method is built from: the run's, save for what the row names itself.
+
+    Raises:
+        ModelError: its vision model is missing, damaged or of the wrong kind.
+    """
+    recall, vision = resources.recall, resources.vision
+    if row.preset:
+        chosen = preset(row.preset)
+        recall = _recall(chosen.recall, chosen.recall_text, resources.embedder)
+    if row.vision:
+        vision = _filled("vision_models", row.vision, None, Session())
+    return replace(resources, recall=recall, vision=vision)
+
+
+def _recall(name: str, text: str, embedder: Embedder | None) -> Recall:
+    made: Recall = registry.load("recalls", name)(embedder, text=text)
+    return made
 
 
 def _filled(role: str, name: str, endpoint: Endpoint | None, session: Session) -> Any:

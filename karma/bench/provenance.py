@@ -52,7 +52,8 @@ def header_of(
         experiment=_sha(to_json(plain)),
         tasks=_sha(to_json(listed)),
         versions=versions(),
-        models=model_hashes(experiment.models),
+        models=model_hashes(experiment.models)
+        | {f"vision of {row.name}": _named(row.vision) for row in experiment.rows if row.vision},
         prompts=prompt_hashes(),
         scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
         network=network_allowed(),
@@ -111,10 +112,12 @@ def _planner(models: Models) -> str:
 
 
 def _filled(models: Models, role: str) -> str:
-    name: str = getattr(models, role)
     endpoint = getattr(models.hosted, role)
-    if endpoint is not None:
-        return f"{OPENAI}: {endpoint.model}"
+    return f"{OPENAI}: {endpoint.model}" if endpoint is not None else _named(getattr(models, role))
+
+
+def _named(name: str) -> str:
+    """Return the name of an implementation with the hash of its model, if it has one."""
     kind, _, model = name.partition(":")
     if kind == "minilm":
         from karma.infer.embed.sentence import FILES

@@ -21,7 +21,7 @@ from pathlib import Path
 from karma import registry
 from karma.bench.days import Starts
 from karma.bench.episode import TimeLog, run_episode
-from karma.bench.experiment import Models, Row, load_resources
+from karma.bench.experiment import Models, Row, for_row, load_resources
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import Finished
 from karma.bench.steps import StepLog
@@ -150,10 +150,10 @@ def _built(row: Row, resources: Resources) -> Method:
         KarmaError: it has an option that the method does not know, or of the wrong type.
     """
     try:
-        method: Method = registry.load("methods", row.method).build(resources, row.options)
+        kind: type[Method] = registry.load("methods", row.method)
+        return kind.build(for_row(resources, row), row.all_options)
     except KarmaError as error:
         raise KarmaError(f"row {row.name!r}: {error}") from error
-    return method
 
 
 def perform_here(

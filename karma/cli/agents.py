@@ -13,6 +13,7 @@ from karma.files import to_json, write_atomic
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from karma.bench.presets import Preset
     from karma.bench.run import Run
     from karma.infer.hosted.cassette import Cassette
     from karma.infer.hosted.session import Hosted
@@ -42,8 +43,11 @@ def run_command(
     long_term: Annotated[bool, typer.Option(help="With long-term memory.")] = True,
     short_term: Annotated[bool, typer.Option(help="With short-term memory.")] = True,
     policy: Annotated[str, typer.Option(help='e.g. "fifo-merge[10]".')] = "wtinylfu-karma[9,1]",
-    recall: Annotated[str, typer.Option(help='"cosine" is the paper\'s.')] = "stateful",
-    recall_k: Annotated[int, typer.Option("--k", help="Units in the prompt.")] = 3,
+    preset: Annotated[str, typer.Option(help='"paper": recall, K and query as in the paper.')] = "",
+    recall: Annotated[str, typer.Option(help='"stateful" unless told otherwise.')] = "",
+    recall_k: Annotated[
+        int | None, typer.Option("--k", help="Units in the prompt; 3 unless told otherwise.")
+    ] = None,
     vision: Annotated[
         str, typer.Option(help='"nano-vlm" or "transformers:NAME" read states out of pictures.')
     ] = "metadata",
@@ -72,12 +76,14 @@ def run_command(
     with console.status("loading models ..."):
         session = Session(_cassette(cassette, cassette_mode))
         session.cassette.begin("run")
+        chosen = _preset(preset)
         resources = load_resources(
             Models(
                 planner=planner,
                 profile=profile,
                 chat=chat,
-                recall=recall,
+                recall=recall or chosen.recall,
+                recall_text=chosen.recall_text,
                 vision=vision,
                 hosted=hosted,
             ),
@@ -90,8 +96,8 @@ def run_command(
             "long_term": long_term,
             "short_term": short_term,
             "policy": policy,
-            "recall_k": recall_k,
-            "query": "subtask",
+            **chosen.options,
+            **({} if recall_k is None else {"recall_k": recall_k}),
         }
         method = KarmaMethod.build(resources, options)
         world = registry.load("worlds", "embedded")()
@@ -128,6 +134,15 @@ def run_command(
         write_atomic(json, to_json(figures, indent=2))
     if not finished:
         raise typer.Exit(2)
+
+
+def _preset(name: str) -> "Preset":
+    from karma.bench.presets import preset
+
+    try:
+        return preset(name)
+    except ValueError as error:
+        raise KarmaError(str(error)) from error
 
 
 def _clauses(instruction: str) -> list[str]:

@@ -40,9 +40,9 @@ class KarmaSettings:
     long_term: bool = True
     short_term: bool = True
     policy: str = "wtinylfu-karma[9,1]"  # of short-term memory (§4.4: the best at 10 units)
-    recall_k: int = 10  # units in the prompt, 1 to the whole memory
+    recall_k: int = 3  # units in the prompt, 1 to the whole memory
     by_name: bool = True  # names are looked up in all of memory, else in what is recalled
-    query: Literal["instruction", "subtask"] = "instruction"  # the user's whole text is the paper's
+    query: Literal["instruction", "subtask"] = "subtask"  # the paper's is the user's whole text
     attempts: int = 3  # programs per instruction; later ones quote what failed
     witnesses: int = 2  # things only seen that are remembered per instruction
 

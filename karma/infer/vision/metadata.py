@@ -1,4 +1,4 @@
-"""The vision model that needs no picture: it repeats what the simulator's metadata says."""
+"""Vision models that need no picture: one repeats the simulator's metadata, one sees nothing."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,3 +16,16 @@ class MetadataVision:
     ) -> Mapping[str, tuple[str, ...]]:
         """Return object id -> its states; picture and instruction are not looked at."""
         return {seen.object_id: seen.states for seen in objects}
+
+
+class BlindVision:
+    """A `VisionModel` that reads no state of anything: what a reader of pictures must better."""
+
+    name = "blind"
+    needs_pictures = False
+
+    def read_states(
+        self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
+    ) -> Mapping[str, tuple[str, ...]]:
+        """Return nothing, whatever is asked."""
+        return {}
