@@ -43,7 +43,7 @@ def check_seeds(tasks: Iterable[Task], seeds: Iterable[int]) -> None:
         )
 
 
-class Starts:
+class Days:
     """Finds the start of each task and seed, and keeps which draw it was."""
 
     def __init__(self) -> None:
@@ -52,7 +52,7 @@ class Starts:
 
     def of(self, world: World, task: Task, seed: int) -> World:
         """Return a world in which every reset to the task's scene leads to the seed's start."""
-        return StartedWorld(world, task, seed, self) if seed else world
+        return DayWorld(world, task, seed, self) if seed else world
 
     def start(self, world: World, task: Task, seed: int) -> Event:
         """Bring a world into the start of a seed.
@@ -81,18 +81,18 @@ class Starts:
         return counts.index(min(counts))
 
 
-class StartedWorld:
+class DayWorld:
     """A world whose task's scene begins as one seed has it; else the world that it is given.
 
     Args:
         world: any world.
         task: what is going to be asked.
         seed: of the episode.
-        starts: finds the start.
+        days: finds the start.
     """
 
-    def __init__(self, world: World, task: Task, seed: int, starts: Starts) -> None:
-        self._world, self._task, self._seed, self._starts = world, task, seed, starts
+    def __init__(self, world: World, task: Task, seed: int, days: Days) -> None:
+        self._world, self._task, self._seed, self._days = world, task, seed, days
 
     @property
     def last_event(self) -> Event:
@@ -103,7 +103,7 @@ class StartedWorld:
         """Load a scene; the task's own is put into the seed's start."""
         if scene != self._task.scene:
             return self._world.reset(scene)
-        return self._starts.start(self._world, self._task, self._seed)
+        return self._days.start(self._world, self._task, self._seed)
 
     def step(self, action: str, **arguments: Any) -> Event:
         """Do one action."""

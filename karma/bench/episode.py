@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from karma.bench.days import Starts, check_seeds
+from karma.bench.days import Days, check_seeds
 from karma.bench.records import (
     Answer,
     AnswerTiming,
@@ -68,7 +68,7 @@ def run_episode(
     cassette: Cassette | None = None,
     steps: StepLog | None = None,
     times: TimeLog | None = None,
-    starts: Starts | None = None,
+    days: Days | None = None,
 ) -> EpisodeRecord:
     """Run a task to its end; an error ends it early and is recorded.
 
@@ -83,7 +83,7 @@ def run_episode(
         cassette: keeps what is measured in a run that can be replayed.
         steps: takes what happens.
         times: takes what it took.
-        starts: finds what the seed stands for; shared by a run's episodes it searches once.
+        days: finds what the seed stands for; shared by a run's episodes it searches once.
 
     Raises:
         CassetteError: a replay left its recording, or the recording cannot be written.
@@ -105,7 +105,7 @@ def run_episode(
     tours: dict[str, Tour] = {}
     error = ""
     try:
-        world = (starts or Starts()).of(LoggedWorld(world, steps), task, seed)
+        world = (days or Days()).of(LoggedWorld(world, steps), task, seed)
         watched = WatchedWorld(world, tracker)
         episode = _begun(method, watched, scenes, seed=seed, folder=folder)
         steps.start(first, seed)

@@ -37,7 +37,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     options: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
-        """Refuse a preset that is nobody's, and a hosted model that has no place."""
+        """Refuse an unknown preset, and a hosted model, whose host stands in [models]."""
         _ = preset(self.preset)
         if self.preset and self.method != "karma":
             raise ValueError(f"preset = {self.preset!r} is for rows of method 'karma'")

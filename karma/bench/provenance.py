@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from karma import __version__
-from karma.bench.experiment import OPENAI, Experiment, Models, RunOptions
+from karma.bench.experiment import OPENAI, Experiment, Models, Row, RunOptions
 from karma.bench.run_folder import FORMAT, Header, Machine
 from karma.contracts import Task
 from karma.errors import FileError, ModelError, UnknownNameError
@@ -52,8 +52,7 @@ def header_of(
         experiment=_sha(to_json(plain)),
         tasks=_sha(to_json(listed)),
         versions=versions(),
-        models=model_hashes(experiment.models)
-        | {f"vision of {row.name}": _named(row.vision) for row in experiment.rows if row.vision},
+        models=model_hashes(experiment.models, experiment.rows),
         prompts=prompt_hashes(),
         scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
         network=network_allowed(),
@@ -88,8 +87,8 @@ def machine(threads: int) -> Machine:
 # ----------------------------------------------------------------- models
 
 
-def model_hashes(models: Models) -> dict[str, str]:
-    """Return role -> name and SHA-256 of the model that fills it.
+def model_hashes(models: Models, rows: Iterable[Row] = ()) -> dict[str, str]:
+    """Return role -> name and SHA-256 of the model that fills it, also of rows with their own.
 
     A role without weights, and one that a host fills, has the name only.
 
@@ -101,7 +100,7 @@ def model_hashes(models: Models) -> dict[str, str]:
         "planner": _planner(models),
         "embedder": _filled(models, "embedder"),
         "vision": _filled(models, "vision"),
-    }
+    } | {f"vision of {row.name}": _named(row.vision) for row in rows if row.vision}
 
 
 def _planner(models: Models) -> str:

@@ -8,7 +8,6 @@ run's folder lies on one machine only.
 
 import logging
 import tempfile
-from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,18 +15,16 @@ from typing import Any
 
 import msgspec
 
-from karma.bench.experiment import Models, scene_path
+from karma.bench.experiment import Models, Row, scene_path
 from karma.bench.provenance import model_hashes, prompt_hashes, scene_hashes, versions
-from karma.bench.records import Key
 from karma.bench.run_folder import Finished, Header, differences
 from karma.bench.worker_count import worker_mb
 from karma.bench.workers import (
-    LIVES,
-    Failure,
     Job,
+    JobQueue,
     Performer,
     Stage,
-    lost_episode,
+    WorkerError,
 )
 from karma.errors import KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
@@ -72,14 +69,14 @@ def perform_on_ray(
             "  To fix: start one (`ray start --head`, on other machines `ray start --address`), "
             "and run this on one of its machines"
         ) from error
-    fleet = _Fleet(ray, stage, jobs, header, scenes)
+    pool = _RayPool(ray, stage, jobs, header, scenes)
     try:
         for _ in range(min(number or _room(ray, stage.models), len(jobs))):
-            fleet.hire()
-        while fleet.waiting:
-            yield from fleet.round()
+            pool.start_one()
+        while pool.waiting:
+            yield from pool.round()
     finally:
-        fleet.dismiss()
+        pool.end_all()
         ray.shutdown()
 
 
@@ -113,15 +110,15 @@ def _check_leave(host: str) -> None:
 
 
 @dataclass(slots=True)
-class _Hand:
-    """One worker, and what it is at."""
+class _RayWorker:
+    """One worker and the episode that it is doing."""
 
     actor: Any
     job: Job | None = None
 
 
-class _Fleet:
-    """The workers on a cluster, and what is left to do."""
+class _RayPool:
+    """The workers on a cluster, and the episodes that are left to do."""
 
     def __init__(
         self,
@@ -131,10 +128,9 @@ class _Fleet:
         header: Header,
         scenes: Mapping[str, bytes],
     ) -> None:
-        self.waiting: dict[Any, _Hand] = {}  # answer to come -> who gives it
-        self._ray, self._stage, self._todo = ray, stage, deque(jobs)
+        self.waiting: dict[Any, _RayWorker] = {}  # pending answer -> its worker
+        self._ray, self._queue = ray, JobQueue(jobs)
         self._briefing = (stage, header, dict(scenes))
-        self._deaths: Counter[Key] = Counter()
         options = {
             "num_cpus": max(1, stage.models.threads),
             "memory": int(worker_mb(stage.models) * 1e6),
@@ -143,59 +139,54 @@ class _Fleet:
         }
         self._kind = ray.remote(**options)(NodeWorker)
 
-    def hire(self) -> None:
-        """Have one more started, wherever there is room."""
-        hand = _Hand(self._kind.remote())
-        self.waiting[hand.actor.load.remote(*self._briefing)] = hand
+    def start_one(self) -> None:
+        """Start one more worker, on a node that has room."""
+        worker = _RayWorker(self._kind.remote())
+        self.waiting[worker.actor.load.remote(*self._briefing)] = worker
 
     def round(self) -> Iterator[Finished]:
-        """Wait for an answer, and deal with it."""
+        """Wait for one answer; give that worker its next episode, or end it when none is left."""
         (ready, *_), _ = self._ray.wait(list(self.waiting), num_returns=1)
-        hand = self.waiting.pop(ready)
+        worker = self.waiting.pop(ready)
         try:
-            said: Finished | Failure | None = self._ray.get(ready)
+            said: Finished | WorkerError | None = self._ray.get(ready)
         except self._ray.exceptions.RayActorError as error:
-            yield from self._bury(hand, error)
+            yield from self._replace(worker, error)
             return
-        if isinstance(said, Failure):
+        if isinstance(said, WorkerError):
             raise said.error()
-        if self._todo:
-            hand.job = self._todo.popleft()
-            self.waiting[hand.actor.do.remote(hand.job)] = hand
+        if self._queue.jobs:
+            worker.job = self._queue.jobs.popleft()
+            self.waiting[worker.actor.do.remote(worker.job)] = worker
         else:
-            self._ray.kill(hand.actor)
-            self._forget_idle()
+            self._ray.kill(worker.actor)
+            self._end_idle()
         if said is not None:
             yield said
 
-    def dismiss(self) -> None:
-        """Send all home, also from amid an episode."""
-        for hand in self.waiting.values():
-            self._ray.kill(hand.actor)
+    def end_all(self) -> None:
+        """End all workers, also in the middle of an episode."""
+        for worker in self.waiting.values():
+            self._ray.kill(worker.actor)
         self.waiting.clear()
 
-    def _forget_idle(self) -> None:
-        """Send those home who have not begun: there is nothing left for them."""
-        for answer, hand in list(self.waiting.items()):
-            if hand.job is None:
+    def _end_idle(self) -> None:
+        """End the workers that have no episode yet: none is left for them."""
+        for answer, worker in list(self.waiting.items()):
+            if worker.job is None:
                 del self.waiting[answer]
-                self._ray.kill(hand.actor)
+                self._ray.kill(worker.actor)
 
-    def _bury(self, hand: _Hand, error: Exception) -> Iterator[Finished]:
-        job = hand.job
-        if job is None:
+    def _replace(self, worker: _RayWorker, error: Exception) -> Iterator[Finished]:
+        """Do a dead worker's episode again, or yield it as lost; start another worker."""
+        if worker.job is None:
             if not self.waiting:
                 raise KarmaError(f"no worker could be started on the cluster: {error}") from error
             _log.warning("a worker was %s while it loaded its models", _CAUSE)
             return
-        self._deaths[job.key] += 1
-        _log.warning("a worker was %s in episode %s", _CAUSE, "/".join(map(str, job.key)))
-        if self._deaths[job.key] < LIVES:
-            self._todo.appendleft(job)
-        else:
-            yield lost_episode(job, _CAUSE)
-        if self._todo:
-            self.hire()
+        yield from self._queue.died(worker.job, _CAUSE)
+        if self._queue.jobs:
+            self.start_one()
 
 
 class NodeWorker:
@@ -207,7 +198,7 @@ class NodeWorker:
         self._here = Path()
         self._sent: set[str] = set()
 
-    def load(self, stage: Stage, header: Header, scenes: dict[str, bytes]) -> Failure | None:
+    def load(self, stage: Stage, header: Header, scenes: dict[str, bytes]) -> WorkerError | None:
         """Check that this node has what the run depends on, and load it."""
         try:
             go_offline()
@@ -216,13 +207,13 @@ class NodeWorker:
             for name, data in scenes.items():
                 write_atomic(scene_path(self._here, name), data)
             models = models_here(stage.models, header.models)
-            check_node(header, models, scenes)
+            check_node(header, models, scenes, stage.rows)
             self._performer = Performer(replace(stage, folder=self._here, models=models))
         except Exception as error:  # noqa: BLE001  it is raised where the run is
-            return Failure.of(_at_node(error))
+            return WorkerError.of(_at_node(error))
         return None
 
-    def do(self, job: Job) -> Finished | Failure:
+    def do(self, job: Job) -> Finished | WorkerError:
         """Do one episode; what it leaves goes with it."""
         if self._performer is None:
             raise RuntimeError("load first")
@@ -230,7 +221,7 @@ class NodeWorker:
         try:
             one = self._performer.do(job)
         except Exception as error:  # noqa: BLE001  it is raised where the run is
-            return Failure.of(_at_node(error))
+            return WorkerError.of(_at_node(error))
         said = one.record.error.replace(str(self._here), str(self._there))
         return replace(one, record=replace(one.record, error=said), files=self._new_files())
 
@@ -276,13 +267,15 @@ def models_here(models: Models, wanted: Mapping[str, str]) -> Models:
     )
 
 
-def check_node(header: Header, models: Models, scenes: Mapping[str, bytes]) -> None:
+def check_node(
+    header: Header, models: Models, scenes: Mapping[str, bytes], rows: Sequence[Row] = ()
+) -> None:
     """Check that this machine has what a run depends on.
 
     Raises:
         KarmaError: something is another; names it.
     """
-    hashes = model_hashes(models)
+    hashes = model_hashes(models, rows)
     hashes["planner"] = (
         f"{header.models['planner'].rpartition(' ')[0]} " + (hashes["planner"].rpartition(" ")[2])
     )

@@ -81,7 +81,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="map"
     text: str
 
 
-class Asked(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="plan"):
+class Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="plan"):
     """The planner was asked and has answered."""
 
     recalled: tuple[str, ...]  # ids of the units in the prompt
@@ -117,7 +117,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="ou
     unmet: tuple[str, ...]  # goals that do not hold
 
 
-Step = Start | Enter | Instruction | Map | Asked | Action | Skill | Ended
+Step = Start | Enter | Instruction | Map | Planned | Action | Skill | Ended
 
 
 _ASK_ONLY = frozenset(("GetReachablePositions", "GetInteractablePoses", "GetShortestPath"))
@@ -173,7 +173,7 @@ class StepLog:
             self._map = moment.prompt.stable
             self.add(Map(text=self._map))
         self.add(
-            Asked(
+            Planned(
                 recalled=tuple(unit.object_id for unit in moment.recalled),
                 prompt=moment.prompt.changing,
                 program=moment.completion.text,

@@ -1,7 +1,7 @@
 """Who does the episodes: this process, or several at once, each with models of its own.
 
-An episode depends on its row, task and seed only, never on who does it or what was done before.
-So it does not matter how episodes are dealt out, and one whose worker died can be done again.
+An episode depends on its row, task and seed only, never on the process that does it or on earlier
+ones. So episodes can be dealt out in any way, and one whose worker died can be done again.
 """
 
 import logging
@@ -11,7 +11,7 @@ import signal
 import threading
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -19,7 +19,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from karma import registry
-from karma.bench.days import Starts
+from karma.bench.days import Days
 from karma.bench.episode import TimeLog, run_episode
 from karma.bench.experiment import Models, Row, for_row, load_resources
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
@@ -86,7 +86,7 @@ class Performer:
         )
         self._make: Callable[[], World] = registry.load("worlds", stage.world)
         self._world = self._make()
-        self._starts = Starts()
+        self._days = Days()
         self._methods = {  # all of them now: a wrong row must not come to light hours later
             row.name: _built(row, resources) for row in stage.rows
         }
@@ -127,7 +127,7 @@ class Performer:
             cassette=self._session.cassette,
             steps=steps if self._stage.steps else None,
             times=times,
-            starts=self._starts,
+            days=self._days,
         )
 
     def _know(self, scene: SceneRef) -> None:
@@ -169,14 +169,14 @@ def perform_here(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Failure:
+class WorkerError:
     """Why a worker cannot go on, which ends the run."""
 
     text: str
     known: bool  # an error of karma's own, which says what helps; else a bug, with its traceback
 
     @classmethod
-    def of(cls, error: Exception) -> "Failure":
+    def of(cls, error: Exception) -> "WorkerError":
         """Return an error as it can be sent."""
         if isinstance(error, KarmaError):
             return cls(text=str(error), known=True)
@@ -189,7 +189,7 @@ class Failure:
 
 @dataclass(slots=True)
 class _Worker:
-    """One process, and what it is at."""
+    """One process and the episode that it is doing."""
 
     process: BaseProcess
     line: Connection
@@ -205,27 +205,48 @@ def perform_in_processes(stage: Stage, jobs: Sequence[Job], number: int) -> Iter
     Raises:
         KarmaError: a worker cannot load its models, or says that the run must end.
     """
-    crew = _Crew(stage, jobs)
+    pool = _Pool(stage, jobs)
     try:
         for _ in range(min(number, len(jobs))):
-            crew.hire()
-        while crew.workers:
-            yield from crew.round()
+            pool.start_one()
+        while pool.workers:
+            yield from pool.round()
     finally:
-        crew.dismiss()
+        pool.end_all()
 
 
-class _Crew:
-    """The processes of a run, and what is left to do."""
+class JobQueue:
+    """The episodes that are left to do, and how many workers each has cost."""
+
+    def __init__(self, jobs: Iterable[Job]) -> None:
+        self.jobs = deque(jobs)
+        self._deaths: Counter[Key] = Counter()
+
+    def died(self, job: Job, cause: str) -> Iterator[Finished]:
+        """Put a dead worker's episode in front again; yield it as lost if it cost `LIVES` workers.
+
+        Args:
+            job: what the worker was doing.
+            cause: what became of the worker.
+        """
+        self._deaths[job.key] += 1
+        _log.warning("a worker was %s in episode %s", cause, "/".join(map(str, job.key)))
+        if self._deaths[job.key] < LIVES:
+            self.jobs.appendleft(job)
+        else:
+            yield lost_episode(job, cause)
+
+
+class _Pool:
+    """The processes of a run, and the episodes that are left to do."""
 
     def __init__(self, stage: Stage, jobs: Sequence[Job]) -> None:
         self.workers: list[_Worker] = []
-        self._leaving: list[_Worker] = []
-        self._stage, self._todo = stage, deque(jobs)
-        self._deaths: Counter[Key] = Counter()
+        self._ending: list[_Worker] = []
+        self._stage, self._queue = stage, JobQueue(jobs)
 
-    def hire(self) -> None:
-        """Start one more."""
+    def start_one(self) -> None:
+        """Start one more process."""
         forking = multiprocessing.get_context("forkserver")
         forking.set_forkserver_preload(list(_IMPORTED))
         ours, theirs = forking.Pipe()
@@ -236,58 +257,53 @@ class _Crew:
         self.workers.append(_Worker(process, ours))
 
     def round(self) -> Iterator[Finished]:
-        """Wait for somebody to say something, and answer."""
+        """Wait until workers answer or die; give each its next episode."""
         for line in wait([worker.line for worker in self.workers]):
             worker = next(one for one in self.workers if one.line is line)
             try:
-                said: Finished | Failure | None = worker.line.recv()
+                said: Finished | WorkerError | None = worker.line.recv()
             except (EOFError, ConnectionResetError):
-                yield from self._bury(worker)
+                yield from self._replace(worker)
                 continue
-            if isinstance(said, Failure):
+            if isinstance(said, WorkerError):
                 raise said.error()
-            self._deal(worker)
+            self._assign(worker)
             if said is not None:
                 yield said
 
-    def dismiss(self) -> None:
-        """See all gone; who is amid an episode is not waited for."""
-        for worker in self._leaving:
+    def end_all(self) -> None:
+        """End all processes; those in the middle of an episode are killed."""
+        for worker in self._ending:
             worker.process.join(_LEAVE_S)
-        for worker in (*self._leaving, *self.workers):
+        for worker in (*self._ending, *self.workers):
             worker.process.kill()
             worker.process.join()
             worker.line.close()
         self.workers.clear()
 
-    def _deal(self, worker: _Worker) -> None:
-        """Give a worker its next episode; there is none: send it home."""
-        if self._todo:
-            worker.job = self._todo.popleft()
+    def _assign(self, worker: _Worker) -> None:
+        """Give a worker its next episode; tell it to end when none is left."""
+        if self._queue.jobs:
+            worker.job = self._queue.jobs.popleft()
             with suppress(BrokenPipeError):  # it has just died; the next round will tell
                 worker.line.send(worker.job)
         else:
             self.workers.remove(worker)
-            self._leaving.append(worker)
+            self._ending.append(worker)
             worker.line.close()
 
-    def _bury(self, worker: _Worker) -> Iterator[Finished]:
-        """See to what a dead worker was at."""
+    def _replace(self, worker: _Worker) -> Iterator[Finished]:
+        """Do a dead worker's episode again, or yield it as lost; start another process."""
         self.workers.remove(worker)
         worker.process.join()
         worker.line.close()
-        cause, job = cause_of(worker.process.exitcode), worker.job
-        if job is None:
+        cause = cause_of(worker.process.exitcode)
+        if worker.job is None:
             self._died_loading(cause)
             return
-        self._deaths[job.key] += 1
-        _log.warning("a worker was %s in episode %s", cause, "/".join(map(str, job.key)))
-        if self._deaths[job.key] < LIVES:
-            self._todo.appendleft(job)
-        else:
-            yield lost_episode(job, cause)
-        if self._todo:
-            self.hire()
+        yield from self._queue.died(worker.job, cause)
+        if self._queue.jobs:
+            self.start_one()
 
     def _died_loading(self, cause: str) -> None:
         if not self.workers:
@@ -312,7 +328,7 @@ def cause_of(code: int | None) -> str:
 
 
 def lost_episode(job: Job, cause: str) -> Finished:
-    """Return the record of an episode that kills whoever does it."""
+    """Return the record of an episode that kills every worker that does it."""
     record = EpisodeRecord(
         row=job.row,
         task=job.task.id,
@@ -344,7 +360,7 @@ def _one_thread() -> Iterator[None]:
 def _work(line: Connection, stage: Stage) -> None:
     """What a worker process does: load, say that it is ready, then one episode after the other."""
     go_offline()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which sends us home
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which ends its workers
     threading.Thread(target=_follow_parent, daemon=True).start()
     try:
         performer = Performer(stage)
@@ -354,7 +370,7 @@ def _work(line: Connection, stage: Stage) -> None:
     except (EOFError, BrokenPipeError):
         return
     except Exception as error:  # noqa: BLE001  it is raised where the run is
-        line.send(Failure.of(error))
+        line.send(WorkerError.of(error))
 
 
 def _follow_parent() -> None:

@@ -13,7 +13,7 @@ from karma.report.choice import choose_instructions
 from karma.report.frames import Frames
 from karma.report.replay import FrameChoice, Replay, Rooms, replay
 from karma.report.room import RoomPlan, plan_of
-from karma.report.story import Story, told
+from karma.report.story import EpisodeStory, told
 from karma.world.core import scene as scenes
 
 
@@ -22,7 +22,7 @@ class EpisodeReplay:
     """One episode that can be stepped through."""
 
     record: EpisodeRecord
-    story: Story
+    story: EpisodeStory
     replay: Replay
     rooms: Mapping[str, RoomPlan]  # by scene, in the order in which they are entered
     shown: frozenset[int]  # numbers of the instructions that can be stepped through
@@ -82,7 +82,9 @@ class Replayer:
             if story.moments:
                 yield self._one(record, story, frozenset(numbers))
 
-    def _one(self, record: EpisodeRecord, story: Story, numbers: frozenset[int]) -> EpisodeReplay:
+    def _one(
+        self, record: EpisodeRecord, story: EpisodeStory, numbers: frozenset[int]
+    ) -> EpisodeReplay:
         shown = numbers & frozenset(range(len(story.parts)))
         # the log's first actions set the day up
         done = replay(story, Rooms(self._place), self._frames, self._choice, shown)

@@ -7,7 +7,7 @@ from typing import Literal, cast, get_args
 from karma.contracts import Vec3
 from karma.errors import KarmaError
 from karma.report.frames import Frames
-from karma.report.story import Moment, Story
+from karma.report.story import EpisodeStory, Moment
 from karma.world.core.state import WorldState
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
@@ -88,7 +88,7 @@ class Replay:
 
 
 def replay(
-    story: Story,
+    story: EpisodeStory,
     rooms: Rooms,
     frames: Frames,
     choice: FrameChoice,
@@ -166,7 +166,7 @@ def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
     return since >= APART or moment.action.action not in _WALKING
 
 
-def _sight(state: WorldState, moment: Moment, story: Story, frame: int) -> Sight:
+def _sight(state: WorldState, moment: Moment, story: EpisodeStory, frame: int) -> Sight:
     x, _, z = state.pose.position_m
     return Sight(
         x_m=round(x, 3),
@@ -178,7 +178,9 @@ def _sight(state: WorldState, moment: Moment, story: Story, frame: int) -> Sight
     )
 
 
-def _targets(state: WorldState, moment: Moment, story: Story) -> tuple[tuple[float, float], ...]:
+def _targets(
+    state: WorldState, moment: Moment, story: EpisodeStory
+) -> tuple[tuple[float, float], ...]:
     """Return where the things are that the moment's skill call was about."""
     if moment.call < 0:
         return ()

@@ -19,7 +19,7 @@ _AMOUNTS = ("explorations", "actions", "tour_places", "tour_actions", "planner_c
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
+class FigureText:
     """One figure in words, with its interval or ""."""
 
     text: str
@@ -42,7 +42,7 @@ class ResultLine:
     kind: str
     is_first: bool  # of its row
     rate: Rate
-    values: tuple[Cell, ...]  # one for each of `columns`
+    values: tuple[FigureText, ...]  # one for each of `columns`
 
 
 def columns(result: Result) -> tuple[Heading, ...]:
@@ -89,12 +89,12 @@ def _keys(result: Result) -> list[str]:
     ]
 
 
-def _cell(key: str, found: Estimate) -> Cell:
+def _cell(key: str, found: Estimate) -> FigureText:
     text = _signed(figure_text(found.value, COLUMNS[key].digits))
     if key not in _SHARES or found.interval is None:
-        return Cell(text=text)
+        return FigureText(text=text)
     low, high = (_signed(figure_text(end)) for end in (found.interval.low, found.interval.high))
-    return Cell(text=text, span=f"{low} to {high}" if "−" in low else f"{low}–{high}")
+    return FigureText(text=text, span=f"{low} to {high}" if "−" in low else f"{low}–{high}")
 
 
 def _signed(text: str) -> str:

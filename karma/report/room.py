@@ -14,7 +14,7 @@ MARGIN_CM = 14.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shape:
+class PlanShape:
     """One piece of furniture; x and y are its upper left corner."""
 
     title: str
@@ -56,9 +56,9 @@ class RoomPlan:
     scene: str
     room: str
     view_box: str
-    floor: Shape
+    floor: PlanShape
     cells: str  # path data, a dot each
-    shapes: tuple[Shape, ...]
+    shapes: tuple[PlanShape, ...]
     areas: tuple[AreaMark, ...]
     edges: tuple[Edge, ...]
 
@@ -72,7 +72,7 @@ def plan_of(scene: Scene, graph: SceneGraph | None) -> RoomPlan:
     """
     (x, _, z), (width, _, depth) = scene.bounds_center, scene.bounds_size
     left, top = _cm(x - width / 2), _cm(-(z + depth / 2))
-    floor = Shape(
+    floor = PlanShape(
         title=scene.room, x=left, y=top, width=_cm(width), height=_cm(depth),
         high=False, label="", label_size=0.0, upright=False,
     )  # fmt: skip
@@ -95,12 +95,12 @@ def plan_of(scene: Scene, graph: SceneGraph | None) -> RoomPlan:
     )
 
 
-def _shapes(scene: Scene) -> Iterable[Shape]:
+def _shapes(scene: Scene) -> Iterable[PlanShape]:
     """Yield the furniture, the lowest first; labels that would lie on others are left out."""
     big = [one for one in scene.objects if _is_furniture(one)]
     big.sort(key=lambda one: (one.center[1] + one.size[1] / 2, one.id))
     shapes = [_shape(scene, thing) for thing in big]
-    taken: list[Shape] = []
+    taken: list[PlanShape] = []
     for shape in sorted(shapes, key=lambda one: (one.high, -one.width * one.height, one.title)):
         if shape.label and not any(_clash(shape, other) for other in taken):
             taken.append(shape)
@@ -108,7 +108,7 @@ def _shapes(scene: Scene) -> Iterable[Shape]:
     return (shape if id(shape) in named else replace(shape, label="") for shape in shapes)
 
 
-def _clash(one: Shape, other: Shape) -> bool:
+def _clash(one: PlanShape, other: PlanShape) -> bool:
     """Return whether two labels overlap."""
     gaps = (
         abs(one.x + one.width / 2 - other.x - other.width / 2),
@@ -120,7 +120,7 @@ def _clash(one: Shape, other: Shape) -> bool:
     )
 
 
-def _extent(shape: Shape) -> tuple[float, float]:
+def _extent(shape: PlanShape) -> tuple[float, float]:
     """Return width and height of a label."""
     long, high = len(shape.label) * shape.label_size * LABEL_CM, shape.label_size * 1.1
     return (high, long) if shape.upright else (long, high)
@@ -131,12 +131,12 @@ def _is_furniture(thing: SceneObject) -> bool:
     return large and thing.type != FLOOR and "pickupable" not in thing.capabilities
 
 
-def _shape(scene: Scene, thing: SceneObject) -> Shape:
+def _shape(scene: Scene, thing: SceneObject) -> PlanShape:
     (x, y, z), (width, height, depth) = thing.center, thing.size
     upright = depth > width * 1.25
     along = _cm(max(width, depth) if upright else width)
     size = min(MOST_CM, along / max(len(thing.type), 1) / LABEL_CM, _cm(min(width, depth)) * 0.8)
-    return Shape(
+    return PlanShape(
         title=thing.type,
         x=_cm(x - width / 2),
         y=_cm(-(z + depth / 2)),

@@ -68,7 +68,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Story:
+class EpisodeStory:
     """One episode as its step log tells it."""
 
     scene: str  # where it begins
@@ -106,12 +106,14 @@ def unit_key(unit: steps.Unit) -> str:
     return line_key(unit.object_id, unit.scene)
 
 
-def told(lines: Iterable[steps.Step]) -> Story:
+def told(lines: Iterable[steps.Step]) -> EpisodeStory:
     """Return the story of one log; one that breaks off is told as far as it goes."""
     teller = _Teller()
     for line in lines:
         teller.add(line)
-    return Story(scene=teller.scene, parts=tuple(teller.parts), moments=tuple(teller.attributed()))
+    return EpisodeStory(
+        scene=teller.scene, parts=tuple(teller.parts), moments=tuple(teller.attributed())
+    )
 
 
 class _Teller:
@@ -145,7 +147,7 @@ class _Teller:
             case steps.Map():
                 self._map = line.text
                 self._change(map_text=line.text)
-            case steps.Asked():
+            case steps.Planned():
                 self._plan(line)
             case steps.Action():
                 self._moment("action", label(line), line.ok, line.error, action=line)
@@ -170,7 +172,7 @@ class _Teller:
             found.append(replace(moment, call=call))
         return found[::-1]
 
-    def _plan(self, line: steps.Asked) -> None:
+    def _plan(self, line: steps.Planned) -> None:
         said = Told(
             recalled=line.recalled, prompt=line.prompt, program=line.program, error=line.error
         )

@@ -8,7 +8,7 @@ from karma.report.choice import SHORT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
+class TaskCell:
     """One task of one row, over the seeds."""
 
     row: str
@@ -37,7 +37,7 @@ class TaskLine:
     kind: str
     scene: str
     instructions: tuple[str, ...]
-    cells: tuple[Cell, ...]  # one a row
+    cells: tuple[TaskCell, ...]  # one a row
 
     @property
     def is_long(self) -> bool:
@@ -79,10 +79,10 @@ def _task_line(task: str, mine: Sequence[EpisodeRecord], rows: Sequence[str]) ->
     )
 
 
-def _cell(row: str, mine: Sequence[EpisodeRecord]) -> Cell:
+def _cell(row: str, mine: Sequence[EpisodeRecord]) -> TaskCell:
     failed = [record for record in mine if not record.success]
     shown = next(iter(failed or mine), None)
-    cell = Cell(row=row, episodes=len(mine), successes=len(mine) - len(failed), shown=shown)
+    cell = TaskCell(row=row, episodes=len(mine), successes=len(mine) - len(failed), shown=shown)
     if shown is None:
         return cell
     parts = cell.failed[:SHORT] if cell.is_long else tuple(range(len(shown.subtasks)))

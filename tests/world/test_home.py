@@ -10,10 +10,10 @@ from karma.agent.planner import Planner
 from karma.bench.episode import run_episode
 from karma.bench.steps import (
     Action,
-    Asked,
     Ended,
     Enter,
     Instruction,
+    Planned,
     Start,
     StepLog,
     packed,
@@ -302,7 +302,7 @@ def test_lota_is_told_earlier_instructions_of_its_task_only(tmp_path, kind, told
     steps = StepLog()
     run(method, sequence(first, second, kind=kind), tmp_path, steps)
     (tmp_path / "log.gz").write_bytes(packed(steps.data()))
-    asked = [step.prompt for step in read_steps(tmp_path / "log.gz") if isinstance(step, Asked)]
+    asked = [step.prompt for step in read_steps(tmp_path / "log.gz") if isinstance(step, Planned)]
     assert ["Go east." in prompt for prompt in asked] == [True, told]
 
 
