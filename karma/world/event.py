@@ -5,7 +5,6 @@ Metadata and pictures are made when first asked for; a moment never changes, so 
 late. Parts of the metadata are shared between events: copy before changing any.
 """
 
-from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -33,8 +32,8 @@ if TYPE_CHECKING:
 class _Drawn:
     """An attribute of the event that is drawn, with those that go with it, when first asked for."""
 
-    def __init__(self, draw: "Callable[[WorldEvent], None]") -> None:
-        self.draw = draw
+    def __init__(self, draw: str) -> None:
+        self.draw = draw  # the event's method that sets them
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -42,16 +41,8 @@ class _Drawn:
     def __get__(self, event: "WorldEvent | None", owner: type) -> Any:
         if event is None:
             return self
-        self.draw(event)
+        getattr(event, self.draw)()
         return event.__dict__[self.name]
-
-
-def _draw_agent(event: "WorldEvent") -> None:
-    event.draw_agent()
-
-
-def _draw_cameras(event: "WorldEvent") -> None:
-    event.draw_cameras()
 
 
 class WorldEvent(Event):  # type: ignore[misc]
@@ -69,22 +60,22 @@ class WorldEvent(Event):  # type: ignore[misc]
         before: an earlier event of the same moment; its object list and pictures are shared.
     """
 
-    frame: Any = _Drawn(_draw_agent)
-    depth_frame: Any = _Drawn(_draw_agent)
-    normals_frame: Any = _Drawn(_draw_agent)
-    instance_segmentation_frame: Any = _Drawn(_draw_agent)
-    semantic_segmentation_frame: Any = _Drawn(_draw_agent)
-    instance_masks: Any = _Drawn(_draw_agent)
-    class_masks: Any = _Drawn(_draw_agent)
-    instance_detections2D: Any = _Drawn(_draw_agent)
-    class_detections2D: Any = _Drawn(_draw_agent)
-    third_party_camera_frames: Any = _Drawn(_draw_cameras)
-    third_party_depth_frames: Any = _Drawn(_draw_cameras)
-    third_party_normals_frames: Any = _Drawn(_draw_cameras)
-    third_party_instance_segmentation_frames: Any = _Drawn(_draw_cameras)
-    third_party_semantic_segmentation_frames: Any = _Drawn(_draw_cameras)
-    third_party_instance_masks: Any = _Drawn(_draw_cameras)
-    third_party_class_masks: Any = _Drawn(_draw_cameras)
+    frame: Any = _Drawn("draw_agent")
+    depth_frame: Any = _Drawn("draw_agent")
+    normals_frame: Any = _Drawn("draw_agent")
+    instance_segmentation_frame: Any = _Drawn("draw_agent")
+    semantic_segmentation_frame: Any = _Drawn("draw_agent")
+    instance_masks: Any = _Drawn("draw_agent")
+    class_masks: Any = _Drawn("draw_agent")
+    instance_detections2D: Any = _Drawn("draw_agent")
+    class_detections2D: Any = _Drawn("draw_agent")
+    third_party_camera_frames: Any = _Drawn("draw_cameras")
+    third_party_depth_frames: Any = _Drawn("draw_cameras")
+    third_party_normals_frames: Any = _Drawn("draw_cameras")
+    third_party_instance_segmentation_frames: Any = _Drawn("draw_cameras")
+    third_party_semantic_segmentation_frames: Any = _Drawn("draw_cameras")
+    third_party_instance_masks: Any = _Drawn("draw_cameras")
+    third_party_class_masks: Any = _Drawn("draw_cameras")
 
     def __init__(
         self,

@@ -7,15 +7,15 @@ every simplification.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from karma.errors import KarmaError
 from karma.world.actions.setup import unfit
 from karma.world.actions.table import ACTIONS
-from karma.world.core import scene
 from karma.world.core.effects import settle
-from karma.world.core.scene import Scene
+from karma.world.core.scene import Scene, load
 from karma.world.core.state import (
     Images,
     Performed,
@@ -113,7 +113,7 @@ class EmbeddedWorld:
         Raises:
             FileError: there is no such scene, or it is damaged.
         """
-        loaded = scene if isinstance(scene, Scene) else _load(scene)
+        loaded = scene if isinstance(scene, Scene) else load(scene)
         settings = replace(self._settings, grid_m=self._grid_m or loaded.grid_m)
         planes = {"cameraNearPlane": 0.01, "cameraFarPlane": 20.0}
         state = settle(begin(loaded, settings))
@@ -151,10 +151,6 @@ class EmbeddedWorld:
         self._event = None
 
 
-def _load(name: str | Path) -> Scene:
-    return scene.load(name)
-
-
 def _images(usual: Images, given: Mapping[str, Any]) -> Images:
     """Return the usual pictures with AI2-THOR's flags applied."""
     flags = {RENDER_FLAGS[k]: bool(v) for k, v in given.items() if v is not None}
@@ -178,21 +174,7 @@ def _act(last: WorldEvent, name: str, arguments: Mapping[str, Any]) -> WorldEven
         state = settle(replace(result.state, time_s=result.state.time_s + result.seconds))
     images = _images(state.settings.images, flags)
     before = last if state is last.state else None
+    event = partial(WorldEvent, state=state, action=name, images=images, before=before)
     if isinstance(result, Performed):
-        return WorldEvent(
-            state=state,
-            action=name,
-            value=result.value,
-            first=name == "Initialize",
-            images=images,
-            before=before,
-        )
-    return WorldEvent(
-        state=state,
-        action=name,
-        success=False,
-        message=result.message,
-        code=result.code,
-        images=images,
-        before=before,
-    )
+        return event(value=result.value, first=name == "Initialize")
+    return event(success=False, message=result.message, code=result.code)

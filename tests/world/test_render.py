@@ -213,14 +213,6 @@ def test_masks_cover_the_middle_of_the_projected_box(yaw):
 # ------------------------------------------------------------------ cameras
 
 
-def test_a_third_party_camera_at_the_agents_eye_sees_what_the_agent_sees():
-    state = facing(begin(kitchen(), Settings()), 90, horizon=30)
-    eye = agent_camera(state)
-    other = Camera(position_m=(0.0, 0.9 + 0.675, 0.0), rotation_deg=(30.0, 90.0, 0.0), fov_deg=90.0)
-    ours, theirs = render(state, eye, 90, 60), render(state, other, 90, 60)
-    assert all(np.array_equal(a, b) for a, b in zip(ours[:3], theirs[:3], strict=True))
-
-
 def test_roll_turns_the_picture():
     state = moment(thing("Apple", (0.0, 1.9, 1.5)))
     upright = Camera(position_m=(0.0, 1.5, 0.0))

@@ -182,6 +182,7 @@ def test_a_refusal_shows_the_picture_of_the_moment_before(world):
 
 
 def test_a_camera_posed_like_the_agent_sees_the_same(world):
+    world.step("LookDown")
     event = world.step("RotateRight")
     camera = event.metadata["cameraPosition"]
     agent = event.metadata["agent"]
