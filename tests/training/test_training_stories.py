@@ -1,11 +1,9 @@
 """Drawn memories and drawn tasks: what they may hold, and that equal seeds give equal ones."""
 
-import importlib.util
 from collections import Counter
 from pathlib import Path
 
 import pytest
-from support.paths import ROOT
 
 from karma.files import to_json
 from karma.household.pieces import base_type
@@ -16,6 +14,7 @@ from karma.tasks.drawing.rooms import room_of
 from karma.tasks.drawing.stories import draw_story
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
+from karma.training.planner.drawn_tasks import draw_tasks
 from karma.training.planner.histories import draw_history
 from karma.world.core import scene
 
@@ -120,18 +119,9 @@ def test_expand_gives_every_choice_once():
     assert list(expand("open {s}")) == ["open {s}"]
 
 
-@pytest.fixture(scope="module")
-def script():
-    path = ROOT / "scripts" / "train_planner.py"
-    spec = importlib.util.spec_from_file_location("train_planner", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_tasks_are_written_as_an_experiment_reads_them_and_twice_the_same(script, tmp_path):
+def test_tasks_are_written_as_an_experiment_reads_them_and_twice_the_same(tmp_path):
     for name in ("one", "other"):
-        script.tasks(tmp_path / name, each=1, seed=3, homes=2)
+        draw_tasks(tmp_path / name, BOOK, each=1, seed=3, homes=2)
     tasks = load_tasks(tmp_path / "one" / "tasks.jsonl")
     assert [task.kind for task in tasks] == ["simple", "composite", "complex"]
     assert all(Path(task.scene).exists() for task in tasks)
@@ -140,10 +130,3 @@ def test_tasks_are_written_as_an_experiment_reads_them_and_twice_the_same(script
         for name in ("one", "other")
     ]
     assert said[0] == said[1]
-
-
-def test_drawn_sentences_are_of_templates_that_training_has_not():
-    training = our_book().part(held_out=False)
-    for kind, texts in BOOK.templates.items():
-        if len(our_book().templates[kind]) > len(texts):
-            assert not set(texts) & set(training.templates[kind])

@@ -40,12 +40,13 @@ def lexicon() -> Mapping[str, Entry]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Book:
-    """Templates per kind of request, and words for states."""
+    """Templates per kind of request, and words for states and for what was done before."""
 
     templates: Mapping[str, tuple[str, ...]]
     adjectives: Mapping[str, tuple[str, ...]]
     just: Mapping[str, tuple[str, ...]]
     around: Mapping[str, tuple[str, ...]]
+    references: Mapping[str, tuple[str, ...]]
     mined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def part(self, *, held_out: bool) -> "Book":
@@ -53,11 +54,16 @@ class Book:
 
         def side(book: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
             return {
-                kind: tuple(t for t in texts if _is_held_out(t) == held_out) or texts
+                kind: tuple(t for t in texts if self.is_held_out(t) == held_out) or texts
                 for kind, texts in book.items()
             }
 
         return replace(self, templates=side(self.templates), mined=side(self.mined))
+
+    @staticmethod
+    def is_held_out(template: str) -> bool:
+        """Return the side of a template; it stays as it is, as weights were trained on one."""
+        return blake2b(template.encode(), digest_size=1).digest()[0] < 21
 
     def pick(self, rng: np.random.Generator, kind: str) -> str:
         """Draw a template, one of ours or one that was mined."""
@@ -68,15 +74,23 @@ class Book:
 
 def our_book() -> Book:
     """Return the phrases that ship with the project."""
-    raw = read_toml(HERE / "phrases.toml", dict[str, Any])
+    return _read_book(HERE / "phrases.toml")
+
+
+def disjoint_book() -> Book:
+    """Return phrases of other sentence forms and words, which no planner is trained on."""
+    return _read_book(HERE / "disjoint_phrases.toml")
+
+
+def _read_book(path: Path) -> Book:
+    raw = read_toml(path, dict[str, Any])
     templates = {
         kind: tuple(dict.fromkeys(one for text in texts for one in expand(text)))
         for kind, texts in raw.items()
         if isinstance(texts, list)
     }
-    return Book(
-        templates=templates, adjectives=raw["adjectives"], just=raw["just"], around=raw["around"]
-    )
+    words = {name: raw[name] for name in ("adjectives", "just", "around", "references")}
+    return Book(templates=templates, **words)
 
 
 def expand(text: str) -> Iterator[str]:
@@ -230,7 +244,3 @@ def _slot_pattern(kind: str) -> re.Pattern[str]:
         + "|".join(re.escape(word) for word in words)
         + r")s?\b(?![^{]*})"
     )
-
-
-def _is_held_out(template: str) -> bool:
-    return blake2b(template.encode(), digest_size=1).digest()[0] < 21

@@ -15,20 +15,9 @@ from karma.tasks.drawing.phrases import Book, lexicon
 from karma.tasks.drawing.recollections import Rng, Room, pick, place_type, weighted
 
 Fits = Callable[[MemoryUnit], bool]
-ANYTHING = ("thing", "one", "item", "object")
 WEIGHTS = {"name": 0.42, "kind": 0.30, "anything": 0.14, "pronoun": 0.14}
 VAGUE = {"name": 0.0, "kind": 0.55, "anything": 0.25, "pronoun": 0.20}
 NAMED = {"name": 0.85, "kind": 0.0, "anything": 0.0, "pronoun": 0.15}
-DONE_FORMS = (
-    "you just {d}", "you {d}", "that you {d}", "that you just {d}", "which you {d}",
-    "you {d} earlier", "you {d} before", "you have {d}", "that you {d} a moment ago",
-)  # fmt: skip
-PLACE_FORMS = (
-    "in the {w}", "on the {w}", "from the {w}", "that is in the {w}", "that is on the {w}",
-    "you put in the {w}", "you put on the {w}", "you left on the {w}", "that you left in the {w}",
-    "you just put on the {w}", "inside the {w}", "lying on the {w}", "which is on the {w}",
-)  # fmt: skip
-CARGO_FORMS = ("with the {c}", "with the {c} in it", "that holds the {c}", "containing the {c}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +118,9 @@ def _described(
     entry = lexicon()[base_type(unit.object_type)]
     if form == "kind" and not entry.kinds:
         return "", None
-    noun = {"name": bare, "anything": pick(rng, ANYTHING)}.get(form) or pick(rng, entry.kinds)
+    noun = {"name": bare, "anything": pick(rng, scene.book.references["anything"])}.get(
+        form
+    ) or pick(rng, entry.kinds)
     tests: list[Fits] = []
     if form != "anything":
         tests = [_named(bare) if form == "name" else _of_kind(noun)]
@@ -179,10 +170,12 @@ def _done_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
     states = [state for state in unit.states if scene.book.just.get(state)]
     if not states or (not scene.strict and rng.random() < 0.25):
         last = next(other for other in reversed(scene.units) if other.handled)
-        text = pick(rng, DONE_FORMS).format(d=pick(rng, scene.book.just["moved"]))
+        text = pick(rng, scene.book.references["done"]).format(
+            d=pick(rng, scene.book.just["moved"])
+        )
         return _Said(after=text, fits=lambda other: other is last)
     state = pick(rng, states)
-    text = pick(rng, DONE_FORMS).format(d=pick(rng, scene.book.just[state]))
+    text = pick(rng, scene.book.references["done"]).format(d=pick(rng, scene.book.just[state]))
     return _Said(after=text, fits=lambda other: state in other.states and other.handled)
 
 
@@ -192,7 +185,9 @@ def _place_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
     place = place_type(scene.units, unit.place_id)
     if base_type(place) not in lexicon():
         return None
-    text = pick(rng, PLACE_FORMS).format(w=pick(rng, lexicon()[base_type(place)].names))
+    text = pick(rng, scene.book.references["place"]).format(
+        w=pick(rng, lexicon()[base_type(place)].names)
+    )
 
     def fits(other: MemoryUnit) -> bool:
         there = other.place_id is not None and place_type(scene.units, other.place_id) == place
@@ -207,7 +202,7 @@ def _cargo_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
         return None
     entry = lexicon()[base_type(cargo[-1].object_type)]
     inside = pick(rng, entry.names)
-    text = pick(rng, CARGO_FORMS).format(c=inside)
+    text = pick(rng, scene.book.references["cargo"]).format(c=inside)
     return _Said(after=text, fits=lambda other: other is unit)
 
 

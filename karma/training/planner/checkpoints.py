@@ -7,8 +7,9 @@ from typing import Any
 
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
+from karma.infer.llama.gguf_export import export_llama_gguf
 from karma.training.planner.network import new_model
-from karma.training.planner.packs import Recipe
+from karma.training.planner.packs import END, PAD, Recipe
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,3 +87,25 @@ def load_weights(folder: Path, recipe: Recipe) -> Any:
         for name, value in model.named_parameters():
             value.copy_(saved.get_tensor(f"model.{name}"))
     return model.eval()
+
+
+def export_gguf(folder: Path, path: Path, dtype: str) -> None:
+    """Write the last checkpoint of a folder as GGUF.
+
+    Raises:
+        FileError: there is no checkpoint, or no tokenizer.
+    """
+    from tokenizers import Tokenizer
+
+    recipe = read_json(folder / "recipe.json", Recipe)
+    export_llama_gguf(
+        load_weights(folder, recipe),
+        Tokenizer.from_file(str(folder / "tokenizer.json")),
+        path,
+        name="karma-nano-planner",
+        eos_token=END,
+        pad_token=PAD,
+        dtype=dtype,  # type: ignore[arg-type]
+        licence="Apache-2.0",
+        description="(memory, instruction) -> program of skill calls; scripts/train_planner.py",
+    )

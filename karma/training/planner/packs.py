@@ -105,13 +105,9 @@ def draw_pack(recipe: Recipe, data: Data, *name: str) -> list[Example]:
             example = draw_step(rng, room, data.steps)
         else:
             example = draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
-        if example is not None and plain(_task(example)) not in data.forbidden:
+        if example is not None and plain(example.sentence) not in data.forbidden:
             found.append(example)
     return found
-
-
-def _task(example: Example) -> str:
-    return example.changing.partition("\n")[0].removeprefix("#task ")
 
 
 def plain(sentence: str) -> str:

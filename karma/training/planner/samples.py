@@ -45,6 +45,11 @@ class Example:
     changing: str
     program: str
 
+    @property
+    def sentence(self) -> str:
+        """What was asked."""
+        return self.changing.partition("\n")[0].removeprefix("#task ")
+
 
 def draw(
     rng: Rng,
@@ -155,8 +160,8 @@ def draw_alfred(
     facts, held = _draw_facts(rng, room, mapped=mapped)
     if rng.random() < 0.8:
         facts, held = replace(facts, units=(), held_id=None, held_type=None), None
-    book, none = Book(templates={}, adjectives={}, just={}, around={}), frozenset[tuple[str, str]]()
-    scene = _situation(rng, room, facts, book, none, mapped=mapped)
+    book = Book(templates={}, adjectives={}, just={}, around={}, references={})
+    scene = _situation(rng, room, facts, book, frozenset(), mapped=mapped)
     known = {base_type(unit.object_type) for unit in facts.units}
     if known & {wanted.thing, wanted.movable} and (wanted.task == "two" or wanted.sliced):
         return None

@@ -46,6 +46,18 @@ def exact_share(
     return right / total
 
 
+def exact_by_kind(
+    folder: Path, model: Any, examples: Sequence[Example]
+) -> Iterator[tuple[str, int, float]]:
+    """Yield kind of request, examples of it, and the share that is right to the letter."""
+    from tokenizers import Tokenizer
+
+    tokenizer = Tokenizer.from_file(str(folder / "tokenizer.json"))
+    for kind in sorted({example.kind for example in examples}):
+        singles = [[example] for example in examples if example.kind == kind]
+        yield kind, len(singles), exact_share(model, tokenizer, singles, "cpu")
+
+
 def train(
     recipe: Recipe,
     data: Data,

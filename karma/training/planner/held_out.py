@@ -1,0 +1,70 @@
+"""How far phrases that were held out of training lie from those that were trained on.
+
+A template is a sentence whose things are slots. Two templates are as far apart as the words that
+must be put in, taken out or replaced to turn one into the other; a slot counts as a word.
+"""
+
+import re
+from collections.abc import Iterable
+from functools import cache
+
+from karma.tasks.drawing.phrases import Book, lexicon
+
+_SLOT = re.compile(r"\{\w+\}")
+_WORD = re.compile(r"[a-z]+")
+
+
+def words_apart(one: str, other: str) -> int:
+    """Return how many words must change to turn one text into the other.
+
+    >>> words_apart("put {x} in {r}", "put {x} down on {r}")
+    2
+    """
+    first, second = one.split(), other.split()
+    row = list(range(len(second) + 1))
+    for number, word in enumerate(first, 1):
+        above, row = row, [number]
+        for at, rival in enumerate(second, 1):
+            row.append(min(above[at] + 1, row[-1] + 1, above[at - 1] + (word != rival)))
+    return row[-1]
+
+
+def nearest(template: str, trained: Iterable[str]) -> int:
+    """Return how many words a template lies from the nearest of some others."""
+    return min(words_apart(template, other) for other in trained)
+
+
+def templates_of(book: Book) -> tuple[str, ...]:
+    """Return every template of a book, of all kinds of requests, mined ones included."""
+    every = (*book.templates.values(), *book.mined.values())
+    return tuple(dict.fromkeys(text for texts in every for text in texts))
+
+
+def words_of(templates: Iterable[str]) -> frozenset[str]:
+    """Return the words of templates, slots left out."""
+    return frozenset(word for text in templates for word in _WORD.findall(_SLOT.sub(" ", text)))
+
+
+def form_of(text: str) -> str:
+    """Return a sentence or template with its things masked: what is left is how it is asked.
+
+    >>> form_of("Put the clean mug into the sink!"), form_of("put a clean {x0} into {r}")
+    ('put the clean _ into _', 'put a clean _ into _')
+    """
+    text = _SLOT.sub(" _ ", text.lower())
+    text = " ".join(re.findall(r"[a-z0-9]+|_", text))
+    return _things().sub("_", text)
+
+
+@cache
+def _things() -> re.Pattern[str]:
+    """Match what things are called, with an article, and "it"."""
+    called = {name for entry in lexicon().values() for name in (*entry.names, *entry.kinds)}
+    plain = (" ".join(re.findall(r"[a-z0-9]+", name)) for name in called)
+    names = "|".join(sorted(plain, key=lambda name: (-len(name), name)))
+    return re.compile(rf"\b(?:(?:the|a|an|some|one|my|that|this) )?(?:{names}|it)\b")
+
+
+def forms_of(templates: Iterable[str]) -> frozenset[str]:
+    """Return the forms of templates."""
+    return frozenset(map(form_of, templates))

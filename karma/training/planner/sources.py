@@ -1,0 +1,148 @@
+"""Where the planner's examples come from, and what stays out of them.
+
+Rooms come from the generator (seeds of their own) and, where the reference data lies at hand, from
+AI2-THOR floor plans; phrases from our phrase book and ALFRED's annotators. Sentences and placements
+of the test tasks stay out.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from karma import registry
+from karma.files import read_json, to_json, write_atomic
+from karma.seeds import stream
+from karma.tasks.authors import load_authors_tasks
+from karma.tasks.drawing import rooms
+from karma.tasks.drawing.alfred import Sentence, StepSentence, read_sentences, read_steps
+from karma.tasks.drawing.phrases import Book, our_book, with_alfred
+from karma.tasks.drawing.recollections import Room
+from karma.tasks.files import load_tasks
+from karma.training.planner.network import first_embeddings
+from karma.training.planner.packs import Data, Recipe, make_tokenizer, plain
+from karma.training.planner.samples import Example, draw
+from karma.world.importing.scenes import import_dump
+
+WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sources:
+    """Folders that are read, and the one that keeps what is made once.
+
+    Args:
+        folder: keeps rooms, tokenizer and embeddings.
+        shared: the reference data; what is missing there is done without.
+        tests: task files that training must not know.
+        generated: rooms to make.
+        say: takes a line about what is being made or is missing.
+    """
+
+    folder: Path
+    shared: Path
+    tests: tuple[Path, ...]
+    generated: int = 300
+    say: Callable[[str], None] = lambda line: None
+
+    @property
+    def demonstrations(self) -> Path:
+        """ALFRED's training split."""
+        return self.shared / "data" / "alfred" / "train.jsonl.gz"
+
+    @property
+    def floor_plans(self) -> tuple[Path, Path]:
+        """AI2-THOR's dumps, and where one can stand in them."""
+        data = self.shared / "data"
+        return data / "thor5" / "scenes.jsonl.gz", data / "alfred" / "layouts.json.gz"
+
+    def data(self, recipe: Recipe) -> Data:
+        """Return rooms and phrases of the training side."""
+        return Data(
+            rooms=self.rooms(recipe),
+            book=self.book().part(held_out=False),
+            excluded=rooms.asked_pairs(self.tests),
+            alfred=self.sentences(held_out=False),
+            steps=self.steps(),
+            forbidden=self.test_sentences(),
+        )
+
+    def rooms(self, recipe: Recipe) -> list[Room]:
+        """Return the training rooms, made once."""
+        path = self.folder / "rooms.json"
+        if path.exists():
+            return read_json(path, list[Room])
+        self.say(f"making {self.generated} rooms ...")
+        found = list(rooms.generated_rooms(self.generated, recipe.seed + 77))
+        dumps, layouts = self.floor_plans
+        if dumps.exists():
+            found += rooms.imported_rooms(dumps, layouts, recipe.seed)
+        else:
+            self.say(f"no floor plans at {dumps}: generated rooms only")
+        write_atomic(path, to_json(found))
+        return found
+
+    def book(self) -> Book:
+        """Return our phrases, with ALFRED's where the demonstrations are at hand."""
+        if self.demonstrations.exists():
+            return with_alfred(our_book(), self.demonstrations)
+        self.say(f"no demonstrations at {self.demonstrations}: our own phrases only")
+        return our_book()
+
+    def sentences(self, *, held_out: bool) -> tuple[Sentence, ...]:
+        """Return ALFRED's goal sentences of one side; () where they are missing."""
+        if not self.demonstrations.exists():
+            return ()
+        every = read_sentences(self.demonstrations)
+        return tuple(s for n, s in enumerate(every) if (n // 3 % WATCHED == 0) == held_out)
+
+    def steps(self) -> tuple[StepSentence, ...]:
+        """Return what ALFRED's annotators said of single steps; () where they are missing."""
+        return read_steps(self.demonstrations) if self.demonstrations.exists() else ()
+
+    def test_sentences(self) -> frozenset[str]:
+        """Return every instruction of the test tasks, ours and the authors', as `plain` has it."""
+        folder = self.shared / "data" / "alfred_l"
+        files = [folder / f"{kind}_tasks.json" for kind in ("simple", "composite", "complex")]
+        tasks = [task for path in self.tests for task in load_tasks(path)]
+        tasks += load_authors_tasks([path for path in files if path.exists()])
+        return frozenset(plain(sub.instruction) for task in tasks for sub in task.subtasks)
+
+    def known_plans(self) -> dict[str, Room]:
+        """Return floor plan -> what an agent knows of it that overlooked nothing."""
+        dumps, layouts = self.floor_plans
+        scenes = import_dump(dumps, layouts=layouts)
+        return {scene.name: rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes}
+
+    def tokenizer(self, recipe: Recipe, data: Data) -> Any:
+        """Return the tokenizer, trained once."""
+        from tokenizers import Tokenizer
+
+        path = self.folder / "tokenizer.json"
+        if not path.exists():
+            self.say("training the tokenizer ...")
+            write_atomic(path, make_tokenizer(recipe, data, 1500).to_str().encode())
+        return Tokenizer.from_file(str(path))
+
+    def embeddings(self, recipe: Recipe, tokenizer: Any) -> Any:
+        """Return the token embeddings to start from, made once."""
+        from safetensors.numpy import load, save
+
+        path = self.folder / "embeddings.safetensors"
+        if not path.exists():
+            self.say("embedding the vocabulary ...")
+            found = first_embeddings(recipe, tokenizer, registry.load("embedders", "minilm")())
+            write_atomic(path, save({"tokens": found}))
+        return load(path.read_bytes())["tokens"]
+
+
+def held_out_packs(recipe: Recipe, book: Book, count: int) -> list[list[Example]]:
+    """Return packs over rooms that training never sees, with the phrases of `book`."""
+    found = list(rooms.generated_rooms(24, recipe.seed + 78))
+    packs = []
+    for number in range(count):
+        rng = stream(recipe.seed, "planner", "held-out", str(number))
+        room = found[int(rng.integers(len(found)))]
+        mapped = bool(rng.random() < recipe.mapped)
+        packs.append([draw(rng, room, book, mapped=mapped) for _ in range(recipe.examples)])
+    return packs

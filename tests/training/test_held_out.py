@@ -1,0 +1,143 @@
+"""What training has not seen, and how far that is from what it has: figures that cannot flatter."""
+
+import re
+
+import pytest
+from support.paths import ROOT
+
+from karma.errors import ModelError
+from karma.infer.scripted import ScriptedModel
+from karma.tasks.authors import load_authors_tasks
+from karma.tasks.drawing.alfred import Facts, Sentence, program_of, read_sentences, read_steps
+from karma.tasks.drawing.phrases import disjoint_book, our_book
+from karma.tasks.expert import View
+from karma.tasks.files import load_tasks
+from karma.training.planner.held_out import form_of, forms_of, nearest, templates_of, words_of
+from karma.training.planner.packs import plain
+from karma.training.planner.reading import read_goals, tell
+
+TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
+BOOK, DISJOINT = our_book(), disjoint_book()
+OURS = templates_of(BOOK)
+HELD_OUT = [text for text in OURS if BOOK.is_held_out(text)]
+TRAINED = [text for text in OURS if not BOOK.is_held_out(text)]
+
+
+# ----------------------------------------------------------------- templates
+
+
+def test_held_out_templates_are_one_word_from_trained_ones():
+    """Nearly all: they show that a sentence was not learnt by heart, and no more than that."""
+    far = [text for text in HELD_OUT if nearest(text, TRAINED) > 1]
+    assert (len(HELD_OUT), len(far)) == (221, 5)
+
+
+def test_disjoint_templates_are_three_words_or_more_from_all_of_ours():
+    assert len(templates_of(DISJOINT)) == 66
+    assert [text for text in templates_of(DISJOINT) if nearest(text, OURS) < 3] == []
+
+
+def test_disjoint_templates_each_have_a_word_that_none_of_ours_has():
+    known = words_of(OURS)
+    assert [text for text in templates_of(DISJOINT) if words_of([text]) <= known] == []
+
+
+@pytest.mark.parametrize("part", ["adjectives", "just", "around", "references"])
+def test_disjoint_words_are_not_among_ours(part):
+    ours, others = getattr(BOOK, part), getattr(DISJOINT, part)
+    assert ours.keys() == others.keys()
+    for name, texts in others.items():
+        assert not set(texts) & set(ours[name])
+
+
+@pytest.mark.parametrize("kind", BOOK.templates)
+def test_disjoint_templates_of_a_kind_have_its_slots(kind):
+    def slots(texts):
+        return {slot for text in texts for slot in re.findall(r"\{(\w)", text)}
+
+    assert slots(DISJOINT.templates[kind]) == slots(BOOK.templates[kind])
+
+
+# ----------------------------------------------------------------- the tests' sentences
+
+
+def instructions(tasks):
+    return [sub.instruction for task in tasks for sub in task.subtasks]
+
+
+def authors_instructions(shared):
+    files = sorted((shared / "data" / "alfred_l").glob("*_tasks.json"))
+    if not files:
+        pytest.skip(f"needs {shared}/data/alfred_l")
+    return instructions(load_authors_tasks(files))
+
+
+def with_trained_form(sentences):
+    forms = forms_of(TRAINED)
+    return [text for text in sentences if form_of(text) in forms]
+
+
+def test_form_of_a_filled_template_is_the_templates():
+    assert with_trained_form(["Put the salt shaker on the dining table!", "Rinse an apple."])
+    assert not with_trained_form(["Put the salt shaker to bed.", "Rinse an apple twice."])
+
+
+def test_half_of_our_tasks_sentences_have_the_form_of_a_trained_template():
+    """The phrase book was extended after they had been read: they are no unseen phrasings."""
+    sentences = instructions(load_tasks(TASKS))
+    assert (len(sentences), len(with_trained_form(sentences))) == (182, 96)
+
+
+@pytest.mark.shared
+def test_over_half_of_the_authors_sentences_have_the_form_of_a_trained_template(shared):
+    sentences = authors_instructions(shared)
+    assert (len(sentences), len(with_trained_form(sentences))) == (81, 48)
+
+
+@pytest.mark.shared
+def test_some_sentences_of_the_tests_stand_in_alfreds_training_split(shared):
+    """Word for word, as short sentences do; a draw that says one of them is drawn again."""
+    path = shared / "data" / "alfred" / "train.jsonl.gz"
+    if not path.exists():
+        pytest.skip(f"needs {path}")
+    said = {plain(one.text) for one in (*read_sentences(path), *read_steps(path))}
+    ours, authors = instructions(load_tasks(TASKS)), authors_instructions(shared)
+    assert [sum(plain(text) in said for text in texts) for texts in (ours, authors)] == [8, 17]
+
+
+# ----------------------------------------------------------------- goal sentences read
+
+
+def goal(text, thing):
+    facts = Facts(task="simple", thing=thing, movable="", place="Fridge", sliced=False)
+    return Sentence(text=text, facts=facts, floor_plan="FloorPlan1")
+
+
+APPLE, EGG, MUG = goal("Chill it!", "Apple"), goal("An egg, cold", "Egg"), goal("Mug in", "Mug")
+
+
+def program(sentence):
+    return "".join(f"{call}\n" for call in program_of(sentence, View()))
+
+
+def read(answers):
+    return list(read_goals(ScriptedModel(answers), [APPLE, EGG, MUG], [goal("chill it", "")]))
+
+
+def test_figures_of_read_sentences_set_those_of_the_training_split_apart():
+    found = read([program(APPLE), program(MUG), "no program"])
+    assert [(one.right, one.trained) for one in found] == [
+        (True, True), (False, False), (False, False),
+    ]  # fmt: skip
+    lines = {line[:26].rstrip(): line[26:].split() for line in tell(found)}
+    assert lines["all"][:3] == ["3", "exact", "0.333"]
+    assert lines["in the training split too"] == ["1", "exact", "1.000"]
+    assert lines["not in the training split"] == ["2", "exact", "0.000"]
+    assert lines["place"] == ["right", "0.667"]
+    assert lines["thing"] == ["right", "0.333"]
+
+
+def test_sentences_of_rooms_without_a_map_are_left_out_and_never_put_to_the_model():
+    assert list(read_goals(ScriptedModel(), [APPLE], [], plans={})) == []
+    with pytest.raises(ModelError, match="run out"):
+        list(read_goals(ScriptedModel(), [APPLE], []))
