@@ -22,11 +22,11 @@ from karma.offline import go_offline
 from karma.tasks.drawing.alfred import read_sentences
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.training.planner.checkpoints import export_gguf, load_weights
-from karma.training.planner.drawn_tasks import draw_tasks
-from karma.training.planner.packs import Recipe
+from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.processes import train_in_processes
 from karma.training.planner.reading import read_goals, tell
 from karma.training.planner.sources import Sources, held_out_packs
+from karma.training.planner.task_files import draw_tasks
 from karma.training.planner.train import exact_by_kind
 
 ROOT = Path(__file__).parents[1]
@@ -56,20 +56,22 @@ def sources(folder: Path, generated: int = 300) -> Sources:
 @app.command()
 def train(
     folder: Folder = FOLDER,
-    steps: int = Recipe().steps,
+    steps: int = PlannerRecipe().steps,
     seed: int = 0,
     device: str = "cpu",
     workers: Annotated[int, typer.Option(help="Processes of one thread each.")] = 2,
     generated: int = 300,
     half: Annotated[bool, typer.Option(help="bfloat16, where the processor has it.")] = False,
-    rate: Annotated[float, typer.Option(help="Learning rate.")] = Recipe().learning_rate,
+    rate: Annotated[float, typer.Option(help="Learning rate.")] = PlannerRecipe().learning_rate,
     decay: Annotated[
         float, typer.Option(help="Share of the steps in which it falls.")
-    ] = Recipe().decay,
-    packs: Annotated[int, typer.Option(help="Packs per step.")] = Recipe().packs,
+    ] = PlannerRecipe().decay,
+    packs: Annotated[int, typer.Option(help="Packs per step.")] = PlannerRecipe().packs,
 ) -> None:
     """Train, or go on training from the last checkpoint."""
-    recipe = Recipe(seed=seed, steps=steps, half=half, learning_rate=rate, decay=decay, packs=packs)
+    recipe = PlannerRecipe(
+        seed=seed, steps=steps, half=half, learning_rate=rate, decay=decay, packs=packs
+    )
     train_in_processes(sources(folder, generated), recipe, device=device, workers=workers)
 
 
@@ -104,7 +106,7 @@ def evaluate(
     if alfred is not None:
         _evaluate_alfred(alfred, planner, wrong, sources(folder), mapped=mapped)
         return
-    recipe = replace(read_json(folder / "recipe.json", Recipe), seed=seed)
+    recipe = replace(read_json(folder / "recipe.json", PlannerRecipe), seed=seed)
     book = disjoint_book() if disjoint else our_book().part(held_out=True)
     examples = [example for pack in held_out_packs(recipe, book, packs) for example in pack]
     for kind, count, share in exact_by_kind(folder, load_weights(folder, recipe), examples):

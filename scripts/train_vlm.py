@@ -24,7 +24,7 @@ from karma.infer.vision.transformers import ASKING, Asking, TransformersVision
 from karma.training.vision.model import save
 from karma.training.vision.score import Clock, examine, held_out_rooms, score
 from karma.training.vision.shards import has_shard, write_shard
-from karma.training.vision.train import Recipe, train, trained
+from karma.training.vision.train import VisionRecipe, train, trained
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "runs" / "vlm"
@@ -38,12 +38,12 @@ console = Console()
 @app.command()
 def draw(
     folder: Folder = FOLDER,
-    shards: int = Recipe().shards,
+    shards: int = VisionRecipe().shards,
     first: Annotated[int, typer.Option(help="Which of several processes this is.")] = 0,
     every: Annotated[int, typer.Option(help="How many processes draw.")] = 1,
 ) -> None:
     """Draw the crops that training and its checks read; what is there is kept."""
-    margin = Recipe().margin
+    margin = VisionRecipe().margin
     held_out = folder / "held-out"
     if first == 0 and not has_shard(held_out, 0):
         console.print(f"held-out: {write_shard(held_out, 0, seed=HELD_OUT_SEED, margin=margin)}")
@@ -56,9 +56,9 @@ def draw(
 @app.command("train")
 def train_command(
     folder: Folder = FOLDER,
-    steps: int = Recipe().steps,
-    batch: int = Recipe().batch,
-    shards: int = Recipe().shards,
+    steps: int = VisionRecipe().steps,
+    batch: int = VisionRecipe().batch,
+    shards: int = VisionRecipe().shards,
     seed: int = 0,
     device: str = "cpu",
     workers: Annotated[int, typer.Option(help="Processes of one thread each.")] = 2,
@@ -66,7 +66,7 @@ def train_command(
     """Train, or go on training from the last checkpoint."""
     import torch
 
-    recipe = replace(Recipe(), seed=seed, steps=steps, batch=batch, shards=shards)
+    recipe = replace(VisionRecipe(), seed=seed, steps=steps, batch=batch, shards=shards)
     write_atomic(folder / "recipe.json", to_json(recipe, indent=2))
     if workers == 1:
         train_share(0, 1, folder, recipe, device)
@@ -77,7 +77,7 @@ def train_command(
 
 
 def train_share(
-    rank: int, workers: int, folder: Path, recipe: Recipe, device: str, meeting: str = ""
+    rank: int, workers: int, folder: Path, recipe: VisionRecipe, device: str, meeting: str = ""
 ) -> None:
     """Train as one of several processes; each step's crops are shared out among them."""
     import torch
@@ -108,7 +108,7 @@ def train_share(
 @app.command()
 def export(path: Path, folder: Folder = FOLDER) -> None:
     """Write the last checkpoint as a folder that transformers reads."""
-    recipe = read_json(folder / "recipe.json", Recipe)
+    recipe = read_json(folder / "recipe.json", VisionRecipe)
     save(trained(recipe, folder), path)
     asking = Asking(
         profile="compact", crop=recipe.margin, outline=True, max_tokens=16, attempts=1, threads=1

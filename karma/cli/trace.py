@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.table import Table
 
-    from karma.lab.intervals import Interval
+    from karma.lab.intervals import Bootstrapped
     from karma.lab.sweep import Sweep
     from karma.lab.trace import Trace
 
@@ -180,11 +180,11 @@ def _note(traces: Sequence["Trace"], found: "Sweep") -> str:
     )
 
 
-def _span(rate: "Interval | None") -> str:
+def _span(rate: "Bootstrapped | None") -> str:
     if rate is None or rate.low is None or rate.high is None:
         return UNKNOWN
     return f"{percent_text(rate.low, 1)}–{percent_text(rate.high, 1)}"
 
 
-def _value(rate: "Interval | None") -> float | None:
+def _value(rate: "Bootstrapped | None") -> float | None:
     return None if rate is None else rate.value

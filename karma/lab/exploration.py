@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from karma.lab.intervals import Interval, Resampler
+from karma.lab.intervals import Bootstrapped, Resampler
 from karma.lab.simulate import simulator
 from karma.lab.trace import Trace
 
@@ -24,7 +24,7 @@ class Exploration(msgspec.Struct, frozen=True, kw_only=True):
     reduced: list[float]
     slope: float | None
     intercept: float | None
-    r: Interval | None  # Pearson's, over sequences; None where one of both never changes
+    r: Bootstrapped | None  # Pearson's, over sequences; None where one of both never changes
 
 
 def explore(

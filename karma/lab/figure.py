@@ -17,16 +17,16 @@ from karma import __version__
 from karma.errors import FileError
 from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
 from karma.lab.exploration import Exploration, explore
-from karma.lab.paper_claims import CellResults, Claim, claims_of, claims_text
+from karma.lab.paper_claims import CellResults, PaperClaim, claims_of, claims_text
 from karma.lab.simulate import BELADY
-from karma.lab.sweep import Row, Sweep, run_rows, size_of, sized, sweep_of
+from karma.lab.sweep import PolicyRow, Sweep, run_rows, size_of, sized, sweep_of
 from karma.lab.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
 from karma.lab.workloads import WORKLOADS, Workload, costs_of, draw_errands, trace_of
 
 KIND = "trace"
 
 
-class Figure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One figure.
 
     `shows` is "curves" (hit rate against tasks done) or "exploration" (hit rate against searches
@@ -55,7 +55,7 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError("sequences and length must be at least 1")
 
 
-class Cell(msgspec.Struct, frozen=True, kw_only=True):
+class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
     """One workload with one unit set."""
 
     workload: Workload
@@ -71,14 +71,14 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
 class Results(msgspec.Struct, frozen=True, kw_only=True):
     """What `results.json` holds."""
 
-    figure: Figure
+    figure: TraceFigure
     source: str  # of the tasks
-    cells: list[Cell]
-    claims: list[Claim]
+    cells: list[FigureCell]
+    claims: list[PaperClaim]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Progress:
+class FigureProgress:
     """How far a figure is, in policies run."""
 
     done: int
@@ -100,7 +100,7 @@ class _Kind(msgspec.Struct):
     kind: str = ""
 
 
-def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[Progress]:
+def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[FigureProgress]:
     """Run what is missing of a figure, then write `results.json` and draw it.
 
     Args:
@@ -112,7 +112,7 @@ def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[Pro
         FileError: the file is damaged, tasks are missing, or the folder holds another figure.
         KarmaError: a policy or a claim that there is not.
     """
-    figure = read_toml(path, Figure)
+    figure = read_toml(path, TraceFigure)
     policies = _with_bounds(sized(figure.policies, figure.sizes))
     claims_of(figure.claims, [])  # a wrong name must not come to light minutes later
     pool = _pool(figure, path)
@@ -129,15 +129,15 @@ def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[Pro
         if not kept.exists():
             runner = _Runner(figure, pool, workload, units)
             for more in runner.run(policies):
-                yield Progress(done=done + more, total=total, doing=f"{workload} {units}")
+                yield FigureProgress(done=done + more, total=total, doing=f"{workload} {units}")
             write_atomic(kept, to_json(runner.cell()))
-        cells.append(read_json(kept, Cell))
-        yield Progress(done=done + len(policies), total=total, doing=f"{workload} {units}")
+        cells.append(read_json(kept, FigureCell))
+        yield FigureProgress(done=done + len(policies), total=total, doing=f"{workload} {units}")
     claims = claims_of(figure.claims, [cell.results() for cell in cells])
     results = Results(figure=figure, source=pool.source, cells=cells, claims=claims)
     write_atomic(folder / "results.json", to_json(results))
     draw_figure(folder)
-    yield Progress(done=total, total=total, doing="drawn")
+    yield FigureProgress(done=total, total=total, doing="drawn")
 
 
 def read_figure(folder: Path) -> Results:
@@ -187,7 +187,7 @@ def _with_bounds(policies: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*policies, *bounds)))
 
 
-def _pool(figure: Figure, path: Path) -> Pool:
+def _pool(figure: TraceFigure, path: Path) -> Pool:
     from karma.bench.experiment import beside
 
     files = [beside(name) for name in figure.tasks]
@@ -206,7 +206,7 @@ class _Header(msgspec.Struct, frozen=True, kw_only=True):
     tasks: str  # and of what is drawn from
 
 
-def _check_header(figure: Figure, pool: Pool, path: Path, folder: Path) -> None:
+def _check_header(figure: TraceFigure, pool: Pool, path: Path, folder: Path) -> None:
     header = _Header(
         version=__version__,
         figure=hashlib.sha256(read_bytes(path)).hexdigest(),
@@ -232,7 +232,7 @@ def _clear(folder: Path) -> None:
 class _Runner:
     """One cell being run."""
 
-    def __init__(self, figure: Figure, pool: Pool, workload: Workload, units: UnitSet) -> None:
+    def __init__(self, figure: TraceFigure, pool: Pool, workload: Workload, units: UnitSet) -> None:
         self._figure, self._workload, self._units = figure, workload, units
         drawn = [
             draw_errands(pool, workload, figure.length, figure.seed, number)
@@ -240,7 +240,7 @@ class _Runner:
         ]
         self._traces = [trace_of(errands, workload, units) for errands in drawn]
         self._costs = [costs_of(errands, units, pool) for errands in drawn]
-        self._rows: list[Row] = []
+        self._rows: list[PolicyRow] = []
         self._explored: list[Exploration] = []
 
     def run(self, policies: Sequence[str]) -> Iterator[int]:
@@ -254,9 +254,9 @@ class _Runner:
                 self._explored.append(found)
             yield len(self._rows)
 
-    def cell(self) -> Cell:
+    def cell(self) -> FigureCell:
         """Return what was found."""
-        return Cell(
+        return FigureCell(
             workload=self._workload,
             unit_set=self._units,
             sweep=sweep_of(self._traces, self._rows),

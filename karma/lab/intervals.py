@@ -15,7 +15,7 @@ Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
+class Bootstrapped:
     """A figure and its 95 % percentile interval; `low` and `high` are None for a lone sequence."""
 
     value: float
@@ -47,11 +47,11 @@ class Resampler:
         np.add.at(weights, (np.arange(RESAMPLES)[:, None], drawn), 1)
         self._weights = weights
 
-    def mean(self, values: Sequence[float]) -> Interval:
+    def mean(self, values: Sequence[float]) -> Bootstrapped:
         """Return the mean of a figure over sequences."""
         return self.ratio(values, [1.0] * len(values))
 
-    def ratio(self, over: Sequence[float], under: Sequence[float]) -> Interval:
+    def ratio(self, over: Sequence[float], under: Sequence[float]) -> Bootstrapped:
         """Return the sum of one figure over the sum of another (of means: the same)."""
         a, b = np.asarray(over, float), np.asarray(under, float)
         # einsum adds in one order on every machine; BLAS does not
@@ -61,7 +61,7 @@ class Resampler:
         value = float(a.sum() / b.sum()) if b.sum() else float("nan")
         return self._interval(value, tops[keep] / bottoms[keep])
 
-    def correlation(self, x: Sequence[float], y: Sequence[float]) -> Interval | None:
+    def correlation(self, x: Sequence[float], y: Sequence[float]) -> Bootstrapped | None:
         """Return Pearson's r, None where one of the two never changes."""
         a, b = np.asarray(x, float), np.asarray(y, float)
         if len(a) < 3 or not a.std() or not b.std():
@@ -70,14 +70,14 @@ class Resampler:
         drawn = _correlations(a[self._drawn], b[self._drawn])
         return self._interval(value, drawn[np.isfinite(drawn)])
 
-    def _interval(self, value: float, drawn: Vector) -> Interval:
+    def _interval(self, value: float, drawn: Vector) -> Bootstrapped:
         if self.count < 2 or not len(drawn):
-            return Interval(value=_short(value))
+            return Bootstrapped(value=_short(value))
         low, high = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        return Interval(value=_short(value), low=_short(float(low)), high=_short(float(high)))
+        return Bootstrapped(value=_short(value), low=_short(float(low)), high=_short(float(high)))
 
 
-def block_interval(hits: Sequence[int], requests: Sequence[int], seed: int) -> Interval | None:
+def block_interval(hits: Sequence[int], requests: Sequence[int], seed: int) -> Bootstrapped | None:
     """Return the hit rate of one sequence with an interval over blocks of its tasks.
 
     Neighbouring tasks need the same things, so whole blocks of about the square root of their

@@ -12,9 +12,9 @@ import msgspec
 
 from karma.errors import KarmaError
 from karma.lab.exploration import Exploration
-from karma.lab.intervals import Interval, Resampler
+from karma.lab.intervals import Bootstrapped, Resampler
 from karma.lab.simulate import BELADY
-from karma.lab.sweep import Row, Sweep, division_of, family_of, line_of
+from karma.lab.sweep import PolicyRow, Sweep, division_of, family_of, line_of
 
 FIFO = "fifo-merge"
 SMALL, LARGE = 5, 25  # units, of the two ratios
@@ -31,7 +31,7 @@ class CellResults(NamedTuple):
     exploration: Sequence[Exploration]
 
 
-class Claim(msgspec.Struct, frozen=True, kw_only=True):
+class PaperClaim(msgspec.Struct, frozen=True, kw_only=True):
     """One claim on one workload, for one reading of a policy."""
 
     claim: str
@@ -43,7 +43,7 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
     holds: Literal["yes", "no", "tie"]
 
 
-def claims_of(names: Sequence[str], cells: Sequence[CellResults]) -> list[Claim]:
+def claims_of(names: Sequence[str], cells: Sequence[CellResults]) -> list[PaperClaim]:
     """Return the verdicts of some claims.
 
     Raises:
@@ -55,7 +55,7 @@ def claims_of(names: Sequence[str], cells: Sequence[CellResults]) -> list[Claim]
     return [claim for name in names for cell in cells for claim in _CHECKS[name](cell)]
 
 
-def claims_text(claims: Sequence[Claim], caption: str) -> str:
+def claims_text(claims: Sequence[PaperClaim], caption: str) -> str:
     """Return the verdicts as Markdown: for each claim a table by workload, and one of figures."""
     parts = []
     for name in dict.fromkeys(claim.claim for claim in claims):
@@ -70,7 +70,7 @@ def claims_text(claims: Sequence[Claim], caption: str) -> str:
     return "\n\n".join([*parts, caption + "."]) + "\n"
 
 
-def _by_workload(claims: Sequence[Claim]) -> str:
+def _by_workload(claims: Sequence[PaperClaim]) -> str:
     workloads = list(dict.fromkeys(claim.workload for claim in claims))
     rows: dict[tuple[str, str], dict[str, str]] = {}
     for claim in claims:
@@ -84,7 +84,7 @@ def _by_workload(claims: Sequence[Claim]) -> str:
     return _table(["policy", "units", *workloads], lines)
 
 
-def _figures(claims: Sequence[Claim]) -> str:
+def _figures(claims: Sequence[PaperClaim]) -> str:
     columns = [column for column, _ in claims[0].figures]
     lines = [
         _line(
@@ -105,7 +105,7 @@ def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _split(cell: CellResults) -> Iterator[Claim]:
+def _split(cell: CellResults) -> Iterator[PaperClaim]:
     """Compare [9,1] with the other splits of ten lines, and with FIFO."""
     rows = {row.policy: row for row in cell.sweep.rows}
     for policy, row in rows.items():
@@ -120,7 +120,7 @@ def _split(cell: CellResults) -> Iterator[Claim]:
         best = max(others, key=lambda other: sum(_rates(cell.sweep, other)))
         gains = [_gain(cell.sweep, row, other) for other in (*others, fifo)]
         steady = [_gain(cell.sweep, row, other, steady=True) for other in (*others, fifo)]
-        yield Claim(
+        yield PaperClaim(
             claim="split",
             workload=cell.workload,
             unit_set=cell.unit_set,
@@ -139,7 +139,7 @@ def _split(cell: CellResults) -> Iterator[Claim]:
         )  # fmt: skip
 
 
-def _verdict(gains: Sequence[Interval]) -> Literal["yes", "no", "tie"]:
+def _verdict(gains: Sequence[Bootstrapped]) -> Literal["yes", "no", "tie"]:
     """Return whether all differences are gains."""
     if all(gain.above(MARGIN) for gain in gains):
         return "yes"
@@ -147,9 +147,9 @@ def _verdict(gains: Sequence[Interval]) -> Literal["yes", "no", "tie"]:
     return "no" if below else "tie"
 
 
-def _ratio(cell: CellResults, claim: str, wanted: float, *, queues: bool) -> Iterator[Claim]:
+def _ratio(cell: CellResults, claim: str, wanted: float, *, queues: bool) -> Iterator[PaperClaim]:
     """Compare 25 units with 5."""
-    families: dict[str, dict[int, Row]] = {}
+    families: dict[str, dict[int, PolicyRow]] = {}
     for row in cell.sweep.rows:
         families.setdefault(line_of(row.policy), {})[row.size] = row
     bound = _size_ratio(cell.sweep, families.get(BELADY, {}))
@@ -157,7 +157,7 @@ def _ratio(cell: CellResults, claim: str, wanted: float, *, queues: bool) -> Ite
         ratio = _size_ratio(cell.sweep, sizes)
         if ratio is None or family.startswith("fifo") != queues or family == BELADY:
             continue
-        yield Claim(
+        yield PaperClaim(
             claim=claim,
             workload=cell.workload,
             unit_set=cell.unit_set,
@@ -173,26 +173,26 @@ def _ratio(cell: CellResults, claim: str, wanted: float, *, queues: bool) -> Ite
         )
 
 
-def _size_ratio(sweep: Sweep, sizes: Mapping[int, Row]) -> Interval | None:
+def _size_ratio(sweep: Sweep, sizes: Mapping[int, PolicyRow]) -> Bootstrapped | None:
     if SMALL not in sizes or LARGE not in sizes:
         return None
     large, small = _rates(sweep, sizes[LARGE]), _rates(sweep, sizes[SMALL])
     return _resampler(sweep).ratio(large, small) if sum(small) else None
 
 
-def _fifo_ratio(cell: CellResults) -> Iterator[Claim]:
+def _fifo_ratio(cell: CellResults) -> Iterator[PaperClaim]:
     return _ratio(cell, "fifo-ratio", 4.6, queues=True)
 
 
-def _wtinylfu_ratio(cell: CellResults) -> Iterator[Claim]:
+def _wtinylfu_ratio(cell: CellResults) -> Iterator[PaperClaim]:
     return _ratio(cell, "wtinylfu-ratio", 3.9, queues=False)
 
 
-def _linear(cell: CellResults) -> Iterator[Claim]:
+def _linear(cell: CellResults) -> Iterator[PaperClaim]:
     for found in cell.exploration:
         if found.r is None or found.policy.startswith(BELADY):
             continue
-        yield Claim(
+        yield PaperClaim(
             claim="linear",
             workload=cell.workload,
             unit_set=cell.unit_set,
@@ -208,13 +208,13 @@ def _linear(cell: CellResults) -> Iterator[Claim]:
         )
 
 
-def _at_least(figure: Interval, floor: float) -> Literal["yes", "no", "tie"]:
+def _at_least(figure: Bootstrapped, floor: float) -> Literal["yes", "no", "tie"]:
     if figure.above(floor):
         return "yes"
     return "no" if figure.high is not None and figure.high < floor else "tie"
 
 
-def _headroom(cell: CellResults) -> Iterator[Claim]:
+def _headroom(cell: CellResults) -> Iterator[PaperClaim]:
     """Compare the best policy of ten lines with the bound."""
     rows = [
         row for row in cell.sweep.rows if row.size == 10 and family_of(row.policy) != "unbounded"
@@ -225,7 +225,7 @@ def _headroom(cell: CellResults) -> Iterator[Claim]:
         return
     best = max(rows, key=lambda row: sum(_rates(cell.sweep, row)))
     gap = _gain(cell.sweep, bound, best)
-    yield Claim(
+    yield PaperClaim(
         claim="headroom",
         workload=cell.workload,
         unit_set=cell.unit_set,
@@ -256,7 +256,7 @@ _BRACKETS = {
     "linear": "Pearson's r",
     "headroom": "the best policy, and points from there to Belady's bound",
 }
-_CHECKS: dict[str, Callable[[CellResults], Iterator[Claim]]] = {
+_CHECKS: dict[str, Callable[[CellResults], Iterator[PaperClaim]]] = {
     "split": _split,
     "fifo-ratio": _fifo_ratio,
     "wtinylfu-ratio": _wtinylfu_ratio,
@@ -268,13 +268,13 @@ _CHECKS: dict[str, Callable[[CellResults], Iterator[Claim]]] = {
 # ------------------------------------------------------------- figures as text
 
 
-def _rates(sweep: Sweep, row: Row, *, steady: bool = False) -> list[float]:
+def _rates(sweep: Sweep, row: PolicyRow, *, steady: bool = False) -> list[float]:
     hits = row.steady_hits if steady else row.hits
     requests = sweep.steady_requests if steady else sweep.requests
     return [hit / asked if asked else 0.0 for hit, asked in zip(hits, requests, strict=True)]
 
 
-def _gain(sweep: Sweep, row: Row, other: Row, *, steady: bool = False) -> Interval:
+def _gain(sweep: Sweep, row: PolicyRow, other: PolicyRow, *, steady: bool = False) -> Bootstrapped:
     """Return how much more often one hits than another, paired by sequence."""
     ours, theirs = _rates(sweep, row, steady=steady), _rates(sweep, other, steady=steady)
     return _resampler(sweep).mean([a - b for a, b in zip(ours, theirs, strict=True)])
@@ -284,18 +284,18 @@ def _resampler(sweep: Sweep) -> Resampler:
     return Resampler(len(sweep.requests), 0)
 
 
-def _percent(rate: Interval | None) -> str:
+def _percent(rate: Bootstrapped | None) -> str:
     return "–" if rate is None else f"{100 * rate.value:.1f}"
 
 
-def _points(gain: Interval) -> str:
+def _points(gain: Bootstrapped) -> str:
     text = f"{100 * gain.value:+.2f}"
     if gain.low is None or gain.high is None:
         return text
     return f"{text} [{100 * gain.low:+.2f}, {100 * gain.high:+.2f}]"
 
 
-def _ratio_text(ratio: Interval | None, digits: int = 2) -> str:
+def _ratio_text(ratio: Bootstrapped | None, digits: int = 2) -> str:
     if ratio is None:
         return "–"
     text = f"{ratio.value:.{digits}f}"

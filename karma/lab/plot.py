@@ -7,7 +7,7 @@ from typing import Any
 
 from karma.lab.paper_claims import FIFO, CellResults
 from karma.lab.simulate import BELADY
-from karma.lab.sweep import Row, Sweep, division_of, family_of, line_of
+from karma.lab.sweep import PolicyRow, Sweep, division_of, family_of, line_of
 
 WIDTH_IN, HEIGHT_IN = 3.1, 2.5  # of a panel
 
@@ -104,7 +104,7 @@ def _panel_names(names: Sequence[str]) -> list[str]:
     return [name for name in found if not name.startswith("fifo")] or found
 
 
-def _draw_curves(panel: Any, rows: Sequence[Row], every: Sequence[Row]) -> None:
+def _draw_curves(panel: Any, rows: Sequence[PolicyRow], every: Sequence[PolicyRow]) -> None:
     """Draw the rows of a panel; where they differ in size, a size has one colour for all."""
     import matplotlib as mpl
 
@@ -131,7 +131,7 @@ def _draw_curves(panel: Any, rows: Sequence[Row], every: Sequence[Row]) -> None:
     panel.set_ylim(bottom=0)
 
 
-def _line(panel: Any, row: Row, label: str, **look: Any) -> None:
+def _line(panel: Any, row: PolicyRow, label: str, **look: Any) -> None:
     tasks = [point.tasks for point in row.curve]
     panel.plot(tasks, [point.rate.value for point in row.curve], label=label, linewidth=1, **look)
     if all(point.rate.low is not None for point in row.curve):

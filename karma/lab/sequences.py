@@ -184,7 +184,7 @@ class Walk:
 
     def __init__(self, tasks: Askable) -> None:
         self._rooms = tasks.rooms
-        self._worlds: list[_Room] = []
+        self._worlds: list[_HomeRoom] = []
         self._tracker = GoalTracker()
         self._home = Home(self._make)
         self._watched = WatchedWorld(self._home, self._tracker)
@@ -251,12 +251,12 @@ class Walk:
             pass
         return TOO_HARD if self._tracker.unmet(errand.goals, self._home.last_event) else ""
 
-    def _make(self) -> "_Room":
-        self._worlds.append(_Room(self._rooms))
+    def _make(self) -> "_HomeRoom":
+        self._worlds.append(_HomeRoom(self._rooms))
         return self._worlds[-1]
 
 
-class _Room:
+class _HomeRoom:
     """An embedded world that takes its room from those at hand, and can go back.
 
     Args:

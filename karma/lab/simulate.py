@@ -16,7 +16,7 @@ WARM_OCCUPANCY = 0.95  # KARMA §4.4: warmed up when occupancy reaches this
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class TraceReplay:
     """What came of a policy on a trace.
 
     Args:
@@ -57,7 +57,7 @@ class Outcome:
         return hits / requests if requests else None
 
 
-def simulator(policy: str) -> Callable[[Trace], Outcome]:
+def simulator(policy: str) -> Callable[[Trace], TraceReplay]:
     """Return what runs a policy over one trace after another, each from an empty memory.
 
     Args:
@@ -72,12 +72,12 @@ def simulator(policy: str) -> Callable[[Trace], Outcome]:
     return lambda trace: simulate_with(copy.deepcopy(fresh), trace)
 
 
-def simulate(policy: str, trace: Trace) -> Outcome:
+def simulate(policy: str, trace: Trace) -> TraceReplay:
     """Run a policy over one trace; see `simulator`."""
     return simulator(policy)(trace)
 
 
-def simulate_with(policy: Any, trace: Trace) -> Outcome:
+def simulate_with(policy: Any, trace: Trace) -> TraceReplay:
     """Run a fresh policy over a trace: all units of a task are asked for, then all are touched."""
     answers, left, warm = bytearray(), 0, None
     need = WARM_OCCUPANCY * policy.capacity
@@ -89,10 +89,10 @@ def simulate_with(policy: Any, trace: Trace) -> Outcome:
             answers.append(key in policy)
         for key in task:
             left += touch(key) is not None
-    return Outcome(answers=bytes(answers), starts=trace.starts, left=left, warm_task=warm)
+    return TraceReplay(answers=bytes(answers), starts=trace.starts, left=left, warm_task=warm)
 
 
-def best(trace: Trace, capacity: int) -> Outcome:
+def best(trace: Trace, capacity: int) -> TraceReplay:
     """Return the most hits that any memory of `capacity` lines can have, knowing what comes.
 
     Between two tasks at most `capacity` of the units used so far can wait for their next use. Of
@@ -124,7 +124,7 @@ def best(trace: Trace, capacity: int) -> Outcome:
             if waits[key] == -use:
                 waits[key] = never
                 size -= 1
-    return Outcome(answers=bytes(answers), starts=trace.starts, left=None, warm_task=None)
+    return TraceReplay(answers=bytes(answers), starts=trace.starts, left=None, warm_task=None)
 
 
 def _next_uses(trace: Trace, never: int) -> list[tuple[int, ...]]:

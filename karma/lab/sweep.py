@@ -7,8 +7,8 @@ import msgspec
 
 from karma import registry
 from karma.errors import KarmaError
-from karma.lab.intervals import Interval, Resampler, block_interval
-from karma.lab.simulate import BELADY, FIRST_TASKS, Outcome, simulator
+from karma.lab.intervals import Bootstrapped, Resampler, block_interval
+from karma.lab.simulate import BELADY, FIRST_TASKS, TraceReplay, simulator
 from karma.lab.trace import Trace
 from karma.memory.policies import make_policy
 
@@ -21,18 +21,18 @@ class Point(msgspec.Struct, frozen=True, kw_only=True):
     """The hit rate from the empty memory up to a number of tasks."""
 
     tasks: int
-    rate: Interval
+    rate: Bootstrapped
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True):
+class PolicyRow(msgspec.Struct, frozen=True, kw_only=True):
     """What one policy made of all sequences; the lists have one entry a sequence."""
 
     policy: str
     size: int
-    cold: Interval | None  # all tasks, from the empty memory on; None: nothing was asked
-    first: Interval | None  # the first 100 tasks
-    steady: Interval | None  # the second half of the tasks
-    warm: Interval | None  # from the task on that found the memory 95 % full; None: not in each
+    cold: Bootstrapped | None  # all tasks, from the empty memory on; None: nothing was asked
+    first: Bootstrapped | None  # the first 100 tasks
+    steady: Bootstrapped | None  # the second half of the tasks
+    warm: Bootstrapped | None  # from the task on that found the memory 95 % full; None: not in each
     hits: list[int]
     steady_hits: list[int]
     left: float | None  # units that left, per sequence; None for the bound
@@ -47,7 +47,7 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True):
     steady_requests: list[int]
     units: float  # distinct ones a sequence, mean
     interval: str  # what the intervals are over
-    rows: list[Row]
+    rows: list[PolicyRow]
 
 
 def registered(sizes: Iterable[int]) -> tuple[str, ...]:
@@ -144,13 +144,13 @@ def run_rows(
     *,
     checkpoints: Sequence[int] = (),
     seed: int = 0,
-) -> Iterator[Row]:
+) -> Iterator[PolicyRow]:
     """Run every policy over every sequence, and yield each policy's row.
 
     Args:
         traces: at least one.
         policies: as `sized` gives them.
-        checkpoints: numbers of tasks for `Row.curve`.
+        checkpoints: numbers of tasks for `PolicyRow.curve`.
         seed: of the bootstrap.
     """
     rates = _Rates(len(traces), seed)
@@ -160,7 +160,7 @@ def run_rows(
         yield _row(policy, outcomes, rates, checkpoints)
 
 
-def sweep_of(traces: Sequence[Trace], rows: Iterable[Row]) -> Sweep:
+def sweep_of(traces: Sequence[Trace], rows: Iterable[PolicyRow]) -> Sweep:
     """Return rows together with the sequences that they are of."""
     halves = [trace.starts[len(trace.tasks) // 2] for trace in traces]
     blocks = "bootstrap over blocks of tasks"
@@ -180,7 +180,9 @@ class _Rates:
         self._resampler = Resampler(count, seed)
         self._seed = seed
 
-    def of(self, outcomes: Sequence[Outcome], spans: Sequence[tuple[int, int]]) -> Interval | None:
+    def of(
+        self, outcomes: Sequence[TraceReplay], spans: Sequence[tuple[int, int]]
+    ) -> Bootstrapped | None:
         """Return the rate over some tasks of each outcome; None where one asked nothing."""
         if len(outcomes) == 1:
             first, last = spans[0]
@@ -192,7 +194,9 @@ class _Rates:
         return self._resampler.mean(known) if len(known) == len(rates) else None
 
 
-def _row(policy: str, outcomes: list[Outcome], rates: _Rates, checkpoints: Sequence[int]) -> Row:
+def _row(
+    policy: str, outcomes: list[TraceReplay], rates: _Rates, checkpoints: Sequence[int]
+) -> PolicyRow:
     every = [(0, one.tasks) for one in outcomes]
     halves = [(one.tasks // 2, one.tasks) for one in outcomes]
     warm = [one.warm_task for one in outcomes if one.warm_task is not None]
@@ -205,7 +209,7 @@ def _row(policy: str, outcomes: list[Outcome], rates: _Rates, checkpoints: Seque
         if tasks <= max(one.tasks for one in outcomes)
         if (rate := rates.of(outcomes, [(0, tasks)] * len(outcomes))) is not None
     ]
-    return Row(
+    return PolicyRow(
         policy=policy,
         size=size_of(policy),
         cold=rates.of(outcomes, every),

@@ -29,8 +29,8 @@ from karma.seeds import stream
 from karma.tasks.goals import parse_goal
 
 if TYPE_CHECKING:
+    from karma.tasks.drawing.memories import KnownRoom
     from karma.tasks.drawing.phrases import Book
-    from karma.tasks.drawing.recollections import Room
     from karma.world.core.scene import Scene
 
 UnitSet = Literal["r4", "m"]
@@ -167,12 +167,12 @@ class _Act(msgspec.Struct, frozen=True, rename="camel"):
     coordinate_receptacle_object_id: tuple[Any, ...] = ()
 
 
-class _Step(msgspec.Struct, frozen=True):
+class _PlanStep(msgspec.Struct, frozen=True):
     planner_action: _Act
 
 
 class _Plan(msgspec.Struct, frozen=True):
-    high_pddl: tuple[_Step, ...]
+    high_pddl: tuple[_PlanStep, ...]
 
 
 class _Annotation(msgspec.Struct, frozen=True):
@@ -349,7 +349,11 @@ def _tells_tales(errand: Errand) -> bool:
 
 
 def _grammar(
-    rooms: Iterable[tuple[str, "Scene", "Room"]], book: "Book", seed: int, tasks: int, source: str
+    rooms: Iterable[tuple[str, "Scene", "KnownRoom"]],
+    book: "Book",
+    seed: int,
+    tasks: int,
+    source: str,
 ) -> Pool:
     """Return requests in some rooms, each given as its kind, itself and what is known of it."""
     errands: list[Errand] = []
@@ -371,14 +375,16 @@ def _grammar(
     return Pool(source=source, errands=tuple(errands), finds=finds)
 
 
-def _requests(room: "Room", book: "Book", kind: str, seed: int, count: int) -> Iterator[Errand]:
+def _requests(
+    room: "KnownRoom", book: "Book", kind: str, seed: int, count: int
+) -> Iterator[Errand]:
     """Yield requests about something to carry."""
-    from karma.tasks.drawing.stories import draw_story
+    from karma.tasks.drawing.drawn_tasks import draw_task
 
     movable = _movable_types()
     for number in range(count):
         rng = stream(seed, "lab", "grammar", room.name, str(number))
-        steps = draw_story(rng, room, book, "simple")
+        steps = draw_task(rng, room, book, "simple")
         if not steps:
             continue
         text, goals = steps[0].text, steps[0].goals

@@ -6,7 +6,7 @@ from pathlib import Path
 from karma.bench.formats import UNKNOWN, range_text
 from karma.bench.sheet import Sheet
 from karma.lab.figure import Results, caption_of, draw_figure, read_figure
-from karma.lab.intervals import Interval
+from karma.lab.intervals import Bootstrapped
 from karma.lab.paper_claims import CLAIMS
 from karma.report.html import data_uri, fill
 
@@ -87,7 +87,7 @@ def _claims(results: Results) -> Iterator[Sheet]:
         )
 
 
-def _percent(rate: Interval | None) -> str:
+def _percent(rate: Bootstrapped | None) -> str:
     if rate is None:
         return UNKNOWN
     low, high = (None if end is None else 100 * end for end in (rate.low, rate.high))

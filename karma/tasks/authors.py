@@ -42,7 +42,7 @@ _NEEDS: Mapping[str, Capability] = {
 }  # of states and predicates
 
 
-class _Row(msgspec.Struct, frozen=True, kw_only=True):
+class _AuthorsRow(msgspec.Struct, frozen=True, kw_only=True):
     plan: int = msgspec.field(name="FloorPlan")
     number: int = msgspec.field(name="ID")
     goals: str = msgspec.field(name="Goal Condition")
@@ -62,7 +62,7 @@ def load_authors_tasks(paths: Iterable[str | Path]) -> tuple[Task, ...]:
 
 
 def _load(path: str | Path) -> Iterable[Task]:
-    for title, rows in read_json(path, dict[str, list[_Row]]).items():
+    for title, rows in read_json(path, dict[str, list[_AuthorsRow]]).items():
         if title not in _KINDS:
             raise FileError(path, f"unknown list {title!r}; known are {', '.join(_KINDS)}")
         for row in rows:

@@ -8,8 +8,8 @@ from karma.agent.inspector import mend, objection
 from karma.agent.program import SKILLS, parse_program
 from karma.contracts import Area
 from karma.seeds import stream
+from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import our_book
-from karma.tasks.drawing.recollections import Room
 from karma.training.planner.samples import draw
 
 
@@ -113,7 +113,7 @@ def test_apple_may_be_put_into_the_sink_and_a_slice_into_the_toaster():
 
 @given(number=st.integers(0, 300))
 def test_mending_twice_changes_nothing_more(number):
-    room = Room(name="bare", areas=(), movables=("Apple", "Knife", "Mug", "Plate", "Bread"))
+    room = KnownRoom(name="bare", areas=(), movables=("Apple", "Knife", "Mug", "Plate", "Bread"))
     example = draw(stream(number, "inspector"), room, our_book(), mapped=False)
     once = mend(parse_program(example.program), known=())
     assert mend(once, known=()) == once

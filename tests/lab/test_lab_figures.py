@@ -15,11 +15,11 @@ from karma.cli import app, shared
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
 from karma.lab.exploration import Exploration, explore
-from karma.lab.figure import Figure, draw_figure, is_figure, read_figure, run_figure
-from karma.lab.intervals import Interval
+from karma.lab.figure import TraceFigure, draw_figure, is_figure, read_figure, run_figure
+from karma.lab.intervals import Bootstrapped
 from karma.lab.paper_claims import CellResults, claims_of, claims_text
 from karma.lab.simulate import simulate
-from karma.lab.sweep import Row, Sweep, sized
+from karma.lab.sweep import PolicyRow, Sweep, sized
 from karma.lab.tasks import alfred_pool
 from karma.lab.trace import Trace, read_traces
 from karma.lab.workloads import WORKLOADS
@@ -56,10 +56,11 @@ def test_saved_exploration_weighs_hits_by_what_they_save():
 
 
 def made_row(policy, size, hits):
-    cold = Interval(value=sum(hits) / 100 / len(hits))
-    return Row(policy=policy, size=size, cold=cold, first=None, steady=None, warm=None, hits=hits,
-               steady_hits=[hit // 2 for hit in hits], left=None, warm_task=None,
-               curve=[])  # fmt: skip
+    cold = Bootstrapped(value=sum(hits) / 100 / len(hits))
+    return PolicyRow(
+        policy=policy, size=size, cold=cold, first=None, steady=None, warm=None, hits=hits,
+        steady_hits=[hit // 2 for hit in hits], left=None, warm_task=None, curve=[],
+    )  # fmt: skip
 
 
 def made_cell(rows):
@@ -106,8 +107,10 @@ def test_ratio_of_sizes_is_held_against_the_published_one(large, holds):
 )
 def test_line_is_a_line_where_the_interval_says_so(r, holds):
     low, value, high = r
-    found = Exploration(policy="lru[5]", rates=[0.1, 0.2], reduced=[0.1, 0.3], slope=2.0,
-                        intercept=-0.1, r=Interval(value=value, low=low, high=high))  # fmt: skip
+    r = Bootstrapped(value=value, low=low, high=high)
+    found = Exploration(
+        policy="lru[5]", rates=[0.1, 0.2], reduced=[0.1, 0.3], slope=2.0, intercept=-0.1, r=r
+    )
     cell = made_cell([made_row("lru[5]", 5, [10, 20])])._replace(exploration=[found])
     (claim,) = claims_of(["linear"], [cell])
     assert (claim.holds, dict(claim.figures)["hit rate"]) == (holds, "15.0")
@@ -240,7 +243,7 @@ def test_missing_tasks_are_an_error_or_said_aloud(small, tmp_path):
 
 @pytest.mark.parametrize("path", PAPER, ids=lambda path: path.stem)
 def test_figures_of_the_paper_name_policies_and_claims_there_are(path):
-    figure = read_toml(path, Figure)
+    figure = read_toml(path, TraceFigure)
     assert is_figure(path)
     assert len(sized(figure.policies, figure.sizes)) > 1
     assert claims_of(figure.claims, []) == []

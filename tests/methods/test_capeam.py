@@ -13,8 +13,7 @@ from karma.methods.capeam.frames import Frame, Step, expand, read
 from karma.methods.capeam.memory import ANYWHERE, EnvironmentMemory
 from karma.methods.capeam.method import CapeamMethod, CapeamSettings
 from karma.methods.capeam.prior import count_places, likely_places, to_toml
-from karma.tasks.drawing.alfred import Facts as Truth
-from karma.tasks.drawing.alfred import Sentence, facts_of, goals_of, program_of
+from karma.tasks.drawing.alfred import GoalFacts, Sentence, facts_of, goals_of, program_of
 from karma.tasks.expert import ExpertView
 from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
@@ -116,10 +115,10 @@ def test_context_of_an_experts_program_is_the_sentences_facts(task, sliced):
         task, "SideTable"
     )
     movable = "Plate" if task == "stack" else ""
-    truth = Truth(task=task, thing="Tomato", movable=movable, place=place, sliced=sliced)
+    truth = GoalFacts(task=task, thing="Tomato", movable=movable, place=place, sliced=sliced)
     calls = program_of(Sentence(text="do it", facts=truth), ExpertView())
     context = read(calls).context
-    found = Truth(
+    found = GoalFacts(
         task=context.task,
         thing=context.thing,
         movable=context.movable,

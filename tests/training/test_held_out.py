@@ -8,9 +8,9 @@ from support.paths import ROOT
 from karma.errors import ModelError
 from karma.infer.scripted import ScriptedModel
 from karma.tasks.authors import load_authors_tasks
-from karma.tasks.drawing.alfred import Facts, Sentence, program_of, read_sentences, read_steps
+from karma.tasks.drawing.alfred import GoalFacts, Sentence, program_of, read_sentences, read_steps
 from karma.tasks.drawing.phrases import disjoint_book, our_book
-from karma.tasks.expert import View
+from karma.tasks.expert import ExpertView
 from karma.tasks.files import load_tasks
 from karma.training.planner.held_out import form_of, forms_of, nearest, templates_of, words_of
 from karma.training.planner.packs import plain
@@ -109,7 +109,7 @@ def test_some_sentences_of_the_tests_stand_in_alfreds_training_split(shared):
 
 
 def goal(text, thing):
-    facts = Facts(task="simple", thing=thing, movable="", place="Fridge", sliced=False)
+    facts = GoalFacts(task="simple", thing=thing, movable="", place="Fridge", sliced=False)
     return Sentence(text=text, facts=facts, floor_plan="FloorPlan1")
 
 
@@ -117,7 +117,7 @@ APPLE, EGG, MUG = goal("Chill it!", "Apple"), goal("An egg, cold", "Egg"), goal(
 
 
 def program(sentence):
-    return "".join(f"{call}\n" for call in program_of(sentence, View()))
+    return "".join(f"{call}\n" for call in program_of(sentence, ExpertView()))
 
 
 def read(answers):

@@ -21,8 +21,8 @@ from karma.household.types import object_types
 from karma.infer.llama.constrain import ProgramAutomaton
 from karma.seeds import stream
 from karma.tasks.drawing import phrases
+from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import make_template, our_book
-from karma.tasks.drawing.recollections import Room
 from karma.tasks.drawing.requests import KINDS
 from karma.tasks.drawing.rooms import asked_pairs, room_of
 from karma.training.planner import checkpoints, network, packs, train
@@ -160,7 +160,7 @@ def test_room_knows_landmarks_and_what_can_be_carried(rooms):
 
 def test_draw_in_a_room_without_things_to_carry_asks_for_switches():
     area = Area(name="node_1", position_m=(0, 0, 0), contains=("LightSwitch", "Cabinet"))
-    room = Room(name="bare", areas=(area,), movables=())
+    room = KnownRoom(name="bare", areas=(area,), movables=())
     kinds = {draw(stream(0, str(i)), room, BOOK, mapped=True).kind for i in range(40)}
     assert {"switch_on", "open"} <= kinds
 
@@ -223,7 +223,7 @@ def test_mined_templates_have_slots_and_come_in_kinds_of_requests(shared):
 @pytest.fixture(scope="module")
 def tiny(rooms):
     """A recipe, its data and tokenizer, and packs that were held out."""
-    recipe = packs.Recipe(
+    recipe = packs.PlannerRecipe(
         vocabulary=480, hidden=32, layers=2, heads=2, feed_forward=48, packs=2, examples=3,
         steps=4, warmup=1,
     )  # fmt: skip

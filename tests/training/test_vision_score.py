@@ -11,7 +11,7 @@ from karma.training.vision.moments import generator, moments, room, samples
 from karma.training.vision.page import page
 from karma.training.vision.score import (
     NOTHING,
-    Asked,
+    AskedCrop,
     Clock,
     confusion,
     examine,
@@ -24,7 +24,7 @@ from karma.world.core import scene
 def asked(truth, said, *, share=0.01, kind="Mug"):
     words = None if said is None else tuple(sorted(said.split(", ")))
     picture = np.full((8, 8, 3), 90, dtype=np.uint8)
-    return Asked(
+    return AskedCrop(
         room="kitchen_1", frame=0, object_type=kind, share=share,
         truth=tuple(sorted(truth.split(", "))), said=words, picture=picture,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from karma.infer.vision.transformers import Asking, TransformersVision
 from karma.training.vision import shards
 from karma.training.vision.model import (
     FEATURES,
-    Shape,
+    VisionShape,
     answer_ids,
     new_processor,
     new_tokenizer,
@@ -22,10 +22,10 @@ from karma.training.vision.model import (
 )
 from karma.training.vision.moments import UNSEEN_PIXELS
 from karma.training.vision.shards import Shard, has_shard, write_shard
-from karma.training.vision.train import Crops, Recipe, train, trained
+from karma.training.vision.train import Crops, VisionRecipe, train, trained
 
-TINY = Recipe(
-    shape=Shape(
+TINY = VisionRecipe(
+    shape=VisionShape(
         stem=8, stages=(8, 8, 8, 8), depths=(1, 1, 1, 1), tower=8, hidden=16, feed_forward=16
     ),
     shards=1, batch=4, steps=4, warmup=1, bfloat16=False,

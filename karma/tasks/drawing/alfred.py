@@ -35,7 +35,7 @@ _STATES = {"clean": "clean", "heat": "heated", "cool": "cold"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
+class GoalFacts:
     """What a goal sentence asks for."""
 
     task: str  # a value of `_TYPES`
@@ -50,7 +50,7 @@ class Sentence:
     """One annotator's goal sentence and its truth."""
 
     text: str
-    facts: Facts
+    facts: GoalFacts
     floor_plan: str = ""  # where it was said
 
 
@@ -131,11 +131,11 @@ def _says_enough(text: str) -> bool:
     return len(words) > 3 and not _DEPENDS & set(words)
 
 
-def truth_of(trial: Mapping[str, Any]) -> Facts:
+def truth_of(trial: Mapping[str, Any]) -> GoalFacts:
     """Return the facts of a trial's record; basins count as what they are part of."""
     wanted = trial["pddl_params"]
     place = wanted["toggle_target"] or wanted["parent_target"]
-    return Facts(
+    return GoalFacts(
         task=_TYPES[trial["task_type"]],
         thing=wanted["object_target"],
         movable=wanted["mrecep_target"],
@@ -144,7 +144,7 @@ def truth_of(trial: Mapping[str, Any]) -> Facts:
     )
 
 
-def goals_of(facts: Facts, thing: str, text: str) -> tuple[Goal, ...]:
+def goals_of(facts: GoalFacts, thing: str, text: str) -> tuple[Goal, ...]:
     """Return what is to hold in the end.
 
     Args:
@@ -181,7 +181,7 @@ def _goal(predicate: str, *arguments: str) -> Goal:
 # ----------------------------------------------------------------- reading facts off a program
 
 
-def facts_of(calls: Sequence[SkillCall]) -> Facts | None:
+def facts_of(calls: Sequence[SkillCall]) -> GoalFacts | None:
     """Read the five facts off a program; None where it holds none of the seven tasks.
 
     The last thing put down is what the sentence is about, and where it was put the receptacle; what
@@ -198,7 +198,7 @@ def facts_of(calls: Sequence[SkillCall]) -> Facts | None:
         if not held:
             return None
         thing = held[-1]
-        return Facts(task="look", thing=thing, movable="", place=lamps[-1], sliced=thing in cut)
+        return GoalFacts(task="look", thing=thing, movable="", place=lamps[-1], sliced=thing in cut)
     if cut:  # the knife is only put out of the way
         last = [put for put in puts if put[0] not in uses.KNIVES]
         puts = last or puts
@@ -208,7 +208,7 @@ def facts_of(calls: Sequence[SkillCall]) -> Facts | None:
     task, movable = _task(puts, lamp), ""
     if task == "stack":
         movable, thing = thing, next(t for t, to in puts if to == puts[-1][0])
-    return Facts(task=task, thing=thing, movable=movable, place=place, sliced=thing in cut)
+    return GoalFacts(task=task, thing=thing, movable=movable, place=place, sliced=thing in cut)
 
 
 def _puts(calls: Sequence[SkillCall]) -> Iterator[tuple[str, str]]:

@@ -10,9 +10,9 @@ from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import landmark_types
 from karma.household.types import ObjectType, object_types
+from karma.tasks.drawing.memories import Rng, pick
 from karma.tasks.drawing.phrases import Book, lexicon
-from karma.tasks.drawing.recollections import Rng, pick
-from karma.tasks.drawing.references import Ref, Situation, refer, with_article
+from karma.tasks.drawing.referring_expressions import Ref, Situation, refer, with_article
 
 ENDS_IN = {
     "clean_place": (uses.SINK,), "heat_place": (uses.MICROWAVE,), "cook_place": (uses.MICROWAVE,),

@@ -8,7 +8,7 @@ from karma.household.pieces import base_type
 from karma.household.uses import SINK, with_basin
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
-from karma.tasks.drawing.recollections import Room
+from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.files import load_tasks
 from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
@@ -19,7 +19,7 @@ KITCHEN_SHARE = 3  # kitchens per room of another kind, as most requests are abo
 AUTHORS_PLANS = frozenset({1, 11, 14, 16, 19, 22, 23, 27, 28, 201, 203, 207, 224, 314, 417, 422})
 
 
-def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> Room:
+def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> KnownRoom:
     """Return what an agent that explored the scene knows of it, a few things overlooked.
 
     Args:
@@ -45,10 +45,10 @@ def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> Ro
     movables = sorted(
         {base_type(thing.type) for thing in scene.objects if "pickupable" in thing.capabilities}
     )
-    return Room(name=name, areas=graph.areas(), movables=tuple(movables))
+    return KnownRoom(name=name, areas=graph.areas(), movables=tuple(movables))
 
 
-def generated_rooms(count: int, seed: int) -> Iterator[Room]:
+def generated_rooms(count: int, seed: int) -> Iterator[KnownRoom]:
     """Yield rooms of the generator, none of them a shipped scene (their seeds differ)."""
     order = [KINDS[0]] * KITCHEN_SHARE + list(KINDS[1:])
     for number in range(count):
@@ -57,7 +57,7 @@ def generated_rooms(count: int, seed: int) -> Iterator[Room]:
         yield room_of(scene, f"generated/{seed}/{number}", seed=seed)
 
 
-def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[Room]:
+def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[KnownRoom]:
     """Yield AI2-THOR's floor plans, without those of the authors' tasks."""
     for scene in import_dump(dumps, layouts=layouts):
         if int(scene.name.removeprefix("FloorPlan").split("_")[0]) not in AUTHORS_PLANS:

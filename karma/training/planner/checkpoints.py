@@ -9,7 +9,7 @@ from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.infer.llama.gguf_export import export_llama_gguf
 from karma.training.planner.network import new_model
-from karma.training.planner.packs import END, PAD, Recipe
+from karma.training.planner.packs import END, PAD, PlannerRecipe
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +70,7 @@ def last_step(folder: Path) -> int:
         return 0
 
 
-def load_weights(folder: Path, recipe: Recipe) -> Any:
+def load_weights(folder: Path, recipe: PlannerRecipe) -> Any:
     """Return the model of the last checkpoint, float32, in evaluation mode.
 
     Raises:
@@ -97,7 +97,7 @@ def export_gguf(folder: Path, path: Path, dtype: str) -> None:
     """
     from tokenizers import Tokenizer
 
-    recipe = read_json(folder / "recipe.json", Recipe)
+    recipe = read_json(folder / "recipe.json", PlannerRecipe)
     export_llama_gguf(
         load_weights(folder, recipe),
         Tokenizer.from_file(str(folder / "tokenizer.json")),

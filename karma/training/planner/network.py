@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from karma.contracts import Embedder
 from karma.seeds import stream
-from karma.training.planner.packs import Recipe
-from karma.training.planner.samples import Example
+from karma.training.planner.packs import PlannerRecipe
+from karma.training.planner.samples import TrainingExample
 
 EVEN = 256  # targets per step come in multiples of it in bfloat16
 
 
-def first_embeddings(recipe: Recipe, tokenizer: Any, embedder: Embedder) -> NDArray[np.float32]:
+def first_embeddings(
+    recipe: PlannerRecipe, tokenizer: Any, embedder: Embedder
+) -> NDArray[np.float32]:
     """Return token embeddings to start from, shape (vocabulary, hidden).
 
     What a token spells is embedded as text and projected to its principal directions, so that
@@ -45,7 +47,7 @@ def _spelt(text: str) -> str:
     return " ".join(re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", text)).lower()
 
 
-def new_model(recipe: Recipe, embeddings: NDArray[np.float32] | None = None) -> Any:
+def new_model(recipe: PlannerRecipe, embeddings: NDArray[np.float32] | None = None) -> Any:
     """Return a Llama with random weights drawn from the recipe's seed.
 
     Args:
@@ -77,7 +79,7 @@ def new_model(recipe: Recipe, embeddings: NDArray[np.float32] | None = None) -> 
     return model
 
 
-def collate(packs: Sequence[Sequence[Example]], tokenizer: Any) -> dict[str, Any]:
+def collate(packs: Sequence[Sequence[TrainingExample]], tokenizer: Any) -> dict[str, Any]:
     """Turn packs into tensors.
 
     Returns:
@@ -107,7 +109,7 @@ def collate(packs: Sequence[Sequence[Example]], tokenizer: Any) -> dict[str, Any
     }
 
 
-def _row(pack: Sequence[Example], tokenizer: Any) -> tuple[list[int], ...]:
+def _row(pack: Sequence[TrainingExample], tokenizer: Any) -> tuple[list[int], ...]:
     stable = tokenizer.encode(pack[0].stable, add_special_tokens=False).ids
     ids, places = list(stable), list(range(len(stable)))
     group, target = [0] * len(stable), [-100] * len(stable)

@@ -17,9 +17,9 @@ from karma.household.types import object_types
 from karma.infer.llama.gguf_export import new_tokenizer
 from karma.seeds import stream
 from karma.tasks.drawing.alfred import Sentence, StepSentence
+from karma.tasks.drawing.memories import KnownRoom, pick
 from karma.tasks.drawing.phrases import Book
-from karma.tasks.drawing.recollections import Room, pick
-from karma.training.planner.samples import Example, draw, draw_alfred, draw_step
+from karma.training.planner.samples import TrainingExample, draw, draw_alfred, draw_step
 
 END = "<|end|>"
 PAD = "<|pad|>"
@@ -35,7 +35,7 @@ _PIECES = re.compile("|".join(re.escape(text) for text in sorted(WHOLE, key=len,
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recipe:
+class PlannerRecipe:
     """All that decides the weights, besides the data."""
 
     seed: int = 0
@@ -63,7 +63,7 @@ class Recipe:
 class Data:
     """Where examples come from."""
 
-    rooms: Sequence[Room]
+    rooms: Sequence[KnownRoom]
     book: Book
     excluded: frozenset[tuple[str, str]]
     alfred: Sequence[Sentence] = ()
@@ -71,11 +71,11 @@ class Data:
     forbidden: frozenset[str] = frozenset()  # sentences of the tests, see `plain`
 
     @cached_property
-    def recorded(self) -> Sequence[Room]:
+    def recorded(self) -> Sequence[KnownRoom]:
         """The rooms in which a sentence of ALFRED's was said."""
         return tuple(room for room in self.rooms if self.said(room))
 
-    def said(self, room: Room) -> Sequence[Sentence]:
+    def said(self, room: KnownRoom) -> Sequence[Sentence]:
         """Return ALFRED's sentences of a room."""
         return self._by_plan.get(room.name, ())
 
@@ -87,17 +87,17 @@ class Data:
         return found
 
 
-def draw_pack(recipe: Recipe, data: Data, *name: str) -> list[Example]:
+def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExample]:
     """Draw one pack; equal names give equal packs."""
     rng = stream(recipe.seed, "planner", *name)
     mapped = bool(rng.random() < recipe.mapped)
     recorded = data.recorded if mapped and rng.random() < recipe.plans else ()
     room = pick(rng, recorded or data.rooms)
     said = data.said(room) if mapped else data.alfred
-    found: list[Example] = []
+    found: list[TrainingExample] = []
     wanted = recipe.examples if mapped else recipe.examples * 3 // 2
     while len(found) < wanted:
-        example: Example | None = None
+        example: TrainingExample | None = None
         roll = rng.random()
         if said and roll < recipe.alfred[mapped]:
             example = draw_alfred(rng, room, said, mapped=mapped)
@@ -119,7 +119,7 @@ def plain(sentence: str) -> str:
     return " ".join(re.findall(r"[a-z0-9]+", sentence.lower()))
 
 
-def corpus(recipe: Recipe, data: Data, packs: int) -> Iterator[str]:
+def corpus(recipe: PlannerRecipe, data: Data, packs: int) -> Iterator[str]:
     """Yield texts to train the tokenizer on."""
     for number in range(packs):
         pack = draw_pack(recipe, data, "corpus", str(number))
@@ -129,7 +129,7 @@ def corpus(recipe: Recipe, data: Data, packs: int) -> Iterator[str]:
             yield example.program
 
 
-def make_tokenizer(recipe: Recipe, data: Data, packs: int) -> Any:
+def make_tokenizer(recipe: PlannerRecipe, data: Data, packs: int) -> Any:
     """Train the tokenizer on the corpus, the notation's fixed pieces being tokens of their own."""
     from tokenizers import AddedToken
 

@@ -8,14 +8,16 @@ from pathlib import Path
 from karma.files import to_json, write_atomic
 from karma.tasks.drawing.phrases import our_book
 from karma.training.planner.checkpoints import last_step
-from karma.training.planner.packs import Recipe
+from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.sources import Sources, held_out_packs
 from karma.training.planner.train import train
 
 WATCHED_PACKS = 48  # held-out packs that the log counts right programs in
 
 
-def train_in_processes(sources: Sources, recipe: Recipe, *, device: str, workers: int) -> None:
+def train_in_processes(
+    sources: Sources, recipe: PlannerRecipe, *, device: str, workers: int
+) -> None:
     """Train, or go on from the last checkpoint in the sources' folder.
 
     Args:
@@ -40,7 +42,7 @@ def _train_share(
     rank: int,
     workers: int,
     sources: Sources,
-    recipe: Recipe,
+    recipe: PlannerRecipe,
     device: str,
     meeting: Path | None = None,
 ) -> None:

@@ -14,9 +14,8 @@ from karma.agent.program import parse_program
 from karma.agent.prompt import Facts, compact
 from karma.contracts import LanguageModel
 from karma.errors import ProgramError
-from karma.tasks.drawing.alfred import Facts as GoalFacts
-from karma.tasks.drawing.alfred import Sentence, facts_of
-from karma.tasks.drawing.recollections import Room
+from karma.tasks.drawing.alfred import GoalFacts, Sentence, facts_of
+from karma.tasks.drawing.memories import KnownRoom
 from karma.training.planner.packs import plain
 
 
@@ -39,7 +38,7 @@ def read_goals(
     model: LanguageModel,
     sentences: Iterable[Sentence],
     training: Iterable[Sentence],
-    plans: Mapping[str, Room] | None = None,
+    plans: Mapping[str, KnownRoom] | None = None,
 ) -> Iterator[ReadSentence]:
     """Let a planner read goal sentences, without short-term memory.
 

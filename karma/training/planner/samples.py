@@ -13,13 +13,13 @@ from karma.contracts import MemoryUnit, SkillCall
 from karma.household.pieces import base_type
 from karma.household.places import HAND
 from karma.tasks.drawing.alfred import Sentence, StepSentence, program_of
+from karma.tasks.drawing.memories import KnownRoom, Rng, draw_units, pick, place_type
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.programs import plain_program
-from karma.tasks.drawing.recollections import Rng, Room, draw_units, pick, place_type
-from karma.tasks.drawing.references import Situation
+from karma.tasks.drawing.referring_expressions import Situation
 from karma.tasks.drawing.requests import Ask, one_ask, pick_kind, wrapped
 from karma.tasks.expert import ExpertView, NamedThing
-from karma.training.planner.histories import draw_history
+from karma.training.planner.lived_memories import live_memory
 
 ERRORS = (
     "GoToObject(robot, 'CounterTop'): could not get CounterTop into view and reach",
@@ -37,7 +37,7 @@ LONGEST = 30  # lines of a program
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Example:
+class TrainingExample:
     """One (memory, instruction) -> program pair, as text."""
 
     kind: str
@@ -53,12 +53,12 @@ class Example:
 
 def draw(
     rng: Rng,
-    room: Room,
+    room: KnownRoom,
     book: Book,
     *,
     mapped: bool,
     excluded: frozenset[tuple[str, str]] = frozenset(),
-) -> Example:
+) -> TrainingExample:
     """Draw one example.
 
     Args:
@@ -100,7 +100,7 @@ def _recalled(rng: Rng, scene: Situation, ask: Ask) -> Facts:
     return few if all(names[one] == scene.names[one] for one in kept) else scene.facts
 
 
-def draw_step(rng: Rng, room: Room, steps: Sequence[StepSentence]) -> Example | None:
+def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> TrainingExample | None:
     """Draw one example with what an annotator said of one step, None if it cannot be.
 
     What is put down is in the hand, and in memory; it goes by whatever the annotator called it.
@@ -141,8 +141,8 @@ def _in_hand(object_type: str) -> MemoryUnit:
 
 
 def draw_alfred(
-    rng: Rng, room: Room, sentences: Sequence[Sentence], *, mapped: bool
-) -> Example | None:
+    rng: Rng, room: KnownRoom, sentences: Sequence[Sentence], *, mapped: bool
+) -> TrainingExample | None:
     """Draw one example with a sentence of ALFRED's annotators, None where the room has no place.
 
     Short-term memory is mostly empty: the prompt holds the sentence, and the map if there is one.
@@ -172,14 +172,16 @@ def draw_alfred(
     return _example("alfred", replace(facts, instruction=text), calls)
 
 
-def _example(kind: str, facts: Facts, calls: Sequence[SkillCall]) -> Example:
+def _example(kind: str, facts: Facts, calls: Sequence[SkillCall]) -> TrainingExample:
     prompt = compact(facts).prompt
     program = "".join(f"{call}\n" for call in calls)
-    return Example(kind=kind, stable=prompt.stable, changing=prompt.changing, program=program)
+    return TrainingExample(
+        kind=kind, stable=prompt.stable, changing=prompt.changing, program=program
+    )
 
 
-def _draw_facts(rng: Rng, room: Room, *, mapped: bool) -> tuple[Facts, MemoryUnit | None]:
-    units, held = draw_history(rng, room) if rng.random() < LIVED else draw_units(rng, room)
+def _draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[Facts, MemoryUnit | None]:
+    units, held = live_memory(rng, room) if rng.random() < LIVED else draw_units(rng, room)
     if rng.random() < 0.15:
         units = units[-3:]  # a recall of few
     if held is not None and (rng.random() < 0.15 or held not in units):
@@ -196,7 +198,7 @@ def _draw_facts(rng: Rng, room: Room, *, mapped: bool) -> tuple[Facts, MemoryUni
 
 def _situation(
     rng: Rng,
-    room: Room,
+    room: KnownRoom,
     facts: Facts,
     book: Book,
     excluded: frozenset[tuple[str, str]],

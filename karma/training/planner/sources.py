@@ -16,12 +16,12 @@ from karma.seeds import stream
 from karma.tasks.authors import load_authors_tasks
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.alfred import Sentence, StepSentence, read_sentences, read_steps
+from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book, our_book, with_alfred
-from karma.tasks.drawing.recollections import Room
 from karma.tasks.files import load_tasks
 from karma.training.planner.network import first_embeddings
-from karma.training.planner.packs import Data, Recipe, make_tokenizer, plain
-from karma.training.planner.samples import Example, draw
+from karma.training.planner.packs import Data, PlannerRecipe, make_tokenizer, plain
+from karma.training.planner.samples import TrainingExample, draw
 from karma.world.importing.scenes import import_dump
 
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
@@ -56,7 +56,7 @@ class Sources:
         data = self.shared / "data"
         return data / "thor5" / "scenes.jsonl.gz", data / "alfred" / "layouts.json.gz"
 
-    def data(self, recipe: Recipe) -> Data:
+    def data(self, recipe: PlannerRecipe) -> Data:
         """Return rooms and phrases of the training side."""
         return Data(
             rooms=self.rooms(recipe),
@@ -67,11 +67,11 @@ class Sources:
             forbidden=self.test_sentences(),
         )
 
-    def rooms(self, recipe: Recipe) -> list[Room]:
+    def rooms(self, recipe: PlannerRecipe) -> list[KnownRoom]:
         """Return the training rooms, made once."""
         path = self.folder / "rooms.json"
         if path.exists():
-            return read_json(path, list[Room])
+            return read_json(path, list[KnownRoom])
         self.say(f"making {self.generated} rooms ...")
         found = list(rooms.generated_rooms(self.generated, recipe.seed + 77))
         dumps, layouts = self.floor_plans
@@ -108,13 +108,13 @@ class Sources:
         tasks += load_authors_tasks([path for path in files if path.exists()])
         return frozenset(plain(sub.instruction) for task in tasks for sub in task.subtasks)
 
-    def known_plans(self) -> dict[str, Room]:
+    def known_plans(self) -> dict[str, KnownRoom]:
         """Return floor plan -> what an agent knows of it that overlooked nothing."""
         dumps, layouts = self.floor_plans
         scenes = import_dump(dumps, layouts=layouts)
         return {scene.name: rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes}
 
-    def tokenizer(self, recipe: Recipe, data: Data) -> Any:
+    def tokenizer(self, recipe: PlannerRecipe, data: Data) -> Any:
         """Return the tokenizer, trained once."""
         from tokenizers import Tokenizer
 
@@ -124,7 +124,7 @@ class Sources:
             write_atomic(path, make_tokenizer(recipe, data, 1500).to_str().encode())
         return Tokenizer.from_file(str(path))
 
-    def embeddings(self, recipe: Recipe, tokenizer: Any) -> Any:
+    def embeddings(self, recipe: PlannerRecipe, tokenizer: Any) -> Any:
         """Return the token embeddings to start from, made once."""
         from safetensors.numpy import load, save
 
@@ -136,7 +136,7 @@ class Sources:
         return load(path.read_bytes())["tokens"]
 
 
-def held_out_packs(recipe: Recipe, book: Book, count: int) -> list[list[Example]]:
+def held_out_packs(recipe: PlannerRecipe, book: Book, count: int) -> list[list[TrainingExample]]:
     """Return packs over rooms that training never sees, with the phrases of `book`."""
     found = list(rooms.generated_rooms(24, recipe.seed + 78))
     packs = []

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from karma.training.planner.checkpoints import resume, save_checkpoint
 from karma.training.planner.network import collate, forward, new_model
-from karma.training.planner.packs import Data, Recipe, draw_pack
-from karma.training.planner.samples import Example
+from karma.training.planner.packs import Data, PlannerRecipe, draw_pack
+from karma.training.planner.samples import TrainingExample
 
 PART = 3  # packs that are computed at once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Progress:
+class PlannerProgress:
     """One line of the training log."""
 
     step: int
@@ -27,7 +27,7 @@ class Progress:
 
 
 def exact_share(
-    model: Any, tokenizer: Any, packs: Sequence[Sequence[Example]], device: str
+    model: Any, tokenizer: Any, packs: Sequence[Sequence[TrainingExample]], device: str
 ) -> float:
     """Return the share of programs whose every token is the most likely one, teacher-forced."""
     import torch
@@ -47,7 +47,7 @@ def exact_share(
 
 
 def exact_by_kind(
-    folder: Path, model: Any, examples: Sequence[Example]
+    folder: Path, model: Any, examples: Sequence[TrainingExample]
 ) -> Iterator[tuple[str, int, float]]:
     """Yield kind of request, examples of it, and the share that is right to the letter."""
     from tokenizers import Tokenizer
@@ -59,9 +59,9 @@ def exact_by_kind(
 
 
 def train(
-    recipe: Recipe,
+    recipe: PlannerRecipe,
     data: Data,
-    held_out: Sequence[Sequence[Example]],
+    held_out: Sequence[Sequence[TrainingExample]],
     tokenizer: Any,
     folder: Path,
     *,
@@ -69,7 +69,7 @@ def train(
     every: int = 200,
     share: tuple[int, int] = (0, 1),
     embeddings: NDArray[np.float32] | None = None,
-) -> Iterator[Progress]:
+) -> Iterator[PlannerProgress]:
     """Train from scratch or from the last checkpoint in `folder`; yields the log as it grows.
 
     Args:
@@ -101,11 +101,11 @@ def train(
         if rank == 0 and (step % every == 0 or step == recipe.steps):
             exact = exact_share(model, tokenizer, held_out, device)
             save_checkpoint(folder, model, optimizers, step, seen)
-            yield Progress(step=step, loss=float(np.mean(losses)), tokens=seen, exact=exact)
+            yield PlannerProgress(step=step, loss=float(np.mean(losses)), tokens=seen, exact=exact)
             losses = []
 
 
-def _optimizers(model: Any, recipe: Recipe) -> tuple[Any, ...]:
+def _optimizers(model: Any, recipe: PlannerRecipe) -> tuple[Any, ...]:
     """Return Muon for the layers' matrices (Jordan, 2024) and AdamW for the rest, at one rate."""
     import torch
 
@@ -119,7 +119,9 @@ def _optimizers(model: Any, recipe: Recipe) -> tuple[Any, ...]:
     )
 
 
-def _of_a_size(packs: Sequence[Sequence[Example]]) -> list[Sequence[Sequence[Example]]]:
+def _of_a_size(
+    packs: Sequence[Sequence[TrainingExample]],
+) -> list[Sequence[Sequence[TrainingExample]]]:
     """Return packs in parts of like length, the shorter first: less padding, smaller attention."""
     ordered = sorted(packs, key=lambda pack: sum(len(one.changing) for one in pack))
     return [ordered[start : start + PART] for start in range(0, len(ordered), PART)]
@@ -158,7 +160,7 @@ def _step(
     return total
 
 
-def _schedule(recipe: Recipe, step: int) -> float:
+def _schedule(recipe: PlannerRecipe, step: int) -> float:
     """Warm up, stay, decay: so that `steps` can still be changed on the way."""
     if step < recipe.warmup:
         return (step + 1) / recipe.warmup

@@ -30,7 +30,7 @@ TEMPLATE = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shape:
+class VisionShape:
     """Sizes of the network."""
 
     stem: int = 32
@@ -98,7 +98,7 @@ def new_processor() -> Any:
     )
 
 
-def new_model(shape: Shape, seed: int) -> Any:
+def new_model(shape: VisionShape, seed: int) -> Any:
     """Return the network with random weights drawn from a seed."""
     import torch
     from transformers import (

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from karma.methods.picture_states import png
-from karma.training.vision.score import Asked, Score
+from karma.training.vision.score import AskedCrop, Score
 
 TEMPLATE = Path(__file__).parent / "page.html.j2"
 MOST_FAILURES = 120
 
 
-def page(score: Score, asked: Sequence[Asked]) -> str:
+def page(score: Score, asked: Sequence[AskedCrop]) -> str:
     """Return the page.
 
     Args:
@@ -36,7 +36,7 @@ def page(score: Score, asked: Sequence[Asked]) -> str:
     )
 
 
-def _card(one: Asked) -> dict[str, object]:
+def _card(one: AskedCrop) -> dict[str, object]:
     picture = "" if one.picture is None else base64.b64encode(png(one.picture)).decode()
     return {
         "object_type": one.object_type,

@@ -25,7 +25,7 @@ NOTHING = "–"  # stands for a missing word, in the matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class AskedCrop:
     """One object in one frame: what it is, and what the model said."""
 
     room: str
@@ -53,7 +53,7 @@ class WordScore:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Share:
+class Accuracy:
     """So many of so many."""
 
     right: int
@@ -75,11 +75,11 @@ class Score:
     objects: int
     unanswered: int
     accuracy: float | None  # objects right in every word
-    large: Share  # the same, of objects that fill at least 2 % of their frame
+    large: Accuracy  # the same, of objects that fill at least 2 % of their frame
     macro_f1: float | None  # mean over the states that are true of anything
     words: Mapping[str, WordScore]
     matrix: Mapping[str, Mapping[str, int]]  # true word -> said word -> count
-    types: Mapping[str, Share]
+    types: Mapping[str, Accuracy]
     ms_per_frame: float | None  # timing: depends on the machine
     ms_per_object: float | None
 
@@ -103,7 +103,7 @@ def held_out_rooms(names: Sequence[str], seed: int) -> list[Scene]:
 
 def examine(
     vision: VisionModel, rooms: Sequence[Scene], *, frames: int, seed: int, clock: "Clock"
-) -> Iterator[Asked]:
+) -> Iterator[AskedCrop]:
     """Ask a model about frames of rooms; equal arguments ask the same questions.
 
     Args:
@@ -123,7 +123,7 @@ def examine(
         for one in asked:
             words = answers.get(one.object_id)
             said = None if words is None else tuple(sorted(words)) or ("none",)
-            yield Asked(
+            yield AskedCrop(
                 room=name,
                 frame=number,
                 object_type=one.object_type,
@@ -151,7 +151,7 @@ class Clock:
         return self.seconds * 1000 / count if count else None
 
 
-def score(asked: Sequence[Asked], *, model: str, seed: int, clock: Clock) -> Score:
+def score(asked: Sequence[AskedCrop], *, model: str, seed: int, clock: Clock) -> Score:
     """Return all figures of some answers."""
     words = {word: _word(asked, word) for word in STATES}
     known = [one.f1 for one in words.values() if one.support and one.f1 is not None]
@@ -174,7 +174,7 @@ def score(asked: Sequence[Asked], *, model: str, seed: int, clock: Clock) -> Sco
     )
 
 
-def confusion(asked: Iterable[Asked]) -> dict[str, dict[str, int]]:
+def confusion(asked: Iterable[AskedCrop]) -> dict[str, dict[str, int]]:
     """Return true word -> said word -> count.
 
     Words that are true and said stand on the diagonal. Of the others a true one is paired with its
@@ -200,7 +200,7 @@ def confusion(asked: Iterable[Asked]) -> dict[str, dict[str, int]]:
     return {row: {column: counts[row, column] for column in rows} for row in rows}
 
 
-def _word(asked: Sequence[Asked], word: str) -> WordScore:
+def _word(asked: Sequence[AskedCrop], word: str) -> WordScore:
     true = sum(word in one.truth for one in asked)
     claimed = sum(word in (one.said or ()) for one in asked)
     both = sum(word in one.truth and word in (one.said or ()) for one in asked)
@@ -212,9 +212,9 @@ def _word(asked: Sequence[Asked], word: str) -> WordScore:
     )
 
 
-def _share(asked: Iterable[Asked]) -> Share:
+def _share(asked: Iterable[AskedCrop]) -> Accuracy:
     outcomes = [one.right for one in asked]
-    return Share(right=sum(outcomes), of=len(outcomes))
+    return Accuracy(right=sum(outcomes), of=len(outcomes))
 
 
 def _questions(

@@ -17,7 +17,7 @@ LONGEST_PX = 160  # larger crops are stored smaller
 SPARE = 1.2  # crops are stored so much wider than they are shown, to be shifted and scaled
 
 
-class Row(msgspec.Struct, frozen=True, array_like=True):
+class CropRow(msgspec.Struct, frozen=True, array_like=True):
     """One crop of a shard: what it shows, and where its bytes lie."""
 
     object_type: str
@@ -31,7 +31,7 @@ class Shard:
     """One shard in its two files, NNNN.json and NNNN.bin; crops are decoded when asked for."""
 
     def __init__(self, folder: Path, number: int) -> None:
-        self.rows = read_json(folder / f"{number:04}.json", list[Row])
+        self.rows = read_json(folder / f"{number:04}.json", list[CropRow])
         self._bytes = np.memmap(folder / f"{number:04}.bin", dtype=np.uint8, mode="r")
 
     def picture(self, row: int) -> "np.ndarray":
@@ -49,7 +49,7 @@ def write_shard(folder: Path, number: int, *, seed: int, margin: float) -> int:
     for row, data in _rows(number, seed, margin):
         start = blob.tell()
         blob.write(data)
-        rows.append(Row(row[0], row[1], row[2], start, blob.tell()))
+        rows.append(CropRow(row[0], row[1], row[2], start, blob.tell()))
     write_atomic(folder / f"{number:04}.bin", blob.getvalue())
     write_atomic(folder / f"{number:04}.json", to_json(rows))  # last: a shard is whole with it
     return len(rows)

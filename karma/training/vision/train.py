@@ -21,7 +21,7 @@ from karma.infer.vision.text import STATES
 from karma.training.vision.model import (
     FEATURES,
     PAD,
-    Shape,
+    VisionShape,
     answer_ids,
     new_model,
     pixels,
@@ -35,11 +35,11 @@ CHECKPOINT = "checkpoint.safetensors"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recipe:
+class VisionRecipe:
     """All that decides the weights, besides the shards."""
 
     seed: int = 0
-    shape: Shape = field(default_factory=Shape)
+    shape: VisionShape = field(default_factory=VisionShape)
     shards: int = 24
     margin: float = 1.7  # side of a crop over the longer side of the object's box
     batch: int = 128
@@ -54,7 +54,7 @@ class Recipe:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Progress:
+class VisionProgress:
     """One line of the training log."""
 
     step: int
@@ -68,7 +68,7 @@ class Crops:
     def __init__(
         self,
         folder: Path,
-        recipe: Recipe,
+        recipe: VisionRecipe,
         numbers: Sequence[int],
         share: tuple[int, int] = (0, 1),
     ) -> None:
@@ -165,7 +165,7 @@ def collate(rows: Sequence[Example]) -> dict[str, Any]:
 
 
 def train(
-    recipe: Recipe,
+    recipe: VisionRecipe,
     shards: Path,
     held_out: Path,
     folder: Path,
@@ -174,7 +174,7 @@ def train(
     share: tuple[int, int] = (0, 1),
     every: int = 250,
     stop: int | None = None,
-) -> Iterator[Progress]:
+) -> Iterator[VisionProgress]:
     """Train, or go on from the checkpoint in `folder`; yields a line now and then.
 
     Args:
@@ -225,11 +225,11 @@ def train(
         if share[0] == 0 and (done % every == 0 or done == recipe.steps):
             exact = exact_share(recipe, average, examined, device, 1500)
             _keep(folder / CHECKPOINT, model, average, optimizer, done)
-            yield Progress(step=done, loss=float(np.mean(losses)), exact=exact)
+            yield VisionProgress(step=done, loss=float(np.mean(losses)), exact=exact)
             losses = []
 
 
-def trained(recipe: Recipe, folder: Path) -> Any:
+def trained(recipe: VisionRecipe, folder: Path) -> Any:
     """Return the model of the last checkpoint, with its averaged weights."""
     from safetensors.torch import load_file
 
@@ -240,7 +240,7 @@ def trained(recipe: Recipe, folder: Path) -> Any:
 
 
 def exact_share(
-    recipe: Recipe, weights: dict[str, Any], crops: Crops, device: str, count: int
+    recipe: VisionRecipe, weights: dict[str, Any], crops: Crops, device: str, count: int
 ) -> float | None:
     """Return the share of crops whose answer is right in every word; None without crops."""
     import torch
@@ -280,7 +280,7 @@ def _loss(model: Any, batch: dict[str, Any], device: str, bfloat16: bool) -> Any
     return answer, functions.binary_cross_entropy_with_logits(guessed.float(), true)
 
 
-def new_aid(recipe: Recipe) -> Any:
+def new_aid(recipe: VisionRecipe) -> Any:
     """Return the second head: from features to the twelve words, for each type in its own way."""
     import torch
 
@@ -320,7 +320,7 @@ def _share_gradients(model: Any, workers: int) -> None:
         start += gradient.numel()
 
 
-def _groups(model: Any, recipe: Recipe) -> list[dict[str, Any]]:
+def _groups(model: Any, recipe: VisionRecipe) -> list[dict[str, Any]]:
     """Return the parameters: matrices shrink towards zero, the others do not."""
     flat = [p for p in model.parameters() if p.ndim < 2]
     full = [p for p in model.parameters() if p.ndim >= 2]
@@ -330,7 +330,7 @@ def _groups(model: Any, recipe: Recipe) -> list[dict[str, Any]]:
     ]
 
 
-def _share(step: int, recipe: Recipe) -> float:
+def _share(step: int, recipe: VisionRecipe) -> float:
     """Return the learning rate of a step over the highest: up, level, down to nothing."""
     left = (recipe.steps - step) / (recipe.decay * recipe.steps)
     return min(1.0, (step + 1) / recipe.warmup, left)

@@ -29,7 +29,7 @@ FOOD_STATES = (("cleaned", 0.35), ("sliced", 0.35), ("heated", 0.08), ("cooked",
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Room:
+class KnownRoom:
     """What a request can be about: area nodes and the types of the movable things around."""
 
     name: str
@@ -57,7 +57,7 @@ def weighted(rng: Rng, odds: Mapping[str, float]) -> str:
     return list(odds)[-1]
 
 
-def draw_units(rng: Rng, room: Room) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:
+def draw_units(rng: Rng, room: KnownRoom) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:
     """Draw a short-term memory, the last used last, and what is in the hand, if anything."""
     count = 0 if rng.random() < 0.15 else int(1 + CAPACITY * rng.random() ** 1.5)
     pool = [kind for kind in room.movables if kind in lexicon()]
@@ -79,7 +79,13 @@ def draw_units(rng: Rng, room: Room) -> tuple[tuple[MemoryUnit, ...], MemoryUnit
 
 
 def _draw_unit(
-    rng: Rng, room: Room, kind: str, number: int, others: Sequence[MemoryUnit], *, handled: bool
+    rng: Rng,
+    room: KnownRoom,
+    kind: str,
+    number: int,
+    others: Sequence[MemoryUnit],
+    *,
+    handled: bool,
 ) -> MemoryUnit:
     info = object_types()[kind]
     odds = FOOD_STATES if info.slices_into or kind == EGG else ()
@@ -105,7 +111,9 @@ def _draw_unit(
     )
 
 
-def _draw_place(rng: Rng, room: Room, info: ObjectType, others: Sequence[MemoryUnit]) -> str | None:
+def _draw_place(
+    rng: Rng, room: KnownRoom, info: ObjectType, others: Sequence[MemoryUnit]
+) -> str | None:
     fitting = [name for name in room.landmarks if info.fits(object_types()[name])]
     carriers = [
         unit.object_id

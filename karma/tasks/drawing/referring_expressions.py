@@ -11,8 +11,8 @@ from karma.agent.prompt import Facts
 from karma.contracts import MemoryUnit
 from karma.household.pieces import base_type
 from karma.household.places import HAND
+from karma.tasks.drawing.memories import KnownRoom, Rng, pick, place_type, weighted
 from karma.tasks.drawing.phrases import Book, lexicon
-from karma.tasks.drawing.recollections import Rng, Room, pick, place_type, weighted
 
 Fits = Callable[[MemoryUnit], bool]
 WEIGHTS = {"name": 0.42, "kind": 0.30, "anything": 0.14, "pronoun": 0.14}
@@ -24,7 +24,7 @@ NAMED = {"name": 0.85, "kind": 0.0, "anything": 0.0, "pronoun": 0.15}
 class Situation:
     """One draw: what is known, and what a request may name."""
 
-    room: Room
+    room: KnownRoom
     facts: Facts  # without the instruction
     names: dict[str, str]  # object id -> short name
     book: Book

@@ -13,8 +13,8 @@ from karma.household.pieces import EGG, base_type
 from karma.household.places import HAND, SEVERAL
 from karma.household.states import OPPOSITES
 from karma.household.types import ObjectType, object_types
+from karma.tasks.drawing.memories import CAPACITY, KnownRoom, Rng, pick, weighted
 from karma.tasks.drawing.phrases import lexicon
-from karma.tasks.drawing.recollections import CAPACITY, Rng, Room, pick, weighted
 
 Suits = Callable[[ObjectType], bool]
 EVENTS = {
@@ -33,7 +33,7 @@ class History:
         room: where.
     """
 
-    def __init__(self, rng: Rng, room: Room) -> None:
+    def __init__(self, rng: Rng, room: KnownRoom) -> None:
         self._rng, self._room = rng, room
         self._units: list[MemoryUnit] = []
         self._number = 0
@@ -222,7 +222,7 @@ class History:
         self._use(unit, place, state, drop=OPPOSITES[state])
 
 
-def draw_history(rng: Rng, room: Room) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:
+def live_memory(rng: Rng, room: KnownRoom) -> tuple[tuple[MemoryUnit, ...], MemoryUnit | None]:
     """Draw a short-term memory, the last used last, and what is in the hand, if anything."""
     history = History(rng, room)
     for _ in range(int(rng.integers(0, 7))):

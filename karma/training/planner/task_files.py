@@ -9,14 +9,14 @@ from karma import registry
 from karma.bench.episode import run_episode
 from karma.errors import FileError
 from karma.files import to_json, write_atomic
-from karma.methods.expert import OracleMethod
+from karma.methods.expert import ExpertMethod
 from karma.seeds import stream
 from karma.tasks.drawing import rooms
+from karma.tasks.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
+from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book
-from karma.tasks.drawing.recollections import Room
-from karma.tasks.drawing.stories import Kind, Step, draw_story
 from karma.tasks.files import load_tasks
-from karma.world.build.generate import build_scene
+from karma.world.generation.generate import build_scene
 
 ORDER = ("kitchen", "living", "kitchen", "bedroom", "kitchen", "bathroom")
 
@@ -50,7 +50,7 @@ def draw_tasks(folder: Path, book: Book, *, each: int, seed: int, homes: int) ->
             rng = stream(seed, "tasks", kind, str(tried))
             path, room = drawn[tried % len(drawn)]
             tried += 1
-            steps = draw_story(rng, room, book, kind)
+            steps = draw_task(rng, room, book, kind)
             line = _task_line(f"{kind}-{found + 1:03}", kind, path, steps) if steps else None
             if line is not None and _can_be_done(line, world, folder):
                 lines.append(line)
@@ -59,7 +59,7 @@ def draw_tasks(folder: Path, book: Book, *, each: int, seed: int, homes: int) ->
     return Drawing(tasks=len(lines), rooms=len(drawn), tried=tried)
 
 
-def _draw_homes(folder: Path, seed: int, homes: int) -> Iterator[tuple[Path, Room]]:
+def _draw_homes(folder: Path, seed: int, homes: int) -> Iterator[tuple[Path, KnownRoom]]:
     """Yield rooms of seeds of their own, each written as a scene file."""
     for number in range(homes):
         kind = ORDER[number % len(ORDER)]
@@ -69,7 +69,7 @@ def _draw_homes(folder: Path, seed: int, homes: int) -> Iterator[tuple[Path, Roo
         yield path, rooms.room_of(scene, scene.name, keep=1.0)
 
 
-def _task_line(name: str, kind: str, scene: Path, steps: Sequence[Step]) -> dict[str, Any]:
+def _task_line(name: str, kind: str, scene: Path, steps: Sequence[DrawnRequest]) -> dict[str, Any]:
     subtasks = [
         {
             "instruction": f"{step.text[0].upper()}{step.text[1:]}.",
@@ -90,5 +90,5 @@ def _can_be_done(line: dict[str, Any], world: Any, folder: Path) -> bool:
         return False  # the type table lets nothing of the kind in there
     finally:
         path.unlink()
-    record = run_episode(OracleMethod(), world, task, row="oracle", seed=0, folder=folder)
+    record = run_episode(ExpertMethod(), world, task, row="expert", seed=0, folder=folder)
     return not record.error and not any(sub.unmet for sub in record.subtasks)

@@ -8,7 +8,7 @@ from karma.agent.program import parse_program
 from karma.errors import FileError
 from karma.seeds import stream
 from karma.tasks.drawing.alfred import (
-    Facts,
+    GoalFacts,
     Sentence,
     facts_of,
     program_of,
@@ -30,8 +30,8 @@ def facts():
         if (task, place) in {("cool", "Fridge"), ("heat", "Microwave"), ("clean", "Sink")}:
             continue
         movable = "Plate" if task == "stack" else ""
-        yield Facts(task=task, thing="Apple", movable=movable, place=place, sliced=sliced)
-    yield Facts(task="look", thing="Book", movable="", place="DeskLamp", sliced=False)
+        yield GoalFacts(task=task, thing="Apple", movable=movable, place=place, sliced=sliced)
+    yield GoalFacts(task="look", thing="Book", movable="", place="DeskLamp", sliced=False)
 
 
 @pytest.mark.parametrize("wanted", list(facts()), ids=str)
@@ -41,7 +41,7 @@ def test_facts_of_a_program_are_those_it_was_written_for(wanted):
 
 
 def test_facts_of_a_text_survive_being_written_and_read():
-    wanted = Facts(task="heat", thing="Potato", movable="", place="DiningTable", sliced=True)
+    wanted = GoalFacts(task="heat", thing="Potato", movable="", place="DiningTable", sliced=True)
     calls = program_of(Sentence(text="Cook a slice.", facts=wanted), ExpertView())
     assert facts_of(parse_program("".join(f"{call}\n" for call in calls))) == wanted
 
@@ -56,7 +56,7 @@ def test_truth_of_a_record_takes_basins_for_their_whole_and_lamps_for_places():
     params = {"object_target": "Cloth", "parent_target": "SinkBasin", "mrecep_target": "",
               "toggle_target": "", "object_sliced": False}  # fmt: skip
     found = truth_of({"task_type": "pick_and_place_simple", "pddl_params": params})
-    assert found == Facts(task="simple", thing="Cloth", movable="", place="Sink", sliced=False)
+    assert found == GoalFacts(task="simple", thing="Cloth", movable="", place="Sink", sliced=False)
     params = params | {"parent_target": "", "toggle_target": "FloorLamp"}
     assert truth_of({"task_type": "look_at_obj_in_light", "pddl_params": params}).place == (
         "FloorLamp"
@@ -65,7 +65,7 @@ def test_truth_of_a_record_takes_basins_for_their_whole_and_lamps_for_places():
 
 def test_draw_alfred_of_a_room_without_the_place_is_none():
     room = room_of(scene.load("bathroom_1"), "bathroom_1")
-    wanted = Facts(task="simple", thing="Apple", movable="", place="Fridge", sliced=False)
+    wanted = GoalFacts(task="simple", thing="Apple", movable="", place="Fridge", sliced=False)
     sentences = [Sentence(text="Put an apple in the fridge.", facts=wanted)]
     assert all(
         draw_alfred(stream(0, str(n)), room, sentences, mapped=True) is None for n in range(20)

@@ -21,9 +21,9 @@ from karma.household.places import HAND
 from karma.household.states import END_STATES, OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import CHANGED_IN, FRIDGE, KNIFE
+from karma.tasks.drawing.memories import KnownRoom, Rng, pick
 from karma.tasks.drawing.phrases import Book
-from karma.tasks.drawing.recollections import Rng, Room, pick
-from karma.tasks.drawing.references import Situation
+from karma.tasks.drawing.referring_expressions import Situation
 from karma.tasks.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped
 
 Kind = Literal["simple", "composite", "complex"]
@@ -33,7 +33,7 @@ TRIES = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class DrawnRequest:
     """One sub-task: what is said and what must hold then."""
 
     kind: str
@@ -41,7 +41,7 @@ class Step:
     goals: tuple[Goal, ...]
 
 
-class Story:
+class TaskDraft:
     """A task being drawn: what was asked so far, and what that left in memory.
 
     Args:
@@ -50,10 +50,10 @@ class Story:
         book: phrases.
     """
 
-    def __init__(self, rng: Rng, room: Room, book: Book) -> None:
+    def __init__(self, rng: Rng, room: KnownRoom, book: Book) -> None:
         self._rng, self._room, self._book = rng, room, book
         self._units: list[MemoryUnit] = []
-        self.steps: list[Step] = []
+        self.steps: list[DrawnRequest] = []
 
     def ask(self, *, vague: bool, about_known: bool) -> bool:
         """Add a request; False when none was found.
@@ -71,7 +71,7 @@ class Story:
             if any(step.text == text for step in self.steps):
                 continue
             goals = tuple(dict.fromkeys((*map(_by_type, ask.goals), *self._same(ask))))
-            self.steps.append(Step(kind=kind, text=text, goals=goals))
+            self.steps.append(DrawnRequest(kind=kind, text=text, goals=goals))
             self._do(ask)
             return True
         return False
@@ -203,7 +203,7 @@ def _after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
     )
 
 
-def draw_story(rng: Rng, room: Room, book: Book, kind: Kind) -> Sequence[Step] | None:
+def draw_task(rng: Rng, room: KnownRoom, book: Book, kind: Kind) -> Sequence[DrawnRequest] | None:
     """Draw one task; None when the room gave out.
 
     Args:
@@ -212,7 +212,7 @@ def draw_story(rng: Rng, room: Room, book: Book, kind: Kind) -> Sequence[Step] |
         book: phrases to ask with.
         kind: see above.
     """
-    story = Story(rng, room, book)
+    story = TaskDraft(rng, room, book)
     if kind == "simple":
         plan = [(False, False)]
     elif kind == "composite":

@@ -9,13 +9,13 @@ from karma.files import to_json
 from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.seeds import stream
+from karma.tasks.drawing.drawn_tasks import draw_task
 from karma.tasks.drawing.phrases import expand, our_book
 from karma.tasks.drawing.rooms import room_of
-from karma.tasks.drawing.stories import draw_story
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
-from karma.training.planner.drawn_tasks import draw_tasks
-from karma.training.planner.histories import draw_history
+from karma.training.planner.lived_memories import live_memory
+from karma.training.planner.task_files import draw_tasks
 from karma.world.core import scene
 
 BOOK = our_book().part(held_out=True)
@@ -28,7 +28,7 @@ def rooms():
 
 def stories(rooms, kind, count, *, seed=0):
     for number in range(count):
-        story = draw_story(stream(seed, kind, str(number)), rooms[number % 3], BOOK, kind)
+        story = draw_task(stream(seed, kind, str(number)), rooms[number % 3], BOOK, kind)
         if story is not None:
             yield story
 
@@ -37,7 +37,7 @@ def stories(rooms, kind, count, *, seed=0):
 
 
 def histories(rooms, count):
-    return [draw_history(stream(0, "history", str(n)), rooms[n % 3]) for n in range(count)]
+    return [live_memory(stream(0, "history", str(n)), rooms[n % 3]) for n in range(count)]
 
 
 def test_histories_hold_at_most_ten_units_of_things_that_can_be_carried(rooms):
