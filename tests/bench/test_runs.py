@@ -70,6 +70,11 @@ def test_finished_run_is_in_the_order_of_seed_row_and_task(whole):
     order.sort(key=lambda key: (key[2], key[0] != "expert", listed.index(key[1])))
     data = read_run(folder)
     assert [record.key for record in data.records] == order
+    assert {record.error for record in data.records} == {""}
+    assert all(record.success for record in data.records if record.row == "expert")
+    assert all(record.subtasks[0].answers for record in data.records if record.row != "expert")
+    rooms = {record.scene for record in data.records}
+    assert {path.stem for path in (folder / "maps").iterdir()} == rooms
     assert list(data.timings) == order
     assert all(timing.seconds > 0 for timing in data.timings.values())
     assert (data.folder, data.header.name, data.header.format) == (folder, "x", FORMAT)
@@ -84,6 +89,7 @@ def test_header_names_all_that_a_run_depends_on(whole):
     _, folder = whole
     header = json.loads((folder / HEADER).read_text())
     assert set(header["models"]) == {"planner", "embedder", "vision"}
+    assert re.fullmatch(r"tiny [0-9a-f]{64}", header["models"]["planner"])
     assert set(header["prompts"]) == {p.name for p in (ROOT / "karma").rglob("*.txt")}
     scenes = {record.scene for record in read_run(folder).records}
     assert set(header["scenes"]) == scenes
@@ -96,7 +102,8 @@ def test_header_names_all_that_a_run_depends_on(whole):
 def test_results_hold_no_times(whole):
     _, folder = whole
     lines = json.loads((folder / RESULTS).read_text())
-    assert {line["seconds"] for line in lines} == {None}
+    timed = ("seconds", "first_token_s", "answer_s", "rt_clock")
+    assert {line["values"][key]["value"] for line in lines for key in timed} == {None}
     assert sum(line["episodes"] for line in lines if line["kind"] == "all") == 12
 
 
@@ -327,6 +334,7 @@ def test_fresh_run_forgets_what_the_earlier_one_left_and_nothing_else(whole, tmp
     path, folder = whole
     run = copy(folder, tmp_path / "run")
     (run / "notes.txt").write_text("mine")
+    (run / HEADER).write_text('{"torn')
     assert Run(path, run, fresh=True).records == []
     assert sorted(p.name for p in run.iterdir()) == [HEADER, "notes.txt"]
 
