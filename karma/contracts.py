@@ -366,7 +366,7 @@ class SubTask:
     instruction: str
     goals: tuple[Goal, ...] = ()
     whole: str = ""  # the user's whole text, of which this is a part
-    scene: str = ""  # the room it plays in; "" is the task's
+    scene: SceneRef | None = None  # the room it plays in; None: the task's
 
     @property
     def is_whole(self) -> bool:
@@ -383,12 +383,12 @@ class Task:
 
     id: str
     kind: Kind
-    scene: str
+    scene: SceneRef
     subtasks: tuple[SubTask, ...]
     notes: tuple[str, ...] = field(default=())  # what a loader could not resolve
 
     @property
-    def scenes(self) -> tuple[str, ...]:
+    def scenes(self) -> tuple[SceneRef, ...]:
         """The rooms it plays in, in the order in which they are first needed."""
         rooms = (sub.scene or self.scene for sub in self.subtasks)
         return tuple(dict.fromkeys(rooms)) or (self.scene,)

@@ -80,7 +80,7 @@ def searches(job: tuple[str, int]) -> list[Search]:
     room, seed = job
     world = EmbeddedWorld(room)
     graph, _ = survey(world, SceneRef.of(room), None)
-    task = Task(id=f"search-{room}", kind="simple", scene=room, subtasks=())
+    task = Task(id=f"search-{room}", kind="simple", scene=SceneRef.of(room), subtasks=())
     things = drawn(world, task, seed, 0) if seed else world.reset(room)
     objects = things.metadata["objects"]
     done = []

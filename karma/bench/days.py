@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from karma.agent.perceive import cells_of, pose_of, refusal, truth_of
-from karma.contracts import Event, SceneRef, Task, World
+from karma.contracts import Event, Task, World
 from karma.errors import KarmaError
 from karma.household.uses import BIN
 from karma.methods.expert import ExpertEpisode
@@ -61,7 +61,7 @@ class Days:
             KarmaError: the world refuses to move things.
         """
         if not seed:
-            return world.reset(task.scene)
+            return world.reset(task.scene.source)
         if (task, seed) not in self._draws:
             self._draws[task, seed] = self._search(world, task, seed)
         return drawn(world, task, seed, self._draws[task, seed])
@@ -69,7 +69,7 @@ class Days:
     def _search(self, world: World, task: Task, seed: int) -> int:
         """Return the first draw with no fault that the scene as it is does not have too."""
         if task not in self._usual:
-            world.reset(task.scene)
+            world.reset(task.scene.source)
             self._usual[task] = faults(world, task)
         usual = self._usual[task]
         counts = []
@@ -101,7 +101,7 @@ class DayWorld:
 
     def reset(self, scene: str) -> Event:
         """Load a scene; the task's own is put into the seed's start."""
-        if scene != self._task.scene:
+        if scene != self._task.scene.source:
             return self._world.reset(scene)
         return self._days.start(self._world, self._task, self._seed)
 
@@ -123,7 +123,7 @@ def drawn(world: World, task: Task, seed: int, draw: int) -> Event:
         KarmaError: the world refuses to move things.
     """
     rng = stream(seed, "starts", task.id, str(draw))
-    things = truth_of(world.reset(task.scene)).objects
+    things = truth_of(world.reset(task.scene.source)).objects
     loose = sorted(thing.object_id for thing in things if thing.pickupable)
     types = {thing.object_id: thing.object_type for thing in things}
     in_use = {parent for t in things if t.pickupable for parent in t.parent_ids}
@@ -136,7 +136,7 @@ def drawn(world: World, task: Task, seed: int, draw: int) -> Event:
         placeStationary=True,
     )
     if not event:
-        raise KarmaError(f"{task.scene}: {refusal(event)}")
+        raise KarmaError(f"{task.scene.name}: {refusal(event)}")
     return _stand(world, rng)
 
 
@@ -166,7 +166,7 @@ def faults(world: World, task: Task) -> Faults:
     """
     tracker = GoalTracker()
     watched = WatchedWorld(world, tracker)
-    expert = ExpertEpisode(watched, SceneRef.of(task.scene))
+    expert = ExpertEpisode(watched, task.scene)
     tracker.start(world.last_event)
     found = {("done", number) for number in _done_already(task, tracker, world.last_event)}
     for number, subtask in enumerate(task.subtasks):

@@ -98,8 +98,7 @@ def run_episode(
     ledger, cassette = ledger or Ledger(), cassette or Cassette()
     steps, times = steps or StepLog(), times or TimeLog()
     cassette.begin(f"{row}/{task.id}/{seed}")
-    scenes = tuple(map(SceneRef.of, task.scenes))
-    first = scenes[0].name
+    first = task.scenes[0].name
     tracker = GoalTracker()
     done: list[SubTaskRecord] = []
     tours: dict[str, Tour] = {}
@@ -107,12 +106,12 @@ def run_episode(
     try:
         world = (days or Days()).of(LoggedWorld(world, steps), task, seed)
         watched = WatchedWorld(world, tracker)
-        episode = _begun(method, watched, scenes, seed=seed, folder=folder)
+        episode = _begun(method, watched, task.scenes, seed=seed, folder=folder)
         steps.start(first, seed)
         tracker.start(world.last_event)
         part = _Part(method.name, episode, watched, tracker, ledger, cassette, steps, times, tours)
         for number, subtask in enumerate(task.subtasks):
-            scene = SceneRef.of(subtask.scene or task.scene)
+            scene = subtask.scene or task.scene
             if task.kind == "sequence":
                 part.go(home, scene)
             one = part.run(number, subtask, scene.name)

@@ -14,7 +14,7 @@ from karma import registry
 from karma.bench.days import check_seeds
 from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.presets import PRESETS, preset
-from karma.contracts import Decoding, Embedder, LanguageModel, Recall, Resources, Task
+from karma.contracts import Decoding, Embedder, LanguageModel, Recall, Resources, SceneRef, Task
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted.session import Endpoint, Hosted, Session
@@ -206,11 +206,10 @@ def _brought(tasks: tuple[Task, ...], imported: Mapping[str, bytes]) -> dict[str
     """Return the rooms of some tasks that are none of ours."""
     found = {}
     for scene in dict.fromkeys(scene for task in tasks for scene in task.scenes):
-        name = Path(scene).stem
-        if name in imported:
-            found[name] = imported[name]
-        elif scene.endswith(".json"):
-            found[name] = read_bytes(scene)
+        if scene.name in imported:
+            found[scene.name] = imported[scene.name]
+        elif scene.path:
+            found[scene.name] = read_bytes(scene.path)
     return found
 
 
@@ -222,7 +221,7 @@ def scene_path(folder: Path, name: str) -> Path:
 def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:
     """Load the authors' tasks and the floor plans they play in."""
     raw = load_authors_tasks([beside(path) for path in experiment.authors])
-    plans = {task.scene for task in raw}
+    plans = {task.scene.name for task in raw}
     layouts = beside(experiment.layouts) if experiment.layouts else None
     dump = import_dump(beside(experiment.scenes), layouts=layouts)
     scenes = {scene.name: scene for scene in dump if scene.name in plans}
@@ -233,11 +232,12 @@ def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:
 
 
 def _in_scene(task: Task, scenes: Mapping[str, Scene], folder: Path) -> Task:
-    scene = scenes.get(task.scene)
+    name = task.scene.name
+    scene = scenes.get(name)
     if scene is None:
-        return replace(task, notes=(*task.notes, f"no dump of {task.scene}"))
+        return replace(task, notes=(*task.notes, f"no dump of {name}"))
     found = resolve(task, sorted({thing.type for thing in scene.objects}))
-    return replace(found, scene=str(scene_path(folder, task.scene)))
+    return replace(found, scene=SceneRef(name=name, path=str(scene_path(folder, name))))
 
 
 def beside(path: str) -> Path:

@@ -6,19 +6,19 @@ import platform
 from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from karma import __version__
 from karma.bench.experiment import OPENAI, Experiment, Models, Row, RunOptions
 from karma.bench.run_folder import FORMAT, Header, Machine
-from karma.contracts import Task
+from karma.contracts import SceneRef, Task
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.files import read_bytes, to_json
 from karma.infer.checks.memory import MEMINFO
 from karma.infer.manifest.manifest import find_model, resolve_planner, sha256_of
 from karma.offline import network_allowed
-from karma.tasks.files import in_rooms
 from karma.world.core.scene import find
 
 PACKAGE = Path(__file__).parents[1]
@@ -43,14 +43,13 @@ def header_of(
         ModelError: a model's file is missing.
         UnknownNameError: there is no such model.
     """
-    listed = [in_rooms(task, lambda scene: Path(scene).stem) for task in tasks]
     plain = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
     for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
         del plain[name]
     return Header(
         name=experiment.name,
         experiment=_sha(to_json(plain)),
-        tasks=_sha(to_json(listed)),
+        tasks=_sha(to_json([_listed(task) for task in tasks])),
         versions=versions(),
         models=model_hashes(experiment.models, experiment.rows),
         prompts=prompt_hashes(),
@@ -174,16 +173,24 @@ def prompt_hashes() -> dict[str, str]:
     }
 
 
-def scene_hashes(names: Iterable[str], imported: Mapping[str, bytes]) -> dict[str, str]:
+def _listed(task: Task) -> dict[str, Any]:
+    """Return a task with its rooms by name: where their files lie changes nothing."""
+    plain: dict[str, Any] = msgspec.to_builtins(task)
+    plain["scene"] = task.scene.name
+    for one, part in zip(task.subtasks, plain["subtasks"], strict=True):
+        part["scene"] = one.scene.name if one.scene else ""
+    return plain
+
+
+def scene_hashes(scenes: Iterable[SceneRef], imported: Mapping[str, bytes]) -> dict[str, str]:
     """Return the hash of each scene that is there; the episodes of others record an error."""
     found = {}
-    for name in sorted(names):
-        stem = Path(name).stem
+    for scene in sorted(scenes, key=lambda scene: scene.source):
         try:
-            data = imported.get(stem) or read_bytes(find(name))
+            data = imported.get(scene.name) or read_bytes(find(scene.source))
         except FileError:
             continue
-        found[stem] = _sha(data)
+        found[scene.name] = _sha(data)
     return found
 
 

@@ -26,6 +26,7 @@ from karma.bench.workers import (
     Stage,
     WorkerError,
 )
+from karma.contracts import SceneRef
 from karma.errors import KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
 from karma.infer.manifest.manifest import read_manifest, resolve_planner
@@ -225,10 +226,10 @@ class NodeWorker:
         said = one.record.error.replace(str(self._here), str(self._there))
         return replace(one, record=replace(one.record, error=said), files=self._new_files())
 
-    def _place(self, scene: str) -> str:
+    def _place(self, scene: SceneRef) -> SceneRef:
         """Return where a room lies on this node; the name of one of ours."""
-        imported = scene_path(self._here, Path(scene).stem)
-        return str(imported) if imported.exists() else scene
+        imported = scene_path(self._here, scene.name)
+        return replace(scene, path=str(imported)) if imported.exists() else scene
 
     def _new_files(self) -> dict[str, bytes]:
         found = {}
@@ -284,7 +285,7 @@ def check_node(
         versions=versions(),
         models=hashes,
         prompts=prompt_hashes(),
-        scenes=scene_hashes(header.scenes, scenes),
+        scenes=scene_hashes((SceneRef(name=name) for name in header.scenes), scenes),
     )
     if found := differences(header, mine):
         raise KarmaError("not what the run depends on:\n  " + "\n  ".join(found))

@@ -95,7 +95,7 @@ class Performer:
         """Do one episode."""
         if job.seed:
             for scene in job.task.scenes:
-                self._know(SceneRef.of(scene))
+                self._know(scene)
         steps, times = StepLog(), TimeLog()
         with self._worlds(job.task) as world:
             record = self._record(job, world, steps, times)
@@ -333,7 +333,7 @@ def lost_episode(job: Job, cause: str) -> Finished:
         row=job.row,
         task=job.task.id,
         kind=job.task.kind,
-        scene=SceneRef.of(job.task.scenes[0]).name,
+        scene=job.task.scenes[0].name,
         seed=job.seed,
         notes=job.task.notes,
         subtasks=(),

@@ -69,9 +69,9 @@ def sequences_command(
                 step = partial(bar.advance, line)
                 drawn.append(draw_sequence(drawable, kind, length, seed, index, step))
     used = {scene for one in drawn for scene in one.task.scenes}
-    for name, path in drawable.paths.items():
-        if path in used and path != name:
-            write_atomic(Path(path), to_json(drawable.rooms[name]))
+    for scene in used:
+        if scene.path:
+            write_atomic(Path(scene.path), to_json(drawable.rooms[scene.name]))
     write_tasks(out, [one.task for one in drawn])
     about = out.with_suffix(".drawn.json")
     write_atomic(about, to_json(_about(drawable, drawn, length, seed), indent=2))

@@ -43,13 +43,13 @@ class Askable:
     Args:
         pool: tasks with goals, in rooms that are there.
         rooms: name -> room.
-        paths: name -> what a task file calls the room.
+        scenes: name -> the room as a task file names it.
         left_out: why tasks of the pool are none, and how many.
     """
 
     pool: Pool
     rooms: Mapping[str, Scene]
-    paths: Mapping[str, str]
+    scenes: Mapping[str, SceneRef]
     left_out: Mapping[str, int]
 
 
@@ -87,7 +87,10 @@ def askable(pool: Pool, rooms: Mapping[str, Scene], folder: Path | None = None) 
     return Askable(
         pool=replace(pool, errands=tuple(kept)),
         rooms={name: rooms[name] for name in sorted(used)},
-        paths={n: str(folder / f"{n}.json") if folder else n for n in sorted(used)},
+        scenes={
+            name: SceneRef(name=name, path=str(folder / f"{name}.json") if folder else "")
+            for name in sorted(used)
+        },
         left_out=dict(+left_out),
     )
 
@@ -136,25 +139,24 @@ def draw_sequence(
     drawn = draws(tasks.pool, workload, seed, number)
     wording = stream(seed, "lab", "wording", workload, str(number))
     subtasks: list[SubTask] = []
+    rooms: list[SceneRef] = []
     kinds: list[str] = []
     anew: Counter[str] = Counter()
     for _ in range(length):
         errand = _next(drawn, walk, anew, taken=bool(subtasks))
         text = errand.sentences[int(wording.integers(len(errand.sentences)))]
-        subtasks.append(_subtask(errand, text, tasks.paths))
+        rooms.append(tasks.scenes[errand.scene])
+        one = SubTask(instruction=text, whole=text, goals=errand.goals, scene=rooms[-1])
+        subtasks.append(one)
         kinds.append(errand.kind)
         advance()
     task = Task(
         id=f"{workload}-{seed}-{number:02}",
         kind="sequence",
-        scene=subtasks[0].scene,
+        scene=rooms[0],
         subtasks=tuple(subtasks),
     )
     return DrawnSequence(workload=workload, task=task, kinds=tuple(kinds), anew=dict(anew))
-
-
-def _subtask(errand: Errand, text: str, paths: Mapping[str, str]) -> SubTask:
-    return SubTask(instruction=text, whole=text, goals=errand.goals, scene=paths[errand.scene])
 
 
 def _next(drawn: Draws, walk: "Walk", anew: Counter[str], *, taken: bool) -> Errand:
@@ -234,10 +236,10 @@ class Walk:
         """Return the expert in a room, where it begins if it is nowhere yet."""
         if expert is None:
             self._home.reset(scene)
-            return ExpertEpisode(self._watched, SceneRef.of(scene))
+            return ExpertEpisode(self._watched, SceneRef(name=scene))
         if scene != self._home.scene:
             self._home.enter(scene)
-            expert.enter(SceneRef.of(scene))
+            expert.enter(SceneRef(name=scene))
         return expert
 
     def _done(self, expert: ExpertEpisode, errand: Errand) -> str:

@@ -100,7 +100,7 @@ def read_traces(path: Path) -> tuple[Trace, ...]:
 def trace_of_task(task: Task) -> Trace:
     """Return what the sub-tasks of a task ask for, a unit being a type in its room."""
     return Trace.of(
-        [f"{Path(sub.scene or task.scene).stem}/{name}" for name in required_types(sub)]
+        [f"{(sub.scene or task.scene).name}/{name}" for name in required_types(sub)]
         for sub in task.subtasks
     )
 

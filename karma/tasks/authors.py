@@ -14,7 +14,7 @@ from typing import Literal
 
 import msgspec
 
-from karma.contracts import Goal, Task
+from karma.contracts import Goal, SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_json
 from karma.household.pieces import base_type
@@ -70,7 +70,7 @@ def _load(path: str | Path) -> Iterable[Task]:
             yield Task(
                 id=f"{_KINDS[title]}-{row.number}",
                 kind=_KINDS[title],
-                scene=f"FloorPlan{row.plan}",
+                scene=SceneRef(name=f"FloorPlan{row.plan}"),
                 subtasks=assign(goals, split_instruction(row.instruction)),
                 notes=notes,
             )

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from karma.contracts import Goal, Kind, SubTask, Task
+from karma.contracts import Goal, Kind, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, to_json, write_atomic
 from karma.household.ids import root_type
@@ -75,7 +75,9 @@ def _task(row: _Task) -> Task:
     _check_scene(row.scene, "scene")
     subtasks = tuple(_subtask(sub, f"subtasks[{i}]") for i, sub in enumerate(row.subtasks))
     _check_rooms(row)
-    return with_whole(Task(id=row.id, kind=row.kind, scene=row.scene, subtasks=subtasks))
+    return with_whole(
+        Task(id=row.id, kind=row.kind, scene=SceneRef.of(row.scene), subtasks=subtasks)
+    )
 
 
 def with_whole(task: Task) -> Task:
@@ -86,14 +88,14 @@ def with_whole(task: Task) -> Task:
     return replace(task, subtasks=tuple(told))
 
 
-def in_rooms(task: Task, place: Callable[[str], str]) -> Task:
-    """Return a task whose rooms go by other names.
+def in_rooms(task: Task, place: Callable[[SceneRef], SceneRef]) -> Task:
+    """Return a task whose rooms lie elsewhere.
 
     Args:
         task: any.
-        place: turns a room's name or path into another.
+        place: says where a room lies.
     """
-    subtasks = (replace(sub, scene=place(sub.scene) if sub.scene else "") for sub in task.subtasks)
+    subtasks = (replace(sub, scene=sub.scene and place(sub.scene)) for sub in task.subtasks)
     return replace(task, scene=place(task.scene), subtasks=tuple(subtasks))
 
 
@@ -111,11 +113,11 @@ def _row(task: Task) -> _Task:
         _SubTask(
             instruction=sub.instruction,
             goals=tuple(f"{g.predicate}({', '.join(g.arguments)})" for g in sub.goals),
-            scene="" if sub.scene == task.scene else sub.scene,
+            scene="" if sub.scene in (None, task.scene) else sub.scene.source,
         )
         for sub in task.subtasks
     )
-    return _Task(id=task.id, kind=task.kind, scene=task.scene, subtasks=tuple(subtasks))
+    return _Task(id=task.id, kind=task.kind, scene=task.scene.source, subtasks=tuple(subtasks))
 
 
 def _check_scene(name: str, where: str) -> None:
@@ -133,8 +135,8 @@ def _check_rooms(row: _Task) -> None:
         if row.kind != "sequence":
             raise KarmaError(f"{where}: only the kind 'sequence' goes from room to room")
         _check_scene(room, where)
-    stems = [Path(room).stem for room in {*rooms, row.scene}]
-    if twice := [stem for stem in stems if stems.count(stem) > 1]:
+    names = [SceneRef.of(room).name for room in {*rooms, row.scene}]
+    if twice := [name for name in names if names.count(name) > 1]:
         raise KarmaError(f"subtasks: two rooms have the name {twice[0]!r}")
 
 
@@ -144,7 +146,8 @@ def _subtask(row: _SubTask, where: str) -> SubTask:
     if not row.goals:
         raise KarmaError(f"{where}.goals: there are none")
     goals = tuple(_goal(text, f"{where}.goals[{i}]") for i, text in enumerate(row.goals))
-    return SubTask(instruction=row.instruction, goals=goals, scene=row.scene)
+    room = SceneRef.of(row.scene) if row.scene else None
+    return SubTask(instruction=row.instruction, goals=goals, scene=room)
 
 
 def _goal(text: str, where: str) -> Goal:

@@ -4,7 +4,7 @@ import pytest
 
 from karma.agent.skills import Limits, Skills
 from karma.bench.days import drawn
-from karma.contracts import Known, SkillCall, Task
+from karma.contracts import Known, SceneRef, SkillCall, Task
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.tour import floor_of, position_of
 from karma.world.sim import EmbeddedWorld
@@ -164,7 +164,12 @@ def test_a_thing_is_found_that_is_hard_to_see(room, kind, container):
 
 def test_a_thing_is_found_behind_others():
     world = EmbeddedWorld("kitchen_4")
-    drawn(world, Task(id="m-kitchen_4", kind="simple", scene="kitchen_4", subtasks=()), 1, 0)
+    drawn(
+        world,
+        Task(id="m-kitchen_4", kind="simple", scene=SceneRef.of("kitchen_4"), subtasks=()),
+        1,
+        0,
+    )
     drawer = of(world, of(world, "ButterKnife")["parentReceptacles"][0])
     assert len(drawer["receptacleObjectIds"]) > 1
     result = explore(Skills(world, Nothing()), "ButterKnife")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from karma.bench.days import Days, drawn, faults
-from karma.contracts import SceneRef, Task
+from karma.contracts import Task
 from karma.methods.tour import survey
 from karma.tasks.files import load_tasks
 from karma.world.sim import EmbeddedWorld
@@ -21,14 +21,14 @@ def days():
 def begun(days, task, seed):
     """Return what is where at the start of a task and seed, and how the agent stands."""
     world = EmbeddedWorld()
-    days.of(world, task, seed).reset(task.scene)
+    days.of(world, task, seed).reset(task.scene.source)
     return dict(world.state.objects), world.state.pose
 
 
 def test_seed_0_is_the_scene_as_it_is(days):
     task = TASKS["simple-01"]
     world = EmbeddedWorld()
-    world.reset(task.scene)
+    world.reset(task.scene.source)
     assert begun(days, task, 0) == (dict(world.state.objects), world.state.pose)
     assert days.of(world, task, 0) is world
 
@@ -58,9 +58,9 @@ def test_a_reset_in_mid_episode_leads_back_to_the_start(days):
     task = TASKS["composite-01"]
     world = EmbeddedWorld()
     watched = days.of(world, task, 2)
-    watched.reset(task.scene)
+    watched.reset(task.scene.source)
     first = dict(world.state.objects), world.state.pose
-    graph, is_new = survey(watched, SceneRef.of(task.scene), None)
+    graph, is_new = survey(watched, task.scene, None)
     assert is_new
     assert graph.objects()
     assert (dict(world.state.objects), world.state.pose) == first
@@ -73,13 +73,13 @@ def test_a_reset_in_mid_episode_leads_back_to_the_start(days):
 @pytest.mark.parametrize("name", ["kitchen_1", "living_2", "bathroom_3"])
 def test_long_term_memory_of_a_room_does_not_depend_on_the_seed(days, name):
     """What is fixed is seen from every start, so that one map serves all of a run's episodes."""
-    task = next(task for task in TASKS.values() if task.scene == name)
+    task = next(task for task in TASKS.values() if task.scene.name == name)
     world = EmbeddedWorld()
     maps = []
     for seed in (0, 1):
         here = days.of(world, task, seed)
-        here.reset(task.scene)
-        maps.append(survey(here, SceneRef.of(task.scene), None)[0])
+        here.reset(task.scene.source)
+        maps.append(survey(here, task.scene, None)[0])
     assert maps[0] == maps[1]
 
 
@@ -87,7 +87,7 @@ def test_long_term_memory_of_a_room_does_not_depend_on_the_seed(days, name):
 def test_every_task_can_be_done_and_is_not_done_yet_at_each_seed(days, kind):
     for number, task in enumerate(task for task in TASKS.values() if task.kind == kind):
         world = EmbeddedWorld()
-        days.of(world, task, 1 + number % 4).reset(task.scene)
+        days.of(world, task, 1 + number % 4).reset(task.scene.source)
         assert not faults(world, task), task.id
 
 
@@ -97,7 +97,7 @@ def test_a_start_with_a_fault_is_drawn_again(days):
     world = EmbeddedWorld()
     drawn(world, task, 2, 0)
     assert faults(world, task)
-    days.of(world, task, 2).reset(task.scene)
+    days.of(world, task, 2).reset(task.scene.source)
     assert not faults(world, task)
 
 
@@ -109,8 +109,8 @@ def test_faults_that_the_scene_has_anyway_are_not_held_against_a_start():
         subtasks=(bad.subtasks[0], TASKS["simple-13"].subtasks[0]),
     )  # fmt: skip
     world = EmbeddedWorld()
-    world.reset(impossible.scene)
+    world.reset(impossible.scene.source)
     assert ("hard", 1) in faults(world, impossible)
     here = Days().of(world, impossible, 1)
-    assert here.reset(impossible.scene)
+    assert here.reset(impossible.scene.source)
     assert faults(world, impossible) == {("hard", 1)}

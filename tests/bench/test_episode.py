@@ -5,7 +5,7 @@ import pytest
 from karma import registry
 from karma.agent.planner import Planner
 from karma.bench.episode import run_episode
-from karma.contracts import MemoryUnit, Outcome, SubTask, Task
+from karma.contracts import MemoryUnit, Outcome, SceneRef, SubTask, Task
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
@@ -30,7 +30,9 @@ def task(*pairs, scene="kitchen_1"):
         SubTask(instruction=text, goals=tuple(parse_goal(goal) for goal in goals))
         for text, *goals in pairs
     )
-    return Task(id="t1", kind="simple", scene=scene, subtasks=subtasks, notes=("a note",))
+    return Task(
+        id="t1", kind="simple", scene=SceneRef.of(scene), subtasks=subtasks, notes=("a note",)
+    )
 
 
 PUT_AND_FETCH = task(

@@ -13,7 +13,7 @@ from karma.bench.run import Run
 from karma.bench.run_folder import EPISODES, RESULTS, read_run
 from karma.bench.steps import Enter, Start, read_steps, steps_path
 from karma.bench.tables import sheets, to_csv
-from karma.contracts import Task
+from karma.contracts import SceneRef, Task
 from karma.errors import KarmaError
 from karma.tasks.files import load_tasks, with_whole, write_tasks
 
@@ -23,13 +23,15 @@ ROOMS = ("kitchen_1", "bedroom_1")
 def sequence(name, length):
     """Return a sequence that asks in the two rooms in turn for what our tasks ask there."""
     tasks = load_tasks(TASKS)
-    pools = [[sub for task in tasks if task.scene == room for sub in task.subtasks]
+    pools = [[sub for task in tasks if task.scene.name == room for sub in task.subtasks]
              for room in ROOMS]  # fmt: skip
     parts = [
-        replace(pools[number % 2][number // 2 % 5], scene=ROOMS[number % 2])
+        replace(pools[number % 2][number // 2 % 5], scene=SceneRef.of(ROOMS[number % 2]))
         for number in range(length)
     ]
-    return with_whole(Task(id=name, kind="sequence", scene=ROOMS[0], subtasks=tuple(parts)))
+    return with_whole(
+        Task(id=name, kind="sequence", scene=SceneRef.of(ROOMS[0]), subtasks=tuple(parts))
+    )
 
 
 def write_experiment(folder, planner, seeds="[0]"):

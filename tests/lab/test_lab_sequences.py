@@ -205,7 +205,7 @@ def test_no_task_is_done_when_its_turn_comes(workload, drawn, ours):
     """Said by an episode's own tracker, started anew for each task."""
     home, tracker = Home(EmbeddedWorld), GoalTracker()
     for number, sub in enumerate(drawn[workload].task.subtasks):
-        scene = sub.scene or drawn[workload].task.scene
+        scene = (sub.scene or drawn[workload].task.scene).name
         if not number:
             home.reset(scene)
             expert = ExpertEpisode(home, SceneRef.of(scene))
@@ -219,7 +219,7 @@ def test_no_task_is_done_when_its_turn_comes(workload, drawn, ours):
 
 
 def test_house_has_one_room_of_each_kind(drawn):
-    kinds = [scene.split("_")[0] for scene in drawn["house"].task.scenes]
+    kinds = [scene.name.split("_")[0] for scene in drawn["house"].task.scenes]
     assert len(set(kinds)) == len(kinds)
 
 
@@ -303,7 +303,7 @@ def test_alfreds_tasks_are_done_in_ai2thors_rooms(shared, tmp_path):
     assert result.exit_code == 0, result.output
     (task,) = load_tasks(out)
     assert len(task.subtasks) == 25
-    assert all(scene == str(tmp_path / "scenes" / f"{load(scene).name}.json")
+    assert all(scene.path == str(tmp_path / "scenes" / f"{load(scene.path).name}.json")
                for scene in task.scenes)  # fmt: skip
     record = run_episode(
         ExpertMethod(), Home(EmbeddedWorld), task, row="expert", seed=0, folder=tmp_path
@@ -320,7 +320,9 @@ def test_task_file_is_a_trace_of_what_hits_are_counted_over(drawn, tmp_path):
     first, second = read_traces(path)
     wanted = [list(dict.fromkeys(required_types(sub))) for sub in drawn["house"].task.subtasks]
     assert [[key.split("/")[1] for key in task] for task in first.named()] == wanted
-    assert {key.split("/")[0] for key in second.keys} == set(drawn["type"].task.scenes)
+    assert {key.split("/")[0] for key in second.keys} == {
+        scene.name for scene in drawn["type"].task.scenes
+    }
 
 
 def test_command_draws_the_same_file_again_and_tells_what_was_drawn(tmp_path):

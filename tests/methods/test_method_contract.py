@@ -48,7 +48,7 @@ ANSWERS = [FETCH, "Fly(robot)", *["GoToObject(robot, 'Fridge')\n"] * 40]
 TASK = Task(
     id="t1",
     kind="composite",
-    scene=SCENE,
+    scene=ROOM,
     subtasks=tuple(
         SubTask(instruction=text, goals=(parse_goal(goal),))
         for text, goal in zip(("Put the apple away.", "Fetch the mug."), GOALS, strict=True)
@@ -209,7 +209,7 @@ def apples(*rooms):
     """A sequence that has the apple put away in one room after the other; in the last, fetched."""
     last = len(rooms) - 1
     asked = [
-        SubTask(instruction=text, whole=text, goals=(parse_goal(goal),), scene=room)
+        SubTask(instruction=text, whole=text, goals=(parse_goal(goal),), scene=SceneRef.of(room))
         for number, room in enumerate(rooms)
         for text, goal in [
             ("Bring the apple.", "HOLDON(robot, Apple)")
@@ -217,7 +217,7 @@ def apples(*rooms):
             else ("Put the apple away.", GOALS[0])
         ]
     ]
-    return Task(id="s1", kind="sequence", scene=SCENE, subtasks=tuple(asked))
+    return Task(id="s1", kind="sequence", scene=ROOM, subtasks=tuple(asked))
 
 
 def test_who_has_been_in_another_room_meanwhile_goes_on_as_if_he_had_not(name, tmp_path, twin):

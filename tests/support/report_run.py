@@ -8,7 +8,7 @@ from karma.agent.planner import Planner
 from karma.bench.episode import TimeLog, run_episode
 from karma.bench.run_folder import FORMAT, Finished, Header, Machine, RunFolder
 from karma.bench.steps import StepLog
-from karma.contracts import SubTask, Task
+from karma.contracts import SceneRef, SubTask, Task
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
@@ -55,8 +55,12 @@ def task(name, *pairs):
         SubTask(instruction=text, goals=tuple(parse_goal(goal) for goal in goals))
         for text, *goals in pairs
     )
-    return Task(id=name, kind="complex" if name == "t2" else "simple", scene="kitchen_1",
-                subtasks=subtasks)  # fmt: skip
+    return Task(
+        id=name,
+        kind="complex" if name == "t2" else "simple",
+        scene=SceneRef.of("kitchen_1"),
+        subtasks=subtasks,
+    )
 
 
 TASKS = {
@@ -77,10 +81,15 @@ ANSWERS = {
 def sequence(name, *parts):
     """Return a sequence in the kitchen and the bedroom: each part is a room, words and goals."""
     subtasks = tuple(
-        SubTask(instruction=words, whole=words, scene=scene, goals=tuple(map(parse_goal, goals)))
+        SubTask(
+            instruction=words,
+            whole=words,
+            scene=SceneRef.of(scene),
+            goals=tuple(map(parse_goal, goals)),
+        )
         for scene, words, *goals in parts
     )
-    return Task(id=name, kind="sequence", scene="kitchen_1", subtasks=subtasks)
+    return Task(id=name, kind="sequence", scene=SceneRef.of("kitchen_1"), subtasks=subtasks)
 
 
 FRIDGE = (

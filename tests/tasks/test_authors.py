@@ -100,7 +100,7 @@ def test_names_are_known_in_singular_and_plural_and_split_words():
 
 def test_task_keeps_kind_id_and_scene(tmp_path):
     task = load(tmp_path, "ON(cup, shelf): 1", "Put a cup on the shelf", title="SimpleTasks")
-    assert (task.id, task.kind, task.scene) == ("simple-2", "simple", "FloorPlan7")
+    assert (task.id, task.kind, task.scene.name) == ("simple-2", "simple", "FloorPlan7")
 
 
 def test_read_goals_notes_what_is_no_goal():
@@ -212,9 +212,9 @@ def test_every_goal_of_the_authors_is_resolved_or_named(shared):
             present[room["scene"]] = {thing["objectType"] for thing in room["objects"]}
     total = resolved = 0
     for task in load_authors_tasks(sorted((shared / "data" / "alfred_l").glob("*.json"))):
-        if task.scene not in present:
+        if task.scene.name not in present:
             continue
-        done = resolve(task, present[task.scene])
+        done = resolve(task, present[task.scene.name])
         goals = [goal for sub in task.subtasks for goal in sub.goals]
         kept = [goal for sub in done.subtasks for goal in sub.goals]
         named = [note for note in done.notes if note.startswith("unresolved ")]

@@ -18,7 +18,7 @@ TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 
 def need(task):
     if not (
-        scenes.SCENES / f"{task['scene'] if isinstance(task, dict) else task.scene}.json"
+        scenes.SCENES / f"{task['scene'] if isinstance(task, dict) else task.scene.source}.json"
     ).exists():
         pytest.skip("the scenes are not made yet")
 
@@ -55,7 +55,7 @@ def small(tmp_path, monkeypatch):
 
 def test_load_tasks_reads_goals_and_instructions(small):
     (task,) = small("SWITCHON(DeskLamp): 1")
-    assert (task.id, task.kind, task.scene, task.notes) == ("t1", "simple", "den", ())
+    assert (task.id, task.kind, task.scene.source, task.notes) == ("t1", "simple", "den", ())
     assert task.subtasks[0].instruction == "Lay the book on the sofa."
     assert str(task.subtasks[0].goals[0]) == "TOGGLEON(DeskLamp): 1"
 

@@ -124,7 +124,7 @@ def test_tasks_are_written_as_an_experiment_reads_them_and_twice_the_same(tmp_pa
         draw_tasks(tmp_path / name, BOOK, each=1, seed=3, homes=2)
     tasks = load_tasks(tmp_path / "one" / "tasks.jsonl")
     assert [task.kind for task in tasks] == ["simple", "composite", "complex"]
-    assert all(Path(task.scene).exists() for task in tasks)
+    assert all(Path(task.scene.path).exists() for task in tasks)
     said = [
         [sub for task in load_tasks(tmp_path / name / "tasks.jsonl") for sub in task.subtasks]
         for name in ("one", "other")

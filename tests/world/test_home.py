@@ -176,10 +176,10 @@ WASH = (
 def sequence(*parts, kind="sequence"):
     """Return a task of (scene, instruction, goals...) in turn."""
     subtasks = tuple(
-        SubTask(instruction=text, goals=tuple(map(parse_goal, goals)), scene=scene)
+        SubTask(instruction=text, goals=tuple(map(parse_goal, goals)), scene=SceneRef.of(scene))
         for scene, text, *goals in parts
     )
-    return with_whole(Task(id="s1", kind=kind, scene=parts[0][0], subtasks=subtasks))
+    return with_whole(Task(id="s1", kind=kind, scene=SceneRef.of(parts[0][0]), subtasks=subtasks))
 
 
 @pytest.fixture(scope="module")
@@ -385,7 +385,7 @@ def test_task_file_reads_back_as_it_was_written(twin, tmp_path):
     write_tasks(path, [one, *ours])
     found, *rest = load_tasks(path)
     assert tuple(rest) == ours
-    assert found.scenes == one.scenes == (KITCHEN, twin)
+    assert found.scenes == one.scenes == (SceneRef.of(KITCHEN), SceneRef.of(twin))
     assert [sub.goals for sub in found.subtasks] == [sub.goals for sub in one.subtasks]
     assert all(sub.is_whole for sub in found.subtasks)
 
