@@ -1,14 +1,17 @@
 """KARMA Offline: a household agent that remembers, on local inference only.
 
-One direction of data (each arrow is a frozen dataclass of `karma.contracts`)::
+How data flows; each arrow is a frozen dataclass of `karma.contracts`, save the world's event::
 
-    World -Event-> perceive -Observation, MemoryUnit-> memory -Recalled-> prompt
-      ^                                                                     |
-      |                                                                   Prompt
-      |                                                                     v
-    skills <-SkillCall- program <-Completion- infer <----------------------+
+    see    world -Event-> perceive -Observation-> skills -Experience-> method -MemoryUnit-> memory
+    plan   memory -Recalled-> method -PlanRequest-> planner -Prompt-> infer -Completion-> planner
+    act    planner -Plan-> method, planner -SkillCall-> skills -SkillResult-> method
+    know   memory -Area-> method, memory -Area-> skills, memory -Known-> skills
+    show   perceive -SeenObject-> method, perceive -SeenObject-> memory
+    ask    planner -ProgramSpec-> infer, perceive -SeenObject-> infer
 
-`world`, `memory` and `infer` do not know each other; only `methods` joins them.
+Skills act on the world by naming AI2-THOR's actions. `perceive` is the one reader of its events;
+`planner` is prompt, answer, parser and inspector. `world`, `memory` and `infer` do not know each
+other: only `method` joins them.
 """
 
 __version__ = "0.1.0"

@@ -167,6 +167,24 @@ class MemoryUnit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Experience:
+    """What skills have seen and done since an instruction was given: what memory is made of."""
+
+    seen: Mapping[str, SeenObject]  # the latest sight of each id
+    views: Mapping[str, Observation]  # in which each id was last in view or in the hand
+    held: SeenObject | None  # at the last look
+    handled_ids: tuple[str, ...]  # in the order of use, with repeats
+    effects: Mapping[str, tuple[str, ...]]  # lasting state words that the agent brought about
+    missed: frozenset[str]  # ids that were not where they were believed to be
+    cut: frozenset[str]  # ids of wholes that are no more
+
+    @property
+    def gone(self) -> frozenset[str]:
+        """What memory must forget: missed and not seen since, or cut."""
+        return (self.missed - self.seen.keys()) | self.cut
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Recalled:
     """A unit that recall chose, with its cosine similarity in [-1, 1]."""
 
@@ -175,6 +193,39 @@ class Recalled:
 
 
 # ----------------------------------------------------------------- what it plans
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkedExample:
+    """An instruction and its program, shown to the planner."""
+
+    instruction: str
+    program: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Area:
+    """One area node of long-term memory: a cell to stand on and search from."""
+
+    name: str  # "node_3"
+    position_m: Vec3
+    contains: tuple[str, ...] = ()  # types of the immovable objects assigned to it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRequest:
+    """All that a prompt may say, and what the program may not search for."""
+
+    instruction: str
+    areas: Sequence[Area] = ()  # long-term memory; () without it
+    graph_text: str = ""  # the same in the paper's text form
+    recalled: Sequence[Recalled] = ()  # of short-term memory, the best first
+    units: Sequence[MemoryUnit] = ()  # in the prompt: recalled or just handled, the last used last
+    held_id: str | None = None
+    held_type: str | None = None
+    error: str = ""  # why the last answer was refused or failed
+    examples: Sequence[WorkedExample] = ()  # for the instruction; the compact profile has no room
+    missing: Sequence[str] = ()  # types that were searched for in vain: not in the prompt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -297,15 +348,6 @@ class Known:
     source: Literal["held", "memory", "graph", "seen"] = "seen"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Area:
-    """One area node of long-term memory: a cell to stand on and search from."""
-
-    name: str  # "node_3"
-    position_m: Vec3
-    contains: tuple[str, ...] = ()  # types of the immovable objects assigned to it
-
-
 # ----------------------------------------------------------------- what an instruction came to
 
 
@@ -313,11 +355,12 @@ class Area:
 class Plan:
     """One planner call: what was recalled, asked, answered, and whether it parsed."""
 
-    recalled: tuple[MemoryUnit, ...]  # in the prompt, the last used last
     prompt: Prompt
     completion: Completion
     calls: tuple[SkillCall, ...]
     names: Mapping[str, str]  # what short names in the calls stand for (name -> object id)
+    recalled: tuple[Recalled, ...] = ()  # of short-term memory, the best first
+    units: tuple[MemoryUnit, ...] = ()  # in the prompt, the last used last
     error: str = ""  # why the answer was refused; quoted in the next prompt
     examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
 

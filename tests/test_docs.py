@@ -140,12 +140,6 @@ def test_architecture_page_has_the_picture_layers_and_line_counts_of_the_code():
     assert done.returncode == 0, done.stdout
 
 
-def test_front_page_and_architecture_page_have_the_same_picture():
-    picture = text_of(ROOT / "docs/architecture.md").partition("<!-- flow")[2].split("```")[1]
-    assert "World" in picture
-    assert picture in text_of(ROOT / "README.md")
-
-
 def test_architecture_page_lists_every_package():
     page = text_of(ROOT / "docs/architecture.md")
     packages = {f"karma/{file.parent.name}/" for file in (ROOT / "karma").glob("*/__init__.py")}

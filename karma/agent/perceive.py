@@ -11,7 +11,6 @@ from typing import Any
 from karma.contracts import (
     CameraPose,
     Event,
-    MemoryUnit,
     Observation,
     Pose,
     SeenObject,
@@ -121,6 +120,12 @@ def sight_of(thing: _Object) -> SeenObject:
     return _seen(thing, tuple(thing["parentReceptacles"] or ()))
 
 
+def place_of(seen: SeenObject) -> str | None:
+    """Return the receptacle an object lies in, `HAND` when held; the floor only if alone."""
+    parents = [parent for parent in seen.parent_ids if not is_part(parent, FLOOR)]
+    return next(iter(parents or seen.parent_ids), None)
+
+
 # ----------------------------------------------------------------- the whole truth
 
 
@@ -144,37 +149,6 @@ def shown_states(thing: TrueObject) -> tuple[str, ...]:
     if thing.dirtyable and "dirty" not in words:
         words.add("cleaned")
     return tuple(sorted(words or {"none"}))
-
-
-# ----------------------------------------------------------------- into memory
-
-
-def place_of(seen: SeenObject) -> str | None:
-    """Return the receptacle an object lies in, `HAND` when held; the floor only if alone."""
-    parents = [parent for parent in seen.parent_ids if not is_part(parent, FLOOR)]
-    return next(iter(parents or seen.parent_ids), None)
-
-
-def to_unit(
-    seen: SeenObject, states: Sequence[str], *, handled: bool, image: str | None
-) -> MemoryUnit:
-    """Return the line of short-term memory for one sight of an object.
-
-    Args:
-        seen: the sight.
-        states: words that hold, in the order they came about; "none" is dropped.
-        handled: the agent manipulated it.
-        image: path of the picture below the run folder.
-    """
-    return MemoryUnit(
-        object_id=seen.object_id,
-        object_type=seen.object_type,
-        position_m=seen.position_m,
-        states=tuple(dict.fromkeys(word for word in states if word != "none")),
-        place_id=place_of(seen),
-        handled=handled,
-        image=image,
-    )
 
 
 # ----------------------------------------------------------------- parts of metadata

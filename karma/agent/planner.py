@@ -6,8 +6,17 @@ from typing import Self
 
 from karma.agent.inspector import mend, objection
 from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import Facts, render
-from karma.contracts import Decoding, LanguageModel, Plan, ProgramSpec, Resources, SkillCall
+from karma.agent.prompt import render
+from karma.contracts import (
+    Completion,
+    Decoding,
+    LanguageModel,
+    Plan,
+    PlanRequest,
+    ProgramSpec,
+    Resources,
+    SkillCall,
+)
 from karma.errors import ProgramError
 from karma.household.ids import type_of
 from karma.household.places import OVERLOOKED, landmark_types
@@ -35,63 +44,66 @@ class Planner:
         """Return the planner that a run has loaded."""
         return cls(resources.model, resources.profile, resources.decoding)
 
-    def plan(self, facts: Facts) -> Iterator[Plan]:
+    def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
         The last answer is only asked to parse: the world may know better than the type table.
         """
         for attempt in range(self.decoding.attempts):
-            answer = self._ask(facts, attempt)
+            answer = self._ask(request, attempt)
             if self.decoding.inspected and not answer.error:
-                answer = _inspected(facts, answer)
+                answer = _inspected(request, answer)
             if attempt == self.decoding.attempts - 1 and answer.calls:
                 answer = replace(answer, error="")
             yield answer
             if not answer.error:
                 return
-            facts = replace(facts, error=answer.error)
+            request = replace(request, error=answer.error)
 
-    def _temperature(self, facts: Facts) -> float:
+    def _temperature(self, request: PlanRequest) -> float:
         decoding = self.decoding
-        return max(decoding.temperature, decoding.retry_temperature if facts.error else 0.0)
+        return max(decoding.temperature, decoding.retry_temperature if request.error else 0.0)
 
-    def _ask(self, facts: Facts, attempt: int) -> Plan:
-        rendered = render(self.profile, facts, SKILLS)
+    def _ask(self, request: PlanRequest, attempt: int) -> Plan:
+        rendered = render(self.profile, request, SKILLS)
         completion = self.model.complete(
             rendered.prompt,
-            spec=program_spec(facts, rendered.names) if self.decoding.constrained else None,
+            spec=program_spec(request, rendered.names) if self.decoding.constrained else None,
             max_tokens=self.decoding.max_tokens,
-            temperature=self._temperature(facts),
+            temperature=self._temperature(request),
             seed=self.decoding.seed + attempt,
         )
-        calls: tuple[SkillCall, ...] = ()
-        error = ""
-        try:
-            calls = parse_program(completion.text)
-        except ProgramError as refused:
-            error = str(refused)
-        if not calls and not error:
-            error = "the answer holds no skill call"
+        calls, error = _read(completion)
         return Plan(
-            recalled=tuple(facts.units),
+            recalled=tuple(request.recalled),
+            units=tuple(request.units),
             prompt=rendered.prompt,
             completion=completion,
             calls=calls,
             names=rendered.names,
             error=error,
-            examples=tuple(example.instruction for example in facts.examples),
+            examples=tuple(example.instruction for example in request.examples),
         )
 
 
-def _inspected(facts: Facts, answer: Plan) -> Plan:
+def _read(completion: Completion) -> tuple[tuple[SkillCall, ...], str]:
+    """Return the calls of an answer, or () and why it is refused."""
+    try:
+        calls = parse_program(completion.text)
+    except ProgramError as refused:
+        return (), str(refused)
+    return calls, "" if calls else "the answer holds no skill call"
+
+
+def _inspected(request: PlanRequest, answer: Plan) -> Plan:
     """Return the plan with its program mended, and the inspector's objection if it has one."""
-    held = next((n for n, object_id in answer.names.items() if object_id == facts.held_id), None)
+    held = next((n for n, object_id in answer.names.items() if object_id == request.held_id), None)
     name_of = {object_id: name for name, object_id in answer.names.items()}
-    shut = {name_of[u.object_id] for u in facts.units if _is_shut(u.place_id)}
-    seen = {kind for area in facts.areas for kind in area.contains}
-    cut = {name_of[u.object_id] for u in facts.units if "sliced" in u.states}
+    shut = {name_of[u.object_id] for u in request.units if _is_shut(u.place_id)}
+    seen = {kind for area in request.areas for kind in area.contains}
+    cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
     known = seen | set(answer.names)
-    calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=facts.areas)
+    calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=request.areas)
     return replace(answer, calls=calls, error=objection(calls, held=held))
 
 
@@ -100,21 +112,21 @@ def _is_shut(place_id: str | None) -> bool:
     return kind is not None and kind.must_be_open and "pickupable" not in kind.capabilities
 
 
-def program_spec(facts: Facts, names: Mapping[str, str]) -> ProgramSpec:
+def program_spec(request: PlanRequest, names: Mapping[str, str]) -> ProgramSpec:
     """Return the language of programs: what memory names, and types that can be searched for.
 
     Furniture that the map does not show is not there: a robot that has seen the room once has seen
     its sofa, though perhaps not its light switch. Nor is what was just searched for in vain.
     """
-    known = {kind for area in facts.areas for kind in area.contains}
+    known = {kind for area in request.areas for kind in area.contains}
     searchable = {name for name, kind in object_types().items() if not kind.made_by_slicing}
     if known:
         searchable -= landmark_types() - known - OVERLOOKED
-    searchable -= set(facts.missing)
+    searchable -= set(request.missing)
     return ProgramSpec(
         skills=SKILLS,
         objects=tuple(sorted(known | searchable | set(names))),
-        positions=tuple(area.name for area in facts.areas),
+        positions=tuple(area.name for area in request.areas),
     )
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import jinja2
 
-from karma.contracts import Area, MemoryUnit, Prompt, SkillSignature, Vec3
+from karma.contracts import Area, MemoryUnit, PlanRequest, Prompt, SkillSignature, Vec3
 from karma.errors import UnknownNameError
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
@@ -25,29 +25,6 @@ _TEMPLATES = Path(__file__).parent / "prompts"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Example:
-    """A worked example: an instruction and its program."""
-
-    instruction: str
-    program: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
-    """Everything a prompt may say."""
-
-    instruction: str
-    areas: Sequence[Area] = ()  # long-term memory; () without it
-    graph_text: str = ""  # the same in the paper's text form
-    units: Sequence[MemoryUnit] = ()  # recalled, the last used last
-    held_id: str | None = None
-    held_type: str | None = None
-    error: str = ""  # why the last answer was refused or failed
-    examples: Sequence[Example] = ()  # chosen for the instruction; the compact profile has no room
-    missing: Sequence[str] = ()  # types that were searched for in vain: not in the prompt
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Rendered:
     """A prompt and what its short names stand for (name -> object id)."""
 
@@ -55,16 +32,16 @@ class Rendered:
     names: Mapping[str, str]
 
 
-def render(profile: str, facts: Facts, skills: Sequence[SkillSignature]) -> Rendered:
+def render(profile: str, request: PlanRequest, skills: Sequence[SkillSignature]) -> Rendered:
     """Fill one profile.
 
     Raises:
         UnknownNameError: no such profile.
     """
     if profile == "compact":
-        return compact(facts)
+        return compact(request)
     if profile == "full":
-        return full(facts, skills)
+        return full(request, skills)
     raise UnknownNameError(f"no prompt profile named {profile!r}. There are: {PROFILES}")
 
 
@@ -126,38 +103,38 @@ def _compact_last(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
     return f"#last {name_of[last.object_id]}\n" if last is not None else ""
 
 
-def compact(facts: Facts) -> Rendered:
+def compact(request: PlanRequest) -> Rendered:
     """Fill the compact profile.
 
     The task stands before the memory: a small model can then mark what matters while it reads.
     """
-    held = (facts.held_id, facts.held_type) if facts.held_id and facts.held_type else None
-    names = short_names(facts.units, held)
-    lines = [f"#task {' '.join(facts.instruction.lower().split()).rstrip('.!? ')}\n"]
-    if facts.error:
-        lines.append(f"#error {_ID_REST.sub('', ' '.join(facts.error.split()))[:120]}\n")
-    lines.append(compact_memory(facts.units, names))
-    lines.append(_compact_last(facts.units, names))
+    held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
+    names = short_names(request.units, held)
+    lines = [f"#task {' '.join(request.instruction.lower().split()).rstrip('.!? ')}\n"]
+    if request.error:
+        lines.append(f"#error {_ID_REST.sub('', ' '.join(request.error.split()))[:120]}\n")
+    lines.append(compact_memory(request.units, names))
+    lines.append(_compact_last(request.units, names))
     if held is not None:
         lines.append(f"#held {base_type(held[1])}\n")
     lines.append("#program\n")
-    prompt = Prompt(stable=compact_areas(facts.areas), changing="".join(lines))
+    prompt = Prompt(stable=compact_areas(request.areas), changing="".join(lines))
     return Rendered(prompt=prompt, names=names)
 
 
-def full(facts: Facts, skills: Sequence[SkillSignature]) -> Rendered:
+def full(request: PlanRequest, skills: Sequence[SkillSignature]) -> Rendered:
     """Fill the profile of KARMA Fig. 8."""
-    held = (facts.held_id, facts.held_type) if facts.held_id and facts.held_type else None
-    names = short_names(facts.units, held)
+    held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
+    names = short_names(request.units, held)
     name_of = {object_id: name for name, object_id in names.items()}
-    stable = _template("full_stable.txt").render(skills=skills, graph=facts.graph_text)
+    stable = _template("full_stable.txt").render(skills=skills, graph=request.graph_text)
     changing = _template("full_changing.txt").render(
-        units=[(name_of[unit.object_id], unit) for unit in facts.units],
+        units=[(name_of[unit.object_id], unit) for unit in request.units],
         name_of=name_of,
-        held=name_of.get(facts.held_id or ""),
-        error=facts.error,
-        examples=facts.examples,
-        instruction=facts.instruction,
+        held=name_of.get(request.held_id or ""),
+        error=request.error,
+        examples=request.examples,
+        instruction=request.instruction,
     )
     return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)
 

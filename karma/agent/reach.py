@@ -4,9 +4,10 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from karma.agent.naming import Naming
 from karma.agent.perceive import observe, refusal
 from karma.agent.sightings import Sightings
-from karma.agent.walk import Target, View, Walker
+from karma.agent.walk import Stance, Target, Walker
 from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Vec3, World
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF
@@ -23,7 +24,7 @@ _ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other thi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class SkillLimits:
     """How hard a skill tries."""
 
     max_actions: int = 600  # world actions of one skill
@@ -48,10 +49,11 @@ class Reach:
         limits: how hard to try.
     """
 
-    def __init__(self, world: World, knowledge: Knowledge, limits: Limits) -> None:
+    def __init__(self, world: World, knowledge: Knowledge, limits: SkillLimits) -> None:
         self.world, self.knowledge, self.limits = world, knowledge, limits
         self.log = Sightings()
         self.walker = Walker(world, max_actions=limits.max_actions)
+        self.names = Naming(self.log, knowledge, self.walker.gap)
         self.used: list[str] = []  # ids that names resolved to since `start`
         self.explorations = 0  # since `start`
         self._last_event: Event | None = None  # that `log` has taken in
@@ -75,20 +77,16 @@ class Reach:
 
     # ------------------------------------------------------------- which object
 
-    def find(self, name: str, *, state: str = "", held: bool = True) -> Known | None:
-        """Return what a name means to the agent now; None if it knows of no such thing."""
-        return self.log.resolve(name, self.knowledge, self.walker.gap, state=state, held=held)
-
     def resolve(self, name: str, *, state: str = "", held: bool = True) -> Known:
         """Return what a name means; a basin and its sink stand for each other.
 
         Raises:
             RefusedError: the agent knows of no such thing.
         """
-        found = self.find(name, state=state, held=held)
+        found = self.names.find(name, state=state, held=held)
         for sink, basin in BASIN_OF.items():
             if found is None and name in (sink, basin):
-                found = self.find(basin if name == sink else sink, held=held)
+                found = self.names.find(basin if name == sink else sink, held=held)
         if found is None:
             raise RefusedError(f"no {name} is known; Explore(robot, '{name}') first")
         return found
@@ -114,8 +112,8 @@ class Reach:
         kind = object_types().get(target.object_type)
         movable = kind is not None and kind.can("pickupable")
         views = self.limits.views_of_movable if movable else self.limits.views
-        tried: list[View] = []
-        while len(tried) < views and self.next_view(target, tried):
+        tried: list[Stance] = []
+        while len(tried) < views and self.next_stance(target, tried):
             if self._at_hand(target):
                 return True
             place = self.log.in_view.get(target.place_id or "")
@@ -155,10 +153,10 @@ class Reach:
             f"OpenObject(robot, '{place.object_type}') first"
         )
 
-    def next_view(
+    def next_stance(
         self,
         target: Known,
-        tried: list[View],
+        tried: list[Stance],
         *,
         least_gap_m: float = 0.0,
         past: Vec3 | None = None,
@@ -183,17 +181,17 @@ class Reach:
         return False
 
     def _untried(
-        self, target: Known, tried: list[View], least_gap_m: float, past: Vec3 | None
-    ) -> list[View]:
+        self, target: Known, tried: list[Stance], least_gap_m: float, past: Vec3 | None
+    ) -> list[Stance]:
         """Return the views to try next: after a failure, the one it was last seen from first."""
         sight = self.log.seen.get(target.object_id)
         box = Target(center_m=target.position_m)
-        before: list[View] = []
+        before: list[Stance] = []
         if sight is not None and sight.position_m == target.position_m:
             box = Target(center_m=sight.box_center_m, size_m=sight.box_size_m)
             pose = self.log.seen_from.get(target.object_id)
             if len(tried) == 1 and pose is not None:
-                before = [self.walker.view_of(pose)]
+                before = [self.walker.stance_of(pose)]
         ranked = self.walker.views(box, reach_m=self.limits.reach_m, least_gap_m=least_gap_m)
         used = {(view.state, view.horizon_deg) for view in tried}
         fresh = [v for v in (*before, *ranked) if (v.state, v.horizon_deg) not in used]
@@ -221,12 +219,12 @@ class Reach:
         self.approach(target)
         arguments = {"objectId": target.object_id}
         event = self.walker.do(action, **arguments)
-        tried: list[View] = []
+        tried: list[Stance] = []
         opens = action in ("OpenObject", "CloseObject")
         while _ROOM_MATTERS.search(_plain(refusal(event))):
             if len(tried) == self.limits.retries:
                 break
-            if not self.next_view(target, tried, least_gap_m=0.75 if opens else 0.0):
+            if not self.next_stance(target, tried, least_gap_m=0.75 if opens else 0.0):
                 break
             if target.object_id in self.log.within_reach:
                 event = self.walker.do(action, **arguments)
@@ -287,7 +285,7 @@ def _turn(bearing_deg: float, others_deg: Iterable[float]) -> float:
     return min(abs((bearing_deg - other + 180.0) % 360.0 - 180.0) for other in others_deg)
 
 
-def _alike(one: View, other: View) -> bool:
+def _alike(one: Stance, other: Stance) -> bool:
     """Return whether two views are next to each other and look the same way."""
     near = max(abs(a - b) for a, b in zip(one.state[:2], other.state[:2], strict=True)) <= 1
     same = one.state[2] == other.state[2] and one.horizon_deg == other.horizon_deg

@@ -16,115 +16,229 @@ _LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left 
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
 
-def search(reach: Reach, name: str, positions: Sequence[str | Vec3]) -> Known:
-    """Look for a thing until it is in view; every node and every opened container is counted.
+class Search:
+    """Looks for things, and counts the places it looked at.
 
-    First the given positions, then the other areas, the nearest first (without areas: places that
-    cover the room); then the containers that may hold such a thing, the closed ones first; then
-    places between, from which what stands in a corner may come into reach of the eye; then what is
-    left of the containers.
-
-    Where the log has it that everything was looked at, for this thing or another, nothing is to be
-    found that it does not know: such places are left out until something is done near them.
-
-    Raises:
-        RefusedError: it is nowhere.
+    Args:
+        reach: the body, its log and the agent's memory.
     """
-    found = _in_view(reach, name)
-    if found is None and _is_searched(reach, name):
-        raise RefusedError(f"could not find {name}; everything was searched before")
-    for place in _places(reach, name, positions):
-        if found is not None:
-            return found
-        if isinstance(place, SeenObject):
-            found = look_into(reach, name, place)
-        else:
-            found = look_from(reach, name, place)
-    if found is None:
-        raise RefusedError(f"could not find {name}; searched {reach.explorations} places")
-    return found
 
+    def __init__(self, reach: Reach) -> None:
+        self._reach, self._log, self._walker = reach, reach.log, reach.walker
 
-def _places(
-    reach: Reach, name: str, positions: Sequence[str | Vec3]
-) -> Iterator[Vec3 | SeenObject]:
-    """Yield where to look next, until everything was looked at."""
-    yield from _nodes(reach, positions)
-    yield from _containers(reach, name, only_likely=True)
-    yield from _cover(reach, reach.limits.look_again_m)
-    yield from _containers(reach, name, only_likely=False)
+    def explore(self, name: str, positions: Sequence[str | Vec3]) -> Known:
+        """Go to a thing where it is believed to be, opening what it is shut in, or look for it.
 
+        Args:
+            name: of the thing.
+            positions: where to look first, once nothing is believed of it any more.
 
-def _is_searched(reach: Reach, name: str) -> bool:
-    """Return whether the log leaves nothing to look at."""
-    if not reach.log.looked_from or _next_container(reach, name, only_likely=False):
-        return False
-    return not _cover(reach, reach.limits.look_again_m)
+        Raises:
+            RefusedError: it is nowhere.
+        """
+        passed: set[str] = set()  # a belief that proves wrong gives way to the next one
+        while (
+            target := self._reach.names.find(name)
+        ) is not None and target.object_id not in passed:
+            passed.add(target.object_id)
+            try:
+                if not self._reach.approach(target, closed_will_do=True):
+                    self._open_round(target)
+                return target
+            except RefusedError:
+                continue
+        found = self.find(name, positions)
+        self._reach.used = []  # not the places searched on the way
+        self._reach.use(found)
+        return found
 
+    def _open_round(self, target: Known) -> None:
+        """Open the closed container that a thing is remembered in, and look for it there."""
+        place = self._reach.shut_in(target)
+        if place is not None:
+            self._reach.act(known(place, "seen"), "OpenObject")
+            self._reach.explorations += 1
+        self._reach.approach(target)
 
-def look_from(reach: Reach, name: str, point: Vec3) -> Known | None:
-    """Walk near a point and look around for a thing; one place is counted as searched.
+    def find(self, name: str, positions: Sequence[str | Vec3]) -> Known:
+        """Look for a thing until it is in view; every node and every opened container is counted.
 
-    Not if the log has it that everything was looked at from there.
-    """
-    cell = reach.walker.cell_near(point)
-    if cell in reach.log.looked_from:
-        return None
-    reach.walker.walk_near(point)
-    reach.explorations += 1
-    found = look_around(reach, name)
-    if found is None:
-        reach.log.looked_from.add(cell)
-    return found
+        First the given positions, then the other areas, the nearest first (without areas: places
+        that cover the room); then the containers that may hold such a thing, the closed ones first;
+        then places between, from which corners come into reach of the eye; then what is left of the
+        containers.
 
+        Places that the log has as looked at, for this thing or another, are left out until
+        something is done near them.
 
-def _in_view(reach: Reach, name: str) -> Known | None:
-    sights = [sight for sight in reach.log.in_view.values() if means(name, sight)]
-    sights = [sight for sight in sights if sight.object_id not in reach.log.cut]
-    gap = reach.walker.gap
-    near = min(sights, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
-    return known(near, "seen") if near else None
-
-
-def look_around(reach: Reach, name: str = "") -> Known | None:
-    """Turn round once looking down at tables, and once straight ahead; stop at a thing named."""
-    level = abs(reach.walker.horizon_deg) < 1.0
-    for horizon in _HORIZONS[::-1] if level else _HORIZONS:
-        reach.walker.look(horizon)
-        for turn in range(4):
-            reach.look()
-            found = _in_view(reach, name) if name else None
+        Raises:
+            RefusedError: it is nowhere.
+        """
+        found = self._in_view(name)
+        if found is None and self._is_searched(name):
+            raise RefusedError(f"could not find {name}; everything was searched before")
+        for place in self._places(name, positions):
             if found is not None:
                 return found
-            if turn < 3 and not reach.walker.turn_right():
-                break
-    return None
+            if isinstance(place, SeenObject):
+                found = self.look_into(name, place)
+            else:
+                found = self.look_from(name, place)
+        if found is None:
+            raise RefusedError(f"could not find {name}; searched {self._reach.explorations} places")
+        return found
 
+    def _places(self, name: str, positions: Sequence[str | Vec3]) -> Iterator[Vec3 | SeenObject]:
+        """Yield where to look next, until everything was looked at."""
+        yield from self._nodes(positions)
+        yield from self._containers(name, only_likely=True)
+        yield from self._cover(self._reach.limits.look_again_m)
+        yield from self._containers(name, only_likely=False)
 
-def _nodes(reach: Reach, positions: Sequence[str | Vec3]) -> Iterator[Vec3]:
-    """Yield the points to search from: the given ones in order, then the rest, nearest first."""
-    areas = {area.name: area.position_m for area in reach.knowledge.areas()}
-    for position in positions:
-        if not isinstance(position, str):
-            yield position
-        elif position in areas:
-            yield areas.pop(position)
-        elif (place := reach.find(position)) is not None:
-            yield place.position_m
-    rest = list(areas.values())
-    if not reach.knowledge.areas():
-        rest = _cover(reach, reach.limits.cover_m)
-    while rest:
-        rest.sort(key=lambda point: (reach.walker.gap(point), point))
-        yield rest.pop(0)
+    def _is_searched(self, name: str) -> bool:
+        """Return whether the log leaves nothing to look at."""
+        if not self._log.looked_from or self._next_container(name, only_likely=False):
+            return False
+        return not self._cover(self._reach.limits.look_again_m)
 
+    def look_from(self, name: str, point: Vec3) -> Known | None:
+        """Walk near a point and look around for a thing, counted as one place searched.
 
-def _cover(reach: Reach, within_m: float) -> list[Vec3]:
-    """Return cells so that every cell is near one of them, or near one looked round from."""
-    if reach.log.looked_from:
-        return cover(reach.walker.cells(), reach.log.looked_from, within_m)
-    here = reach.walker.position
-    return [(here[0], 0.0, here[1]), *cover(reach.walker.cells(), [here], within_m)]
+        A place that was looked at before, with nothing done near it since, is left out.
+        """
+        cell = self._walker.cell_near(point)
+        if cell in self._log.looked_from:
+            return None
+        self._walker.walk_near(point)
+        self._reach.explorations += 1
+        found = self.look_around(name)
+        if found is None:
+            self._log.looked_from.add(cell)
+        return found
+
+    def _in_view(self, name: str) -> Known | None:
+        sights = [sight for sight in self._log.in_view.values() if means(name, sight)]
+        sights = [sight for sight in sights if sight.object_id not in self._log.cut]
+        gap = self._walker.gap
+        near = min(sights, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
+        return known(near, "seen") if near else None
+
+    def look_around(self, name: str = "") -> Known | None:
+        """Turn round looking down at tables, then straight ahead; stop at a thing named."""
+        level = abs(self._walker.horizon_deg) < 1.0
+        for horizon in _HORIZONS[::-1] if level else _HORIZONS:
+            self._walker.look(horizon)
+            for turn in range(4):
+                self._reach.look()
+                found = self._in_view(name) if name else None
+                if found is not None:
+                    return found
+                if turn < 3 and not self._walker.turn_right():
+                    break
+        return None
+
+    def _nodes(self, positions: Sequence[str | Vec3]) -> Iterator[Vec3]:
+        """Yield the points to search from: the given ones in order, then the nearest next."""
+        areas = {area.name: area.position_m for area in self._reach.knowledge.areas()}
+        for position in positions:
+            if not isinstance(position, str):
+                yield position
+            elif position in areas:
+                yield areas.pop(position)
+            elif (place := self._reach.names.find(position)) is not None:
+                yield place.position_m
+        rest = list(areas.values())
+        if not self._reach.knowledge.areas():
+            rest = self._cover(self._reach.limits.cover_m)
+        while rest:
+            rest.sort(key=lambda point: (self._walker.gap(point), point))
+            yield rest.pop(0)
+
+    def _cover(self, within_m: float) -> list[Vec3]:
+        """Return cells so that every cell is near one of them, or near one looked round from."""
+        if self._log.looked_from:
+            return cover(self._walker.cells(), self._log.looked_from, within_m)
+        here = self._walker.position
+        return [(here[0], 0.0, here[1]), *cover(self._walker.cells(), [here], within_m)]
+
+    def _containers(self, name: str, *, only_likely: bool) -> Iterator[SeenObject]:
+        """Yield the containers that were not looked into, while there are any."""
+        while (container := self._next_container(name, only_likely=only_likely)) is not None:
+            yield container
+
+    def _next_container(self, name: str, *, only_likely: bool) -> SeenObject | None:
+        """Return the container to look into next: closed, that may hold the thing, and near."""
+        types = object_types()
+        wanted = types.get(type_of(name))
+        if wanted is not None and not wanted.can("pickupable"):
+            return None
+
+        def rank(sight: SeenObject) -> tuple[bool, bool, float, str]:
+            fits = wanted is not None and wanted.fits(types[sight.object_type])
+            gap = self._walker.gap(sight.box_center_m)
+            return "opened" in sight.states, not fits, gap, sight.object_id
+
+        containers = [
+            sight
+            for object_id, sight in self._log.seen.items()
+            if object_id not in self._log.looked_into and {"closed", "opened"} & set(sight.states)
+            if (kind := types.get(sight.object_type)) and kind.can("receptacle")
+            if not only_likely or wanted is None or wanted.fits(kind)
+        ]
+        return min(containers, key=rank, default=None)
+
+    def look_into(self, name: str, container: SeenObject) -> Known | None:
+        """Open a container and look; what was closed is closed again if the thing is not there."""
+        if self._walker.left < _LEFT_TO_CLOSE:
+            raise OutOfActionsError
+        target = known(container, "seen")
+        shut = "closed" in container.states
+        try:
+            if shut:
+                self._reach.act(target, "OpenObject", in_passing=True)
+            else:
+                self._reach.approach(target)
+        except RefusedError:
+            self._log.looked_into.add(container.object_id)
+            return None
+        self._reach.explorations += 1
+        found = self._in_view(name)
+        if found is None:
+            found = self._look_inside(name, container)
+        if found is None:
+            self._log.looked_into.add(container.object_id)
+            if shut:
+                with suppress(RefusedError):
+                    self._reach.act(target, "CloseObject", in_passing=True)
+        else:
+            self._log.handled.append(container.object_id)
+            self._log.focus[container.object_type] = container.object_id
+        return found
+
+    def _look_inside(self, name: str, container: SeenObject) -> Known | None:
+        """Look into an open container from far, from aside, and past what stands in there."""
+        target, tried = known(container, "seen"), [self._walker.stance()]
+        for gap_m, aside in ((_FAR_M, False), (0.0, True)):
+            past = container.box_center_m if aside else None
+            if self._reach.next_stance(target, tried, least_gap_m=gap_m, past=past):
+                found = self._in_view(name)
+                if found is not None:
+                    return found
+        hides = self._hiding(name, container)
+        if hides is not None:
+            self._reach.next_stance(target, tried, past=hides.box_center_m)
+        return self._in_view(name)
+
+    def _hiding(self, name: str, container: SeenObject) -> SeenObject | None:
+        """Return the largest thing seen in a container, if it is larger than what is looked for."""
+        kind = object_types().get(type_of(name))
+        least = math.prod(kind.size_m) if kind is not None else 0.0
+        inside = [
+            one
+            for one in self._log.seen.values()
+            if container.object_id in one.parent_ids and math.prod(one.box_size_m) > least
+        ]
+        return max(inside, key=lambda one: (math.prod(one.box_size_m), one.object_id), default=None)
 
 
 def cover(
@@ -141,87 +255,3 @@ def cover(
         chosen.append((x, 0.0, z))
         gaps = {cell: min(gap, math.dist(cell, (x, z))) for cell, gap in gaps.items()}
     return chosen
-
-
-def _containers(reach: Reach, name: str, *, only_likely: bool) -> Iterator[SeenObject]:
-    """Yield the containers that were not looked into, while there are any."""
-    while (container := _next_container(reach, name, only_likely=only_likely)) is not None:
-        yield container
-
-
-def _next_container(reach: Reach, name: str, *, only_likely: bool) -> SeenObject | None:
-    """Return the container to look into next: closed, that may hold the thing, and near."""
-    types = object_types()
-    wanted = types.get(type_of(name))
-    if wanted is not None and not wanted.can("pickupable"):
-        return None
-
-    def rank(sight: SeenObject) -> tuple[bool, bool, float, str]:
-        fits = wanted is not None and wanted.fits(types[sight.object_type])
-        gap = reach.walker.gap(sight.box_center_m)
-        return "opened" in sight.states, not fits, gap, sight.object_id
-
-    containers = [
-        sight
-        for object_id, sight in reach.log.seen.items()
-        if object_id not in reach.log.looked_into and {"closed", "opened"} & set(sight.states)
-        if (kind := types.get(sight.object_type)) and kind.can("receptacle")
-        if not only_likely or wanted is None or wanted.fits(kind)
-    ]
-    return min(containers, key=rank, default=None)
-
-
-def look_into(reach: Reach, name: str, container: SeenObject) -> Known | None:
-    """Open a container and look; what was closed is closed again if the thing is not there."""
-    if reach.walker.left < _LEFT_TO_CLOSE:
-        raise OutOfActionsError
-    target = known(container, "seen")
-    shut = "closed" in container.states
-    try:
-        if shut:
-            reach.act(target, "OpenObject", in_passing=True)
-        else:
-            reach.approach(target)
-    except RefusedError:
-        reach.log.looked_into.add(container.object_id)
-        return None
-    reach.explorations += 1
-    found = _in_view(reach, name)
-    if found is None:
-        found = _look_inside(reach, name, container)
-    if found is None:
-        reach.log.looked_into.add(container.object_id)
-        if shut:
-            with suppress(RefusedError):
-                reach.act(target, "CloseObject", in_passing=True)
-    else:
-        reach.log.handled.append(container.object_id)
-        reach.log.focus[container.object_type] = container.object_id
-    return found
-
-
-def _look_inside(reach: Reach, name: str, container: SeenObject) -> Known | None:
-    """Look into an open container from far, from another side, and past what stands in there."""
-    target, tried = known(container, "seen"), [reach.walker.here()]
-    for gap_m, aside in ((_FAR_M, False), (0.0, True)):
-        past = container.box_center_m if aside else None
-        if reach.next_view(target, tried, least_gap_m=gap_m, past=past):
-            found = _in_view(reach, name)
-            if found is not None:
-                return found
-    hides = _hiding(reach, name, container)
-    if hides is not None:
-        reach.next_view(target, tried, past=hides.box_center_m)
-    return _in_view(reach, name)
-
-
-def _hiding(reach: Reach, name: str, container: SeenObject) -> SeenObject | None:
-    """Return the largest thing seen in a container, if it is larger than what is looked for."""
-    kind = object_types().get(type_of(name))
-    least = math.prod(kind.size_m) if kind is not None else 0.0
-    inside = [
-        one
-        for one in reach.log.seen.values()
-        if container.object_id in one.parent_ids and math.prod(one.box_size_m) > least
-    ]
-    return max(inside, key=lambda one: (math.prod(one.box_size_m), one.object_id), default=None)

@@ -1,19 +1,17 @@
-"""What the agent has seen and done since it began, and which object a name means."""
+"""What the agent has seen and done since an instruction was given."""
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from karma.agent.perceive import place_of
-from karma.contracts import Knowledge, Known, Observation, Pose, SeenObject, Vec3
+from karma.contracts import Experience, Known, Observation, Pose, SeenObject, Vec3
 from karma.household.ids import is_part, whole_id
 from karma.household.pieces import goes_by, is_piece
 from karma.household.places import HAND
 from karma.household.types import object_types
 
 _CHANGES_M = 2.0  # from so far away a deed may have changed what is seen
-_SAME_PLACE_M = 0.3  # a memory this near to where a thing was missed is the same, stale memory
 
 
 @dataclass(slots=True)
@@ -45,6 +43,18 @@ class Sightings:
         for sight in (*observation.seen, *filter(None, [observation.held])):
             self._note(sight)
             self.views[sight.object_id] = observation
+
+    def experience(self) -> Experience:
+        """Return the log as it stands."""
+        return Experience(
+            seen=dict(self.seen),
+            views=dict(self.views),
+            held=self.held,
+            handled_ids=tuple(self.handled),
+            effects={object_id: tuple(words) for object_id, words in self.effects.items()},
+            missed=frozenset(self.missed),
+            cut=frozenset(self.cut),
+        )
 
     def _note(self, sight: SeenObject) -> None:
         self.seen[sight.object_id] = self._without_door(sight)
@@ -106,94 +116,6 @@ class Sightings:
         self.cut.add(whole)
         for sight in observation.pieces:
             self._note(sight)
-
-    # ------------------------------------------------------------- what a name means
-
-    def resolve(
-        self, name: str, knowledge: Knowledge, here: "Here", *, state: str = "", held: bool = True
-    ) -> Known | None:
-        """Return the object that a name means, or None if the agent knows of none.
-
-        In this order: the id itself; what is held; what a skill last turned to, if in view; what
-        memory knows; the nearest in view; the nearest seen before.
-
-        Args:
-            name: object id or type.
-            knowledge: the agent's memory.
-            here: horizontal distance from the agent.
-            state: a word that is to be preferred among several of a type in view.
-            held: whether the thing in the hand may be meant.
-        """
-        if held and self.held and means(name, self.held):
-            return known(self.held, "held")
-        found = self._believed(name, knowledge, here, held=held)
-        if found is not None and found.object_id != name and state:
-            sight = self.in_view.get(found.object_id)
-            if sight is None or state not in sight.states:
-                found = self._nearest(name, self.in_view, here, state=state) or found
-        return self._slice_of(found, here) if found else None
-
-    def _believed(
-        self, name: str, knowledge: Knowledge, here: "Here", *, held: bool
-    ) -> Known | None:
-        if name in self.seen and name not in self.missed and (held or name != self.held_id):
-            return known(self.seen[name], "seen")
-        focus = self.in_view.get(self.focus.get(name, ""))
-        if focus and not focus.pickupable:
-            return known(focus, "seen")
-        last = self.focus.get(name, "")  # of several the one in use, wherever it is by now
-        there = last in self.handled and last in self.seen and last not in self.missed
-        if there and (held or last != self.held_id):
-            return known(self.seen[last], "seen")
-        found = knowledge.where(name)
-        if found and self._credible(found) and (held or found.object_id != self.held_id):
-            sight = self.seen.get(found.object_id)
-            return known(sight, found.source) if sight and sight is not self.held else found
-        return self._nearest(name, self.in_view, here) or self._nearest(name, self.seen, here)
-
-    def _credible(self, found: Known) -> bool:
-        """Return whether a memory is not the one that was just found to be wrong."""
-        missed = self.missed.get(found.object_id)
-        return missed is None or math.dist(missed, found.position_m) > _SAME_PLACE_M
-
-    def _nearest(
-        self, name: str, sights: Mapping[str, SeenObject], here: "Here", *, state: str = ""
-    ) -> Known | None:
-        fitting = [
-            sight
-            for object_id, sight in sights.items()
-            if means(name, sight) and object_id not in self.missed and object_id != self.held_id
-            if not state or state in sight.states
-        ]
-        if not fitting:
-            return None
-        near = min(
-            fitting, key=lambda s: (s.object_id in self.cut, here(s.box_center_m), s.object_id)
-        )
-        return known(near, "seen")
-
-    def others(self, one: Known, here: "Here") -> list[Known]:
-        """Return the other things of a type that were seen and are not closed, nearest first."""
-        sights = [
-            sight
-            for sight in self.seen.values()
-            if sight.object_type == one.object_type and sight.object_id != one.object_id
-            if "closed" not in sight.states and sight.object_id != self.held_id
-        ]
-        sights.sort(key=lambda sight: (here(sight.box_center_m), sight.object_id))
-        return [known(sight, "seen") for sight in sights]
-
-    def _slice_of(self, whole: Known, here: "Here") -> Known:
-        """Return the nearest slice of a thing that has been cut, else the thing."""
-        if whole.object_id not in self.cut:
-            return whole
-        parts = {k: v for k, v in self.seen.items() if is_part(k, whole.object_id)}
-        views = {k: v for k, v in parts.items() if k in self.in_view}
-        name = whole.object_id
-        return self._nearest(name, views, here) or self._nearest(name, parts, here) or whole
-
-
-Here = Callable[[Vec3], float]
 
 
 def known(sight: SeenObject, source: Any) -> Known:

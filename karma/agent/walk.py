@@ -36,7 +36,7 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class Stance:
     """A way to stand and look, and what it costs to get there (actions, and a little for odds)."""
 
     state: State
@@ -139,16 +139,16 @@ class Walker:
         """Return the horizontal distance from the agent to a point, in metres."""
         return self._gap(self._state, point)
 
-    def here(self) -> View:
+    def stance(self) -> Stance:
         """Return how the agent stands and looks now."""
-        return View(state=self._state, horizon_deg=self._horizon, gap_m=0.0, cost=0.0)
+        return Stance(state=self._state, horizon_deg=self._horizon, gap_m=0.0, cost=0.0)
 
-    def view_of(self, pose: Pose) -> View:
+    def stance_of(self, pose: Pose) -> Stance:
         """Return a pose as a view; its cost and gap are left at 0."""
         state = (*self._cell(pose.position_m), round(pose.yaw_deg / 90.0) % 4)
-        return View(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
+        return Stance(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
 
-    def bearing_deg(self, view: View, point: Vec3) -> float:
+    def bearing_deg(self, view: Stance, point: Vec3) -> float:
         """Return in which direction a point lies from a view, 0 = +z, 90 = +x."""
         x, z = self._metres(view.state)
         return math.degrees(math.atan2(point[0] - x, point[2] - z))
@@ -162,7 +162,7 @@ class Walker:
         """Return all cells of the map: x, z in metres."""
         return self._cells.values()
 
-    def views(self, target: Target, *, reach_m: float, least_gap_m: float = 0.0) -> list[View]:
+    def views(self, target: Target, *, reach_m: float, least_gap_m: float = 0.0) -> list[Stance]:
         """Return the ways to stand and look at a target, the cheapest first.
 
         Cells within `reach_m` of the target's box; if there are none, the nearest ones.
@@ -183,7 +183,7 @@ class Walker:
 
     def _view(
         self, cell: Cell, gap: float, target: Target, eye: float, ways: Mapping[State, "_Way"]
-    ) -> View:
+    ) -> Stance:
         x, z = self._metres(cell)
         ax, az = self._aim(cell, target)
         dx, dz = ax - x, az - z
@@ -199,7 +199,7 @@ class Walker:
         tilts = abs(horizon - self._horizon) / 30.0
         known = ways.get(state)
         walk = known[0] if known else 1000  # a heading that walls keep out of reach
-        return View(state=state, horizon_deg=horizon, gap_m=gap, cost=walk + tilts + odds)
+        return Stance(state=state, horizon_deg=horizon, gap_m=gap, cost=walk + tilts + odds)
 
     def _aim(self, cell: Cell, target: Target) -> tuple[float, float]:
         """Return the point of the box to face: the nearest one, up to 0.25 m inside."""

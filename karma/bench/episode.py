@@ -218,7 +218,7 @@ class _Part:
             finished=outcome.finished,
             answers=tuple(_answer(plan) for plan in plans),
             calls=tuple(Call.of(result) for result in results),
-            recalled=tuple(unit.object_id for unit in plans[0].recalled) if plans else (),
+            recalled=tuple(unit.object_id for unit in plans[0].units) if plans else (),
             queries=len(wanted),
             hits=sum(_resident(name, here) for name in wanted),
             hosted=untimed(spent),

@@ -174,7 +174,7 @@ class StepLog:
             self.add(Map(text=self._map))
         self.add(
             Planned(
-                recalled=tuple(unit.object_id for unit in moment.recalled),
+                recalled=tuple(unit.object_id for unit in moment.units),
                 prompt=moment.prompt.changing,
                 program=moment.completion.text,
                 error=moment.error,

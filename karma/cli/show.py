@@ -55,7 +55,7 @@ class InstructionView:
     def __rich__(self) -> RenderableType:
         parts: list[RenderableType] = []
         if self._plan is not None:
-            parts.append(memory_table(self._plan.recalled, "recalled from short-term memory"))
+            parts.append(memory_table(self._plan.units, "recalled from short-term memory"))
             parts += self._past
             parts.append(self._program(self._plan))
         style = "yellow"

@@ -1,20 +1,22 @@
 """KARMA: both memories in the prompt; without one of them it is the paper's ablation (Table 2)."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from karma.agent.planner import Planner, grounded
-from karma.agent.prompt import Facts
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
+    Experience,
     Known,
     MemoryUnit,
     Outcome,
     Plan,
+    PlanRequest,
     Recall,
+    Recalled,
     Resources,
     SceneRef,
     SkillResult,
@@ -22,13 +24,13 @@ from karma.contracts import (
     VisionModel,
     World,
 )
-from karma.household.ids import type_of, whole_id
+from karma.household.ids import type_of
 from karma.household.pieces import goes_by
 from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
-from karma.memory.short_term import ShortTermMemory, merged
-from karma.methods.experience import fresh_units
+from karma.memory.short_term import ShortTermMemory
+from karma.methods.experience import units_of
 from karma.methods.options import settings_of
 from karma.methods.tour import position_of, survey
 
@@ -44,7 +46,7 @@ class KarmaSettings:
     by_name: bool = True  # names are looked up in all of memory, else in what is recalled
     query: Literal["instruction", "subtask"] = "subtask"  # the paper's is the user's whole text
     attempts: int = 3  # programs per instruction; later ones quote what failed
-    witnesses: int = 2  # things only seen that are remembered per instruction
+    seen_kept: int = 2  # things only seen that are remembered per instruction
 
 
 class KarmaMethod:
@@ -143,118 +145,149 @@ class KarmaEpisode:
         """Plan and act until a program succeeds or the attempts are used up; then remember."""
         resident = self.short_term.units()
         recalled = self._recalled(subtask)
-        by_name = self.settings.short_term and self.settings.by_name
-        known = self.short_term.units(self._scene) if by_name else ()
-        turn = _Turn(self._world, self._scene, recalled, self.graph, known=known)
-        error, finished = "", False
+        request = self._request(subtask, recalled)
+        beliefs = _Beliefs(self._world, self.graph, self._found_by_name(request.units))
+        skills = Skills(self._world, beliefs)
+        failed: SkillResult | None = None
+        finished = False
         for _ in range(self.settings.attempts):
             plan = None
-            for plan in self._planner.plan(self._facts(subtask, turn, error)):
+            for plan in self._planner.plan(self._updated(request, skills, failed)):
                 yield plan
             if plan is None or plan.error:
                 break
-            error = ""
-            for call in grounded(plan.calls, plan.names):
-                result = turn.skills.run(call)
-                yield result
-                if not result.ok:
-                    error = f"{result.call}: {result.reason}"
-                    if call.skill == "Explore":
-                        turn.missing.append(call.objects[-1])
-                    break
-            finished = not error
-            if finished:
+            failed = yield from _carried_out(plan, skills)
+            finished = failed is None
+            if failed is None:
                 break
-        self._remember(turn, subtask)
+            request = _without(request, failed)
+        experience = skills.experience
+        self._remember(experience, subtask.instruction)
         yield Outcome(
             finished=finished,
             resident=resident,
-            handled_ids=tuple(turn.skills.handled),
+            handled_ids=experience.handled_ids,
             kept=self.short_term.units(),
             tour=self.graph.tour if self.graph else None,
         )
 
     # ------------------------------------------------------------- memory into the prompt
 
-    def _recalled(self, subtask: SubTask) -> tuple[MemoryUnit, ...]:
-        """Return the top K units of this room, least recently used first."""
+    def _recalled(self, subtask: SubTask) -> list[Recalled]:
+        """Return the top K units of this room, best first."""
         units = self.short_term.units(self._scene) if self.settings.short_term else ()
         whole = self.settings.query == "instruction" and subtask.whole
         query = whole or subtask.instruction
-        if not units:
-            return ()
-        found = self._recall.recall(query, units, min(self.settings.recall_k, len(units)))
-        chosen = {item.unit.object_id for item in found}
-        return tuple(unit for unit in units if unit.object_id in chosen)
+        k = min(self.settings.recall_k, len(units))
+        return self._recall.recall(query, units, k) if units else []
 
-    def _facts(self, subtask: SubTask, turn: "_Turn", error: str) -> Facts:
-        turn.skills.look()
-        held = turn.skills.held
-        return Facts(
+    def _request(self, subtask: SubTask, recalled: Sequence[Recalled]) -> PlanRequest:
+        """Return what the planner is told at first: the map, and what was recalled by last use."""
+        chosen = {item.unit.object_id for item in recalled}
+        units = self.short_term.units(self._scene)
+        return PlanRequest(
             instruction=subtask.instruction,
-            areas=turn.areas(),
+            areas=self.graph.areas() if self.graph else (),
             graph_text=self.graph.to_text() if self.graph else "",
-            units=turn.units(self._vision, subtask.instruction)
-            if error and self.settings.short_term
-            else turn.recalled,
+            recalled=tuple(recalled),
+            units=tuple(unit for unit in units if unit.object_id in chosen),
+        )
+
+    def _found_by_name(self, recalled: Sequence[MemoryUnit]) -> tuple[MemoryUnit, ...]:
+        """Return the units that a name may mean: the recalled ones first, the last used first."""
+        by_name = self.settings.short_term and self.settings.by_name
+        others = self.short_term.units(self._scene) if by_name else ()
+        return (*reversed(recalled), *reversed(others))
+
+    def _updated(
+        self, request: PlanRequest, skills: Skills, failed: SkillResult | None
+    ) -> PlanRequest:
+        """Return the request with the hand and, after a failure, what was done so far."""
+        skills.look()
+        experience = skills.experience
+        held = experience.held
+        request = replace(
+            request,
             held_id=held.object_id if held else None,
             held_type=held.object_type if held else None,
-            error=error,
-            missing=tuple(turn.missing),
         )
+        if failed is None or not self.settings.short_term:
+            return request
+        fresh = self._units(experience, request.units, request.instruction)
+        new = {unit.object_id for unit in fresh} | experience.gone
+        kept = (unit for unit in request.units if unit.object_id not in new)
+        return replace(request, units=(*kept, *fresh))
 
     # ------------------------------------------------------------- experience into memory
 
-    def _remember(self, turn: "_Turn", subtask: SubTask) -> None:
+    def _remember(self, experience: Experience, instruction: str) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
-        known = self.short_term.units(self._scene)  # slices inherit from wholes, which are gone
-        for object_id in turn.gone():
-            self.short_term.forget(object_id, self._scene)
-        units = fresh_units(
-            turn.skills,
-            self._vision,
-            subtask.instruction,
-            witnesses=self.settings.witnesses,
-            folder=self._folder,
-            scene=self._scene,
-        )
+        before = self.short_term.units(self._scene)
+        lost = [unit for unit in before if unit.object_id in experience.gone]
+        for unit in lost:
+            self.short_term.forget(unit.object_id, self._scene)
+        kept, folder = self.settings.seen_kept, self._folder
+        units = self._units(experience, lost, instruction, seen_kept=kept, folder=folder)
         if self.settings.short_term:
-            for unit in _with_history(units, known, turn.skills.cut):
+            for unit in units:
                 self.short_term.remember(unit)
         if self.graph is not None:
-            self.graph.observe(turn.skills.seen.values())
+            self.graph.observe(experience.seen.values())
             if self._learn and (path := self._map_path()) is not None:
                 self.graph.save(path)
 
+    def _units(
+        self,
+        experience: Experience,
+        before: Sequence[MemoryUnit],
+        instruction: str,
+        *,
+        seen_kept: int = 0,
+        folder: Path | None = None,
+    ) -> list[MemoryUnit]:
+        return units_of(
+            experience,
+            before,
+            self._vision,
+            instruction,
+            scene=self._scene,
+            seen_kept=seen_kept,
+            folder=folder,
+        )
 
-class _Turn:
-    """One instruction being carried out: the skills' log, and memory as skills may ask it.
+
+def _carried_out(plan: Plan, skills: Skills) -> Generator[SkillResult, None, SkillResult | None]:
+    """Run a program until a call is refused; returns that one, None if all went well."""
+    for call in grounded(plan.calls, plan.names):
+        result = skills.run(call)
+        yield result
+        if not result.ok:
+            return result
+    return None
+
+
+def _without(request: PlanRequest, failed: SkillResult) -> PlanRequest:
+    """Return the request after a failure: quoted, and not searched for again what is not there."""
+    missing = failed.call.objects[-1:] if failed.call.skill == "Explore" else ()
+    error = f"{failed.call}: {failed.reason}"
+    return replace(request, error=error, missing=(*request.missing, *missing))
+
+
+class _Beliefs:
+    """What skills may ask of memory: units by name, then the map, then what holds a unit.
 
     Args:
         world: where.
-        scene: name of the room.
-        recalled: units in the prompt, of this room.
-        graph: long-term memory of it.
-        known: units of this room that are found by their names only.
+        graph: long-term memory of the room.
+        units: of the room, the most likely meant first.
     """
 
-    def __init__(
-        self,
-        world: World,
-        scene: str,
-        recalled: Sequence[MemoryUnit],
-        graph: SceneGraph | None,
-        *,
-        known: Sequence[MemoryUnit] = (),
-    ) -> None:
-        self._world, self._scene, self._graph = world, scene, graph
-        self.recalled, self._known = tuple(recalled), tuple(known)
-        self.missing: list[str] = []  # names that were searched for in vain
-        self.skills = Skills(world, self)
+    def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
+        self._world, self._graph, self._units = world, graph, units
 
     def where(self, name: str) -> Known | None:
-        """Return the best known place of a name: units, the map, then what holds a unit."""
-        for unit in (*reversed(self.recalled), *reversed(self._known)):
+        """Return the best known place of a name, None if nothing is known of it."""
+        for unit in self._units:
             if goes_by(name, unit.object_id, unit.object_type):
                 return Known(
                     object_id=unit.object_id,
@@ -269,7 +302,7 @@ class _Turn:
 
     def _holder(self, name: str) -> Known | None:
         """Return the receptacle of that id as known from what memory has in it."""
-        for unit in (*reversed(self.recalled), *reversed(self._known)):
+        for unit in self._units:
             if unit.place_id == name and name != HAND:
                 return Known(
                     object_id=name,
@@ -282,33 +315,6 @@ class _Turn:
     def areas(self) -> tuple[Area, ...]:
         """Return the area nodes; () without long-term memory."""
         return self._graph.areas() if self._graph else ()
-
-    def gone(self) -> frozenset[str]:
-        """Return ids that memory had wrong, and wholes that were cut."""
-        return (self.skills.missed - set(self.skills.seen)) | self.skills.cut
-
-    def units(self, vision: VisionModel, instruction: str) -> tuple[MemoryUnit, ...]:
-        """Return what the next program of the same instruction may build on."""
-        fresh = fresh_units(self.skills, vision, instruction, witnesses=0, scene=self._scene)
-        fresh = _with_history(fresh, self.recalled, self.skills.cut)
-        new = {unit.object_id for unit in fresh} | self.gone()
-        return (*(unit for unit in self.recalled if unit.object_id not in new), *fresh)
-
-
-def _with_history(
-    units: Sequence[MemoryUnit], known: Sequence[MemoryUnit], cut: frozenset[str]
-) -> list[MemoryUnit]:
-    """Let units that are new to memory inherit the states of what they were cut from."""
-    by_id = {unit.object_id: unit for unit in known}
-    found = []
-    for unit in units:
-        whole = by_id.get(whole_id(unit.object_id))
-        if unit.object_id in by_id:
-            unit = merged(by_id[unit.object_id], unit)
-        elif whole is not None and whole.object_id in cut:
-            unit = replace(merged(whole, unit), object_id=unit.object_id)
-        found.append(unit)
-    return found
 
 
 def _name(settings: KarmaSettings) -> str:

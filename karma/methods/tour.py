@@ -36,7 +36,7 @@ def survey(world: World, scene: SceneRef, saved: Path | None) -> tuple[SceneGrap
     for area in tour(lookouts, position_of(world)):
         skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))
         skills.look_around()
-        graph.observe(skills.seen.values())
+        graph.observe(skills.experience.seen.values())
     graph.tour = Tour(scene=scene.name, places=len(lookouts), actions=skills.actions)
     world.reset(scene.source)
     return graph, True

@@ -2,8 +2,7 @@
 
 import pytest
 
-from karma.agent.perceive import observe, place_of, refusal, to_unit, truth_of
-from karma.contracts import MemoryUnit, SeenObject
+from karma.agent.perceive import observe, place_of, refusal, truth_of
 from karma.household.places import HAND
 from karma.world.sim import EmbeddedWorld
 
@@ -166,33 +165,3 @@ def test_cooled_is_what_a_fridge_holds_when_it_closes(world):
     assert truth_of(put(world, apple, fridge)).cooled == frozenset()
     assert apple in truth_of(do(world, "CloseObject", fridge)).cooled
     assert truth_of(world.step("Pass")).cooled == frozenset()
-
-
-def sight(*parents):
-    return SeenObject(
-        object_id="Apple|1", object_type="Apple", position_m=(1.0, 2.0, 3.0), pickupable=True,
-        box_center_m=(1.0, 2.0, 3.0), box_size_m=(0.1, 0.1, 0.1), parent_ids=parents,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("parents", "place"),
-    [
-        ((), None),
-        (("Floor|0",), "Floor|0"),
-        (("Floor|0", "Box|1"), "Box|1"),
-        (("Plate|1", "CounterTop|1"), "Plate|1"),
-        ((HAND,), HAND),
-    ],
-)
-def test_unit_lies_in_the_nearest_parent_that_is_not_the_floor(parents, place):
-    unit = to_unit(sight(*parents), ("cleaned",), handled=True, image=None)
-    assert unit.place_id == place
-
-
-def test_unit_keeps_states_in_order_once_and_without_none():
-    states = ("sliced", "none", "cleaned", "sliced")
-    assert to_unit(sight(), states, handled=False, image="images/Apple.png") == MemoryUnit(
-        object_id="Apple|1", object_type="Apple", position_m=(1.0, 2.0, 3.0),
-        states=("sliced", "cleaned"), handled=False, image="images/Apple.png",
-    )  # fmt: skip

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from support.paths import GOLDEN
 
 from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import PROFILES, Facts, render, short_names
-from karma.contracts import Area, MemoryUnit
+from karma.agent.prompt import PROFILES, render, short_names
+from karma.contracts import Area, MemoryUnit, PlanRequest
 from karma.errors import UnknownNameError
 from karma.household.pieces import base_type
 from karma.household.places import landmark_types
@@ -33,7 +33,7 @@ SLICE = unit(
     "Apple|2|AppleSliced_1", "AppleSliced", states=("cleaned", "sliced"),
     place_id="Fridge|1", handled=True,
 )  # fmt: skip
-FACTS = Facts(
+FACTS = PlanRequest(
     instruction="Put the clean red fruit\n on the table!", areas=AREAS, graph_text=GRAPH,
     units=(OLD_APPLE, MUG, SLICE), held_id="Bread|1", held_type="BreadSliced",
     error="line 1: Fridge|+00.1|+00.2 is closed",
@@ -50,7 +50,7 @@ def parts(profile, facts):
 
 @each_profile
 def test_stable_part_ends_in_a_newline_with_and_without_a_map(profile):
-    for facts in (FACTS, Facts(instruction="go")):
+    for facts in (FACTS, PlanRequest(instruction="go")):
         stable, changing, _ = parts(profile, facts)
         assert stable.endswith("\n")
         assert changing.endswith("\n") or profile == "full"
@@ -73,11 +73,11 @@ UNITS = st.lists(
 @each_profile
 @given(units=UNITS, instruction=st.text(max_size=30), held=st.booleans(), error=st.text(max_size=9))
 def test_stable_part_depends_on_the_map_only(profile, units, instruction, held, error):
-    facts = Facts(
+    facts = PlanRequest(
         instruction=instruction, areas=AREAS, graph_text=GRAPH, units=units, error=error,
         held_id="Pan|1" if held else None, held_type="Pan" if held else None,
     )  # fmt: skip
-    empty = Facts(instruction="", areas=AREAS, graph_text=GRAPH)
+    empty = PlanRequest(instruction="", areas=AREAS, graph_text=GRAPH)
     assert parts(profile, facts)[0] == parts(profile, empty)[0]
 
 
@@ -104,7 +104,7 @@ def test_compact_profile_leaves_out_what_no_program_names():
 
 
 def test_compact_profile_without_map_says_unknown():
-    assert parts("compact", Facts(instruction="go"))[0] == "#areas\nunknown\n"
+    assert parts("compact", PlanRequest(instruction="go"))[0] == "#areas\nunknown\n"
 
 
 def test_full_profile_s_examples_are_programs():

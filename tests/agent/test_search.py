@@ -2,7 +2,8 @@
 
 import pytest
 
-from karma.agent.skills import Limits, Skills
+from karma.agent.reach import SkillLimits
+from karma.agent.skills import Skills
 from karma.bench.days import drawn
 from karma.contracts import Known, SceneRef, SkillCall, Task
 from karma.memory.scene_graph import SceneGraph
@@ -93,7 +94,7 @@ def test_a_new_instruction_searches_anew(world):
 def test_a_search_that_ran_out_of_actions_is_gone_on_with(world):
     whole = searched(world).actions
     world.reset("bathroom_1")
-    skills = Skills(world, Nothing(), limits=Limits(max_actions=whole // 3))
+    skills = Skills(world, Nothing(), limits=SkillLimits(max_actions=whole // 3))
     reasons = [explore(skills, "Basketball").reason for _ in range(8)]
     assert reasons[0].startswith("gave up after ")
     assert reasons[-1] == "could not find Basketball; everything was searched before"
@@ -102,7 +103,7 @@ def test_a_search_that_ran_out_of_actions_is_gone_on_with(world):
 
 @pytest.mark.parametrize("most", (60, 100, 140, 180))
 def test_a_search_that_runs_out_of_actions_leaves_nothing_open(world, most):
-    skills = Skills(world, Nothing(), limits=Limits(max_actions=most))
+    skills = Skills(world, Nothing(), limits=SkillLimits(max_actions=most))
     assert explore(skills, "Basketball").reason.startswith("gave up after ")
     assert not any(
         t["isOpen"] for t in world.last_event.metadata["objects"] if t["objectType"] == "Cabinet"

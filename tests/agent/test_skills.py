@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma.agent.program import SKILLS, parse_program
-from karma.agent.skills import Limits, Skills
+from karma.agent.reach import SkillLimits
+from karma.agent.skills import Skills
 from karma.contracts import Area, Known, SkillCall
 from karma.world.core import scene
 from karma.world.sim import EmbeddedWorld
@@ -184,7 +185,7 @@ def test_go_to_an_area_node_walks_there(world):
 def test_apple_goes_into_the_fridge_once_it_is_open(world, skills):
     apple, fridge = thing(world, "Apple")["objectId"], thing(world, "Fridge")["objectId"]
     succeed(skills, "PickupObject(robot, 'Apple')")
-    assert skills.held.object_id == apple
+    assert skills.experience.held.object_id == apple
     before = truth(world)
     reason = refuse(skills, "PutObject(robot, 'Apple', 'Fridge')")
     assert "OpenObject(robot, 'Fridge')" in reason
@@ -197,8 +198,14 @@ def test_apple_goes_into_the_fridge_once_it_is_open(world, skills):
         "CloseObject(robot, 'Fridge')",
     )
     assert thing(world, apple)["parentReceptacles"][0] == fridge
-    assert skills.handled == [apple, fridge, apple, fridge, fridge]
-    assert skills.seen[apple].parent_ids[0] == fridge
+    assert skills.experience.handled_ids == (
+        apple,
+        fridge,
+        apple,
+        fridge,
+        fridge,
+    )
+    assert skills.experience.seen[apple].parent_ids[0] == fridge
     (result,) = succeed(skills, "GoToObject(robot, 'Apple')")
     assert "closed container" in result.reason
     assert "OpenObject" in refuse(skills, "PickupObject(robot, 'Apple')")
@@ -208,12 +215,12 @@ def test_apple_goes_into_the_fridge_once_it_is_open(world, skills):
 def test_an_open_door_leaves_the_box_that_the_robot_looks_for(world, skills):
     succeed(skills, "GoToObject(robot, 'Fridge')")
     fridge = thing(world, "Fridge")["objectId"]
-    closed = skills.seen[fridge]
+    closed = skills.experience.seen[fridge]
     succeed(skills, "OpenObject(robot, 'Fridge')")
     assert thing(world, "Fridge")["axisAlignedBoundingBox"]["size"] != dict(
         zip("xyz", closed.box_size_m, strict=True)
     )
-    opened = skills.seen[fridge]
+    opened = skills.experience.seen[fridge]
     assert "opened" in opened.states
     assert (opened.box_center_m, opened.box_size_m) == (closed.box_center_m, closed.box_size_m)
 
@@ -233,7 +240,7 @@ def test_pick_up_what_cannot_be_carried_is_the_worlds_refusal(world, skills):
     reason = refuse(skills, "PickupObject(robot, 'Fridge')")
     assert reason == "Fridge must have the property pickupable"
     assert truth(world) == before
-    assert skills.handled == []
+    assert skills.experience.handled_ids == ()
 
 
 @pytest.mark.parametrize(
@@ -266,7 +273,7 @@ def test_put_into_the_sink_or_its_basin_lands_in_the_basin(world, skills):
 def test_throw_leaves_the_hand_empty(world, skills):
     succeed(skills, "PickupObject(robot, 'Apple')\nThrowObject(robot, 'Apple')")
     assert world.last_event.metadata["inventoryObjects"] == []
-    assert skills.held is None
+    assert skills.experience.held is None
 
 
 # ----------------------------------------------------------------- switching and opening
@@ -279,11 +286,17 @@ def test_washing_makes_clean_and_the_slices_stay_clean(world, skills):
         "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'Sink')\n"
         "ToggleOn(robot, 'Faucet')\nToggleOff(robot, 'Faucet')",
     )
-    assert skills.effects[apple] == ["cleaned"]
+    assert skills.experience.effects[apple] == ("cleaned",)
     succeed(skills, "SliceObject(robot, 'Apple')\nPickupObject(robot, 'Apple')")
-    assert skills.held.object_type == "AppleSliced"
-    assert skills.effects[skills.held.object_id] == ["cleaned", "sliced"]
-    assert skills.effects[apple] == ["cleaned", "sliced"]
+    assert skills.experience.held.object_type == "AppleSliced"
+    assert skills.experience.effects[skills.experience.held.object_id] == (
+        "cleaned",
+        "sliced",
+    )
+    assert skills.experience.effects[apple] == (
+        "cleaned",
+        "sliced",
+    )
     succeed(skills, "PutObject(robot, 'Apple', 'Plate')")
     (again,) = succeed(skills, "SliceObject(robot, 'Apple')")
     assert again.actions == 0
@@ -296,7 +309,7 @@ def test_tap_that_runs_is_turned_off_and_on_again(world, skills):
         "SwitchOn(robot, 'Faucet')\nPickupObject(robot, 'Apple')\n"
         "PutObject(robot, 'Apple', 'Sink')\nSwitchOn(robot, 'Sink')",
     )
-    assert skills.effects[apple] == ["cleaned"]
+    assert skills.experience.effects[apple] == ("cleaned",)
     assert thing(world, "Faucet")["isToggled"]
 
 
@@ -324,9 +337,9 @@ def test_microwave_cooks_and_says_what_it_needs(world, skills):
         "OpenObject(robot, 'Microwave')",
     )
     assert "ToggleOff(robot, 'Microwave')" in reason
-    assert "heated" in skills.effects[potato]
+    assert "heated" in skills.experience.effects[potato]
     succeed(skills, "ToggleOff(robot, 'Microwave')\nOpenObject(robot, 'Microwave')")
-    assert "cooked" in skills.seen[potato].states
+    assert "cooked" in skills.experience.seen[potato].states
     succeed(skills, "PickupObject(robot, 'Potato')")
 
 
@@ -341,7 +354,7 @@ def test_stove_turns_the_knob_of_the_burner_with_the_pan(world, skills, name):
     )
     assert thing(world, burner)["isToggled"]
     assert thing(world, potato)["isCooked"]
-    assert "cooked" in skills.seen[potato].states
+    assert "cooked" in skills.experience.seen[potato].states
     succeed(skills, f"ToggleOff(robot, '{name}')")
     assert not any(t["isToggled"] for t in truth(world) if t["objectType"] == "StoveKnob")
 
@@ -373,9 +386,9 @@ def test_mug_is_filled_at_the_tap_and_with_coffee():
         "PickupObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'CoffeeMachine')\n"
         "ToggleOn(robot, 'CoffeeMachine')",
     )
-    mug = skills.handled[0]
+    mug = skills.experience.handled_ids[0]
     assert thing(world, mug)["fillLiquid"] == "coffee"
-    assert "filled" in skills.seen[mug].states
+    assert "filled" in skills.experience.seen[mug].states
     other = next(
         t["objectId"]
         for t in truth(world)
@@ -437,10 +450,14 @@ def test_explore_for_a_thing_in_a_drawer_leaves_only_that_drawer_open(world):
     closable = ("Fridge", "Cabinet", "Drawer", "Microwave")
     opened = [t["objectId"] for t in truth(world) if t["isOpen"] and t["objectType"] in closable]
     assert opened == [drawer]
-    assert skills.handled == [drawer]
+    assert skills.experience.handled_ids == (drawer,)
     fork = thing(world, "Fork")["objectId"]
     succeed(skills, "PickupObject(robot, 'Fork')\nCloseObject(robot, 'Drawer')")
-    assert skills.handled == [drawer, fork, drawer]
+    assert skills.experience.handled_ids == (
+        drawer,
+        fork,
+        drawer,
+    )
 
 
 @pytest.mark.parametrize("name", ["kitchen_3", "living_2", "bedroom_2", "bathroom_2"])
@@ -468,7 +485,7 @@ def test_explore_in_vain_is_bounded_and_changes_nothing(world):
     assert result.reason.startswith(("could not find Basketball", "gave up after"))
     assert result.actions <= 600
     assert result.explorations == skills.explorations > 5
-    assert skills.handled == []
+    assert skills.experience.handled_ids == ()
     changed = [b["objectId"] for a, b in zip(truth(world), before, strict=True) if a != b]
     assert [thing(world, t)["isOpen"] for t in changed].count(True) == 0
 
@@ -490,7 +507,7 @@ def test_explore_visits_the_given_positions_first(world):
 
 
 def test_explore_out_of_actions_gives_up(world):
-    skills = Skills(world, Nothing(), limits=Limits(max_actions=15))
+    skills = Skills(world, Nothing(), limits=SkillLimits(max_actions=15))
     result = skills.run(SkillCall(skill="Explore", objects=("Basketball",)))
     assert (result.ok, result.actions) == (False, 15)
     assert result.reason.startswith("gave up after 15 actions on ")
@@ -546,8 +563,8 @@ def test_log_holds_only_what_was_in_view_or_in_hand(world):
     skills = Skills(world, Nothing())
     skills.look()
     visible = {t["objectId"] for t in world.last_event.metadata["objects"] if t["visible"]}
-    assert set(skills.seen) == visible
-    assert all(dataclasses.is_dataclass(sight) for sight in skills.seen.values())
+    assert set(skills.experience.seen) == visible
+    assert all(dataclasses.is_dataclass(sight) for sight in skills.experience.seen.values())
 
 
 def test_costs_add_up(skills):

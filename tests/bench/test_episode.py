@@ -53,7 +53,7 @@ def run(recall, tmp_path):
     def run_with(answers, task=PUT_AND_FETCH, **settings):
         method = KarmaMethod(
             Planner(ScriptedModel(answers), "compact"), recall, MetadataVision(),
-            KarmaSettings(**{"witnesses": 0, "attempts": 1, **settings}),
+            KarmaSettings(**{"seen_kept": 0, "attempts": 1, **settings}),
         )  # fmt: skip
         return run_episode(method, EmbeddedWorld(), task, row="a row", seed=7, folder=tmp_path)
 

@@ -1,6 +1,7 @@
 """CAPEAM-style: programs as frames, the table, the environment memory, and a handmade kitchen."""
 
 import pytest
+from support.experiences import experience
 from support.household import kitchen
 
 from karma.agent.planner import Planner
@@ -185,7 +186,7 @@ def sight(kind, x, z=0.0, **more):
 
 def remembering(*sights):
     memory = EnvironmentMemory(here=lambda: (0.0, 0.9, 0.0))
-    memory.observe({one.object_id: one for one in sights}, gone=())
+    memory.observe(experience(*sights))
     return memory
 
 
@@ -216,7 +217,7 @@ def test_pieces_are_looked_for_where_the_cut_was():
 
 def test_things_that_are_gone_are_forgotten():
     memory = remembering(one := sight("Mug", 1.0))
-    memory.observe({}, gone=[one.object_id])
+    memory.observe(experience(missed=[one.object_id]))
     assert memory.where("Mug") is None
 
 

@@ -4,12 +4,21 @@ import hashlib
 
 import numpy as np
 import pytest
+from support.experiences import experience
 from support.household import kitchen
 
 from karma.agent.planner import Planner
 from karma.agent.program import parse_program
-from karma.agent.prompt import Example
-from karma.contracts import Outcome, Plan, Resources, SceneRef, SeenObject, SkillResult, SubTask
+from karma.contracts import (
+    Outcome,
+    Plan,
+    Resources,
+    SceneRef,
+    SeenObject,
+    SkillResult,
+    SubTask,
+    WorkedExample,
+)
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
@@ -56,8 +65,7 @@ def sight(kind, x=1.0, states=(), parents=(), z=0.0):
 
 def remembering(*sights, held=None, gone=(), effects=None):
     memory = ObjectMemory(here=lambda: (0.0, 0.9, 0.0))
-    seen = {one.object_id: one for one in sights}
-    memory.observe(seen, held=held, gone=gone, effects=effects or {})
+    memory.observe(experience(*sights, held=held, missed=gone, effects=effects))
     return memory
 
 
@@ -72,7 +80,7 @@ def test_seed_examples_are_seven_to_ten_programs():
 
 
 def examples_of(*texts):
-    return [Example(instruction=text, program="GoToObject(robot, 'Apple')") for text in texts]
+    return [WorkedExample(instruction=text, program="GoToObject(robot, 'Apple')") for text in texts]
 
 
 def test_nearest_examples_are_those_by_brute_force():
@@ -133,7 +141,7 @@ def test_memory_lets_everything_be_used_again_by_the_next_instruction():
 
 def test_memory_keeps_states_that_were_brought_about():
     memory = remembering(sight("Mug"), effects={"Mug|1.0": ["cleaned"]})
-    memory.observe({"Mug|1.0": sight("Mug", states=("filled",))}, held=None, gone=(), effects={})
+    memory.observe(experience(sight("Mug", states=("filled",))))
     assert memory.objects["Mug|1.0"].states == ("filled", "cleaned")
 
 

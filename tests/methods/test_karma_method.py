@@ -59,7 +59,7 @@ def start(scene, tmp_path):
             Planner(model, profile, Decoding(attempts=1)),
             CosineRecall(Words(), text="sentence"),
             MetadataVision(),
-            KarmaSettings(**{"witnesses": 0, **options}),
+            KarmaSettings(**{"seen_kept": 0, **options}),
             maps=maps,
             learn=learn,
         )
@@ -141,7 +141,7 @@ def test_stale_memory_is_forgotten_after_it_misled(start):
 def test_receptacle_of_a_remembered_thing_is_known_though_it_is_not_remembered_itself(start):
     into_bowl = "GoToObject(robot, 'Bowl')\nPutObject(robot, 'Apple', 'Bowl')\n"
     programs = [TAKE_APPLE + into_bowl, "GoToObject(robot, 'Bowl')\n"]
-    episode, _, world = start(programs, attempts=1, witnesses=0, long_term=False)
+    episode, _, world = start(programs, attempts=1, seen_kept=0, long_term=False)
     do(episode, "put the apple in the bowl")
     for _ in range(2):
         world.step("RotateRight")  # the bowl is out of view
@@ -171,8 +171,8 @@ def test_name_is_looked_up_beyond_the_recalled_units_unless_told_otherwise(start
     assert (sum(result.explorations for result in results) == 0) is by_name
 
 
-def test_witnesses_are_the_last_things_seen_before_what_was_handled(start):
-    episode, _, _ = start([TAKE_APPLE], witnesses=2)
+def test_things_only_seen_are_kept_the_last_ones_before_what_was_handled(start):
+    episode, _, _ = start([TAKE_APPLE], seen_kept=2)
     do(episode, "take the apple")
     units = episode.short_term.units()
     assert len(units) == 3
@@ -190,7 +190,7 @@ def test_prompt_names_what_an_earlier_instruction_handled(start):
     assert result.ok
     assert result.explorations == 0
     assert plan.names["Apple"] == result.object_ids[0] == kitchen_id("Apple")
-    assert outcome.resident == plan.recalled
+    assert outcome.resident == plan.units == tuple(one.unit for one in plan.recalled)
 
 
 def test_prompt_without_short_term_memory_holds_no_units(start):
@@ -222,7 +222,7 @@ def test_prompt_holds_at_most_k_units_the_nearest_to_the_instruction(start):
     episode, _, _ = start([TAKE_APPLE + put + bowl, "GoToObject(robot, 'Fridge')\n"], recall_k=1)
     do(episode, "take things")
     plan, *_ = do(episode, "where is the apple")
-    assert types(plan.recalled) == ["Apple"]
+    assert types(plan.units) == ["Apple"]
     assert len(episode.short_term) == 2
 
 
@@ -235,7 +235,7 @@ def test_recall_asks_with_the_whole_text_or_the_part(start, query, recalled):
     )
     do(episode, "take things")
     plan, *_ = do(episode, "the bowl", whole="an apple an apple an apple")
-    assert types(plan.recalled) == [recalled]
+    assert types(plan.units) == [recalled]
 
 
 def test_failed_program_is_asked_for_again_with_the_reason_and_what_is_new(start):

@@ -59,7 +59,7 @@ def acted(tmp_path):
     def run(vision):
         method = KarmaMethod(
             Planner(ScriptedModel([PROGRAM]), "compact", Decoding(attempts=1)),
-            CosineRecall(One(), text="sentence"), vision, KarmaSettings(witnesses=1),
+            CosineRecall(One(), text="sentence"), vision, KarmaSettings(seen_kept=1),
         )  # fmt: skip
         world = EmbeddedWorld(str(scene))
         episode = method.begin(world, SceneRef.of(str(scene)), seed=0, folder=tmp_path / "run")

@@ -136,5 +136,5 @@ def _method(row, name, folder):
         return ExpertMethod()
     return KarmaMethod(
         Planner(ScriptedModel(ANSWERS[name]), "compact"), CosineRecall(Words()), MetadataVision(),
-        KarmaSettings(policy="fifo-merge[2]", attempts=1, witnesses=2), maps=folder / "maps",
+        KarmaSettings(policy="fifo-merge[2]", attempts=1, seen_kept=2), maps=folder / "maps",
     )  # fmt: skip

@@ -12,8 +12,7 @@ from support.paths import ROOT
 
 from karma.agent.planner import program_spec
 from karma.agent.program import parse_program
-from karma.agent.prompt import Facts
-from karma.contracts import Area
+from karma.contracts import Area, PlanRequest
 from karma.errors import FileError
 from karma.files import to_json
 from karma.household.pieces import base_type
@@ -99,7 +98,7 @@ def test_drawn_programs_parse_and_are_admitted_under_their_own_names(rooms):
         calls = parse_program(example.program)
         assert "".join(f"{call}\n" for call in calls) == example.program
         mapped = example.stable != "#areas\nunknown\n"
-        facts = Facts(instruction="", areas=room.areas if mapped else ())
+        facts = PlanRequest(instruction="", areas=room.areas if mapped else ())
         names = {name: name for name in said_names(example)}
         automaton = ProgramAutomaton(program_spec(facts, names))
         state = automaton.advance(automaton.start(), example.program)

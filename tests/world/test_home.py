@@ -200,7 +200,7 @@ def karma(recall):
     """A function that makes a KARMA agent whose model says the given answers."""
 
     def make(answers, **settings):
-        usual = {"witnesses": 0, "attempts": 1, **settings}
+        usual = {"seen_kept": 0, "attempts": 1, **settings}
         planner = Planner(ScriptedModel(answers), "compact")
         return Kept(planner, recall, MetadataVision(), KarmaSettings(**usual))
 

@@ -1,12 +1,12 @@
 """CAPEAM's environment-aware memory, of objects instead of pictures, over one sequence."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from karma.agent.perceive import place_of
 from karma.agent.sightings import known
-from karma.contracts import Area, Known, SeenObject, Vec3
+from karma.contracts import Area, Experience, Known, SeenObject, Vec3
 from karma.household.places import SURFACES
 from karma.household.types import object_types
 from karma.household.uses import covers
@@ -29,10 +29,10 @@ class EnvironmentMemory:
 
     # ------------------------------------------------------------- writing
 
-    def observe(self, seen: Mapping[str, SeenObject], gone: Iterable[str]) -> None:
-        """Take in the latest sights; `gone` are ids that are not where they were."""
-        self.seen |= seen
-        for object_id in gone:
+    def observe(self, experience: Experience) -> None:
+        """Take in the latest sights; what was missed or cut is forgotten."""
+        self.seen |= experience.seen
+        for object_id in experience.missed | experience.cut:
             self.seen.pop(object_id, None)
 
     def was_put(self, thing: str, place: str, object_id: str) -> None:

@@ -9,10 +9,19 @@ from pathlib import Path
 from typing import Any, Self
 
 from karma.agent.planner import Planner
-from karma.agent.prompt import Facts
 from karma.agent.search import cover
 from karma.agent.skills import Skills
-from karma.contracts import Area, Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, World
+from karma.contracts import (
+    Area,
+    Outcome,
+    Plan,
+    PlanRequest,
+    Resources,
+    SceneRef,
+    SkillResult,
+    SubTask,
+    World,
+)
 from karma.household.pieces import base_type
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.capeam.frames import read
@@ -125,12 +134,12 @@ class CapeamEpisode:
         runner = Runner(skills, self.memory, areas=areas, rng=rng, limits=limits)
         skills.look()
         plan = None
-        for plan in self._planner.plan(self._facts(subtask, skills)):
+        for plan in self._planner.plan(self._request(subtask, skills)):
             yield plan
         finished = plan is not None and not plan.error
         if plan is not None and not plan.error:
-            held = base_type(skills.held.object_type) if skills.held else ""
-            predicted = read(plan.calls, held)
+            held = skills.experience.held
+            predicted = read(plan.calls, base_type(held.object_type) if held else "")
             for call in predicted.unsupported:
                 finished = False
                 yield SkillResult(call=call, ok=False, reason="CAPEAM has no sub-goal for it")
@@ -139,16 +148,16 @@ class CapeamEpisode:
                 if not (yield from runner.frame(frame, frames[number + 1 :])):
                     finished = False
                     break
-        yield Outcome(finished=finished, resident=(), handled_ids=tuple(skills.handled))
+        yield Outcome(finished=finished, resident=(), handled_ids=skills.experience.handled_ids)
 
-    def _facts(self, subtask: SubTask, skills: Skills) -> Facts:
+    def _request(self, subtask: SubTask, skills: Skills) -> PlanRequest:
         """Return what the planner is told: the instruction and the hand."""
         self._room.floor.observe(self.memory.seen.values())
-        told = self.settings.furniture
-        return Facts(
+        told, held = self.settings.furniture, skills.experience.held
+        return PlanRequest(
             instruction=subtask.instruction,
             areas=self._room.floor.areas() if told else (),
             graph_text=self._room.floor.to_text() if told else "",
-            held_id=skills.held.object_id if skills.held else None,
-            held_type=skills.held.object_type if skills.held else None,
+            held_id=held.object_id if held else None,
+            held_type=held.object_type if held else None,
         )

@@ -105,7 +105,7 @@ class Runner:
         sight = self.memory.seen.get(names[-1])
         if step.skill == "OpenObject" and sight is not None and "opened" in sight.states:
             return True
-        held = self.skills.held
+        held = self.skills.experience.held
         call = SkillCall(skill=step.skill, objects=tuple(names))
         result = self.skills.run(call, max_actions=self._left())
         self._look()
@@ -123,7 +123,9 @@ class Runner:
     def _bind(self, name: str) -> Work:
         """Choose the object that a type means in this sub-goal: what is held, or the nearest."""
         held = self._held(name)
-        tap = name in TAPS and bool(self.skills.handled)  # the skill knows the one over the basin
+        tap = name in TAPS and bool(
+            self.skills.experience.handled_ids
+        )  # the skill knows the one over the basin
         if held is None and not tap and not (yield from self._find(name)):
             return False
         target = held or self.memory.nearest(name)
@@ -131,13 +133,13 @@ class Runner:
         return True
 
     def _held(self, name: str) -> SeenObject | None:
-        held = self.skills.held
+        held = self.skills.experience.held
         if held is None or name not in (held.object_type, base_type(held.object_type)):
             return None
         return held
 
     def _look(self) -> None:
-        self.memory.observe(self.skills.seen, self.skills.missed | self.skills.cut)
+        self.memory.observe(self.skills.experience)
 
     def _left(self) -> int:
         return max(self.limits.steps - self.skills.actions, 1)

@@ -8,8 +8,7 @@ import msgspec
 import numpy as np
 
 from karma.agent.program import parse_program
-from karma.agent.prompt import Example
-from karma.contracts import Embedder
+from karma.contracts import Embedder, WorkedExample
 from karma.errors import FileError, ProgramError
 from karma.files import read_toml
 
@@ -34,7 +33,7 @@ class ExampleMemory:
         seeds: what it begins with.
     """
 
-    def __init__(self, embedder: Embedder, seeds: Sequence[Example]) -> None:
+    def __init__(self, embedder: Embedder, seeds: Sequence[WorkedExample]) -> None:
         self._embedder, self._examples = embedder, list(seeds)
         self._vectors = embedder.embed([example.instruction for example in seeds])
 
@@ -47,13 +46,13 @@ class ExampleMemory:
         twin._examples = list(self._examples)
         return twin
 
-    def add(self, example: Example) -> None:
+    def add(self, example: WorkedExample) -> None:
         """Remember one more example."""
         vector = self._embedder.embed([example.instruction])
         self._examples.append(example)
         self._vectors = np.concatenate([self._vectors, vector])
 
-    def nearest(self, text: str, k: int) -> tuple[Example, ...]:
+    def nearest(self, text: str, k: int) -> tuple[WorkedExample, ...]:
         """Return the k examples whose instructions are nearest to a text, the nearest first.
 
         By L2 distance, which orders vectors of length 1 as the cosine does; equals by age.
@@ -64,7 +63,7 @@ class ExampleMemory:
         return tuple(self._examples[row] for row in order[:k])
 
 
-def seed_examples() -> tuple[tuple[Example, ...], tuple[Example, ...]]:
+def seed_examples() -> tuple[tuple[WorkedExample, ...], tuple[WorkedExample, ...]]:
     """Return the examples to begin with, and the error examples.
 
     Raises:
@@ -74,10 +73,12 @@ def seed_examples() -> tuple[tuple[Example, ...], tuple[Example, ...]]:
     return _examples(table.examples), _examples(table.errors)
 
 
-def _examples(rows: Sequence[_Row]) -> tuple[Example, ...]:
+def _examples(rows: Sequence[_Row]) -> tuple[WorkedExample, ...]:
     for row in rows:
         try:
             parse_program(row.program)
         except ProgramError as error:
             raise FileError(TABLE, f"example {row.instruction!r}: {error}") from error
-    return tuple(Example(instruction=row.instruction, program=row.program.strip()) for row in rows)
+    return tuple(
+        WorkedExample(instruction=row.instruction, program=row.program.strip()) for row in rows
+    )

@@ -1,11 +1,11 @@
 """HELPER's object memory: every object that was seen, by id, over one sequence of instructions."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from karma.agent.perceive import place_of
 from karma.agent.sightings import known
-from karma.contracts import Area, Known, SeenObject, Vec3
+from karma.contracts import Area, Experience, Known, SeenObject, Vec3
 from karma.household.places import HAND
 from karma.household.uses import covers
 
@@ -48,28 +48,15 @@ class ObjectMemory:
 
     # ------------------------------------------------------------- writing
 
-    def observe(
-        self,
-        seen: Mapping[str, SeenObject],
-        *,
-        held: str | None,
-        gone: Iterable[str],
-        effects: Mapping[str, Iterable[str]],
-    ) -> None:
-        """Take in the latest sights.
-
-        Args:
-            seen: by id.
-            held: id of what is in the hand.
-            gone: ids that are not where they were believed to be, and wholes that were cut.
-            effects: lasting states that the agent brought about, by id.
-        """
-        lost = set(gone)
-        for object_id, sight in seen.items():
+    def observe(self, experience: Experience) -> None:
+        """Take in the latest sights; what was missed or cut is forgotten."""
+        lost = experience.missed | experience.cut
+        held = experience.held.object_id if experience.held else None
+        for object_id, sight in experience.seen.items():
             if object_id in lost:
                 continue
             before = self.objects.get(object_id, Tracked(sight=sight))
-            flags = dict.fromkeys((*before.flags, *effects.get(object_id, ())))
+            flags = dict.fromkeys((*before.flags, *experience.effects.get(object_id, ())))
             self.objects[object_id] = replace(
                 before, sight=sight, holding=object_id == held, flags=tuple(flags)
             )

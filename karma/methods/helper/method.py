@@ -9,18 +9,19 @@ from pathlib import Path
 from typing import Any, Self
 
 from karma.agent.planner import Planner
-from karma.agent.prompt import Example, Facts
 from karma.agent.skills import Skills
 from karma.contracts import (
     Embedder,
     Outcome,
     Plan,
+    PlanRequest,
     Resources,
     SceneRef,
     SkillCall,
     SkillResult,
     SubTask,
     Vec3,
+    WorkedExample,
     World,
 )
 from karma.errors import KarmaError
@@ -147,8 +148,8 @@ class HelperEpisode:
         finished = plan is not None and (yield from self._carry_out(body, subtask, plan, done))
         if done:
             program = "\n".join(map(str, done))
-            self.examples.add(Example(instruction=subtask.instruction, program=program))
-        handled = tuple(body.skills.handled)
+            self.examples.add(WorkedExample(instruction=subtask.instruction, program=program))
+        handled = body.skills.experience.handled_ids
         yield Outcome(finished=finished, resident=(), handled_ids=handled)
 
     def _query(self, subtask: SubTask) -> tuple[str, int]:
@@ -175,13 +176,13 @@ class HelperEpisode:
     # ------------------------------------------------------------- planning
 
     def _ask(
-        self, body: Executor, subtask: SubTask, examples: tuple[Example, ...], error: str
+        self, body: Executor, subtask: SubTask, examples: tuple[WorkedExample, ...], error: str
     ) -> Generator[Plan, None, Plan | None]:
         """Ask for a program; the prompt holds no map and no memory, as in the source."""
         body.skills.look()
-        held = body.skills.held
+        held = body.skills.experience.held
         self._room.floor.observe(one.sight for one in self.memory.objects.values())
-        facts = Facts(
+        request = PlanRequest(
             instruction=subtask.instruction,
             areas=self._room.floor.areas() if self.settings.furniture else (),
             graph_text=self._room.floor.to_text() if self.settings.furniture else "",
@@ -191,7 +192,7 @@ class HelperEpisode:
             examples=examples,
         )
         answer = None
-        for answer in self._planner.plan(facts):
+        for answer in self._planner.plan(request):
             yield answer
         return None if answer is None or answer.error else answer
 

@@ -71,13 +71,7 @@ class Executor:
 
     def look(self) -> None:
         """Write what the skills saw and did into memory."""
-        held = self.skills.held
-        self.memory.observe(
-            self.skills.seen,
-            held=held.object_id if held else None,
-            gone=self.skills.missed | self.skills.cut,
-            effects=self.skills.effects,
-        )
+        self.memory.observe(self.skills.experience)
 
     def subgoal(
         self, call: SkillCall, rest: Sequence[SkillCall]
@@ -102,7 +96,7 @@ class Executor:
 
     def _repaired(self, call: SkillCall) -> Deed:
         """Do what must come first, then the call itself."""
-        for step in [*without_object(call, self.skills.held, self.memory), call]:
+        for step in [*without_object(call, self.skills.experience.held, self.memory), call]:
             if not (yield from self._located(step)):
                 return False
             ready = self._ground(step)
@@ -121,7 +115,7 @@ class Executor:
 
     def _do(self, call: SkillCall) -> Deed:
         """Run one skill and write down what came of it."""
-        held = self.skills.held
+        held = self.skills.experience.held
         result = self.skills.run(call, max_actions=self._left())
         self.look()
         yield result
@@ -148,7 +142,9 @@ class Executor:
         """Look for what is not in memory: near the landmark, where it is likely, anywhere."""
         near = [place for place in call.positions if isinstance(place, str)]
         for name in call.objects:
-            tap = name in TAPS and bool(self.skills.handled)  # the skill knows the one over it
+            tap = name in TAPS and bool(
+                self.skills.experience.handled_ids
+            )  # the skill knows the one over it
             if tap or self.memory.best(name) is not None:
                 continue
             for place in self._places(name, near):

@@ -18,8 +18,8 @@ import jinja2
 
 from karma.agent.inspector import objection
 from karma.agent.program import SKILLS
-from karma.agent.prompt import Facts, compact
-from karma.contracts import END, Prompt, SeenObject, SkillCall, SkillSignature
+from karma.agent.prompt import compact
+from karma.contracts import END, PlanRequest, Prompt, SeenObject, SkillCall, SkillSignature
 from karma.household.types import object_types
 from karma.household.uses import has_a_switch
 
@@ -139,13 +139,13 @@ def lines_prompt(
 
     Earlier instructions are left out: planners of this profile were never shown any.
     """
-    prompt = compact(facts(instruction, held)).prompt
+    prompt = compact(request_for(instruction, held)).prompt
     return (prompt.stable, prompt.changing, *steps)
 
 
-def facts(instruction: str, held: SeenObject | None) -> Facts:
+def request_for(instruction: str, held: SeenObject | None) -> PlanRequest:
     """Return what a planner without memory is told."""
-    return Facts(
+    return PlanRequest(
         instruction=instruction,
         held_id=held.object_id if held else None,
         held_type=held.object_type if held else None,

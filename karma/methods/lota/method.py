@@ -42,9 +42,9 @@ from karma.methods.lota.forms import (
     Form,
     Past,
     code_prompt,
-    facts,
     lines_prompt,
     named_types,
+    request_for,
     smart_skills,
     steps_in_lines,
     steps_in_words,
@@ -111,7 +111,7 @@ class LotaScore:
 
     def act(self, skills: Skills, instruction: str, history: Sequence[Past]) -> Acting:
         """Take the likeliest step until that is `done` or the steps are used up."""
-        begun_with = skills.held
+        begun_with = skills.experience.held
         steps: list[str] = []
         place, finished = "", False
         while len(steps) < self.settings.max_steps and not finished:
@@ -134,7 +134,6 @@ class LotaScore:
         text = self._texts[best.number]
         call = self._steps[text]
         return Plan(
-            recalled=(),
             prompt=Prompt(stable=prompt[0], changing="".join(prompt[1:])),
             completion=_completion(best, text),
             calls=() if call is None else (call,),
@@ -198,7 +197,7 @@ class LotaGenerate:
 
     def _ask(self, skills: Skills, instruction: str, history: Sequence[Past]) -> Plan:
         if self.form == "compact":
-            return next(self._planner.plan(facts(instruction, skills.held)))
+            return next(self._planner.plan(request_for(instruction, skills.experience.held)))
         prompt, decoding = code_prompt(history, instruction), self._planner.decoding
         spec = ProgramSpec(skills=smart_skills(), objects=named_types())
         completion = self._planner.model.complete(
@@ -216,9 +215,7 @@ class LotaGenerate:
             error = str(refused)
         if not calls and not error:
             error = "the answer holds no skill call"
-        return Plan(
-            recalled=(), prompt=prompt, completion=completion, calls=calls, names={}, error=error
-        )
+        return Plan(prompt=prompt, completion=completion, calls=calls, names={}, error=error)
 
 
 # ----------------------------------------------------------------- an episode of either row
@@ -261,7 +258,7 @@ class LotaEpisode:
         skills.look()
         finished, steps = yield from self._act(skills, subtask.instruction, self._history)
         self._history.append(Past(instruction=subtask.instruction, steps=steps))
-        yield Outcome(finished=finished, resident=(), handled_ids=tuple(skills.handled))
+        yield Outcome(finished=finished, resident=(), handled_ids=skills.experience.handled_ids)
 
 
 class _Floor:
@@ -297,8 +294,8 @@ def chooser_of(model: LanguageModel) -> ScoringModel:
 def _mended(skills: Skills, call: SkillCall) -> tuple[SkillCall, ...]:
     """Return a line with what the compact profile leaves to the inspector: see `mend`."""
     skills.look()
-    seen = {sight.object_type for sight in skills.seen.values()}
-    held = skills.held
+    seen = {sight.object_type for sight in skills.experience.seen.values()}
+    held = skills.experience.held
     known = seen | {base_type(name) for name in seen}
     return mend((call,), known=known, held=base_type(held.object_type) if held else None)
 

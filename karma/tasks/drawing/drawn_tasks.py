@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from karma.agent.prompt import Facts, compact
-from karma.contracts import Goal, MemoryUnit
+from karma.agent.prompt import compact
+from karma.contracts import Goal, MemoryUnit, PlanRequest
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND
@@ -80,7 +80,7 @@ class TaskDraft:
 
     def _situation(self, *, vague: bool) -> Situation:
         held = next((unit for unit in self._units if unit.place_id == HAND), None)
-        facts = Facts(
+        facts = PlanRequest(
             instruction="",
             areas=self._room.areas,
             units=tuple(self._units),

@@ -7,8 +7,7 @@ that fit them, the one handled last, or else the one seen last.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from karma.agent.prompt import Facts
-from karma.contracts import MemoryUnit
+from karma.contracts import MemoryUnit, PlanRequest
 from karma.household.pieces import base_type
 from karma.household.places import HAND
 from karma.tasks.drawing.memories import KnownRoom, Rng, pick, place_type, weighted
@@ -25,7 +24,7 @@ class Situation:
     """One draw: what is known, and what a request may name."""
 
     room: KnownRoom
-    facts: Facts  # without the instruction
+    facts: PlanRequest  # without the instruction
     names: dict[str, str]  # object id -> short name
     book: Book
     excluded: frozenset[tuple[str, str]]

@@ -11,8 +11,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from karma.agent.program import parse_program
-from karma.agent.prompt import Facts, compact
-from karma.contracts import LanguageModel
+from karma.agent.prompt import compact
+from karma.contracts import LanguageModel, PlanRequest
 from karma.errors import ProgramError
 from karma.tasks.drawing.alfred import GoalFacts, Sentence, facts_of
 from karma.tasks.drawing.memories import KnownRoom
@@ -54,7 +54,7 @@ def read_goals(
         if plans is not None and sentence.floor_plan not in plans:
             continue
         areas = plans[sentence.floor_plan].areas if plans is not None else ()
-        prompt = compact(Facts(instruction=sentence.text, areas=areas)).prompt
+        prompt = compact(PlanRequest(instruction=sentence.text, areas=areas)).prompt
         begun = time.perf_counter()
         said = model.complete(prompt, spec=None, max_tokens=256, temperature=0.0, seed=0)
         yield ReadSentence(

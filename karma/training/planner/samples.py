@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from karma.agent.prompt import Facts, compact
-from karma.contracts import MemoryUnit, SkillCall
+from karma.agent.prompt import compact
+from karma.contracts import MemoryUnit, PlanRequest, SkillCall
 from karma.household.pieces import base_type
 from karma.household.places import HAND
 from karma.tasks.drawing.alfred import Sentence, StepSentence, program_of
@@ -85,7 +85,7 @@ def draw(
         return _example(ask.kind, facts, calls)
 
 
-def _recalled(rng: Rng, scene: Situation, ask: Ask) -> Facts:
+def _recalled(rng: Rng, scene: Situation, ask: Ask) -> PlanRequest:
     """Return the facts with what the request means and a few other units, as a recall leaves them.
 
     Everything stays where a unit would go by another name among the few.
@@ -172,7 +172,7 @@ def draw_alfred(
     return _example("alfred", replace(facts, instruction=text), calls)
 
 
-def _example(kind: str, facts: Facts, calls: Sequence[SkillCall]) -> TrainingExample:
+def _example(kind: str, facts: PlanRequest, calls: Sequence[SkillCall]) -> TrainingExample:
     prompt = compact(facts).prompt
     program = "".join(f"{call}\n" for call in calls)
     return TrainingExample(
@@ -180,13 +180,15 @@ def _example(kind: str, facts: Facts, calls: Sequence[SkillCall]) -> TrainingExa
     )
 
 
-def _draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[Facts, MemoryUnit | None]:
+def _draw_facts(
+    rng: Rng, room: KnownRoom, *, mapped: bool
+) -> tuple[PlanRequest, MemoryUnit | None]:
     units, held = live_memory(rng, room) if rng.random() < LIVED else draw_units(rng, room)
     if rng.random() < 0.15:
         units = units[-3:]  # a recall of few
     if held is not None and (rng.random() < 0.15 or held not in units):
         units = ()  # without short-term memory the robot still feels what it holds
-    facts = Facts(
+    facts = PlanRequest(
         instruction="",
         areas=room.areas if mapped else (),
         units=units,
@@ -199,7 +201,7 @@ def _draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[Facts, Memo
 def _situation(
     rng: Rng,
     room: KnownRoom,
-    facts: Facts,
+    facts: PlanRequest,
     book: Book,
     excluded: frozenset[tuple[str, str]],
     *,

@@ -1,0 +1,106 @@
+"""What the hand does: pick up, put down, throw, slice, open, close, break."""
+
+from contextlib import suppress
+
+from karma.agent.reach import Reach, RefusedError
+from karma.agent.sightings import known, means
+from karma.contracts import Known, SeenObject
+from karma.household.ids import part_id
+from karma.household.pieces import is_piece
+from karma.household.states import DOOR_AFTER, OPPOSITES
+from karma.household.uses import BASIN_OF
+
+THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
+_OTHER_RECEPTACLES = 3  # tried when the one that was meant is full
+
+
+class Handling:
+    """Skills of the hand; each returns a remark, and raises `RefusedError` with its reason.
+
+    Args:
+        reach: the body, its log and the agent's memory.
+    """
+
+    def __init__(self, reach: Reach) -> None:
+        self._reach, self._log, self._walker = reach, reach.log, reach.walker
+
+    def pick_up(self, name: str) -> str:
+        """Take a thing into the empty hand."""
+        held = self._log.held
+        if held is None:
+            self._reach.act(self._reach.resolve(name), "PickupObject")
+            return ""
+        if means(name, held):
+            return "it is in the hand already"
+        kind = held.object_type
+        raise RefusedError(
+            f"the hand holds {kind}; put it down first, "
+            f"e.g. PutObject(robot, '{kind}', 'CounterTop')"
+        )
+
+    def put(self, thing: str | None, name: str) -> str:
+        """Put what is held, which must be `thing` if that is given, into or onto a receptacle."""
+        held = self._held(thing)
+        target = self._reach.resolve(name, state="opened", held=False)
+        try:
+            self._put_into(held, target)
+        except RefusedError as refusal:
+            others = self._reach.names.others(target)[:_OTHER_RECEPTACLES]
+            if "No valid position" not in str(refusal) or name != target.object_type:
+                raise
+            for other in others:  # one that is full may stand beside another of its type
+                with suppress(RefusedError):
+                    self._put_into(held, other)
+                    return f"the nearest {name} is full, another one was taken"
+            raise
+        return ""
+
+    def throw(self, name: str) -> str:
+        """Throw away what is held."""
+        held = self._held(name)
+        event = self._walker.do("ThrowObject", moveMagnitude=THROW_FORCE)
+        self._reach.done(known(held, "held"), event)
+        return ""
+
+    def slice(self, name: str) -> str:
+        """Cut a thing; what has been cut already is left."""
+        target = self._reach.resolve(name)
+        if is_piece(target.object_type):
+            self._reach.use(target)
+            return "it is sliced already"
+        self._log.sliced(target.object_id, self._reach.act(target, "SliceObject"))
+        return ""
+
+    def act(self, skill: str, name: str) -> str:
+        """Do one action on a thing: open, close, break."""
+        wanted = OPPOSITES.get(DOOR_AFTER.get(skill, ""), "")
+        target = self._reach.resolve(name, state=wanted)
+        self._reach.approach(target)
+        if skill == "CloseObject" and "closed" in self._log.seen[target.object_id].states:
+            return "it is closed already"
+        self._reach.act(target, skill)
+        return ""
+
+    def _held(self, name: str | None) -> SeenObject:
+        """Return what is held; refuse when that is nothing, or not what the name means."""
+        held = self._log.held
+        if held is None:
+            raise RefusedError(f"the hand is empty; PickupObject(robot, '{name or '...'}') first")
+        if name is not None and not means(name, held):
+            raise RefusedError(f"the hand holds {held.object_type}, not {name}")
+        return held
+
+    def _put_into(self, held: SeenObject, target: Known) -> None:
+        """Put down where the basin, if the target has one, has come into view."""
+        self._reach.approach(self._basin(target) or target)
+        tried = [self._walker.stance()]
+        while (place := self._basin(target)) is None:
+            if len(tried) > self._reach.limits.views or not self._reach.next_stance(target, tried):
+                place = target
+                break
+        self._reach.act(place, "PutObject", also=held.object_id)
+
+    def _basin(self, target: Known) -> Known | None:
+        """Return where things are put: a sink's basin, None while it is not known."""
+        basin = BASIN_OF.get(target.object_type)
+        return self._reach.names.find(part_id(target.object_id, basin)) if basin else target
