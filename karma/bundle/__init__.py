@@ -1,1 +1,1 @@
-"""One archive that carries everything over the air gap: built, verified, installed."""
+"""Carry everything over the air gap in one archive: build, verify, install."""

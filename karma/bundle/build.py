@@ -1,4 +1,4 @@
-"""A bundle put together: wheels, models, scenes, experiments, licences, a bill of materials.
+"""Build a bundle: wheels, models, scenes, experiments, licences, a bill of materials.
 
 Equal inputs give equal bytes: members are sorted, and the tar knows no time, owner or machine.
 """

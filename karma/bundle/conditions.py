@@ -1,4 +1,4 @@
-"""What a run without a network needs on this machine, looked at one by one; nothing is started."""
+"""Examine what a run without a network needs on this machine; nothing is started."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""What a bundle is: a plain tar whose first member, MANIFEST, lists all others.
+"""Define the bundle: a plain tar whose first member, MANIFEST, lists all others.
 
 Every byte of the tar follows from the manifest and the members' contents, so whatever else is in it
 can be refused by name. Travels in the bundle (karma/bundle/install.py), so: standard library only.

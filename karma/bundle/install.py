@@ -1,4 +1,4 @@
-"""A verified bundle installed where there is no network and nothing but Python.
+"""Install a verified bundle where there is no network and nothing but Python.
 
     tar -xOf karma.tar install.pyz > install.pyz
     python3.11 install.pyz karma.tar --into /opt/karma

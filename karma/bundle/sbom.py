@@ -1,4 +1,4 @@
-"""The software bill of materials: CycloneDX 1.5, the same bytes for the same things."""
+"""Write the software bill of materials: CycloneDX 1.5, the same bytes for the same things."""
 
 import uuid
 from collections.abc import Mapping, Sequence

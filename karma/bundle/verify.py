@@ -1,4 +1,4 @@
-"""A bundle checked byte by byte, without unpacking any of it.
+"""Verify a bundle byte by byte, without unpacking any of it.
 
 That finds damage. Against a bundle that somebody has forged only the SHA-256 helps that `karma
 bundle build` prints, brought by another way. Standard library only, as it travels in the bundle.

@@ -1,4 +1,4 @@
-"""The wheels of a bundle: found in folders, fetched if asked to, read for licences and needs."""
+"""Find the wheels of a bundle, fetch them if asked to, read their licences and needs."""
 
 import os
 import shutil

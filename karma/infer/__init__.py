@@ -1,1 +1,1 @@
-"""Local models, one adapter each; all heavy imports live here."""
+"""Run models, local and hosted, one adapter each; all heavy imports live here."""

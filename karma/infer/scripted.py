@@ -1,4 +1,4 @@
-"""The model that says what it was told, for tests and demonstrations."""
+"""Answer with texts given beforehand, for tests and demonstrations."""
 
 from collections.abc import Iterable, Sequence
 

@@ -1,4 +1,4 @@
-"""Opening checked folders with transformers: from disk only, in silence, and only if all fits."""
+"""Open checked folders with transformers: from disk only, in silence, and only if all fits."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager

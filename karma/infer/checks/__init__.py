@@ -1,1 +1,1 @@
-"""Looks at model files and at free memory before a byte of the weights is parsed."""
+"""Check model files and free memory before a byte of the weights is parsed."""

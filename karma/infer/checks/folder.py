@@ -1,4 +1,4 @@
-"""A look at a folder of safetensors and JSON before transformers sees it.
+"""Check a folder of safetensors and JSON before transformers sees it.
 
 Only headers and configurations are read: no weights, no code, nothing pickled.
 """

@@ -1,4 +1,4 @@
-"""Is there enough memory for a model? Asked before a byte of its weights is loaded."""
+"""Estimate what a model takes, and refuse it where less memory is free."""
 
 from collections.abc import Mapping
 from pathlib import Path

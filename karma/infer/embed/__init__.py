@@ -1,1 +1,1 @@
-"""Models that turn texts and pictures into vectors."""
+"""Turn texts and pictures into vectors."""

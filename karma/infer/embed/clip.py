@@ -1,4 +1,4 @@
-"""Texts and pictures in one space, by CLIP or SigLIP, from a folder of safetensors.
+"""Embed texts and pictures in one space, by CLIP or SigLIP, from a folder of safetensors.
 
 KARMA (3.4) has each memory unit turned into one vector by "a multi-modality embedding model"
 and does not say how its parts are joined. `unit_vectors` takes the mean of the text's and the

@@ -1,4 +1,4 @@
-"""Rows of vectors: put together from rows made one by one, and brought to length 1."""
+"""Bring vectors to length 1 and stack them."""
 
 from collections.abc import Iterable
 

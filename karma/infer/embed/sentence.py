@@ -1,4 +1,4 @@
-"""Text to vectors by sentence-transformers: MiniLM that ships, or any model in a folder.
+"""Embed texts by sentence-transformers: MiniLM that ships, or any model in a folder.
 
 MiniLM comes in an installed package and is known by its hashes here, also without a manifest.
 """
@@ -115,16 +115,17 @@ def _check_modules(folder: Path, fix: str) -> str:
 
 
 def _refuse_pickles(folder: Path) -> None:
-    """A module with weights of its own has them in safetensors, or is not opened."""
+    """Refuse a module whose own weights are pickled and not in safetensors."""
     pickled = [p for p in folder.glob("*") if p.suffix in PICKLES]
     if pickled and not any(folder.glob("*.safetensors")):
         raise ModelError(f"{sorted(pickled)[0]}: not opened, it may hold code; needs safetensors")
 
 
 def _refuse_missing(model: Any, folder: CheckedFolder) -> None:
-    """Weights that the file lacks would be random numbers; a pooler that pooling passes by may be.
+    """Refuse a file that lacks weights, which would be random numbers.
 
-    Files saved with a head have another prefix before every name ("bert.").
+    A pooler may be missing, since pooling passes it by. Files saved with a head have another prefix
+    before every name ("bert.").
     """
     there = tuple(folder.sizes)
     wanted = (name.partition(".")[2] for name in model[0].state_dict() if ".pooler." not in name)

@@ -1,1 +1,1 @@
-"""Models behind an OpenAI-compatible endpoint, with cassettes and a bill."""
+"""Ask models behind an OpenAI-compatible endpoint, record the answers, count the cost."""

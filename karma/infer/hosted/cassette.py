@@ -1,4 +1,4 @@
-"""What hosted models were asked and what they answered: plain JSON lines, played back offline.
+"""Record what hosted models were asked and answered as JSON lines, and replay it offline.
 
 A cassette is one file, `exchanges.jsonl`, in a folder. Each exchange is found by the SHA-256 of
 its request and by its place: the n-th time that this was asked in this episode. So a request that

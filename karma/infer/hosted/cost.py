@@ -1,4 +1,4 @@
-"""What hosted models cost: tokens as the endpoint counts them, money by the user's price table."""
+"""Count what hosted models cost: the endpoint's tokens, money by the user's price table."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -83,25 +83,8 @@ class Ledger:
     def __init__(self) -> None:
         self._open: dict[tuple[str, str], Spent] = {}
 
-    def add(
-        self, role: str, model: str, usage: Usage | None, *, cost: float | None, seconds: float
-    ) -> None:
-        """Enter one exchange; `usage` is None when it failed, which costs no tokens."""
-        self.enter(
-            Spent(
-                role=role,
-                model=model,
-                requests=1,
-                failures=0 if usage else 1,
-                prompt_tokens=usage.prompt_tokens if usage else 0,
-                completion_tokens=usage.completion_tokens if usage else 0,
-                cost=cost,
-                seconds=seconds,
-            )
-        )
-
     def enter(self, new: Spent) -> None:
-        """Enter what was added up elsewhere."""
+        """Enter one exchange, or what was added up elsewhere."""
         old = self._open.get((new.role, new.model))
         self._open[new.role, new.model] = _sum(old, new) if old else new
 

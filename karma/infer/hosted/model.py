@@ -1,4 +1,4 @@
-"""Hosted models in the roles of the local ones, over any OpenAI-compatible endpoint.
+"""Fill the roles of planner and embedder over any OpenAI-compatible endpoint.
 
 A hosted model takes no grammar: an answer is sampled, then parsed as any other, and what is wrong
 with it stands in the next prompt (`karma.agent.planner`). `session` holds the line.

@@ -1,4 +1,4 @@
-"""What to say when a replay asks for something that was never recorded."""
+"""Describe a request that was never recorded by what sets it apart from the nearest one."""
 
 import json
 from collections.abc import Mapping, Sequence

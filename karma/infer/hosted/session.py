@@ -1,4 +1,4 @@
-"""The line to an OpenAI-compatible endpoint: where it is, its key, its cassette, its bill.
+"""Reach an OpenAI-compatible endpoint: its address, its key, its cassette, its bill.
 
 Covered: the key stays in the environment and in one HTTP header; it is taken out of everything
 that comes back before anybody sees it. Not covered: what the host does with what it is sent.
@@ -15,13 +15,13 @@ import msgspec
 
 from karma.errors import KarmaError, ModelError
 from karma.infer.hosted.cassette import Cassette, Exchange, Reply
-from karma.infer.hosted.cost import Ledger, Prices, Usage, cost_of, usage_of
+from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
 from karma.offline import allow_host, is_local
 
 HIDDEN = "[key]"  # what stands where a key was
 SHORTEST_KEY = 8  # characters; anything shorter would be found in innocent text
 _KEY = re.compile(r"[!-~]+")
-_NOTHING = Usage(prompt_tokens=0, completion_tokens=0)
+_NOTHING = Usage(prompt_tokens=0, completion_tokens=0)  # what a failure takes
 _LONGEST_MESSAGE = 500
 _OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
 
@@ -218,13 +218,18 @@ class Session:
         if exchange.scope != self.cassette.scope:
             return
         answer = exchange.reply.answer
-        usage = None if answer is None else usage_of(answer)
-        self.ledger.add(
-            role,
-            str((answer or {}).get("model") or endpoint.model),
-            usage,
-            cost=cost_of(usage or _NOTHING, endpoint.prices),
-            seconds=exchange.seconds,
+        usage = _NOTHING if answer is None else usage_of(answer)
+        self.ledger.enter(
+            Spent(
+                role=role,
+                model=str((answer or {}).get("model") or endpoint.model),
+                requests=1,
+                failures=int(answer is None),
+                prompt_tokens=usage.prompt_tokens,
+                completion_tokens=usage.completion_tokens,
+                cost=cost_of(usage, endpoint.prices),
+                seconds=exchange.seconds,
+            )
         )
 
     def _send(self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any]) -> Reply:

@@ -1,4 +1,4 @@
-"""A hosted `VisionModel`: the paper's four steps (KARMA §3.4, Fig. 10) and the picture."""
+"""Read object states by a hosted model: the paper's four steps (KARMA §3.4, Fig. 10)."""
 
 import hashlib
 from collections.abc import Mapping, Sequence

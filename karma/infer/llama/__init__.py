@@ -1,1 +1,1 @@
-"""Planner models by llama.cpp: opened, prompted, constrained and scored."""
+"""Run planner models by llama.cpp: open, prompt, constrain and score."""

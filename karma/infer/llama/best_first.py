@@ -1,4 +1,4 @@
-"""Best-first search for the best continuation: which prefixes of a trie may still win.
+"""Search for the best continuation, best prefix first.
 
 No continuation can score more than what it begins with, because log p <= 0; so the first one that
 leads every unfinished prefix has won.

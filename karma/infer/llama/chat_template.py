@@ -1,4 +1,4 @@
-"""A GGUF's own chat template: a prompt put into it, and cut where its changing part begins."""
+"""Render prompts by a GGUF's own chat template, cut where their changing part begins."""
 
 from datetime import datetime
 from typing import Any

@@ -1,4 +1,4 @@
-"""Decoding that can only say programs: an automaton over bytes, and the choice of tokens by it.
+"""Constrain decoding to programs: an automaton over bytes, and the choice of tokens by it.
 
 The language of a `ProgramSpec` is one to `max_calls` lines, each written as `str(SkillCall)` and
 ended by a newline. Names stand in quotes and hold none, so every choice is settled by the bytes

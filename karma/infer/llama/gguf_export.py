@@ -1,4 +1,4 @@
-"""A Llama in PyTorch and a byte-level BPE tokenizer -> one GGUF file, with the `gguf` package only.
+"""Export a Llama in PyTorch and a byte-level BPE tokenizer as one GGUF file.
 
 llama.cpp loads a file with a wrong tokenizer name or unpermuted attention rows without a word and
 then computes something else, so everything here is checked by comparing tokens and logits
@@ -66,7 +66,6 @@ def export_llama_gguf(
     eos_token: str,
     bos_token: str | None = None,
     pad_token: str | None = None,
-    eot_token: str | None = None,
     add_bos: bool = False,
     config: Any = None,
     dtype: DType = "F16",
@@ -84,7 +83,6 @@ def export_llama_gguf(
         eos_token: text of the token that ends an answer; the other tokens may be absent.
         bos_token: first token of a text, put there by llama.cpp when `add_bos`.
         pad_token: padding, never produced.
-        eot_token: end of turn, for chat models.
         add_bos: whether llama.cpp begins every text with `bos_token`.
         config: the `LlamaConfig`, by default the model's own.
         dtype: of the matrices; norms stay F32. "Q8_0" needs row sizes divisible by 32.
@@ -100,7 +98,7 @@ def export_llama_gguf(
     state: Mapping[str, Any] = weights.state_dict() if hasattr(weights, "state_dict") else weights
     _check_config(config)
     _check_tokenizer(tokenizer, config.vocab_size)
-    specials = {"bos": bos_token, "eos": eos_token, "pad": pad_token, "eot": eot_token}
+    specials = {"bos": bos_token, "eos": eos_token, "pad": pad_token}
 
     def fill(writer: Any) -> None:
         writer.add_name(name)
@@ -196,7 +194,6 @@ def _add_special_tokens(
         "bos": writer.add_bos_token_id,
         "eos": writer.add_eos_token_id,
         "pad": writer.add_pad_token_id,
-        "eot": writer.add_eot_token_id,
     }
     for use, text in specials.items():
         if text is None:

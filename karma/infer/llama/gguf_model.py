@@ -1,4 +1,4 @@
-"""One GGUF file under llama.cpp: looked at, tried in a process of its own, opened, then decoded.
+"""Open one GGUF file under llama.cpp, after a trial in a process of its own, and decode with it.
 
 A prompt is always decoded in the same cut, [stable] then [changing], also when nothing is kept:
 how a prompt is cut into calls changes the last bits of the logits, so only then are warm and cold

@@ -1,4 +1,4 @@
-"""Planner models by llama.cpp: prompts continued, with or without a grammar, and texts scored."""
+"""Continue prompts, with or without a grammar, and score texts, by one GGUF file."""
 
 import time
 from collections.abc import Sequence

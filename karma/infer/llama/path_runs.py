@@ -1,4 +1,4 @@
-"""A trie run behind a prompt, path after path; what a path shares with the one before is kept.
+"""Run a trie behind a prompt path after path, keeping what a path shares with the one before.
 
 So each continuation lies in the very cells that it would have alone, and its logits are those of a
 run of its own, bit for bit. All paths in one batch take less time, but lie in other cells: the sums

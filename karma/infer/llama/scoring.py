@@ -1,4 +1,4 @@
-"""Exact scores of a closed list of continuations under llama.cpp.
+"""Score a closed list of continuations exactly under llama.cpp.
 
 The score of a continuation s after a prompt is S(s) = sum over t of log p(tok_t | prompt, tok_<t);
 `average` divides it by the number of tokens. Prompt and continuations are tokenised apart. The

@@ -1,4 +1,4 @@
-"""Keys and values of a prompt, and of one text that may follow it, in a context of their own.
+"""Keep keys and values of a prompt, and of one text behind it, in a context of their own.
 
 llama.cpp's CPU kernels for F32, F16, BF16 and Q8_0 (measured on x86) give a token the same bits in
 any batch of two or more, whatever else is decoded with it, as long as its sequence lies in the same

@@ -1,4 +1,4 @@
-"""The trie of tokens that closed continuations share, and how its nodes are scored.
+"""Build the trie of tokens that closed continuations share, and score its nodes.
 
 A node is what some continuations begin with; the root is the prompt alone. A last token is never
 run: the logits after its parent hold its score.

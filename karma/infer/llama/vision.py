@@ -1,4 +1,4 @@
-"""Object states out of pictures by llama.cpp: a GGUF and its picture projector (mmproj).
+"""Read object states by llama.cpp: a GGUF and its picture projector (mmproj).
 
 llama-cpp-python can do this when its library mtmd was built. Our own build leaves it out
 (`LLAVA_BUILD=OFF` in scripts/setup.sh: it doubles the time to build); then opening such a model
@@ -17,7 +17,6 @@ from karma.infer.checks.memory import check_memory, gguf_parts_mb
 from karma.infer.vision.pictures import picture_url
 from karma.infer.vision.text import question, read_answer, some_picture
 
-HANDLERS = ("qwen2.5-vl", "llava-1.5", "llava-1.6", "minicpm-v-2.6", "moondream2")
 BUILD = (
     'CMAKE_ARGS="-DLLAVA_BUILD=ON" pip install --force-reinstall --no-deps --no-binary '
     "llama-cpp-python llama-cpp-python=={version}"
@@ -27,6 +26,7 @@ _CLASSES = {  # Qwen's by the file's own template: Qwen25VLChatHandler loses its
     "llava-1.6": "Llava16ChatHandler", "minicpm-v-2.6": "MiniCPMv26ChatHandler",
     "moondream2": "MoondreamChatHandler",
 }  # fmt: skip
+HANDLERS = tuple(_CLASSES)
 _BATCH = 512
 
 
@@ -56,7 +56,7 @@ class LlamaVision:
         n_ctx: int = 4096,
         max_tokens: int = 768,
     ) -> None:
-        if family not in _CLASSES:
+        if family not in HANDLERS:
             raise ModelError(f"no family {family!r}; there are {', '.join(HANDLERS)}")
         require_pictures()
         needed = 0.0

@@ -1,1 +1,1 @@
-"""Which model files there are, and the check of each before a byte of it is parsed."""
+"""List the models there are, verify their files, add and remove some."""

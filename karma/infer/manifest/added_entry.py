@@ -1,4 +1,4 @@
-"""The entry of a model that somebody brought: hashes compared, headers read, then described."""
+"""Describe a model that somebody brought: compare hashes, then read headers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The files of a model that somebody brought: which are taken, and whose they seem to be."""
+"""Choose the files to take of a model that somebody brought, and tell whose they are."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""`karma models add` and `remove`: files that somebody brought, taken in or refused by name.
+"""Add and remove models that somebody brought (`karma models add` and `remove`).
 
 Added files are copied to `weights/NAME` beside the manifest, hashed on the way, and entered in
 local.toml last; with `in_place`, or where they lie there already, they stay as they are. Nothing is

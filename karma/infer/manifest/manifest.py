@@ -1,4 +1,4 @@
-"""What models/manifest.toml says, and the check of every file before a byte of it is parsed.
+"""Read models/manifest.toml, and verify every file before a byte of it is parsed.
 
 Two files make the list: `manifest.toml`, which ships and is only read, and `local.toml` beside it,
 which holds what `karma models add` brought (`added_models`) and which git ignores.

@@ -1,1 +1,1 @@
-"""Models that read pictures: object states, and what stands where."""
+"""Read pictures: object states, and what stands where."""

@@ -1,4 +1,4 @@
-"""What stands in a picture, for a robot without a simulator: GroundingDINO's boxes, SAM's masks.
+"""Detect named things in a picture: GroundingDINO's boxes, SAM's masks.
 
 The simulator labels objects by itself (KARMA 4.1); a real robot has a camera only. Words go in, so
 the labels that come out are always words that were asked for.

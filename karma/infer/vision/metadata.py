@@ -1,4 +1,4 @@
-"""Vision models that need no picture: one repeats the simulator's metadata, one sees nothing."""
+"""Answer without a picture: repeat the simulator's metadata, or see nothing."""
 
 from collections.abc import Mapping, Sequence
 

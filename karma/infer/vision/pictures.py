@@ -1,4 +1,4 @@
-"""Pictures for models: a square cut out around an object of interest, a picture as an address."""
+"""Cut squares around objects of interest, and write pictures as addresses."""
 
 import base64
 import io

@@ -1,4 +1,4 @@
-"""Processors of vision models for pictures only: what they need for videos stays out.
+"""Open vision models' processors without their video part.
 
 transformers' own want torchvision (Qwen2.5-VL) or num2words (SmolVLM) for videos alone; the
 same classes without their video part need neither. Pictures go through Pillow.

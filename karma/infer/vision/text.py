@@ -1,4 +1,4 @@
-"""What a vision model is asked and how its answer is read (KARMA §3.4, Fig. 10, appendix F)."""
+"""Ask vision models and read their answers (KARMA §3.4, Fig. 10, appendix F)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

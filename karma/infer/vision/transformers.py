@@ -1,4 +1,4 @@
-"""Object states out of pictures by transformers: Qwen2.5-VL, SmolVLM/Idefics3, LLaVA, our nano.
+"""Read object states by transformers: Qwen2.5-VL, SmolVLM/Idefics3, LLaVA, our nano.
 
 A model is a folder of safetensors and JSON; nothing is fetched, nothing pickled is opened. Beside
 the files that transformers knows there may be `karma.json`, which says how the model is asked.
