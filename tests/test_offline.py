@@ -8,34 +8,28 @@ import subprocess
 import sys
 
 import pytest
+from support.needs import CUT_OFF, need_models, need_namespace
 from support.paths import ROOT
 from support.tiny import export_tiny
 
 from karma.bench.episode import run_episode
-from karma.errors import KarmaError
-from karma.infer.manifest.manifest import find_model, verify
 from karma.methods.expert import ExpertMethod
 from karma.tasks.files import load_tasks
 from karma.world.sim import EmbeddedWorld
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
-CUT_OFF = ["unshare", "--user", "--map-root-user", "--net"]
 INTERFACES = "import socket; print([name for _, name in socket.if_nameindex() if name != 'lo'])"
 
 
 @pytest.fixture(scope="module")
 def cut_off():
     """A function that runs a command in a network namespace of its own, which has no interface."""
-    if shutil.which("unshare") is None:
-        pytest.skip("needs unshare")
-    trial = subprocess.run([*CUT_OFF, "true"], capture_output=True, check=False)
-    if trial.returncode != 0:
-        pytest.skip(f"namespaces are not permitted here: {trial.stderr.decode().strip()}")
+    prefix = need_namespace()
 
     def run(folder, *command):
         environment = {k: v for k, v in os.environ.items() if not k.startswith(("HF_", "TRANSF"))}
         found = subprocess.run(
-            [*CUT_OFF, sys.executable, *command],
+            [*prefix, sys.executable, *command],
             cwd=folder, capture_output=True, text=True, check=False, env=environment,
         )  # fmt: skip
         assert found.returncode == 0, found.stdout + found.stderr
@@ -68,7 +62,7 @@ def test_expert_runs_without_an_interface(cut_off, tmp_path):
     path = experiment(tmp_path, export_tiny(tmp_path / "tiny.gguf"), EXPERT)
     cut_off(tmp_path, *karma("eval", path, "--json", "figures.json"))
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert [line["success_rate"] for line in figures] == [1.0, 1.0]
+    assert [line["values"]["success"]["value"] for line in figures] == [1.0, 1.0]
 
 
 def test_agent_with_any_gguf_runs_without_an_interface(cut_off, tmp_path):
@@ -85,10 +79,7 @@ def test_agent_with_any_gguf_runs_without_an_interface(cut_off, tmp_path):
 
 @pytest.mark.model
 def test_shipped_planner_runs_without_an_interface(cut_off, tmp_path):
-    try:
-        verify(find_model("karma-nano"))
-    except KarmaError as error:
-        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
+    need_models("karma-nano")
     path = experiment(tmp_path, "karma-nano", '[[rows]]\nname = "KARMA"\n')
     cut_off(tmp_path, *karma("eval", path, "--json", "figures.json"))
     said = cut_off(tmp_path, *karma("run", "Open the fridge.", "--json", "run.json"))

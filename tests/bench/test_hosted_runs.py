@@ -15,10 +15,10 @@ from support.hosted_server import (
     echo,
     endpoint,
     llama_server,
-    need_nano,
     plant_key,
     wire_server,
 )
+from support.needs import need_models
 from support.paths import ROOT
 from typer.testing import CliRunner
 
@@ -44,7 +44,7 @@ def planted_key(monkeypatch):
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     """The base URL of llama-cpp-python's server; it wants the key."""
-    need_nano()
+    need_models("karma-nano")
     with llama_server(tmp_path_factory.mktemp("server"), key=KEY) as url:
         yield url
 
@@ -84,7 +84,7 @@ def experiment(tmp_path, server):
 @pytest.mark.model
 def test_recorded_run_replays_the_same_bytes_with_the_server_stopped(tmp_path, monkeypatch):
     """Must show 5, with the experiment that the documents name."""
-    need_nano()
+    need_models("karma-nano")
     monkeypatch.chdir(ROOT)
     (tmp_path / "server").mkdir()
     recorded, replayed, cassette = (tmp_path / name for name in ("recorded", "replayed", "tape"))

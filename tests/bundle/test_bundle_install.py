@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 from packaging.utils import canonicalize_name
+from support.needs import need_models, need_namespace
 from support.paths import ROOT
 from test_bundle import wheel_bytes
 
@@ -25,32 +26,20 @@ from karma.bundle.build import BundleSpec, build, installer
 from karma.bundle.contents import BundleError
 from karma.bundle.install import install
 from karma.bundle.wheels import own_wheel, read_wheel
-from karma.errors import KarmaError
-from karma.infer.manifest.manifest import find_model, verify
+from karma.infer.manifest.manifest import find_model
 
-CUT_OFF = ["unshare", "--user", "--map-root-user", "--net"]
 MODELS = ("karma-nano", "minilm")
 
 
 @pytest.fixture(scope="module")
 def cut_off():
-    """What to put before a command so that it has no network interface."""
-    if shutil.which("unshare") is None:
-        pytest.skip("needs unshare")
-    trial = subprocess.run([*CUT_OFF, "true"], capture_output=True, check=False)
-    if trial.returncode != 0:
-        pytest.skip(f"namespaces are not permitted here: {trial.stderr.decode().strip()}")
-    return CUT_OFF
+    return need_namespace()
 
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory):
     """A bundle with our wheel and our models."""
-    try:
-        for name in MODELS:
-            verify(find_model(name))
-    except KarmaError as error:
-        pytest.skip(f"needs the shipped models: {str(error).splitlines()[0]}")
+    need_models(*MODELS)
     folder = tmp_path_factory.mktemp("bundle")
     own = read_wheel(own_wheel(ROOT, folder))
     wheels = folder / "wheels"

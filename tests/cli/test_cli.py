@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 import typer
+from support.needs import need_models
 from support.paths import ROOT
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.errors import KarmaError
-from karma.infer.manifest.manifest import find_model, verify
 from karma.world.core import scene as scenes
 from karma.world.sim import EmbeddedWorld
 
@@ -43,13 +42,6 @@ def refused(*arguments):
     assert "error:" in text
     assert "Traceback" not in text
     return text
-
-
-def need_nano():
-    try:
-        verify(find_model("karma-nano"))
-    except KarmaError as error:
-        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
 
 
 # ----------------------------------------------------------------- world
@@ -180,7 +172,7 @@ def test_run_with_a_wrong_option_says_so(planner, options, named):
 
 @pytest.mark.model
 def test_run_with_the_shipped_planner_puts_the_apple_into_the_fridge(tmp_path):
-    need_nano()
+    need_models("karma-nano")
     report = tmp_path / "report.json"
     karma("run", "Put the apple in the fridge.", "--json", report)
     (part,) = json.loads(report.read_text())["instructions"]
@@ -232,7 +224,7 @@ def test_error_with_brackets_is_printed_as_it_is(tmp_path):
 
 @pytest.mark.model
 def test_shipped_experiments_are_read_by_the_shipped_planner(monkeypatch, tmp_path):
-    need_nano()
+    need_models("karma-nano")
     from karma.bench.run import Run
 
     monkeypatch.chdir(ROOT)

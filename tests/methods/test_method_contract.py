@@ -6,6 +6,7 @@ from functools import cache
 from inspect import signature
 
 import pytest
+from support.needs import need_models
 from support.paths import ROOT
 from support.spy_world import Spied
 
@@ -25,7 +26,7 @@ from karma.contracts import (
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
-from karma.infer.manifest.manifest import find_model, resolve_planner, verify
+from karma.infer.manifest.manifest import resolve_planner
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.tasks.files import load_tasks
@@ -65,10 +66,7 @@ def embedder():
 
 @pytest.fixture(scope="module")
 def nano():
-    try:
-        verify(find_model("karma-nano"))
-    except KarmaError as error:
-        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
+    need_models("karma-nano")
     file = resolve_planner("karma-nano")
     model = LlamaModel(file.path, n_ctx=file.context_length or 4096, n_threads=1)
     return model, file.prompt_profile

@@ -27,9 +27,8 @@ import pytest
 from gguf.scripts.gguf_new_metadata import MetadataDetails, copy_with_new_metadata
 
 from karma.contracts import Prompt
-from karma.errors import KarmaError, ModelError
+from karma.errors import ModelError
 from karma.infer.hosted.session import Endpoint
-from karma.infer.manifest.manifest import find_model, verify
 from support.paths import ROOT
 
 KEY = "sk-planted-4f1c9be2d7"
@@ -189,13 +188,6 @@ def plant_key(monkeypatch):
         if name.startswith("OPENAI_"):
             monkeypatch.delenv(name)
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
-
-
-def need_nano():
-    try:
-        verify(find_model("karma-nano"))
-    except KarmaError as error:
-        pytest.skip(f"needs the shipped planner: {str(error).splitlines()[0]}")
 
 
 def endpoint(url, model="nano-chat", **more):
