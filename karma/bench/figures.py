@@ -5,6 +5,7 @@ The terminal, `results.json`, the tables, the report and comparisons all take th
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from karma.bench.counterfactual import OFF_ROW, SAVINGS, Reduction, Saving, reductions
 from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of, measure
@@ -73,3 +74,34 @@ def _figures(
         values={metric.key: measure(metric, episodes) for metric in METRICS}
         | {one.key: saved.get(one.key, Estimate(value=None)) for one in SAVINGS},
     )
+
+
+def plain(lines: Sequence[Figures]) -> list[dict[str, Any]]:
+    """Return figures as JSON has them: null where not measured, nothing that no line has measured.
+
+    A figure is its value, the ends of its interval if it has one, and the number of observations.
+    """
+    measured = [key for key in COLUMNS if any(one.values[key].value is not None for one in lines)]
+    return [
+        {
+            "row": one.row,
+            "kind": one.kind,
+            "episodes": one.episodes,
+            "tasks": one.tasks,
+            "seeds": one.seeds,
+            "values": {key: _plain(one.values[key]) for key in measured},
+        }
+        for one in lines
+    ]
+
+
+def _plain(found: Estimate) -> dict[str, float | None] | None:
+    if found.value is None:
+        return None
+    ends = found.interval
+    return {
+        "value": found.value,
+        "low": ends.low if ends else None,
+        "high": ends.high if ends else None,
+        "number": found.number,
+    }

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from karma.bench.figures import figures
+from karma.bench.figures import figures, plain
 from karma.bench.records import (
     EpisodeRecord,
     EpisodeTiming,
@@ -260,7 +260,7 @@ class RunFolder:
         by_key = {record.key: record for record in records}
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
         lines = figures([by_key[key] for key in order])  # without seconds: no run repeats them
-        _replace(self.path / RESULTS, to_json(lines, indent=2))
+        _replace(self.path / RESULTS, to_json(plain(lines), indent=2))
 
     # ------------------------------------------------------------- parts
 

@@ -182,7 +182,7 @@ def eval_command(
     json: Json = None,
 ) -> None:
     """Do an experiment: every row on every task. Stopped or killed, the same command goes on."""
-    from karma.bench.figures import figures
+    from karma.bench.figures import figures, plain
     from karma.bench.precision import reached
     from karma.bench.records import spent_by
     from karma.bench.run import Run
@@ -225,7 +225,7 @@ def eval_command(
         console.print(escape(show.spent_text(spent)), soft_wrap=True)
     console.print(escape(f"records: {run.records_path}"))
     if json is not None:
-        write_atomic(json, to_json(lines, indent=2))
+        write_atomic(json, to_json(plain(lines), indent=2))
 
 
 def _kept(run: "Run") -> str:

@@ -73,6 +73,7 @@ def table_command(
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
     from karma.bench import tables
     from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
+    from karma.bench.figures import plain
     from karma.bench.margins import margin_sheet, margins
     from karma.bench.published import load_published
     from karma.bench.results import result_of, unfinished
@@ -110,7 +111,7 @@ def table_command(
     if json is not None:
         parts = {
             "name": result.name,
-            "figures": result.figures,
+            "figures": plain(result.figures),
             "reductions": result.reductions,
             "paper_reductions": result.paper_reductions,
             "comparisons": result.comparisons,

@@ -102,8 +102,9 @@ def test_header_names_all_that_a_run_depends_on(whole):
 def test_results_hold_no_times(whole):
     _, folder = whole
     lines = json.loads((folder / RESULTS).read_text())
-    timed = ("seconds", "first_token_s", "answer_s", "rt_clock")
-    assert {line["values"][key]["value"] for line in lines for key in timed} == {None}
+    timed = {"seconds", "first_token_s", "answer_s", "rt_clock"}
+    assert not any(timed & line["values"].keys() for line in lines)
+    assert all(line["values"]["success"]["low"] is not None for line in lines)
     assert sum(line["episodes"] for line in lines if line["kind"] == "all") == 12
 
 

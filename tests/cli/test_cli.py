@@ -203,7 +203,6 @@ def test_eval_prints_the_table_and_writes_figures(experiment, tmp_path):
     assert rates == [("expert", "simple", 1.0), ("expert", "all", 1.0)]
     assert all(line["values"].pop("seconds")["value"] > 0 for line in figures)
     kept = json.loads(Path("runs/x/results.json").read_text())
-    assert [one["values"].pop("seconds")["value"] for one in kept] == [None, None]
     assert kept == figures
     again = karma("eval", experiment, "--json", tmp_path / "again.json")
     assert "1/1" in again
