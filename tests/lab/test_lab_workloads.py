@@ -52,7 +52,7 @@ def test_units_of_tasks_in_alfreds_form(tmp_path):
             trial(5, "Apple", "Fridge", movable="Bowl", sliced=True,
                   picked=[("ButterKnife", "Drawer"), ("Apple", "Sink"), ("ButterKnife", "Sink")]),
             trial(301, "CD", "", toggle="DeskLamp", picked=[("CD", "Desk")]),
-            trial(405, "SoapBarSliced", "SoapBar", picked=[("Knife", "Desk")]),
+            trial(405, "BreadSliced", "Bread", picked=[("Knife", "Desk")]),
         ],
     )  # fmt: skip
     first, second, third = alfred_pool([path]).errands
@@ -61,7 +61,7 @@ def test_units_of_tasks_in_alfreds_form(tmp_path):
         m=("Apple", "Bowl", "ButterKnife"), subjects=("Apple", "Bowl"),
     )  # fmt: skip
     assert (second.room, second.r4, second.m) == ("bedroom", ("CD", "DeskLamp"), ("CD",))
-    assert (third.r4, third.m) == (("SoapBar",), ("SoapBar",))
+    assert (third.r4, third.m) == (("Bread",), ("Bread",))
 
 
 @pytest.mark.parametrize(
