@@ -6,7 +6,7 @@ from functools import cache
 from karma.bench.records import EpisodeRecord
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
-from karma.household.types import object_types
+from karma.household.types import types_with
 from karma.tasks.goals import alternatives, object_names, parse_goal
 
 Need = frozenset[str]  # types of which any will do
@@ -51,14 +51,10 @@ def wanted_types(goals: tuple[str, ...]) -> tuple[str, ...]:
 @cache
 def _loose(goals: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
     """Return for each name in the goals its alternatives that can be carried, if it has any."""
-    known = object_types()
     groups = (
         tuple(root_type(kind) for kind in alternatives(name))
         for text in goals
         for name in object_names(parse_goal(text))
     )
-    loose = (
-        tuple(kind for kind in group if kind in known and known[kind].can("pickupable"))
-        for group in groups
-    )
+    loose = (tuple(k for k in group if k in types_with("pickupable")) for group in groups)
     return tuple(group for group in loose if group)

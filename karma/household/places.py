@@ -1,5 +1,6 @@
 """Where things are: in the hand, put down, found; and the furniture worth a word."""
 
+from collections.abc import Callable
 from functools import cache
 
 from karma.household.types import object_types
@@ -42,6 +43,18 @@ OVERLOOKED = frozenset(
     )
 )  # fixed things so small that a map may lack them  # fmt: skip
 _NOT_WORTH_A_WORD = {FLOOR, "Chair", "Stool", KNOB, *BASINS, "Window"}
+
+
+def surface_for(object_type: str, is_known: Callable[[str], bool]) -> str:
+    """Return the type of surface to put a thing down on: the best known one that takes it, if any.
+
+    Args:
+        object_type: of the thing.
+        is_known: whether the agent knows of such a surface.
+    """
+    kinds = object_types()
+    fitting = [name for name in SURFACES if kinds[object_type].fits(kinds[name])]
+    return next(filter(is_known, fitting), next(iter(fitting), SURFACES[0]))
 
 
 @cache

@@ -86,6 +86,16 @@ def object_types() -> Mapping[str, ObjectType]:
     return read_types(TABLE)
 
 
+@cache
+def types_with(capability: Capability) -> frozenset[str]:
+    """Return the names of all types with a capability.
+
+    >>> "Mug" in types_with("pickupable"), "Sofa" in types_with("pickupable")
+    (True, False)
+    """
+    return frozenset(name for name, kind in object_types().items() if kind.can(capability))
+
+
 def read_types(path: Path) -> Mapping[str, ObjectType]:
     """Read a table of types; errors as in `object_types`."""
     table = read_toml(path, _Table)

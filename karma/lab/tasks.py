@@ -24,6 +24,7 @@ from karma.contracts import Goal
 from karma.errors import FileError, KarmaError
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
+from karma.household.types import types_with
 from karma.household.uses import KNIVES
 from karma.seeds import stream
 from karma.tasks.goals import parse_goal
@@ -133,17 +134,10 @@ class Pool:
         key = (errand.scene, object_type)
         if key not in self._costs:
             stops = None
-            if object_type in _movable_types():
+            if object_type in types_with("pickupable"):
                 stops = self.finds.stops(errand.scene, errand.room, object_type)
             self._costs[key] = 1.0 if stops is None else stops
         return self._costs[key]
-
-
-def _movable_types() -> frozenset[str]:
-    from karma.household.types import object_types
-
-    kinds = object_types().items()
-    return frozenset(name for name, kind in kinds if "pickupable" in kind.capabilities)
 
 
 # ------------------------------------------------------------- ALFRED's tasks
@@ -195,7 +189,7 @@ def alfred_pool(paths: Iterable[Path]) -> Pool:
         FileError: a file is missing, torn, or holds something else.
     """
     paths = tuple(paths)
-    movable = _movable_types()
+    movable = types_with("pickupable")
     errands: list[Errand] = []
     spots: dict[str, set[tuple[str, str]]] = defaultdict(set)
     found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
@@ -381,7 +375,7 @@ def _requests(
     """Yield requests about something to carry."""
     from karma.tasks.drawing.drawn_tasks import draw_task
 
-    movable = _movable_types()
+    movable = types_with("pickupable")
     for number in range(count):
         rng = stream(seed, "lab", "grammar", room.name, str(number))
         steps = draw_task(rng, room, book, "simple")

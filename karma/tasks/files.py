@@ -16,7 +16,7 @@ from karma.contracts import Goal, Kind, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, to_json, write_atomic
 from karma.household.ids import root_type
-from karma.household.types import object_type, object_types
+from karma.household.types import object_type, types_with
 from karma.tasks.goals import alternatives, is_position, object_names, parse_goal
 from karma.world.core import scene
 
@@ -65,8 +65,7 @@ def required_types(subtask: SubTask) -> tuple[str, ...]:
     names = (part for goal in subtask.goals for name in object_names(goal)
              for part in alternatives(name))  # fmt: skip
     types = dict.fromkeys(root_type(name) for name in names)
-    known = object_types()
-    return tuple(name for name in types if name in known and known[name].can("pickupable"))
+    return tuple(name for name in types if name in types_with("pickupable"))
 
 
 def _task(row: _Task) -> Task:

@@ -68,3 +68,10 @@ def test_opposites_are_mutual_and_are_states():
     assert all(OPPOSITES[other] == one for one, other in OPPOSITES.items())
     assert {*OPPOSITES, *END_STATES.values(), *NEEDS} <= GOAL_STATES
     assert all(canonical_state(state) == state for state in GOAL_STATES)
+
+
+def test_surface_is_the_best_known_one_that_takes_the_thing():
+    known = {"Sofa", "SideTable", "DiningTable"}
+    assert places.surface_for("Mug", known.__contains__) == "DiningTable"
+    assert places.surface_for("Mug", set().__contains__) == "CounterTop"
+    assert places.surface_for("Sofa", set().__contains__) == places.SURFACES[0]

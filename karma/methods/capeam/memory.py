@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from karma.agent.perceive import place_of
 from karma.agent.sightings import known
 from karma.contracts import Area, Experience, Known, SeenObject, Vec3
-from karma.household.places import SURFACES
+from karma.household.places import surface_for
 from karma.household.types import object_types
 from karma.household.uses import covers
 from karma.methods.capeam.prior import likely_places
@@ -91,10 +91,7 @@ class EnvironmentMemory:
 
     def surface(self, kind: str) -> str:
         """Return the type of surface to free the hand on: a known one, if any is."""
-        kinds = object_types()
-        fitting = [name for name in SURFACES if kinds[kind].fits(kinds[name])]
-        there = [name for name in fitting if self.nearest(name) is not None]
-        return next(iter([*there, *fitting]), SURFACES[0])
+        return surface_for(kind, lambda name: self.nearest(name) is not None)
 
     # ------------------------------------------------------------- where to look
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from karma.contracts import SeenObject, SkillCall
 from karma.household.pieces import base_type, goes_by, is_piece
-from karma.household.places import SURFACES
+from karma.household.places import surface_for
 from karma.household.states import DOOR_AFTER
 from karma.household.types import object_types
 from karma.household.uses import KNIVES, MICROWAVE
@@ -95,10 +95,7 @@ def ends_there(call: SkillCall, rest: Sequence[SkillCall]) -> bool:
 
 
 def _put_down(held: SeenObject, memory: ObjectMemory) -> SkillCall:
-    kinds = object_types()
-    fitting = [name for name in SURFACES if kinds[held.object_type].fits(kinds[name])]
-    there = [name for name in fitting if memory.best(name) is not None]
-    surface = next(iter([*there, *fitting]), SURFACES[0])
+    surface = surface_for(held.object_type, lambda name: memory.best(name) is not None)
     return SkillCall(skill="PutObject", objects=(held.object_id, surface))
 
 

@@ -9,7 +9,7 @@ from karma.contracts import Goal
 from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import landmark_types
-from karma.household.types import ObjectType, object_types
+from karma.household.types import ObjectType, object_types, types_with
 from karma.tasks.drawing.memories import Rng, pick
 from karma.tasks.drawing.phrases import Book, lexicon
 from karma.tasks.drawing.referring_expressions import Ref, Situation, refer, with_article
@@ -211,11 +211,7 @@ def _vague_unknown(rng: Rng, name: str, scene: Situation) -> Ref | None:
 
 @cache
 def _movable_types() -> frozenset[str]:
-    return frozenset(
-        name
-        for name, kind in object_types().items()
-        if "pickupable" in kind.capabilities and name in lexicon()
-    )
+    return types_with("pickupable") & set(lexicon())
 
 
 def _suits(kind: str, object_type: str) -> bool:
