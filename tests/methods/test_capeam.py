@@ -6,11 +6,20 @@ from support.household import kitchen
 
 from karma.agent.planner import Planner
 from karma.agent.program import parse_program
-from karma.contracts import Outcome, Plan, Resources, SceneRef, SeenObject, SkillResult, SubTask
+from karma.contracts import (
+    Outcome,
+    Plan,
+    Resources,
+    SceneRef,
+    SeenObject,
+    SkillCall,
+    SkillResult,
+    SubTask,
+)
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
-from karma.methods.capeam.frames import Frame, Step, expand, read
+from karma.methods.capeam.frames import SubGoal, expand, read
 from karma.methods.capeam.memory import ANYWHERE, EnvironmentMemory
 from karma.methods.capeam.method import CapeamMethod, CapeamSettings
 from karma.methods.capeam.prior import count_places, likely_places, to_toml
@@ -142,7 +151,7 @@ def skills(*steps):
 
 
 def test_table_expands_heating():
-    assert skills(*expand(Frame(action="Heat", thing="Egg", place="Microwave"))) == [
+    assert skills(*expand(SubGoal(action="Heat", thing="Egg", place="Microwave"))) == [
         ("Open", "Microwave"), ("Put", "Egg", "Microwave"), ("Close", "Microwave"),
         ("ToggleOn", "Microwave"), ("ToggleOff", "Microwave"),
         ("Open", "Microwave"), ("Pickup", "Egg"), ("Close", "Microwave"),
@@ -150,27 +159,27 @@ def test_table_expands_heating():
 
 
 def test_table_expands_cooling_and_cleaning():
-    assert skills(*expand(Frame(action="Cool", thing="Egg", place="Fridge"))) == [
+    assert skills(*expand(SubGoal(action="Cool", thing="Egg", place="Fridge"))) == [
         ("Open", "Fridge"), ("Put", "Egg", "Fridge"), ("Close", "Fridge"),
         ("Open", "Fridge"), ("Pickup", "Egg"), ("Close", "Fridge"),
     ]  # fmt: skip
-    assert skills(*expand(Frame(action="Clean", thing="Egg", place="Sink"))) == [
+    assert skills(*expand(SubGoal(action="Clean", thing="Egg", place="Sink"))) == [
         ("Put", "Egg", "Sink"), ("ToggleOn", "Faucet"), ("ToggleOff", "Faucet"), ("Pickup", "Egg"),
     ]  # fmt: skip
 
 
 def test_taking_out_is_wrapped_only_when_the_thing_is_shut_in():
-    taken = Frame(action="Pickup", thing="Egg")
-    assert expand(taken) == (Step(skill="PickupObject", objects=("Egg",)),)
+    taken = SubGoal(action="Pickup", thing="Egg")
+    assert expand(taken) == (SkillCall(skill="PickupObject", objects=("Egg",)),)
     assert skills(*expand(taken, shut_in="Fridge")) == [
         ("Open", "Fridge"), ("Pickup", "Egg"), ("Close", "Fridge")
     ]  # fmt: skip
 
 
 def test_putting_is_wrapped_where_the_type_must_be_open():
-    box = expand(Frame(action="Put", thing="Fork", place="Drawer"))
+    box = expand(SubGoal(action="Put", thing="Fork", place="Drawer"))
     assert [step.skill for step in box] == ["OpenObject", "PutObject", "CloseObject"]
-    assert len(expand(Frame(action="Put", thing="Fork", place="DiningTable"))) == 1
+    assert len(expand(SubGoal(action="Put", thing="Fork", place="DiningTable"))) == 1
 
 
 # ----------------------------------------------------------------- memory and prior

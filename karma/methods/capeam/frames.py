@@ -33,8 +33,8 @@ _SWITCH = {"SwitchOn": "ToggleOn", "ToggleOn": "ToggleOn", "SwitchOff": "ToggleO
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Frame:
-    """One sub-goal."""
+class SubGoal:
+    """One sub-goal frame of the source."""
 
     action: Action
     thing: str  # a type
@@ -56,22 +56,22 @@ class Context:
 class Predicted:
     """A program as frames."""
 
-    frames: tuple[Frame, ...]
+    frames: tuple[SubGoal, ...]
     context: Context | None  # None without any frame
     unsupported: tuple[SkillCall, ...]  # what no frame says
 
 
 @dataclass(slots=True)
-class _Reader:
+class _ProgramReader:
     """Goes through a program once, with what is in the hand and what stands open."""
 
     calls: Sequence[SkillCall]
-    frames: list[Frame] = field(default_factory=list)
+    frames: list[SubGoal] = field(default_factory=list)
     unsupported: list[SkillCall] = field(default_factory=list)
     hand: str = ""
     open: str = ""  # what was opened last and not closed since
     running: str = ""  # the appliance whose switching a frame has taken in
-    resting: Frame | None = None  # a change that left its thing in the appliance
+    resting: SubGoal | None = None  # a change that left its thing in the appliance
 
     def read(self) -> None:
         """Fill `frames` and `unsupported`."""
@@ -109,14 +109,14 @@ class _Reader:
             if self.hand == thing:
                 return
             self._free()
-            self.frames.append(Frame(action="Pickup", thing=thing, place=self.open))
+            self.frames.append(SubGoal(action="Pickup", thing=thing, place=self.open))
         self.hand = thing
 
     def _put(self, thing: str, place: str, rest: Sequence[SkillCall]) -> None:
         self._leave()
         thing = self.hand or thing  # one object through all frames of a chain
         action = self._change(thing, place, rest)
-        self.frames.append(Frame(action=action, thing=thing, place=place))
+        self.frames.append(SubGoal(action=action, thing=thing, place=place))
         self.hand = ""
         if action != "Put":
             self.resting = self.frames[-1]
@@ -139,22 +139,22 @@ class _Reader:
         """Put back what a change leaves in the hand, where the program leaves it in place."""
         if self.resting is not None:
             self.frames.append(
-                Frame(action="Put", thing=self.resting.thing, place=self.resting.place)
+                SubGoal(action="Put", thing=self.resting.thing, place=self.resting.place)
             )
         self.resting, self.running = None, ""
 
     def _free(self) -> None:
         if self.hand:
-            self.frames.append(Frame(action="Put", thing=self.hand))
+            self.frames.append(SubGoal(action="Put", thing=self.hand))
             self.hand = ""
 
     def _slice(self, thing: str) -> None:
         self._leave()
         if self.hand not in KNIVES:
             self._free()
-            self.frames.append(Frame(action="Pickup", thing=KNIFE))
+            self.frames.append(SubGoal(action="Pickup", thing=KNIFE))
             self.hand = KNIFE
-        self.frames.append(Frame(action="Slice", thing=thing))
+        self.frames.append(SubGoal(action="Slice", thing=thing))
 
     def _switch(self, thing: str, skill: str) -> None:
         if self.running and (thing == self.running or _APPLIANCES.get(thing, ("", ""))[1] == thing):
@@ -163,7 +163,7 @@ class _Reader:
             return
         self._leave()
         action: Action = "ToggleOn" if _SWITCH[skill] == "ToggleOn" else "ToggleOff"
-        self.frames.append(Frame(action=action, thing=thing))
+        self.frames.append(SubGoal(action=action, thing=thing))
 
     def _wraps(self, place: str) -> bool:
         """Return whether opening and closing this is part of putting in or taking out."""
@@ -185,13 +185,13 @@ def read(calls: Sequence[SkillCall], held: str = "") -> Predicted:
         calls: with types or short names in them.
         held: type of what is in the hand before, "" for nothing.
     """
-    reader = _Reader(calls=calls, hand=held)
+    reader = _ProgramReader(calls=calls, hand=held)
     reader.read()
     frames = tuple(reader.frames)
     return Predicted(frames=frames, context=_context(frames), unsupported=tuple(reader.unsupported))
 
 
-def _context(frames: Sequence[Frame]) -> Context | None:
+def _context(frames: Sequence[SubGoal]) -> Context | None:
     """Return what the frames agree on: what is put last is what the instruction is about."""
     cut = {frame.thing for frame in frames if frame.action == "Slice"}
     lit = [f.thing for f in frames if f.action == "ToggleOn" and f.thing in LAMPS]
@@ -219,16 +219,10 @@ def _context(frames: Sequence[Frame]) -> Context | None:
 # ----------------------------------------------------------------- the table
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
-    """One executable action of a frame; names are types, bound to objects when it is due."""
-
-    skill: str
-    objects: tuple[str, ...]
-
-
-def expand(frame: Frame, *, shut_in: str = "") -> tuple[Step, ...]:
+def expand(frame: SubGoal, *, shut_in: str = "") -> tuple[SkillCall, ...]:
     """Return the actions of a frame, by the table of the source.
+
+    They name types, which are bound to objects when each is due.
 
     Args:
         frame: with its place known.
@@ -237,13 +231,13 @@ def expand(frame: Frame, *, shut_in: str = "") -> tuple[Step, ...]:
     thing, place = frame.thing, frame.place
     match frame.action:
         case "Pickup":
-            return _wrapped(shut_in, Step(skill="PickupObject", objects=(thing,)))
+            return _wrapped(shut_in, SkillCall(skill="PickupObject", objects=(thing,)))
         case "Slice":
-            return _wrapped(shut_in, Step(skill="SliceObject", objects=(thing,)))
+            return _wrapped(shut_in, SkillCall(skill="SliceObject", objects=(thing,)))
         case "Put":
             kind = object_types().get(place)
             box = place if kind is not None and kind.must_be_open else ""
-            return _wrapped(box, Step(skill="PutObject", objects=(thing, place)))
+            return _wrapped(box, SkillCall(skill="PutObject", objects=(thing, place)))
         case "Clean":
             return (_put(thing, SINK), *_run(FAUCET), _take(thing))
         case "Cool":
@@ -254,29 +248,31 @@ def expand(frame: Frame, *, shut_in: str = "") -> tuple[Step, ...]:
             put, take = _wrapped(oven, _put(thing, oven)), _wrapped(oven, _take(thing))
             return (*put, *_run(oven), *take)
         case _:
-            return (Step(skill=frame.action, objects=(thing,)),)
+            return (SkillCall(skill=frame.action, objects=(thing,)),)
 
 
-def _wrapped(box: str, step: Step) -> tuple[Step, ...]:
+def _wrapped(box: str, step: SkillCall) -> tuple[SkillCall, ...]:
     if not box:
         return (step,)
     return (
-        Step(skill="OpenObject", objects=(box,)),
+        SkillCall(skill="OpenObject", objects=(box,)),
         step,
-        Step(skill="CloseObject", objects=(box,)),
+        SkillCall(skill="CloseObject", objects=(box,)),
     )
 
 
-def _run(name: str) -> tuple[Step, ...]:
-    return Step(skill="ToggleOn", objects=(name,)), Step(skill="ToggleOff", objects=(name,))
+def _run(name: str) -> tuple[SkillCall, ...]:
+    return SkillCall(skill="ToggleOn", objects=(name,)), SkillCall(
+        skill="ToggleOff", objects=(name,)
+    )
 
 
-def _put(thing: str, place: str) -> Step:
-    return Step(skill="PutObject", objects=(thing, place))
+def _put(thing: str, place: str) -> SkillCall:
+    return SkillCall(skill="PutObject", objects=(thing, place))
 
 
-def _take(thing: str) -> Step:
-    return Step(skill="PickupObject", objects=(thing,))
+def _take(thing: str) -> SkillCall:
+    return SkillCall(skill="PickupObject", objects=(thing,))
 
 
 def _kind(name: str) -> str:

@@ -24,9 +24,10 @@ from karma.contracts import (
 )
 from karma.household.pieces import base_type
 from karma.memory.scene_graph import SceneGraph
+from karma.methods.budget import Budget
 from karma.methods.capeam.frames import read
 from karma.methods.capeam.memory import EnvironmentMemory
-from karma.methods.capeam.run import Limits, Runner
+from karma.methods.capeam.run import Runner
 from karma.methods.options import settings_of
 from karma.methods.tour import floor_of, position_of
 from karma.seeds import stream
@@ -44,7 +45,7 @@ class CapeamSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Room:
+class _CapeamRoom:
     """The map of one room."""
 
     memory: EnvironmentMemory
@@ -108,7 +109,7 @@ class CapeamEpisode:
         self.settings, self._planner = method.settings, method.planner
         self._world, self._seed = world, seed
         self._number = 0  # of the instruction
-        self._scene, self._room = scene, _Room.of(world)
+        self._scene, self._room = scene, _CapeamRoom.of(world)
         self._rooms = {scene: self._room}
 
     @property
@@ -119,7 +120,7 @@ class CapeamEpisode:
     def enter(self, scene: SceneRef) -> None:
         """Be in a room, with what is known of it."""
         if scene not in self._rooms:
-            self._rooms[scene] = _Room.of(self._world)
+            self._rooms[scene] = _CapeamRoom.of(self._world)
         self._scene, self._room = scene, self._rooms[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
@@ -129,9 +130,9 @@ class CapeamEpisode:
         rng = stream(self._seed, "capeam", self._scene.name, str(self._number))
         self._number += 1
         skills = Skills(self._world, self.memory)
-        limits = Limits(failures=self.settings.failures, steps=self.settings.steps)
+        budget = Budget(steps=self.settings.steps, failures=self.settings.failures)
         areas = self._room.floor.areas(), self._room.finer
-        runner = Runner(skills, self.memory, areas=areas, rng=rng, limits=limits)
+        runner = Runner(skills, self.memory, areas=areas, rng=rng, budget=budget)
         skills.look()
         plan = None
         for plan in self._planner.plan(self._request(subtask, skills)):

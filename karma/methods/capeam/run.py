@@ -1,7 +1,6 @@
 """CAPEAM's execution: sub-goal after sub-goal, looking by the prior, without replanning."""
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,21 +8,14 @@ from karma.agent.skills import Skills
 from karma.contracts import Area, SeenObject, SkillCall, SkillResult
 from karma.household.pieces import base_type
 from karma.household.uses import FOUND_BY_SKILL, TAPS
-from karma.methods.capeam.frames import Frame, Step, expand
+from karma.methods.budget import Budget
+from karma.methods.capeam.frames import SubGoal, expand
 from karma.methods.capeam.memory import EnvironmentMemory
 
 UNIFORM_STEPS = 30  # so early nothing is known that could tell areas apart
 _OF_THE_THING = ("Pickup", "Slice", "ToggleOn", "ToggleOff")  # acts on what must be found first
 
 Work = Generator[SkillResult, None, bool]  # returns whether it worked
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """When an instruction is given up."""
-
-    failures: int = 10
-    steps: int = 1000
 
 
 class Runner:
@@ -34,7 +26,7 @@ class Runner:
         memory: the sequence's.
         areas: where to look from, and once that was in vain, where to look from then.
         rng: draws among them.
-        limits: see there.
+        budget: when the instruction is given up.
     """
 
     def __init__(
@@ -44,9 +36,9 @@ class Runner:
         *,
         areas: tuple[Sequence[Area], Sequence[Area]],
         rng: np.random.Generator,
-        limits: Limits,
+        budget: Budget,
     ) -> None:
-        self.skills, self.memory, self.limits = skills, memory, limits
+        self.skills, self.memory, self.budget = skills, memory, budget
         self.failures = 0
         self._areas, self._finer = areas
         self._rng = rng
@@ -56,9 +48,9 @@ class Runner:
     @property
     def spent(self) -> bool:
         """Whether nothing more may be tried."""
-        return self.failures >= self.limits.failures or self.skills.actions >= self.limits.steps
+        return self.budget.is_spent(self.skills.actions, self.failures)
 
-    def frame(self, frame: Frame, rest: Sequence[Frame]) -> Work:
+    def frame(self, frame: SubGoal, rest: Sequence[SubGoal]) -> Work:
         """Carry out one sub-goal; the pointer into its actions moves on success only.
 
         Args:
@@ -66,7 +58,7 @@ class Runner:
             rest: the sub-goals after it; they tell where a thing is to go.
         """
         self._begin(frame, rest)
-        steps: tuple[Step, ...] = ()
+        steps: tuple[SkillCall, ...] = ()
         while not steps and not self.spent:
             if frame.action in _OF_THE_THING and self._held(frame.thing) is None:
                 if not (yield from self._find(frame.thing, first=frame.place)):
@@ -81,14 +73,14 @@ class Runner:
                 return True
             else:
                 place = frame.place or self.memory.surface(frame.thing)
-                frame = Frame(action=frame.action, thing=frame.thing, place=place)
+                frame = SubGoal(action=frame.action, thing=frame.thing, place=place)
                 steps = expand(frame)
         pointer = 0
         while pointer < len(steps) and not self.spent:
             pointer += yield from self._step(steps[pointer])
         return bool(steps) and pointer == len(steps)
 
-    def _begin(self, frame: Frame, rest: Sequence[Frame]) -> None:
+    def _begin(self, frame: SubGoal, rest: Sequence[SubGoal]) -> None:
         goes_to = next((f.place for f in rest if f.action == "Put" and f.thing == frame.thing), "")
         taking = frame.action == "Pickup"
         self.memory.begin_subgoal(frame.thing if taking else "", goes_to)
@@ -96,7 +88,7 @@ class Runner:
 
     # ------------------------------------------------------------- one action
 
-    def _step(self, step: Step) -> Work:
+    def _step(self, step: SkillCall) -> Work:
         """Do one action on the objects that the sub-goal means; a failure masks the one it hit."""
         for name in step.objects:
             if name not in self._bound and not (yield from self._bind(name)):
@@ -142,7 +134,7 @@ class Runner:
         self.memory.observe(self.skills.experience)
 
     def _left(self) -> int:
-        return max(self.limits.steps - self.skills.actions, 1)
+        return self.budget.left(self.skills.actions)
 
     # ------------------------------------------------------------- exploring
 

@@ -15,14 +15,14 @@ from karma.files import read_toml
 TABLE = Path(__file__).parent / "examples.toml"
 
 
-class _Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _ExampleRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     instruction: str
     program: str
 
 
-class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    examples: tuple[_Row, ...]
-    errors: tuple[_Row, ...]
+class _ExampleTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    examples: tuple[_ExampleRow, ...]
+    errors: tuple[_ExampleRow, ...]
 
 
 class ExampleMemory:
@@ -69,11 +69,11 @@ def seed_examples() -> tuple[tuple[WorkedExample, ...], tuple[WorkedExample, ...
     Raises:
         FileError: the table is damaged, or a program in it does not parse.
     """
-    table = read_toml(TABLE, _Table)
+    table = read_toml(TABLE, _ExampleTable)
     return _examples(table.examples), _examples(table.errors)
 
 
-def _examples(rows: Sequence[_Row]) -> tuple[WorkedExample, ...]:
+def _examples(rows: Sequence[_ExampleRow]) -> tuple[WorkedExample, ...]:
     for row in rows:
         try:
             parse_program(row.program)

@@ -26,9 +26,10 @@ from karma.contracts import (
 )
 from karma.errors import KarmaError
 from karma.memory.scene_graph import SceneGraph
+from karma.methods.budget import Budget
 from karma.methods.helper.examples import ExampleMemory, seed_examples
 from karma.methods.helper.memory import ObjectMemory
-from karma.methods.helper.run import Budget, Executor
+from karma.methods.helper.run import Executor
 from karma.methods.options import settings_of
 from karma.methods.tour import floor_of, position_of
 from karma.seeds import stream
@@ -48,13 +49,14 @@ class HelperSettings:
     furniture: bool = False  # whether the planner is told what furniture was seen; the source's not
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Room:
+@dataclass(slots=True, kw_only=True)
+class _HelperRoom:
     """What is known of one room."""
 
     memory: ObjectMemory
     cells: list[Vec3]
     floor: SceneGraph
+    explored: bool = False  # looked round once
 
     @classmethod
     def of(cls, world: World) -> Self:
@@ -120,8 +122,7 @@ class HelperEpisode:
         self._planner, self._errors = method.planner, method.errors
         self._world, self._seed = world, seed
         self._number = 0  # of the instruction
-        self._explored: set[SceneRef] = set()
-        self._scene, self._room = scene, _Room.of(world)
+        self._scene, self._room = scene, _HelperRoom.of(world)
         self._rooms = {scene: self._room}
 
     @property
@@ -132,18 +133,19 @@ class HelperEpisode:
     def enter(self, scene: SceneRef) -> None:
         """Be in a room, with what is known of it."""
         if scene not in self._rooms:
-            self._rooms[scene] = _Room.of(self._world)
+            self._rooms[scene] = _HelperRoom.of(self._world)
         self._scene, self._room = scene, self._rooms[scene]
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Explore if the room is new; then plan, act, correct once, and learn the example."""
         self.memory.begin_instruction()
         body = self._executor()
-        if self._scene not in self._explored:
-            self._explored.add(self._scene)
+        if not self._room.explored:
+            self._room.explored = True
             yield from self._explore(body)
         self._number += 1
-        plan = yield from self._ask(body, subtask, self.examples.nearest(*self._query(subtask)), "")
+        examples = self.examples.nearest(subtask.instruction, self.settings.examples)
+        plan = yield from self._ask(body, subtask, examples, "")
         done: list[SkillCall] = []
         finished = plan is not None and (yield from self._carry_out(body, subtask, plan, done))
         if done:
@@ -151,9 +153,6 @@ class HelperEpisode:
             self.examples.add(WorkedExample(instruction=subtask.instruction, program=program))
         handled = body.skills.experience.handled_ids
         yield Outcome(finished=finished, resident=(), handled_ids=handled)
-
-    def _query(self, subtask: SubTask) -> tuple[str, int]:
-        return subtask.instruction, self.settings.examples
 
     def _executor(self) -> Executor:
         budget = Budget(steps=self.settings.steps, failures=self.settings.failures)

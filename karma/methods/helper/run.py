@@ -1,7 +1,7 @@
 """HELPER's executor: one sub-goal after another, repaired, its objects looked for, then done."""
 
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from karma.agent.skills import Skills
 from karma.contracts import Area, SeenObject, SkillCall, SkillResult, Vec3
 from karma.household.uses import FOUND_BY_SKILL, TAPS
+from karma.methods.budget import Budget
 from karma.methods.capeam.prior import likely_places
 from karma.methods.helper.inspector import (
     ends_there,
@@ -29,14 +30,6 @@ Ending = Literal["done", "failed", "skipped"]
 Deed = Generator[SkillResult, None, bool]  # returns whether it worked
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Budget:
-    """What one instruction may cost."""
-
-    steps: int = 1000
-    failures: int = 30
-
-
 class Executor:
     """Carries out sub-goals of one instruction.
 
@@ -45,7 +38,7 @@ class Executor:
         memory: the sequence's object memory.
         points: cells to stand on, for looking anywhere.
         rng: draws among them.
-        budget: see there.
+        budget: when the instruction is given up.
     """
 
     def __init__(
@@ -67,7 +60,7 @@ class Executor:
     @property
     def spent(self) -> bool:
         """Whether nothing more may be tried."""
-        return self.skills.actions >= self.budget.steps or self.failures >= self.budget.failures
+        return self.budget.is_spent(self.skills.actions, self.failures)
 
     def look(self) -> None:
         """Write what the skills saw and did into memory."""
@@ -134,7 +127,7 @@ class Executor:
         self.last_error = f"Failed sub-goal: {call}. Error: {reason}"
 
     def _left(self) -> int:
-        return max(self.budget.steps - self.skills.actions, 1)
+        return self.budget.left(self.skills.actions)
 
     # ------------------------------------------------------------- the locator
 
