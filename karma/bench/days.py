@@ -67,7 +67,7 @@ class Days:
         return drawn(world, task, seed, self._draws[task, seed])
 
     def _search(self, world: World, task: Task, seed: int) -> int:
-        """Return the first draw with no fault that the scene as it is does not have too."""
+        """Return the first draw whose faults the unchanged scene has too, else the best draw."""
         if task not in self._usual:
             world.reset(task.scene.source)
             self._usual[task] = faults(world, task)

@@ -1,4 +1,4 @@
-"""The expert acting with the whole truth: the ceiling, and proof that tasks are solvable.
+"""The `expert` row: knows all objects and goals; shows the ceiling and that tasks can be solved.
 
 The one method that may read a sub-task's goals and the world's hidden state.
 """
@@ -43,7 +43,7 @@ class _NoOptions:
 
 
 class ExpertMethod:
-    """The `expert` row: goals and truth in, programs out, through the same skills."""
+    """Writes programs from the goals and the true state, and acts by the same skills as others."""
 
     name = "expert"
 
@@ -74,12 +74,12 @@ class ExpertEpisode:
         self._tracker.start(world.last_event)
 
     def enter(self, scene: SceneRef) -> None:
-        """Be in a room; what was used in it before is known."""
+        """Go on in a room, with the ids of what was used there before."""
         self._used = self._used_in.setdefault(scene, [])
         self._tracker.start(self._world.last_event)
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
-        """Solve what is not true yet, and again if something went wrong."""
+        """Act until all goals hold, writing at most `ATTEMPTS` programs."""
         if subtask.is_whole:
             self._tracker.start(self._world.last_event)
         self._tracker.begin_subtask()
@@ -109,7 +109,7 @@ class ExpertEpisode:
 
 
 class _AllKnowing:
-    """Knowledge of where everything is."""
+    """Answers the skills' questions from the true state."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -129,7 +129,7 @@ class _AllKnowing:
         )
 
     def areas(self) -> tuple[Area, ...]:
-        """Return (): who knows everything need not search."""
+        """Return no areas: with everything known nothing is searched for."""
         return ()
 
 
@@ -177,7 +177,7 @@ def _bound(goal: Goal, view: ExpertView, things: Mapping[str, TrueObject]) -> Go
 
 
 def _support(name: str, things: Mapping[str, TrueObject]) -> str:
-    """Return the receptacle for "near": what a thing lies on, or what a place "(x, y, z)" is at."""
+    """Return a receptacle: of a thing, what it lies on; of a point "(x, y, z)", the nearest."""
     if is_position(name):
         x, y, z = (float(part) for part in name.strip("() ").split(","))
         open_ones = (t for t in things.values() if t.receptacle and not t.openable)
@@ -194,7 +194,7 @@ def _off(thing: TrueObject, point: Vec3) -> float:
 
 
 def _choose(names: tuple[str, ...], view: ExpertView, things: Mapping[str, TrueObject]) -> str:
-    """Return the id of what was last used, else the nearest; big fixed things stay a type."""
+    """Return the id of the thing last used, else of the nearest; surfaces keep their type."""
     for name in names:
         held = view.held
         if held is not None and name in (held.name, base_type(held.object_type)):

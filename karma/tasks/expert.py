@@ -41,7 +41,7 @@ class ExpertView:
 
 @dataclass(slots=True)
 class _Draft:
-    """A program being written, and the world as it will be at that line."""
+    """Holds a program being written, and the hand and places as they will be after its lines."""
 
     view: ExpertView
     held: NamedThing | None
@@ -87,7 +87,7 @@ class _Draft:
         )
 
     def reach(self, thing: NamedThing) -> str | None:
-        """Go where a thing can be touched; return the container that had to be opened."""
+        """Write the way to a thing; return the container that had to be opened for it."""
         if self.held is not None and thing.name == self.held.name:
             return None
         place = self.place_of(thing)
@@ -104,7 +104,7 @@ class _Draft:
         return None
 
     def take(self, thing: NamedThing) -> None:
-        """Have a thing in the hand."""
+        """Write the lines that take a thing into the hand."""
         if self.held is not None and thing.name == self.held.name:
             return
         if self.held is not None:
@@ -117,7 +117,7 @@ class _Draft:
         self.places.pop(thing.name, None)
 
     def put_down(self) -> None:
-        """Free the hand: put what is held on the best known surface."""
+        """Write the lines that put what is held on the best known surface."""
         assert self.held is not None
         kind = object_types().get(self.held.object_type)
         fits = kind.goes_in if kind is not None else None
@@ -127,7 +127,7 @@ class _Draft:
         self.put(self.held, NamedThing(name=surface, object_type=surface))
 
     def put(self, thing: NamedThing, receptacle: NamedThing, *, close: bool = True) -> None:
-        """Put a thing into a receptacle, opening and closing what must be."""
+        """Write the lines that put a thing into a receptacle, opening and closing what must be."""
         self.take(thing)
         opened = self.reach(receptacle)
         if receptacle.object_type in STAND_CLOSED:
@@ -172,7 +172,7 @@ def _wants(goals: Sequence[Goal], *states: str) -> bool:
 
 
 def _helps(goal: Goal, mine: Sequence[Goal]) -> bool:
-    """Return whether an appliance's goal is part of what is done to the subject."""
+    """Return whether an appliance is switched on only to change the subject of other goals."""
     if goal.predicate != "TOGGLEON":
         return False
     appliance = goal.arguments[0]
@@ -226,7 +226,7 @@ def _change(draft: _Draft, thing: NamedThing, state: str, goals: Sequence[Goal])
 
 
 def _slice(draft: _Draft, thing: NamedThing) -> None:
-    """Fetch a knife, as Listing 2 does, and slice; a whole thing in the hand is put down first."""
+    """Write the lines that fetch a knife, as Listing 2 does, and slice."""
     knives = [draft.thing(kind) for kind in uses.KNIVES]
     held_knife = draft.held is not None and draft.held.object_type in uses.KNIVES
     if not held_knife:
@@ -238,7 +238,7 @@ def _slice(draft: _Draft, thing: NamedThing) -> None:
 
 
 def _rinse(draft: _Draft, thing: NamedThing) -> str:
-    """Hold a thing under the tap: it gets clean, and full if it can be filled."""
+    """Write the lines that rinse a thing, which cleans it, and fills it if it can be filled."""
     draft.put(thing, draft.thing(uses.SINK))
     draft.say("ToggleOn", uses.FAUCET)
     draft.say("ToggleOff", uses.FAUCET)
@@ -252,7 +252,7 @@ def _coffee(draft: _Draft, thing: NamedThing) -> str:
 
 
 def _heat(draft: _Draft, thing: NamedThing, state: str) -> str:
-    """Toast bread; everything else goes into the microwave, an egg is cracked in there."""
+    """Write the lines that toast bread, or heat anything else, an egg cracked, in a microwave."""
     if base_type(thing.object_type) == uses.TOASTED and state == "cooked":
         if "sliced" not in thing.states and not is_piece(thing.object_type):
             _slice(draft, thing)

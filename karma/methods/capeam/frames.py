@@ -63,7 +63,7 @@ class Predicted:
 
 @dataclass(slots=True)
 class _ProgramReader:
-    """Goes through a program once, with what is in the hand and what stands open."""
+    """Reads a program call by call, tracking what is in the hand and what stands open."""
 
     calls: Sequence[SkillCall]
     frames: list[SubGoal] = field(default_factory=list)
@@ -123,7 +123,7 @@ class _ProgramReader:
             self.running = _APPLIANCES[place][1] if place in _APPLIANCES else ""
 
     def _change(self, thing: str, place: str, rest: Sequence[SkillCall]) -> Action:
-        """Return what putting a thing there is for."""
+        """Return the action that a put is part of: a change by an appliance, or the put alone."""
         if place == FRIDGE:
             again = any(c.skill == "PickupObject" and _kind(c.objects[0]) == thing for c in rest)
             return "Cool" if again else "Put"
@@ -136,7 +136,7 @@ class _ProgramReader:
         return "Put"
 
     def _leave(self) -> None:
-        """Put back what a change leaves in the hand, where the program leaves it in place."""
+        """Append a put where the program leaves a changed thing in its appliance."""
         if self.resting is not None:
             self.frames.append(
                 SubGoal(action="Put", thing=self.resting.thing, place=self.resting.place)
@@ -192,7 +192,7 @@ def read(calls: Sequence[SkillCall], held: str = "") -> Predicted:
 
 
 def _context(frames: Sequence[SubGoal]) -> Context | None:
-    """Return what the frames agree on: what is put last is what the instruction is about."""
+    """Return the context that the frames share; the thing that is put last is its subject."""
     cut = {frame.thing for frame in frames if frame.action == "Slice"}
     lit = [f.thing for f in frames if f.action == "ToggleOn" and f.thing in LAMPS]
     picked = [f.thing for f in frames if f.action == "Pickup" and f.thing not in KNIVES]
@@ -276,5 +276,5 @@ def _take(thing: str) -> SkillCall:
 
 
 def _kind(name: str) -> str:
-    """Return the type of a short name, a basin as what it is part of."""
+    """Return the type of a short name; a basin becomes the furniture that it is part of."""
     return without_basin(short_type(name))

@@ -18,7 +18,7 @@ ANYWHERE = 0.05  # what a place weighs of which nothing is known
 
 @dataclass(slots=True)
 class EnvironmentMemory:
-    """The map of what was seen, and what was done to it; also what the skills may ask."""
+    """Maps the objects of one room that were seen, and where the agent cut and put them."""
 
     here: Callable[[], Vec3]  # where the agent stands
     seen: dict[str, SeenObject] = field(default_factory=dict)
@@ -42,7 +42,7 @@ class EnvironmentMemory:
             ids.append(object_id)
 
     def begin_subgoal(self, thing: str = "", place: str = "") -> None:
-        """Forget what the last sub-goal passed over; pass over what is where this one leads.
+        """Set the objects to ignore: only those that are already where this sub-goal leads.
 
         Args:
             thing: type of what is to be taken.
@@ -53,7 +53,7 @@ class EnvironmentMemory:
     # ------------------------------------------------------------- reading
 
     def nearest(self, kind: str) -> SeenObject | None:
-        """Return the nearest thing of a type or a piece of one, none that is masked.
+        """Return the nearest object of a type or piece of one that is not masked.
 
         Of what was cut the pieces count, the nearest to where that was.
         """
@@ -69,7 +69,7 @@ class EnvironmentMemory:
         return min(fitting, key=rank, default=None)
 
     def passes_over(self, kind: str) -> bool:
-        """Return whether this sub-goal passes over a thing of a type."""
+        """Return whether an object of this type is masked."""
         return any(one.object_id in self.masked for one in self._all(kind))
 
     def _all(self, kind: str) -> list[SeenObject]:
@@ -81,7 +81,7 @@ class EnvironmentMemory:
         return known(one, "memory") if one is not None else None
 
     def areas(self) -> tuple[Area, ...]:
-        """Return (): the map knows places, not areas."""
+        """Return no areas: the map holds objects only."""
         return ()
 
     def shut_in(self, one: SeenObject) -> SeenObject | None:

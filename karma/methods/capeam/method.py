@@ -118,7 +118,7 @@ class CapeamEpisode:
         return self._room.memory
 
     def enter(self, scene: SceneRef) -> None:
-        """Be in a room, with what is known of it."""
+        """Go on in a room, with the map of earlier visits."""
         if scene not in self._rooms:
             self._rooms[scene] = _CapeamRoom.of(self._world)
         self._scene, self._room = scene, self._rooms[scene]

@@ -26,7 +26,7 @@ class _ExampleTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class ExampleMemory:
-    """Worked examples that grow by `add`; nothing ever leaves.
+    """Finds worked examples by their instructions; examples are added, never removed.
 
     Args:
         embedder: of instructions.
@@ -41,7 +41,7 @@ class ExampleMemory:
         return len(self._examples)
 
     def copy(self) -> "ExampleMemory":
-        """Return a memory of the same examples that grows apart from this one."""
+        """Return an independent memory with the same examples."""
         twin = copy(self)
         twin._examples = list(self._examples)
         return twin

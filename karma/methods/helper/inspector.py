@@ -1,4 +1,4 @@
-"""HELPER's inspector: what must be done before a sub-goal can work, by rule."""
+"""HELPER's inspector: rules for what must be done before a sub-goal can work."""
 
 from collections.abc import Sequence
 
@@ -59,7 +59,7 @@ def with_object(call: SkillCall, memory: ObjectMemory) -> list[SkillCall]:
 
 
 def idle(call: SkillCall, memory: ObjectMemory) -> bool:
-    """Return whether a sub-goal is dropped: nothing to open or close, or it is so already.
+    """Return whether to drop an open or close: the thing does not open, or is so already.
 
     Args:
         call: the sub-goal, with ids for names.
@@ -75,7 +75,7 @@ def idle(call: SkillCall, memory: ObjectMemory) -> bool:
 
 
 def whole_first(call: SkillCall, memory: ObjectMemory) -> SkillCall | None:
-    """Return the cut that must come first where a sub-goal names a piece that there is not yet."""
+    """Return the cut that must come first where a sub-goal names a piece not cut yet."""
     for name in call.objects:
         if is_piece(name) and memory.best(name) is None and call.skill != "SliceObject":
             return SkillCall(skill="SliceObject", objects=(base_type(name),))
@@ -83,7 +83,7 @@ def whole_first(call: SkillCall, memory: ObjectMemory) -> SkillCall | None:
 
 
 def ends_there(call: SkillCall, rest: Sequence[SkillCall]) -> bool:
-    """Return whether a thing that is being put down is to stay there (HELPER's ObjectDone).
+    """Return whether a thing that is put down has reached its goal (HELPER's ObjectDone).
 
     So it is when the rest of the program does not use it, or puts another one to the same place.
     """

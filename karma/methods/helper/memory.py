@@ -15,7 +15,7 @@ _LESS = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tracked:
-    """One object: its last sight, and what it is good for."""
+    """One object: its last sight, how sure it is, and whether it may be used."""
 
     sight: SeenObject
     score: float = _SEEN  # the best is tried first
@@ -25,13 +25,13 @@ class Tracked:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Words that hold: seen, then brought about."""
+        """State words: those seen last, then those that the agent brought about."""
         return tuple(dict.fromkeys((*self.sight.states, *self.flags)))
 
 
 @dataclass(slots=True)
 class ObjectMemory:
-    """What is known of the objects of a home, without bound, until `clear`.
+    """Keeps every object of one room that was seen; nothing is dropped for room.
 
     It is also what the skills may ask: where a name is. A name is an id or a type; a type means the
     pieces of a thing too.
@@ -42,7 +42,7 @@ class ObjectMemory:
     could_not_find: set[str] = field(default_factory=set)
 
     def begin_instruction(self) -> None:
-        """Let everything be used and searched for again: a new instruction may want it."""
+        """Allow every object to be used and searched for again."""
         self.could_not_find.clear()
         self.objects = {name: replace(one, can_use=True) for name, one in self.objects.items()}
 
@@ -69,12 +69,12 @@ class ObjectMemory:
             self.objects[object_id] = replace(self.objects[object_id], score=_PLACED)
 
     def finish(self, object_id: str) -> None:
-        """Note that a thing is where this instruction wants it: it is not to be used again."""
+        """Mark a thing that is where this instruction wants it, so that it is not used again."""
         if object_id in self.objects:
             self.objects[object_id] = replace(self.objects[object_id], can_use=False)
 
     def failed(self, object_id: str) -> None:
-        """Note that an interaction failed: the others of its type come first now."""
+        """Lower the score of an object that an action failed on; others of its type come first."""
         if object_id in self.objects:
             one = self.objects[object_id]
             kind = one.sight.object_type
@@ -84,7 +84,7 @@ class ObjectMemory:
     # ------------------------------------------------------------- reading
 
     def of(self, name: str) -> list[Tracked]:
-        """Return what a name can mean, the best score first, then the nearest."""
+        """Return the objects that a name can mean, by score, then by distance."""
         x, _, z = self.here()
 
         def rank(one: Tracked) -> tuple[bool, float, float, str]:
@@ -96,7 +96,7 @@ class ObjectMemory:
         return sorted(fitting, key=rank)
 
     def best(self, name: str) -> Tracked | None:
-        """Return what a name means now; None if nothing is known that may be used."""
+        """Return the best object that a name can mean; None without a usable one."""
         return next(iter(self.of(name)), None)
 
     def where(self, name: str) -> Known | None:
@@ -105,7 +105,7 @@ class ObjectMemory:
         return known(one.sight, "memory") if one is not None else None
 
     def areas(self) -> tuple[Area, ...]:
-        """Return (): HELPER has no long-term map of areas."""
+        """Return no areas: HELPER has no long-term map."""
         return ()
 
     def shut_in(self, name: str) -> SeenObject | None:

@@ -60,7 +60,7 @@ class _HelperRoom:
 
     @classmethod
     def of(cls, world: World) -> Self:
-        """Return the knowledge of somebody who has just come in."""
+        """Return the knowledge of a room at the first visit: its floor and no objects."""
         cells, height = sorted(floor_of(world)), position_of(world)[1]
         return cls(
             memory=ObjectMemory(here=lambda: position_of(world)),
@@ -131,7 +131,7 @@ class HelperEpisode:
         return self._room.memory
 
     def enter(self, scene: SceneRef) -> None:
-        """Be in a room, with what is known of it."""
+        """Go on in a room, with the objects of earlier visits."""
         if scene not in self._rooms:
             self._rooms[scene] = _HelperRoom.of(self._world)
         self._scene, self._room = scene, self._rooms[scene]

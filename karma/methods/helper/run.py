@@ -1,4 +1,4 @@
-"""HELPER's executor: one sub-goal after another, repaired, its objects looked for, then done."""
+"""HELPER's executor: repairs each sub-goal, finds its objects, and does it."""
 
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
@@ -151,7 +151,7 @@ class Executor:
         return True
 
     def _places(self, name: str, near: Sequence[str]) -> Iterator[SeenObject | Area]:
-        """Yield where to look, in order; each is asked for when its turn comes."""
+        """Yield places to look at: landmarks, likely furniture, then cells drawn at random."""
         marks = [*near, *([self._landmark] if self._landmark else [])]
         tried: set[str] = set()
         for kind in [*marks, *list(likely_places(name))[:LIKELY]]:

@@ -1,4 +1,4 @@
-"""What the LoTa rows say to a model: closed lists of steps, and two forms of prompt for each row.
+"""Prompts of the LoTa rows, two forms for each row, and the closed lists of steps.
 
 `words` is LoTa-Bench's own form, a dialogue of numbered steps, for any language model. `compact` is
 for planners that were trained on the compact profile: lines of programs. `code` is the whole plan
@@ -48,13 +48,13 @@ class Past:
 
 @cache
 def named_types() -> tuple[str, ...]:
-    """Return the object types that a step may name; a slice goes by its whole's name."""
+    """Return the object types that a step may name; a piece is called as the whole is."""
     return tuple(name for name, kind in object_types().items() if not kind.made_by_slicing)
 
 
 @cache
 def steps_in_words() -> Mapping[str, SkillCall | None]:
-    """Return LoTa-Bench's list, step -> what is done; None ends.
+    """Return LoTa-Bench's list of steps with the call of each; None ends the instruction.
 
     Each step ends with the comma that would follow it, so that none begins another. `put down`
     names what is in the hand; its place is what was found last.
@@ -73,7 +73,7 @@ def steps_in_words() -> Mapping[str, SkillCall | None]:
 
 @cache
 def steps_in_lines() -> Mapping[str, SkillCall | None]:
-    """Return the same as lines of programs; here `PutObject` names the place too."""
+    """Return the same list as lines of programs, in which `PutObject` names the place too."""
     calls = [_call("GoToObject", name) for name in named_types()]
     carried = [name for name in named_types() if _possible(_call("PickupObject", name))]
     for skill in ("PickupObject", "OpenObject", "CloseObject", "SliceObject", "BreakObject",
@@ -135,7 +135,7 @@ def _numbered(steps: Sequence[str]) -> list[str]:
 def lines_prompt(
     instruction: str, held: SeenObject | None, steps: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the compact profile without any memory, then the program so far.
+    """Return the compact prompt without memory, followed by the program so far.
 
     Earlier instructions are left out: planners of this profile were never shown any.
     """

@@ -69,7 +69,7 @@ class LotaScoreSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LotaGenerateSettings:
-    """How a whole plan is treated."""
+    """The options of `lota.generate`."""
 
     inspected: bool = True  # mend plans of the compact profile, which leaves searches to that
 
@@ -222,7 +222,7 @@ class LotaGenerate:
 
 
 class LotaEpisode:
-    """One sequence of instructions; what is kept of each is what was asked and answered.
+    """One sequence of instructions, of which only requests and answers are kept.
 
     Args:
         act: carries out one instruction, told the ones before it.
@@ -242,7 +242,7 @@ class LotaEpisode:
         self._floors = {scene: self._floor}
 
     def enter(self, scene: SceneRef) -> None:
-        """Be in a room, whose cells are known."""
+        """Go on in a room, of which only the floor is known."""
         if scene not in self._floors:
             self._floors[scene] = _Floor(self._world)
         self._floor = self._floors[scene]
@@ -262,7 +262,7 @@ class LotaEpisode:
 
 
 class _Floor:
-    """What the rows know of a home: area nodes over the cells that can be stood on, all empty."""
+    """Knows area nodes over the cells that can be stood on, and no object."""
 
     def __init__(self, world: World) -> None:
         graph = SceneGraph.over(sorted(floor_of(world)), height_m=position_of(world)[1])
@@ -292,7 +292,7 @@ def chooser_of(model: LanguageModel) -> ScoringModel:
 
 
 def _mended(skills: Skills, call: SkillCall) -> tuple[SkillCall, ...]:
-    """Return a line with what the compact profile leaves to the inspector: see `mend`."""
+    """Return a line with the calls that planners of the compact profile leave out: see `mend`."""
     skills.look()
     seen = {sight.object_type for sight in skills.experience.seen.values()}
     held = skills.experience.held
@@ -301,7 +301,7 @@ def _mended(skills: Skills, call: SkillCall) -> tuple[SkillCall, ...]:
 
 
 def _place_after(call: SkillCall, place: str) -> str:
-    """Return where `put down` puts things: what was found last, until something else is done."""
+    """Return the receptacle found last, which `put down` uses; "" after other steps."""
     if call.skill == "Explore":
         name = call.objects[0]
         return name if name in BASIN_OF or object_types()[name].can("receptacle") else ""
@@ -309,7 +309,7 @@ def _place_after(call: SkillCall, place: str) -> str:
 
 
 def _find(call: SkillCall) -> SkillCall:
-    """Return a walk as a search, which is no more than a walk where the place is known."""
+    """Return a walk as a search, which equals the walk where the place is known."""
     return replace(call, skill="Explore") if call.skill == "GoToObject" else call
 
 
