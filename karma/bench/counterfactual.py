@@ -39,7 +39,7 @@ class Saving:
         title: its name in tables.
         says: what it is, in few words.
         amount: of an episode; undefined where it is not known of one.
-        is_solved: only pairs that both rows solved: who gives up early also searches little.
+        is_solved: only pairs that both rows solved; an agent that gives up early searches little.
         digits: after the point.
     """
 

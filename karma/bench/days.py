@@ -21,7 +21,7 @@ from karma.tasks.goals import GoalTracker, WatchedWorld, object_names
 
 _DRAWS = 20  # starts tried; then the one with the fewest faults is taken
 _SHARE = 2  # one in so many of the things that can be carried is moved
-_SPARED = (BIN,)  # nobody begins a day by searching the bin
+_SPARED = (BIN,)  # no day begins with things in the bin
 _TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 
 Faults = frozenset[tuple[str, int]]  # what is wrong with a start, and in which sub-task

@@ -128,8 +128,7 @@ def read_experiment(path: Path) -> Experiment:
     """Read an experiment.
 
     Raises:
-        FileError: it is damaged, a key is unknown, something stands twice, or a name in it is
-            nobody's.
+        FileError: it is damaged, a key or a name in it is unknown, or something stands twice.
     """
     fix = "karma eval eval/demo.toml; experiments lie in eval/"
     try:

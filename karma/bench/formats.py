@@ -1,32 +1,11 @@
 """How figures are written, everywhere alike: one sign for what was not measured."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # numpy is not loaded for `karma --help`
+    from karma.bench.statistics import Estimate
 
 UNKNOWN = "–"
-
-
-class Bounds(Protocol):
-    """An interval."""
-
-    @property
-    def low(self) -> float:
-        """The lower end."""
-
-    @property
-    def high(self) -> float:
-        """The upper end."""
-
-
-class Measured(Protocol):
-    """A figure with its interval; see `karma.bench.statistics.Estimate`."""
-
-    @property
-    def value(self) -> float | None:
-        """The figure; None where nothing was measured."""
-
-    @property
-    def interval(self) -> Bounds | None:
-        """Its interval; None where it has none."""
 
 
 def figure_text(value: float | None, digits: int = 2) -> str:
@@ -47,7 +26,7 @@ def percent_text(share: float | None, digits: int = 0) -> str:
     return figure_text(None if share is None else 100 * share, digits)
 
 
-def interval_text(measured: Measured, digits: int = 2, *, sign: bool = False) -> str:
+def interval_text(measured: "Estimate", digits: int = 2, *, sign: bool = False) -> str:
     """Return a figure with its interval."""
     ends = measured.interval
     low, high = (ends.low, ends.high) if ends else (None, None)

@@ -103,7 +103,7 @@ class Run:
         return self.total - len(self.records)
 
     def suggest(self) -> Suggestion:
-        """Return how many workers to use if nobody says."""
+        """Return how many workers to use unless a number is given."""
         if self._session.cassette.mode != "off":
             return Suggestion(number=1, reason="a cassette")
         return suggest_workers(self._stage.models, self.left)
@@ -111,9 +111,9 @@ class Run:
     def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[EpisodeRecord]:
         """Do what is missing; each record is on the disk before it is yielded.
 
-        When the last is done, all lines are in the order of seeds, rows and tasks, whoever did
-        them in whatever order. Where success rates are not yet as sure as they are wanted, one seed
-        after the other is begun.
+        When the last is done, all lines are put in the order of seeds, rows and tasks, in
+        whatever order they were done. Where success rates are not yet as sure as they are wanted,
+        one seed after the other is begun.
 
         Args:
             workers: processes to use, each with models of its own.
@@ -156,7 +156,10 @@ class Run:
         self.records, self.timings = self._files.done()
         listed = self.experiment.seeds
         last = max((record.seed for record in self.records), default=0)
-        self.seeds = (*listed, *range(max(listed) + 1, last + 1))  # who begins a seed finishes it
+        self.seeds = (
+            *listed,
+            *range(max(listed) + 1, last + 1),
+        )  # a seed that was begun is finished
         if not self.left:
             self._begin_another()
 

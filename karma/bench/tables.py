@@ -153,7 +153,7 @@ def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
         caption=(
             f"Shares saved of what the reference row spent: {words}. Related: only in sub-tasks "
             "that come back to a thing; what is asked for first has to be searched by everybody. "
-            "Both solved: only in such pairs, as who gives up early also searches little."
+            "Both solved: only in such pairs, as an agent that gives up early also searches little."
         ),
         head=("method", "tasks", "pairs", "both solved", *(one.title for one in plain)),
         lines=tuple(

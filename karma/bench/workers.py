@@ -1,4 +1,4 @@
-"""Who does the episodes: this process, or several at once, each with models of its own.
+"""Doing the episodes: in this process or in several at once, each with models of its own.
 
 An episode depends on its row, task and seed only, never on the process that does it or on earlier
 ones. So episodes can be dealt out in any way, and one whose worker died can be done again.

@@ -8,18 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from support.made_records import answer, call, sub
 from support.paths import ROOT
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.bench.figures import figures
 from karma.bench.records import (
-    Answer,
     AnswerTiming,
-    Call,
     EpisodeRecord,
     EpisodeTiming,
-    SubTaskRecord,
     SubTaskTiming,
     read_records,
     read_timings,
@@ -37,26 +35,13 @@ from karma.infer.hosted.cost import Spent
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 
 
-def call(**changes):
-    return Call(
-        **{"text": "OpenObject(robot, 'Fridge')", "ok": True, "reason": "", "actions": 3,
-           "explorations": 1, **changes}
-    )  # fmt: skip
-
-
-def answer(**changes):
-    return Answer(
-        **{"program": "x\n", "error": "", "finish": "stop", "prompt_tokens": 9,
-           "completion_tokens": 5, **changes}
-    )  # fmt: skip
+CALL = call("OpenObject(robot, 'Fridge')", actions=3, explorations=1)
 
 
 def part(**changes):
-    return SubTaskRecord(
-        **{"instruction": "Öffne den Kühlschrank.", "goals": ("OPEN(Fridge): 1",), "unmet": (),
-           "finished": True, "answers": (answer(),), "calls": (call(),), "recalled": ("Mug|1",),
-           "queries": 2, "hits": 1, **changes}
-    )  # fmt: skip
+    usual = sub("OPEN(Fridge): 1", instruction="Öffne den Kühlschrank.", calls=[CALL],
+                recalled=["Mug|1"], queries=2, hits=1)  # fmt: skip
+    return replace(usual, **changes)
 
 
 def episode(**changes):
@@ -87,7 +72,7 @@ FAILED = episode(task="t2", subtasks=(part(unmet=("OPEN(Fridge): 1",), hits=0, q
 BROKEN = episode(task="t3", kind="complex", subtasks=(part(queries=0, hits=0),), error="broke")
 SILENT = episode(
     row="expert",
-    subtasks=(part(answers=(), recalled=(), hits=0, calls=(call(), call(actions=5))),),
+    subtasks=(part(answers=(), recalled=(), hits=0, calls=(CALL, replace(CALL, actions=5))),),
 )
 
 
