@@ -17,6 +17,7 @@ from karma.household.uses import (
     TOASTER,
 )
 
+ROOMS = ("kitchen", "living", "bedroom", "bathroom")  # kinds of rooms, as scenes are named
 HAND = "hand"  # the place of what the agent holds
 FLOOR = "Floor"
 SURFACES = (

@@ -24,6 +24,7 @@ from karma.contracts import Goal
 from karma.errors import FileError, KarmaError
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
+from karma.household.places import ROOMS
 from karma.household.types import types_with
 from karma.household.uses import KNIVES
 from karma.seeds import stream
@@ -36,13 +37,12 @@ if TYPE_CHECKING:
 
 UnitSet = Literal["r4", "m"]
 UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
-ROOMS = ("kitchen", "living", "bedroom", "bathroom")
 SMOOTHING = 0.5  # added to each count of where things were found
 GRAMMAR_SCENES = 10  # generated rooms of each kind
 GRAMMAR_TASKS = 40  # requests drawn in each
 SHIPPED_TASKS = 120  # requests drawn in each room of ours
 NOT_ALFREDS = ("hold", "break", "coffee")  # kinds that are like none of ALFRED's seven
-_FLOOR_PLANS = {0: "kitchen", 2: "living", 3: "bedroom", 4: "bathroom"}  # by the hundred
+_FLOOR_PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # by the hundred
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,7 +21,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from karma.errors import KarmaError
-from karma.lab.tasks import ROOMS, Errand, Pool, UnitSet
+from karma.household.places import ROOMS
+from karma.lab.tasks import Errand, Pool, UnitSet
 from karma.lab.trace import Trace
 from karma.seeds import stream
 

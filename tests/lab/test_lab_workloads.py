@@ -17,8 +17,9 @@ import pytest
 from support.lab_trials import many_trials, trial, write_trials
 
 from karma.errors import FileError, KarmaError
+from karma.household.places import ROOMS
 from karma.lab.simulate import simulate
-from karma.lab.tasks import ROOMS, UNIT_SETS, Errand, Finds, Pool, alfred_pool, grammar_pool
+from karma.lab.tasks import UNIT_SETS, Errand, Finds, Pool, alfred_pool, grammar_pool
 from karma.lab.workloads import (
     DAY,
     DAYS,

@@ -3,7 +3,7 @@
 import gzip
 import json
 
-from karma.lab.tasks import ROOMS
+from karma.household.places import ROOMS
 from karma.seeds import stream
 
 KINDS = {"kitchen": ("Apple", "Mug", "Pan", "Knife"), "living": ("Book", "Vase", "Box"),

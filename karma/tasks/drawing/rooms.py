@@ -5,6 +5,7 @@ from pathlib import Path
 
 from karma.contracts import SeenObject
 from karma.household.pieces import base_type
+from karma.household.places import ROOMS
 from karma.household.uses import SINK, with_basin
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
@@ -14,7 +15,6 @@ from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
 from karma.world.importing.scenes import import_dump
 
-KINDS = ("kitchen", "living", "bedroom", "bathroom")
 KITCHEN_SHARE = 3  # kitchens per room of another kind, as most requests are about kitchens
 AUTHORS_PLANS = frozenset({1, 11, 14, 16, 19, 22, 23, 27, 28, 201, 203, 207, 224, 314, 417, 422})
 
@@ -50,7 +50,7 @@ def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> Kn
 
 def generated_rooms(count: int, seed: int) -> Iterator[KnownRoom]:
     """Yield rooms of the generator, none of them a shipped scene (their seeds differ)."""
-    order = [KINDS[0]] * KITCHEN_SHARE + list(KINDS[1:])
+    order = [ROOMS[0]] * KITCHEN_SHARE + list(ROOMS[1:])
     for number in range(count):
         kind = order[number % len(order)]
         scene = build_scene(kind, 1000 + number, seed)
