@@ -17,6 +17,7 @@ from karma.contracts import (
     LanguageModel,
     ProgramSpec,
     Prompt,
+    ScoringModel,
     SeenObject,
     SkillSignature,
     VisionModel,
@@ -376,6 +377,15 @@ def test_every_registered_model_has_the_contract_s_methods(role, contract):
             if not method.startswith("_"):
                 ours = inspect.signature(getattr(found, method)).parameters
                 assert list(ours) == list(inspect.signature(told).parameters), (name, method)
+
+
+@pytest.mark.parametrize("name", names("language_models"))
+def test_every_language_model_but_a_hosted_one_chooses_as_the_contract_says(name):
+    ours = getattr(load("language_models", name), "choose", None)
+    assert (ours is None) == (name == "openai")
+    if ours is not None:
+        told = inspect.signature(ScoringModel.choose).parameters
+        assert list(inspect.signature(ours).parameters) == list(told)
 
 
 @pytest.mark.parametrize("name", names("vision_models"))
