@@ -6,7 +6,7 @@ LookDown); GetReachablePositions is asked once per scene and stands for the robo
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -45,6 +45,63 @@ class Stance:
     cost: float
 
 
+class FloorMap:
+    """The cells that can be stood on, on a grid through where the agent was.
+
+    Args:
+        found: the cells; () leaves the one that the agent stands on.
+        here: where the agent stands.
+    """
+
+    def __init__(self, found: Sequence[Vec3], here: Vec3) -> None:
+        found = found or [here]
+        self._origin = (here[0], here[2])
+        steps = [
+            b - a
+            for axis in (0, 2)
+            for values in [sorted({round(cell[axis], 3) for cell in found})]
+            for a, b in pairwise(values)
+            if b - a > 0.01
+        ]
+        self.grid_m = min(steps, default=0.25)
+        self.cells = {self.cell(cell): (cell[0], cell[2]) for cell in [*found, here]}
+
+    def cell(self, point: Vec3) -> Cell:
+        """Return the cell that a point lies in."""
+        return (
+            round((point[0] - self._origin[0]) / self.grid_m),
+            round((point[2] - self._origin[1]) / self.grid_m),
+        )
+
+    def metres(self, cell: tuple[int, ...]) -> tuple[float, float]:
+        """Return the x and z of a cell."""
+        return (
+            self._origin[0] + cell[0] * self.grid_m,
+            self._origin[1] + cell[1] * self.grid_m,
+        )
+
+    def gap_m(self, cell: tuple[int, ...], point: Vec3) -> float:
+        """Return the horizontal distance of a point from a cell."""
+        x, z = self.metres(cell)
+        return math.hypot(point[0] - x, point[2] - z)
+
+    def outside_m(self, cell: Cell, target: Target) -> list[float]:
+        """Return how far the cell is outside the target's box, along x and along z."""
+        return [
+            max(abs(at - target.center_m[axis]) - target.size_m[axis] / 2, 0.0)
+            for at, axis in zip(self.metres(cell), (0, 2), strict=True)
+        ]
+
+    def aim(self, cell: Cell, target: Target) -> tuple[float, float]:
+        """Return the point of the box to face: the nearest one, up to 0.25 m inside."""
+        aim = []
+        for at, axis in zip(self.metres(cell), (0, 2), strict=True):
+            half = max(target.size_m[axis] / 2 - 0.25, 0.0)
+            center = target.center_m[axis]
+            aim.append(min(max(at, center - half), center + half))
+        return aim[0], aim[1]
+
+
 class Walker:
     """The agent's body: walks, turns, looks, and counts the world's actions.
 
@@ -58,9 +115,7 @@ class Walker:
         self.max_actions = max_actions
         self.actions = 0  # since `start`
         self._scene = ""
-        self._cells: dict[Cell, tuple[float, float]] = {}
-        self._origin = (0.0, 0.0)
-        self._grid_m = 0.25
+        self._floor = FloorMap((), (0.0, 0.0, 0.0))
         self._state: State = (0, 0, 0)
         self._horizon = 0.0
         self._walls: set[tuple[State, str]] = set()
@@ -112,9 +167,9 @@ class Walker:
     def walk_near(self, point: Vec3) -> bool:
         """Walk to the cell nearest to a point that can be walked to, with any heading."""
         for _ in range(_REPLANS):
-            ways = self._ways()
-            near = min(ways, key=lambda s: (self._gap(s, point), ways[s][0], s))
-            if self._follow(self._trace(ways, near)):
+            routes = self._routes()
+            near = min(routes, key=lambda s: (self._floor.gap_m(s, point), routes[s][0], s))
+            if self._follow(self._trace(routes, near)):
                 return True
         return False
 
@@ -133,11 +188,11 @@ class Walker:
     @property
     def position(self) -> tuple[float, float]:
         """Where the agent stands: x, z in metres."""
-        return self._metres(self._state)
+        return self._floor.metres(self._state)
 
     def gap(self, point: Vec3) -> float:
         """Return the horizontal distance from the agent to a point, in metres."""
-        return self._gap(self._state, point)
+        return self._floor.gap_m(self._state, point)
 
     def stance(self) -> Stance:
         """Return how the agent stands and looks now."""
@@ -145,47 +200,48 @@ class Walker:
 
     def stance_of(self, pose: Pose) -> Stance:
         """Return a pose as a view; its cost and gap are left at 0."""
-        state = (*self._cell(pose.position_m), round(pose.yaw_deg / 90.0) % 4)
+        state = (*self._floor.cell(pose.position_m), round(pose.yaw_deg / 90.0) % 4)
         return Stance(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
 
     def bearing_deg(self, view: Stance, point: Vec3) -> float:
         """Return in which direction a point lies from a view, 0 = +z, 90 = +x."""
-        x, z = self._metres(view.state)
+        x, z = self._floor.metres(view.state)
         return math.degrees(math.atan2(point[0] - x, point[2] - z))
 
     def cell_near(self, point: Vec3) -> tuple[float, float]:
         """Return the cell of the map nearest to a point: x, z in metres."""
         x, _, z = point
-        return min(self._cells.values(), key=lambda cell: (math.dist(cell, (x, z)), cell))
+        return min(self._floor.cells.values(), key=lambda cell: (math.dist(cell, (x, z)), cell))
 
     def cells(self) -> Iterable[tuple[float, float]]:
         """Return all cells of the map: x, z in metres."""
-        return self._cells.values()
+        return self._floor.cells.values()
 
     def views(self, target: Target, *, reach_m: float, least_gap_m: float = 0.0) -> list[Stance]:
         """Return the ways to stand and look at a target, the cheapest first.
 
         Cells within `reach_m` of the target's box; if there are none, the nearest ones.
         """
-        ways = self._ways()
+        routes = self._routes()
         gaps = {
-            cell: math.hypot(*self._outside(cell, target)) for cell in {state[:2] for state in ways}
+            cell: math.hypot(*self._floor.outside_m(cell, target))
+            for cell in {state[:2] for state in routes}
         }
         reach = max(reach_m, min(gaps.values()) + 0.3)
         eye = camera_of(self.world.last_event).position_m[1]
         views = []
         for cell, gap in gaps.items():
             if gap <= reach:
-                view = self._view(cell, gap, target, eye, ways)
-                far = 3.0 * max(least_gap_m - gap, 0.0) / self._grid_m
+                view = self._view(cell, gap, target, eye, routes)
+                far = 3.0 * max(least_gap_m - gap, 0.0) / self._floor.grid_m
                 views.append((view.cost + far, view.state, view))
         return [view for _, _, view in sorted(views, key=lambda ranked: ranked[:2])]
 
     def _view(
-        self, cell: Cell, gap: float, target: Target, eye: float, ways: Mapping[State, "_Way"]
+        self, cell: Cell, gap: float, target: Target, eye: float, routes: Mapping[State, "_Route"]
     ) -> Stance:
-        x, z = self._metres(cell)
-        ax, az = self._aim(cell, target)
+        x, z = self._floor.metres(cell)
+        ax, az = self._floor.aim(cell, target)
         dx, dz = ax - x, az - z
         heading = (0 if dz >= 0 else 2) if abs(dz) >= abs(dx) else (1 if dx >= 0 else 3)
         forward, aside = max(abs(dx), abs(dz)), min(abs(dx), abs(dz))
@@ -195,39 +251,13 @@ class Walker:
         state = (*cell, heading)
         odds = off / 15.0 + max(abs(horizon - pitch) - 15.0, 0.0) / 5.0
         odds += 1.0 if gap < 0.3 else 4.0 * max(gap - 1.0, 0.0)
-        odds += 1.0 if min(self._outside(cell, target)) > 0.05 else 0.0  # past a corner
+        odds += 1.0 if min(self._floor.outside_m(cell, target)) > 0.05 else 0.0  # past a corner
         tilts = abs(horizon - self._horizon) / 30.0
-        known = ways.get(state)
+        known = routes.get(state)
         walk = known[0] if known else 1000  # a heading that walls keep out of reach
         return Stance(state=state, horizon_deg=horizon, gap_m=gap, cost=walk + tilts + odds)
 
-    def _aim(self, cell: Cell, target: Target) -> tuple[float, float]:
-        """Return the point of the box to face: the nearest one, up to 0.25 m inside."""
-        aim = []
-        for at, axis in zip(self._metres(cell), (0, 2), strict=True):
-            half = max(target.size_m[axis] / 2 - 0.25, 0.0)
-            center = target.center_m[axis]
-            aim.append(min(max(at, center - half), center + half))
-        return aim[0], aim[1]
-
-    def _outside(self, cell: Cell, target: Target) -> list[float]:
-        """Return how far the cell is outside the target's box, along x and along z."""
-        return [
-            max(abs(at - target.center_m[axis]) - target.size_m[axis] / 2, 0.0)
-            for at, axis in zip(self._metres(cell), (0, 2), strict=True)
-        ]
-
-    def _metres(self, cell: tuple[int, ...]) -> tuple[float, float]:
-        return (
-            self._origin[0] + cell[0] * self._grid_m,
-            self._origin[1] + cell[1] * self._grid_m,
-        )
-
-    def _gap(self, cell: tuple[int, ...], point: Vec3) -> float:
-        x, z = self._metres(cell)
-        return math.hypot(point[0] - x, point[2] - z)
-
-    # ------------------------------------------------------------- map and ways
+    # ------------------------------------------------------------- map and routes
 
     def _ask_map(self) -> None:
         """Ask for the reachable cells, once per scene."""
@@ -235,24 +265,8 @@ class Walker:
         if scene == self._scene:
             return
         here = pose_of(self.world.last_event).position_m
-        found = cells_of(self.world.step("GetReachablePositions")) or [here]
-        self._origin = (here[0], here[2])
-        steps = [
-            b - a
-            for axis in (0, 2)
-            for values in [sorted({round(cell[axis], 3) for cell in found})]
-            for a, b in pairwise(values)
-            if b - a > 0.01
-        ]
-        self._grid_m = min(steps, default=0.25)
-        self._cells = {self._cell(cell): (cell[0], cell[2]) for cell in [*found, here]}
+        self._floor = FloorMap(cells_of(self.world.step("GetReachablePositions")), here)
         self._scene = scene
-
-    def _cell(self, point: Vec3) -> Cell:
-        return (
-            round((point[0] - self._origin[0]) / self._grid_m),
-            round((point[2] - self._origin[1]) / self._grid_m),
-        )
 
     def _locate(self) -> None:
         """Read the pose; an odd heading is turned to the nearest of the four."""
@@ -261,34 +275,34 @@ class Walker:
         if abs(pose.yaw_deg - heading * 90.0) > 1.0:
             turn = "RotateRight" if heading * 90.0 > pose.yaw_deg else "RotateLeft"
             self.do(turn, degrees=abs(heading * 90.0 - pose.yaw_deg))
-        self._state = (*self._cell(pose.position_m), heading % 4)
+        self._state = (*self._floor.cell(pose.position_m), heading % 4)
         self._horizon = pose.horizon_deg
 
-    def _ways(self) -> dict[State, "_Way"]:
+    def _routes(self) -> dict[State, "_Route"]:
         """Return every state that can be reached: its cost, the state before, and the action."""
-        ways: dict[State, _Way] = {self._state: (0, None, "")}
+        routes: dict[State, _Route] = {self._state: (0, None, "")}
         waiting = deque([self._state])
         while waiting:
             state = waiting.popleft()
-            cost = ways[state][0] + 1
+            cost = routes[state][0] + 1
             for action, after in _neighbours(state):
-                if after in ways or after[:2] not in self._cells:
+                if after in routes or after[:2] not in self._floor.cells:
                     continue
                 if (state, action) not in self._walls:
-                    ways[after] = (cost, state, action)
+                    routes[after] = (cost, state, action)
                     waiting.append(after)
-        return ways
+        return routes
 
     def _path(self, goal: State) -> list[str] | None:
-        ways = self._ways()
-        return self._trace(ways, goal) if goal in ways else None
+        routes = self._routes()
+        return self._trace(routes, goal) if goal in routes else None
 
-    def _trace(self, ways: Mapping[State, "_Way"], goal: State) -> list[str]:
+    def _trace(self, routes: Mapping[State, "_Route"], goal: State) -> list[str]:
         actions = []
-        _, before, action = ways[goal]
+        _, before, action = routes[goal]
         while before is not None:
             actions.append(action)
-            _, before, action = ways[before]
+            _, before, action = routes[before]
         return actions[::-1]
 
     def _follow(self, actions: Iterable[str]) -> bool:
@@ -302,7 +316,7 @@ class Walker:
         return True
 
 
-_Way = tuple[int, State | None, str]
+_Route = tuple[int, State | None, str]
 
 
 def _after(state: State, action: str) -> State:
