@@ -13,7 +13,7 @@ from support.run_files import TASKS, files, lines_in, started, write_experiment
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.bench.metrics import figures
+from karma.bench.figures import figures
 from karma.bench.precision import Precision, reached, takes_another
 from karma.bench.records import read_records
 from karma.bench.run import Run

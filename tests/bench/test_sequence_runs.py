@@ -7,7 +7,7 @@ import pytest
 from support.run_files import ROOT, TASKS, copy, files, lines_in, started
 from support.tiny import export_tiny
 
-from karma.bench.metrics import related_needs
+from karma.bench.needs import related_needs
 from karma.bench.results import result_of
 from karma.bench.run import Run
 from karma.bench.run_folder import EPISODES, RESULTS, read_run
