@@ -9,8 +9,6 @@ Slices count as what they were cut from. To be asked for in a world, a task also
 and its goals; access traces need neither.
 """
 
-import gzip
-import zlib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -28,6 +26,7 @@ from karma.household.places import ROOMS
 from karma.household.types import types_with
 from karma.household.uses import KNIVES
 from karma.seeds import stream
+from karma.tasks.demonstrations import read_demonstrations
 from karma.tasks.goals import parse_goal
 
 if TYPE_CHECKING:
@@ -194,7 +193,7 @@ def alfred_pool(paths: Iterable[Path]) -> Pool:
     spots: dict[str, set[tuple[str, str]]] = defaultdict(set)
     found: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     for path in paths:
-        for trial in _trials(path):
+        for trial in read_demonstrations(path, _Trial):
             errand = _errand(trial, path)
             errands.append(errand)
             picked: set[str] = set()
@@ -219,21 +218,6 @@ def _handled(trial: _Trial) -> Iterator[tuple[str, str, str]]:
         if where and act.action in ("PickupObject", "PutObject"):
             kind = root_type(act.object_id) if act.action == "PickupObject" else ""
             yield kind, str(where[0]), str(where[1:])
-
-
-def _trials(path: Path) -> Iterator[_Trial]:
-    decoder = msgspec.json.Decoder(_Trial)
-    number = 0
-    try:
-        with gzip.open(path, "rb") as lines:
-            for line in lines:
-                number += 1
-                yield decoder.decode(line)
-    except FileNotFoundError as error:
-        raise FileError(path, "no such file", fix="give ALFRED's *.jsonl.gz") from error
-    except (OSError, EOFError, zlib.error, msgspec.DecodeError) as error:
-        text = f"not ALFRED demonstrations, near line {number}: {error}"
-        raise FileError(path, text, fix="give ALFRED's records as *.jsonl.gz") from error
 
 
 def _errand(trial: _Trial, path: Path) -> Errand:

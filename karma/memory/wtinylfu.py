@@ -19,7 +19,7 @@ from collections.abc import Hashable, Iterator
 from typing import Generic, TypeVar
 
 from karma.memory.policies import checked_capacity
-from karma.memory.sketch import CountMin4, ExactCounts, Frequencies, Period
+from karma.memory.sketch import CAP, CountMin4, ExactCounts, Frequencies, Period
 
 K = TypeVar("K", bound=Hashable)
 
@@ -197,7 +197,5 @@ def _counts(
 ) -> CountMin4[K] | ExactCounts[K]:
     if sketch:
         return CountMin4(capacity, period=period, count_saturated=count_saturated)
-    if period is None:
-        return ExactCounts(None, cap=None)
     period = 10 * capacity if period == "default" else period
-    return ExactCounts(period, count_saturated=count_saturated)
+    return ExactCounts(period, cap=None if period is None else CAP, count_saturated=count_saturated)

@@ -20,6 +20,7 @@ from karma.world.importing.scenes import import_dump
 from karma.world.player import command
 from karma.world.recorded.sessions import read_events, replay_events
 from karma.world.sim import EmbeddedWorld
+from karma.world.thor.export import chosen
 
 pytest.importorskip("ai2thor", reason="needs the package ai2thor")
 
@@ -184,10 +185,7 @@ def test_script_of_the_wrong_form_is_refused_with_its_name(text, tmp_path, expor
 
 
 def test_scenes_of_other_robots_are_left_out_unless_named():
-    namespace = {"__name__": "export"}
-    exec(compile(SCRIPT.read_text(), SCRIPT, "exec"), namespace)
     names = ["FloorPlan10_physics", "FloorPlan2_physics", "FloorPlan_Train1_1", "Procedural"]
-    chosen = namespace["chosen"]
     assert chosen(names, None) == ["FloorPlan2_physics", "FloorPlan10_physics"]
     assert chosen(names, ["FloorPlan_Train*", "FloorPlan2"]) == [
         "FloorPlan2_physics", "FloorPlan_Train1_1"

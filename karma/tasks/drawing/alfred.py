@@ -5,21 +5,18 @@ whether the object is sliced (`task_type` and `pddl_params` of its record). A se
 like any other: its answer is a program, and `facts_of` reads the facts off any program by rule.
 """
 
-import gzip
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from karma.contracts import Goal, SkillCall
-from karma.errors import FileError
 from karma.household import uses
 from karma.household.ids import short_type, type_of
 from karma.household.pieces import is_piece
 from karma.household.types import object_types
+from karma.tasks.demonstrations import read_demonstrations
 from karma.tasks.drawing.programs import plain_program
 from karma.tasks.expert import ExpertView
 
@@ -75,7 +72,7 @@ def read_sentences(path: Path) -> tuple[Sentence, ...]:
             facts=truth_of(trial),
             floor_plan=trial["scene"]["floor_plan"],
         )
-        for trial in _trials(path)
+        for trial in read_demonstrations(path, dict[str, Any])
         for annotation in trial["turk_annotations"]
     )
 
@@ -91,20 +88,12 @@ def read_steps(path: Path) -> tuple[StepSentence, ...]:
     """
     return tuple(
         StepSentence(text=text, goals=goals, held=held)
-        for trial in _trials(path)
+        for trial in read_demonstrations(path, dict[str, Any])
         for annotation in trial["turk_annotations"]
         for text, step in zip(annotation["high_descs"], trial["plan"]["high_pddl"], strict=False)
         if (found := _step_goals(step, trial)) is not None and _says_enough(text)
         for goals, held in (found,)
     )
-
-
-def _trials(path: Path) -> Iterator[Any]:
-    try:
-        with gzip.open(path, "rt", encoding="utf-8") as lines:
-            yield from map(msgspec.json.decode, lines)
-    except (OSError, EOFError, msgspec.DecodeError) as error:
-        raise FileError(path, f"not ALFRED demonstrations: {error}") from error
 
 
 def _step_goals(

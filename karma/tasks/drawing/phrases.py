@@ -4,7 +4,6 @@ Ours lies beside this file; `mine_alfred` adds the sentences of ALFRED's annotat
 lie and turned into templates in memory.
 """
 
-import gzip
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,8 +16,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from karma.errors import FileError
 from karma.files import read_toml
+from karma.tasks.demonstrations import read_demonstrations
 
 HERE = Path(__file__).parent
 MAX_WORDS = 14  # of a mined sentence
@@ -126,15 +125,10 @@ def mine_alfred(path: Path) -> Iterator[tuple[str, str]]:
 
     Source: ALFRED's annotations (`turk_annotations`), goal sentences and step sentences.
     """
-    try:
-        with gzip.open(path, "rt", encoding="utf-8") as lines:
-            for line in lines:
-                trial = msgspec.json.decode(line)
-                for annotation in trial["turk_annotations"]:
-                    yield from _goal_sentence(trial, annotation["task_desc"])
-                    yield from _step_sentences(trial, annotation["high_descs"])
-    except (OSError, EOFError, msgspec.DecodeError, KeyError) as error:
-        raise FileError(path, f"not ALFRED demonstrations: {error}") from error
+    for trial in read_demonstrations(path, dict[str, Any]):
+        for annotation in trial["turk_annotations"]:
+            yield from _goal_sentence(trial, annotation["task_desc"])
+            yield from _step_sentences(trial, annotation["high_descs"])
 
 
 _GOAL_KINDS = {
