@@ -63,6 +63,11 @@ def dead_links(page: Path) -> list[str]:
     return dead
 
 
+def test_no_page_holds_a_conflict_that_was_not_solved():
+    marks = re.compile(r"^(?:<{7} |>{7} |={7}$)", re.MULTILINE)
+    assert not on_pages(PAGES, lambda page: marks.findall(text_of(page)))
+
+
 def test_every_page_is_linked_from_the_index():
     home, index = ROOT / "README.md", ROOT / "docs/README.md"
     linked = {
