@@ -77,3 +77,12 @@ def test_no_module_imports_itself_through_others_not_even_for_types_or_inside_fu
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         raise AssertionError("imports in a circle: " + " <- ".join(error.args[1])) from None
+
+
+def test_every_class_of_the_package_has_a_name_of_its_own():
+    found: dict[str, list[str]] = {}
+    for path in sorted((ROOT / "karma").rglob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                found.setdefault(node.name, []).append(module_of(path))
+    assert {name: modules for name, modules in found.items() if len(modules) > 1} == {}

@@ -160,7 +160,7 @@ def margins_of(tmp_path, **solved):
     return {one.text: one for one in margins(result_of(run, PUBLISHED))}
 
 
-def test_margins_take_the_best_baseline_and_no_twin_ablation_or_teacher(tmp_path):
+def test_margins_take_the_best_baseline_and_no_twin_ablation_or_expert(tmp_path):
     found = margins_of(
         tmp_path, KARMA=9, HELPER=4, CAPEAM=6, KARMA_w_o=8, memory_off=8, expert=10
     )  # fmt: skip

@@ -23,7 +23,7 @@ from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.goal import Deeds, goal_met, noteworthy
 from karma.world.alfred.mutate import without_one
 from karma.world.alfred.steps import UntranslatableError, translated
-from karma.world.alfred.trial import ApiAction, LowAction, SubGoal, Trial
+from karma.world.alfred.trial import ApiAction, HighLevelStep, LowAction, Trial
 from karma.world.core.hiding import hidden_rows
 from karma.world.core.scene import Scene
 from karma.world.sim import EmbeddedWorld
@@ -213,7 +213,7 @@ def _only_hidden(world: EmbeddedWorld, object_id: str) -> bool:
     return not hidden_rows(state.objects)[state.objects.rows[object_id]]
 
 
-def _check_arrival(world: EmbeddedWorld, goal: SubGoal, number: int) -> None:
+def _check_arrival(world: EmbeddedWorld, goal: HighLevelStep, number: int) -> None:
     """Compare the agent with where a GotoLocation should have taken it."""
     wanted = goal.planner_action.pose
     if goal.planner_action.action != "GotoLocation" or wanted is None:

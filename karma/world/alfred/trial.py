@@ -135,7 +135,7 @@ def _spot(given: tuple[str, tuple[float, ...]] | None) -> Spot | None:
     return Spot(kind, (x / 4, y / 4, z / 4))
 
 
-class SubGoal(msgspec.Struct, frozen=True, kw_only=True):
+class HighLevelStep(msgspec.Struct, frozen=True, kw_only=True):
     """One step of the plan."""
 
     high_idx: int
@@ -163,7 +163,7 @@ class LowAction(msgspec.Struct, frozen=True, kw_only=True):
 class DemonstratedPlan(msgspec.Struct, frozen=True, kw_only=True):
     """The planner's sub-goals and the actions that carried them out."""
 
-    high_pddl: tuple[SubGoal, ...]
+    high_pddl: tuple[HighLevelStep, ...]
     low_actions: tuple[LowAction, ...]
 
 
