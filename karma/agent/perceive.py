@@ -105,6 +105,11 @@ def scene_of(event: Event) -> str:
     return str(event.metadata["sceneName"])
 
 
+def object_count(event: Event) -> int:
+    """Return how many objects the scene has, whatever is said of each."""
+    return len(event.metadata["objects"])
+
+
 def cells_of(event: Event) -> list[Vec3]:
     """Return the cells that can be stood on, after GetReachablePositions; [] if it was refused."""
     return [_vector(cell) for cell in event.metadata["actionReturn"] or ()]

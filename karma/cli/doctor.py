@@ -113,7 +113,7 @@ def thor(
 
 def _try(executable: str | None, platform: Any, display: str | None, scene: str) -> dict[str, Any]:
     """Start the player, load one scene, do one step; return what came of it, seconds each."""
-    from karma.agent.perceive import truth_of
+    from karma.agent.perceive import object_count
     from karma.world.thor.backend import ThorWorld
 
     result: dict[str, Any] = {"scene": scene}
@@ -125,7 +125,7 @@ def _try(executable: str | None, platform: Any, display: str | None, scene: str)
             result["reset_s"] = _timed(lambda: world.reset(scene))
             result["step_s"] = _timed(lambda: world.step("RotateRight"))
         event = world.last_event
-        result["objects"] = len(truth_of(event).objects)
+        result["objects"] = object_count(event)
         result["picture"] = None if event.frame is None else list(event.frame.shape)
         console.print(
             f"{MARKS['ok']} started in {result['start_s']:.2f} s, {escape(scene)} again in "
