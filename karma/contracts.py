@@ -42,8 +42,9 @@ class SceneRef:
         >>> SceneRef.of("kitchen_1"), SceneRef.of("rooms/loft.json").name
         (SceneRef(name='kitchen_1', path=''), 'loft')
         """
-        name = Path(source).stem
-        return cls(name=name, path="" if name == source else source)
+        path = Path(source)
+        is_file = path.suffix == ".json" or path.name != source
+        return cls(name=path.stem, path=source) if is_file else cls(name=source)
 
     @property
     def source(self) -> str:

@@ -23,7 +23,7 @@ from karma.agent.skills import Skills
 from karma.bench.days import drawn
 from karma.contracts import Area, Known, SceneRef, SkillCall, SkillResult, Task
 from karma.memory.scene_graph import SceneGraph
-from karma.methods.tour import position_of, survey
+from karma.methods.tour import explore_room, position_of
 from karma.world.sim import EmbeddedWorld
 
 ROOMS = tuple(sorted(path.stem for path in Path(karma.world.__file__).parent.glob("scenes/*.json")))
@@ -79,7 +79,7 @@ def searches(job: tuple[str, int]) -> list[Search]:
     """Look for everything in one room on one day."""
     room, seed = job
     world = EmbeddedWorld(room)
-    graph, _ = survey(world, SceneRef.of(room), None)
+    graph, _ = explore_room(world, SceneRef.of(room), None)
     task = Task(id=f"search-{room}", kind="simple", scene=SceneRef.of(room), subtasks=())
     things = drawn(world, task, seed, 0) if seed else world.reset(room)
     objects = things.metadata["objects"]

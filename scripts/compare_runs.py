@@ -2,7 +2,8 @@
 
 `python scripts/compare_runs.py BEFORE AFTER [--rename OLD=NEW ...]` compares what an episode came
 to: success, unmet goals, places searched, world actions, the skills and what they answered, the
-programs, the tokens, memory hits. Seconds are left out. Exit status 1 when anything differs.
+programs, the tokens, memory hits. Seconds are left out. Of a figure of the policy laboratory, which
+has no episodes, `results.json` is compared. Exit status 1 when anything differs.
 """
 
 import argparse
@@ -43,6 +44,12 @@ def main() -> int:
     parser.add_argument("--rename", action="append", default=[], metavar="OLD=NEW",
                         help="a row that has another name now")  # fmt: skip
     given = parser.parse_args()
+    if not (given.before / "episodes.jsonl").exists():
+        one, other = (
+            (folder / "results.json").read_bytes() for folder in (given.before, given.after)
+        )
+        print("results.json:", "equal" if one == other else "differs")
+        return int(one != other)
     renamed = dict(pair.split("=", 1) for pair in given.rename)
     before, after = outcomes(given.before, renamed), outcomes(given.after, {})
     keys = sorted(before.keys() | after.keys())

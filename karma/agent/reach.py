@@ -65,9 +65,10 @@ class Reach:
         self.look()
 
     def look(self) -> None:
-        """Take note of what is in view now; what an action showed already is not read again."""
+        """Take note of what is in view now; what an action showed is not read again."""
         if self.world.last_event is not self._last_event:
             self._observe(self.world.last_event)
+        self.log.found_again()
 
     def _observe(self, event: Event, touched: Sequence[str] = ()) -> Observation:
         observation = observe(event, touched=touched, known=self.log.seen)

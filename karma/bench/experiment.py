@@ -14,7 +14,16 @@ from karma import registry
 from karma.bench.days import check_seeds
 from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.presets import PRESETS, preset
-from karma.contracts import Decoding, Embedder, LanguageModel, Recall, Resources, SceneRef, Task
+from karma.contracts import (
+    Decoding,
+    Embedder,
+    LanguageModel,
+    Recall,
+    Resources,
+    SceneRef,
+    Task,
+    VisionModel,
+)
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted.session import Endpoint, Hosted, Session
@@ -41,7 +50,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         _ = preset(self.preset)
         if self.preset and self.method != "karma":
             raise ValueError(f"preset = {self.preset!r} is for rows of method 'karma'")
-        if self.vision == OPENAI:
+        if self.vision.partition(":")[0] == OPENAI:
             raise ValueError(f"a row's vision = {OPENAI!r}: it stands in [models]")
 
     @property
@@ -68,7 +77,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def __post_init__(self) -> None:
         """Refuse a hosted role without a place, and a place without its role."""
         for role in ("planner", "vision", "embedder"):
-            if (getattr(self, role) == OPENAI) != (getattr(self.hosted, role) is not None):
+            hosted = getattr(self, role).partition(":")[0] == OPENAI
+            if hosted != (getattr(self.hosted, role) is not None):
                 raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
 
 
@@ -276,8 +286,13 @@ def load_resources(
     )
 
 
-def for_row(resources: Resources, row: Row) -> Resources:
+def for_row(resources: Resources, row: Row, loaded: dict[str, VisionModel]) -> Resources:
     """Return what a row's method is built from: the run's, save for what the row names itself.
+
+    Args:
+        resources: of the run.
+        row: of the experiment.
+        loaded: vision models by name; takes those that the row adds, so that each is loaded once.
 
     Raises:
         ModelError: its vision model is missing, damaged or of the wrong kind.
@@ -287,7 +302,9 @@ def for_row(resources: Resources, row: Row) -> Resources:
         chosen = preset(row.preset)
         recall = _recall(chosen.recall, chosen.recall_text, resources.embedder)
     if row.vision:
-        vision = _filled("vision_models", row.vision, None, Session())
+        if row.vision not in loaded:
+            loaded[row.vision] = _filled("vision_models", row.vision, None, Session())
+        vision = loaded[row.vision]
     return replace(resources, recall=recall, vision=vision)
 
 

@@ -134,7 +134,7 @@ class _RayPool:
         self._briefing = (stage, header, dict(scenes))
         options = {
             "num_cpus": max(1, stage.models.threads),
-            "memory": int(worker_mb(stage.models) * 1e6),
+            "memory": int(worker_mb(stage.models, stage.rows) * 1e6),
             "max_restarts": 0,
             "max_task_retries": 0,
         }

@@ -106,7 +106,7 @@ class Run:
         """Return how many workers to use unless a number is given."""
         if self._session.cassette.mode != "off":
             return Suggestion(number=1, reason="a cassette")
-        return suggest_workers(self._stage.models, self.left)
+        return suggest_workers(self._stage.models, self.left, self._stage.rows)
 
     def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[EpisodeRecord]:
         """Do what is missing; each record is on the disk before it is yielded.

@@ -1,10 +1,11 @@
 """How many workers a run can use: by cores, free memory, models and the episodes that are left."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from karma.bench.experiment import Models
+from karma.bench.experiment import Models, Row
 from karma.errors import UnknownNameError
 from karma.infer.checks.memory import available_mb
 from karma.infer.hosted.session import Hosted
@@ -23,17 +24,18 @@ class Suggestion:
     reason: str
 
 
-def suggest_workers(models: Models, episodes: int) -> Suggestion:
+def suggest_workers(models: Models, episodes: int, rows: Sequence[Row] = ()) -> Suggestion:
     """Return as many workers as there are cores and memory for; few episodes need but one.
 
     Args:
         models: of the run; hosted ones are asked by one process only.
         episodes: that are left to do.
+        rows: of the run; some may name a vision model of their own.
     """
     if models.hosted != Hosted():
         return Suggestion(number=1, reason="hosted models")
     cores = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
-    each, free = worker_mb(models), available_mb()
+    each, free = worker_mb(models, rows), available_mb()
     fitting = cores if free is None else max(1, int(free * _SHARE // each))
     worth = max(1, episodes // _WORTH)
     number = min(cores, fitting, worth)
@@ -42,11 +44,13 @@ def suggest_workers(models: Models, episodes: int) -> Suggestion:
     return Suggestion(number=number, reason=reason)
 
 
-def worker_mb(models: Models) -> float:
+def worker_mb(models: Models, rows: Sequence[Row] = ()) -> float:
     """Return about how much memory one worker takes, in MB."""
-    named = [models.planner, models.embedder.partition(":")[2], models.vision.partition(":")[2]]
+    seeing = sorted({models.vision, *(row.vision for row in rows)})
+    named = [models.planner, models.embedder.partition(":")[2]]
+    named += [name.partition(":")[2] for name in seeing]
     named += ["minilm"] if models.embedder == "minilm" else []
-    named += ["karma-nano-vlm"] if models.vision == "nano-vlm" else []
+    named += ["karma-nano-vlm"] if "nano-vlm" in seeing else []
     return _BASE_MB + sum(_model_mb(name) for name in named if name)
 
 

@@ -25,10 +25,10 @@ from karma.bench.experiment import Models, Row, for_row, load_resources
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import Finished
 from karma.bench.steps import StepLog
-from karma.contracts import Method, Resources, SceneRef, Task, World
+from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import KarmaError
 from karma.infer.hosted.session import Session
-from karma.methods.tour import survey
+from karma.methods.tour import explore_room
 from karma.offline import go_offline, settle
 from karma.world.home import Home
 
@@ -87,8 +87,9 @@ class Performer:
         self._make: Callable[[], World] = registry.load("worlds", stage.world)
         self._world = self._make()
         self._days = Days()
+        seeing = {stage.models.vision: resources.vision}
         self._methods = {  # all of them now: a wrong row must not come to light hours later
-            row.name: _built(row, resources) for row in stage.rows
+            row.name: _built(row, resources, seeing) for row in stage.rows
         }
 
     def do(self, job: Job) -> Finished:
@@ -137,13 +138,13 @@ class Performer:
             return
         try:
             self._world.reset(scene.source)
-            graph, _ = survey(self._world, scene, None)
+            graph, _ = explore_room(self._world, scene, None)
         except KarmaError:  # the episode will record why
             return
         graph.save(path)
 
 
-def _built(row: Row, resources: Resources) -> Method:
+def _built(row: Row, resources: Resources, loaded: dict[str, VisionModel]) -> Method:
     """Return the method of a row.
 
     Raises:
@@ -151,7 +152,7 @@ def _built(row: Row, resources: Resources) -> Method:
     """
     try:
         kind: type[Method] = registry.load("methods", row.method)
-        return kind.build(for_row(resources, row), row.all_options)
+        return kind.build(for_row(resources, row, loaded), row.all_options)
     except KarmaError as error:
         raise KarmaError(f"row {row.name!r}: {error}") from error
 

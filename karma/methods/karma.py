@@ -32,7 +32,7 @@ from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
 from karma.methods.experience import units_of
 from karma.methods.options import settings_of
-from karma.methods.tour import position_of, survey
+from karma.methods.tour import explore_room, position_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +132,7 @@ class KarmaEpisode:
         self._scene = scene.name
         if self.settings.long_term and self._scene not in self._graphs:
             saved = self._map_path()
-            graph, is_new = survey(self._world, scene, saved)
+            graph, is_new = explore_room(self._world, scene, saved)
             self._graphs[self._scene] = graph
             if is_new and saved is not None:
                 graph.save(saved)

@@ -11,7 +11,7 @@ from karma.memory.scene_graph import SceneGraph
 LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
 
 
-def survey(world: World, scene: SceneRef, saved: Path | None) -> tuple[SceneGraph, bool]:
+def explore_room(world: World, scene: SceneRef, saved: Path | None) -> tuple[SceneGraph, bool]:
     """Return long-term memory of a scene and whether it was made just now.
 
     The world is back at the scene's start afterwards, whether the map was loaded or explored.

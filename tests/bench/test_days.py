@@ -6,7 +6,7 @@ import pytest
 
 from karma.bench.days import Days, drawn, faults
 from karma.contracts import Task
-from karma.methods.tour import survey
+from karma.methods.tour import explore_room
 from karma.tasks.files import load_tasks
 from karma.world.sim import EmbeddedWorld
 
@@ -60,7 +60,7 @@ def test_a_reset_in_mid_episode_leads_back_to_the_start(days):
     watched = days.of(world, task, 2)
     watched.reset(task.scene.source)
     first = dict(world.state.objects), world.state.pose
-    graph, is_new = survey(watched, task.scene, None)
+    graph, is_new = explore_room(watched, task.scene, None)
     assert is_new
     assert graph.objects()
     assert (dict(world.state.objects), world.state.pose) == first
@@ -79,7 +79,7 @@ def test_long_term_memory_of_a_room_does_not_depend_on_the_seed(days, name):
     for seed in (0, 1):
         here = days.of(world, task, seed)
         here.reset(task.scene.source)
-        maps.append(survey(here, task.scene, None)[0])
+        maps.append(explore_room(here, task.scene, None)[0])
     assert maps[0] == maps[1]
 
 

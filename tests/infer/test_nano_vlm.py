@@ -26,8 +26,8 @@ def test_its_files_are_the_manifest_s_and_small():
 
 
 def test_it_is_asked_as_it_was_trained(nano):
-    asking = nano.asking
-    assert (asking.profile, asking.attempts, asking.threads) == ("compact", 1, 1)
+    options = nano.options
+    assert (options.profile, options.attempts, options.threads) == ("compact", 1, 1)
     processor = file_paths(find_model(NANO))[0].parent / "processor_config.json"
     assert processor.exists()
     text = "<image>Mug\n"

@@ -10,14 +10,14 @@ from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
 from karma.infer.vision import transformers as transformers_vision
 from karma.infer.vision.pictures import LINE, cut
-from karma.infer.vision.transformers import Asking, TransformersVision
+from karma.infer.vision.transformers import TransformersVision, VisionOptions
 
 MUG = SeenObject(
     object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
     box_size_m=(1, 1, 1), pickupable=True, region=(100.0, 100.0, 160.0, 180.0),
 )  # fmt: skip
 FRAME = np.random.default_rng(0).integers(0, 255, (300, 300, 3), dtype=np.uint8)
-SHORT = Asking(max_tokens=6)
+SHORT = VisionOptions(max_tokens=6)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ class Saying(TransformersVision):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_model_of_each_family_looks_and_says_something(folders, family):
     assert sum(file.stat().st_size for file in folders[family].iterdir()) < 600_000
-    model = TransformersVision(folders[family], asking=SHORT)
+    model = TransformersVision(folders[family], options=SHORT)
     assert model.name == family
     states = model.read_states(FRAME, "wash the mug", [MUG])
     assert set(states) <= {"Mug|1"}
@@ -60,13 +60,13 @@ def test_a_model_of_each_family_looks_and_says_something(folders, family):
 def test_answers_are_the_same_twice(folders, family):
     question = [{"role": "user", "content": [{"type": "image"}, {"type": "text", "text": "mug?"}]}]
     said = [
-        TransformersVision(folders[family], asking=SHORT).answer(FRAME, question) for _ in range(2)
+        TransformersVision(folders[family], options=SHORT).answer(FRAME, question) for _ in range(2)
     ]
     assert said[0] == said[1]
 
 
 def test_the_paper_s_question_reaches_the_model_with_the_picture(folders):
-    model = Saying(folders["llava"], asking=SHORT).say("1. A mug.\nMug: dirty")
+    model = Saying(folders["llava"], options=SHORT).say("1. A mug.\nMug: dirty")
     assert model.read_states(FRAME, "wash the mug", [MUG]) == {"Mug|1": ("dirty",)}
     system, user = model.heard[0]
     assert "image analysis expert" in system["content"][0]["text"]
@@ -76,7 +76,7 @@ def test_the_paper_s_question_reaches_the_model_with_the_picture(folders):
 
 
 def test_an_unusable_answer_is_quoted_once_and_then_counted(folders):
-    model = Saying(folders["llava"], asking=SHORT).say("Mug: sparkling", "Mug: cleaned")
+    model = Saying(folders["llava"], options=SHORT).say("Mug: sparkling", "Mug: cleaned")
     assert model.read_states(FRAME, "look", [MUG]) == {"Mug|1": ("cleaned",)}
     assert "'sparkling' is not a state" in model.heard[1][-1]["content"][0]["text"]
     model.say("no idea", "still none")
@@ -86,8 +86,8 @@ def test_an_unusable_answer_is_quoted_once_and_then_counted(folders):
 
 
 def test_a_model_with_crops_is_asked_about_one_thing_at_a_time(folders):
-    asking = Asking(profile="compact", crop=1.5, max_tokens=4, attempts=1)
-    model = Saying(folders["llava"], asking=asking).say("Mug: off")
+    options = VisionOptions(profile="compact", crop=1.5, max_tokens=4, attempts=1)
+    model = Saying(folders["llava"], options=options).say("Mug: off")
     hidden = SeenObject(**{f: getattr(MUG, f) for f in MUG.__slots__} | {
         "object_id": "Mug|2", "region": None})  # fmt: skip
     assert model.read_states(FRAME, "look", [MUG, hidden]) == {"Mug|1": ("off",)}
@@ -97,14 +97,16 @@ def test_a_model_with_crops_is_asked_about_one_thing_at_a_time(folders):
 
 def test_karma_json_says_how_a_model_is_asked(copied):
     (copied / "karma.json").write_text('{"profile": "compact", "crop": 1.4, "max_tokens": 9}')
-    assert TransformersVision(copied).asking == Asking(profile="compact", crop=1.4, max_tokens=9)
+    assert TransformersVision(copied).options == VisionOptions(
+        profile="compact", crop=1.4, max_tokens=9
+    )
     (copied / "karma.json").write_text('{"profil": "compact"}')
     with pytest.raises(KarmaError, match=r"karma\.json.*profil"):
         TransformersVision(copied)
 
 
 def test_without_a_picture_it_does_not_guess(folders):
-    model = TransformersVision(folders["llava"], asking=SHORT)
+    model = TransformersVision(folders["llava"], options=SHORT)
     with pytest.raises(ModelError, match="there is none"):
         model.read_states(None, "look", [MUG])
     assert model.read_states(None, "look", []) == {}
@@ -134,7 +136,7 @@ def test_a_large_model_that_is_stored_in_16_bits_stays_so(copied, monkeypatch):
     assert TransformersVision(copied)._model.dtype == torch.float32
     whole = LlavaForConditionalGeneration.from_pretrained(copied, dtype=torch.bfloat16)
     whole.save_pretrained(copied)
-    half = TransformersVision(copied, asking=SHORT)
+    half = TransformersVision(copied, options=SHORT)
     assert half._model.dtype == torch.bfloat16
     half.read_states(FRAME, "look", [MUG])
 

@@ -7,7 +7,7 @@ from karma.contracts import SeenObject
 from karma.household.types import object_types
 from karma.infer.vision.processors import pictures_only
 from karma.infer.vision.text import STATES, read_answer
-from karma.infer.vision.transformers import Asking, TransformersVision
+from karma.infer.vision.transformers import TransformersVision, VisionOptions
 from karma.training.vision import shards
 from karma.training.vision.model import (
     FEATURES,
@@ -117,7 +117,7 @@ def test_what_is_exported_opens_with_the_adapter(crops, tmp_path):
     assert pictures_only("llava").__name__ == "LlavaProcessor"
     model = TransformersVision(
         tmp_path / "model",
-        asking=Asking(profile="compact", crop=1.4, max_tokens=8, attempts=1, threads=1),
+        options=VisionOptions(profile="compact", crop=1.4, max_tokens=8, attempts=1, threads=1),
     )
     mug = SeenObject(
         object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),

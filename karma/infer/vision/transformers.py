@@ -29,11 +29,11 @@ NEEDS = (
     ("chat_template.jinja", "chat_template.json", "tokenizer_config.json"),
 )
 NANO = "karma-nano-vlm"
-ASKING = "karma.json"
+OPTIONS_FILE = "karma.json"
 LARGE = 500_000_000  # parameters; from here on what is stored in 16 bits stays so
 
 
-class Asking(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class VisionOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a model is asked (`karma.json`); the defaults are the paper's."""
 
     profile: Profile = "full"
@@ -63,7 +63,7 @@ class TransformersVision:
 
     Args:
         model: a name of the manifest (then every file is verified first), or a folder.
-        asking: overrides `karma.json`.
+        options: overrides `karma.json`.
 
     Raises:
         UnknownNameError: neither.
@@ -73,11 +73,13 @@ class TransformersVision:
 
     needs_pictures = True
 
-    def __init__(self, model: str | Path = NANO, *, asking: Asking | None = None) -> None:
+    def __init__(self, model: str | Path = NANO, *, options: VisionOptions | None = None) -> None:
         folder = checked_folder(model, "vlm", FAMILIES, needs=NEEDS)
-        own = folder.path / ASKING
+        own = folder.path / OPTIONS_FILE
         self.name = folder.name
-        self.asking = asking or (read_json(own, Asking) if own.exists() else Asking())
+        self.options = options or (
+            read_json(own, VisionOptions) if own.exists() else VisionOptions()
+        )
         self.tally = Tally()
         self._processor = load_processor(folder)
         stored = folder.config.get("dtype", folder.config.get("torch_dtype"))
@@ -111,26 +113,26 @@ class TransformersVision:
     def _questions(
         self, image: Frame, objects: Sequence[SeenObject]
     ) -> Iterator[tuple[Frame, Sequence[SeenObject]]]:
-        if self.asking.crop is None:
+        if self.options.crop is None:
             yield image, objects
             return
         for one in objects:
             if one.region is not None:
-                corners = one.silhouette if self.asking.outline else ()
-                yield cut(image, one.region, self.asking.crop, corners), [one]
+                corners = one.silhouette if self.options.outline else ()
+                yield cut(image, one.region, self.options.crop, corners), [one]
 
     def _ask(
         self, image: Frame, instruction: str, objects: Sequence[SeenObject]
     ) -> Mapping[str, tuple[str, ...]]:
-        asking = self.asking
-        role, text = question(asking.profile, instruction, objects, boxes=asking.boxes)
+        options = self.options
+        role, text = question(options.profile, instruction, objects, boxes=options.boxes)
         first = [_message("system", role)] if role else []
         first.append(_message("user", text, picture=True))
 
         def ask(said: Sequence[tuple[str, str]]) -> str:
             return self.answer(image, [*first, *(_message(role, text) for role, text in said)])
 
-        states, asked = states_told(ask, objects, asking.attempts)
+        states, asked = states_told(ask, objects, options.attempts)
         self.tally.retried += asked - 1
         return states
 
@@ -147,10 +149,10 @@ class TransformersVision:
         text = self._processor.apply_chat_template(messages, add_generation_prompt=True)
         batch = self._processor(images=[Image.fromarray(image)], text=[text], return_tensors="pt")
         batch = batch.to(self._model.dtype)  # pictures; tokens stay whole numbers
-        with threads(self.asking.threads), torch.inference_mode(), quiet():
+        with threads(self.options.threads), torch.inference_mode(), quiet():
             tokens = self._model.generate(
                 **batch,
-                max_new_tokens=self.asking.max_tokens,
+                max_new_tokens=self.options.max_tokens,
                 do_sample=False,
                 pad_token_id=self._processor.tokenizer.pad_token_id,
             )

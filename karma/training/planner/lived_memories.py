@@ -22,7 +22,7 @@ EVENTS = {
     "coffee": 3, "hold": 8, "switch": 5, "shut": 6, "trash": 3,
 }  # fmt: skip
 MANY = (*SEVERAL, "Sofa", "ArmChair")
-DIRTY, WITNESSES = 0.3, 0.55
+DIRTY, SEEN_ONLY = 0.3, 0.55
 
 
 class History:
@@ -60,7 +60,7 @@ class History:
     def _see(self) -> None:
         """Remember up to two things that were only seen."""
         for _ in range(2):
-            if self._rng.random() < WITNESSES and (kind := self._new_kind()) is not None:
+            if self._rng.random() < SEEN_ONLY and (kind := self._new_kind()) is not None:
                 self._add(kind, self._landmark_for(kind), handled=False)
 
     def _new_kind(self) -> str | None:
