@@ -54,7 +54,7 @@ def run_memory(text: str, trace: list[str]) -> int:
     memory = ShortTermMemory(make_policy(text))
     hits = 0
     for key in trace:
-        hits += memory.find(key) is not None
+        hits += key in memory
         memory.remember(MemoryUnit(object_id=key, object_type="Object", position_m=(0.0, 0.0, 0.0)))
     return hits
 

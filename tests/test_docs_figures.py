@@ -10,7 +10,6 @@ from support.paths import ROOT
 
 METRICS = {"success": "success", "RE": "re", "RE against memory off": "re", "RT, actions": "rt"}
 KINDS = ("simple", "composite", "complex")
-OLDER_NAMES = {"expert": "oracle"}  # of rows, in tables made before
 
 
 @cache
@@ -36,11 +35,9 @@ def shown(heading: str) -> list[dict[str, tuple[str, str]]]:
 
 def expected(tables: tuple[str, ...], row: str, metric: str, field: str) -> list[str]:
     """Return a row's figures by kind of task from the first table that has the row."""
-    names = (row, OLDER_NAMES.get(row, row))
     for table in tables:
-        for name in names:
-            if (name, KINDS[0], metric) in reference(table):
-                return [reference(table)[name, kind, metric][field] for kind in KINDS]
+        if (row, KINDS[0], metric) in reference(table):
+            return [reference(table)[row, kind, metric][field] for kind in KINDS]
     raise AssertionError(f"no reference table has {row}")
 
 

@@ -127,8 +127,10 @@ def full(request: PlanRequest, skills: Sequence[SkillSignature]) -> Rendered:
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
     names = short_names(request.units, held)
     name_of = {object_id: name for name, object_id in names.items()}
-    stable = _template("full_stable.txt").render(skills=skills, graph=request.graph_text)
-    changing = _template("full_changing.txt").render(
+    stable = template(_TEMPLATES / "full_stable.txt").render(
+        skills=skills, graph=request.graph_text
+    )
+    changing = template(_TEMPLATES / "full_changing.txt").render(
         units=[(name_of[unit.object_id], unit) for unit in request.units],
         name_of=name_of,
         held=name_of.get(request.held_id or ""),
@@ -149,9 +151,10 @@ def position_text(position_m: Vec3) -> str:
 
 
 @cache
-def _template(name: str) -> jinja2.Template:
+def template(path: Path) -> jinja2.Template:
+    """Return a prompt's template, read once; what it names and is not given is an error."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        loader=jinja2.FileSystemLoader(path.parent),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -159,4 +162,4 @@ def _template(name: str) -> jinja2.Template:
         autoescape=False,
     )
     environment.filters["position"] = position_text
-    return environment.get_template(name)
+    return environment.get_template(path.name)

@@ -56,7 +56,6 @@ class Reach:
         self.names = Naming(self.log, knowledge, self.walker.gap)
         self.used: list[str] = []  # ids that names resolved to since `start`
         self.explorations = 0  # since `start`
-        self._last_event: Event | None = None  # that `log` has taken in
 
     def start(self) -> None:
         """Begin a skill."""
@@ -65,15 +64,12 @@ class Reach:
         self.look()
 
     def look(self) -> None:
-        """Take note of what is in view now; what an action showed is not read again."""
-        if self.world.last_event is not self._last_event:
-            self._observe(self.world.last_event)
-        self.log.found_again()
+        """Take note of what is in view now: whatever it is, it is not missing."""
+        self._observe(self.world.last_event)
 
     def _observe(self, event: Event, touched: Sequence[str] = ()) -> Observation:
         observation = observe(event, touched=touched, known=self.log.seen)
         self.log.add(observation)
-        self._last_event = event
         return observation
 
     # ------------------------------------------------------------- which object

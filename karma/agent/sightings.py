@@ -56,11 +56,6 @@ class Sightings:
             cut=frozenset(self.cut),
         )
 
-    def found_again(self) -> None:
-        """Note that what is in view is not missing, though an arm may not get at it."""
-        for object_id in (*self.in_view, self.held_id):
-            self.missed.pop(object_id or "", None)
-
     def _note(self, sight: SeenObject) -> None:
         self.seen[sight.object_id] = self._without_door(sight)
         self.missed.pop(sight.object_id, None)

@@ -10,7 +10,7 @@ from karma.bench.sheet import Sheet
 from karma.bench.statistics import Estimate
 from karma.bench.tables import Result
 
-EXPERTS = ("expert", "oracle")  # rows that are no baseline; runs of other days have the second
+EXPERT = "expert"  # the row that is no baseline
 _OVER_BASELINES = {"composite": 1.3, "complex": 2.3}  # SR over the best baseline's (§4.3)
 _SAVED = {"composite": {"re": 0.902, "rt": 0.687}, "complex": {"re": 0.867, "rt": 0.690}}  # Table 1
 _WITHOUT_MEMORY = 1.0  # the paper gives no margin over the same agent without memory
@@ -77,7 +77,7 @@ def _of_success(result: Result) -> Iterator[Margin]:
 
 def _is_baseline(one: Comparison, twins: set[str]) -> bool:
     """Return whether the second arm is a baseline: no ablation, no twin, not the expert."""
-    return one.second not in {*EXPERTS, *twins} and not one.second.startswith(one.first)
+    return one.second not in {EXPERT, *twins} and not one.second.startswith(one.first)
 
 
 def _of_savings(result: Result) -> Iterator[Margin]:

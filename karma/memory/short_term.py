@@ -43,17 +43,6 @@ class ShortTermMemory:
             return None
         return self._units.pop(left_key, None)
 
-    def find(self, name: str, scene: str | None = None) -> MemoryUnit | None:
-        """Look a required unit up; None if it is not there. That is no use of it.
-
-        Args:
-            name: an object id, or a type: then its most recently used unit.
-            scene: the room that it is in; None: any.
-        """
-        units = self.units(scene)[::-1]
-        named = next((unit for unit in units if unit.object_id == name), None)
-        return named or next((unit for unit in units if unit.object_type == name), None)
-
     def units(self, scene: str | None = None) -> tuple[MemoryUnit, ...]:
         """Return all units, or those of one room, least recently used first."""
         units = self._units.values()

@@ -91,19 +91,6 @@ def test_refused_newcomer_is_returned_and_not_kept():
     assert [line.object_type for line in memory.units()] == ["a", "b"]
 
 
-def test_finding_a_unit_changes_nothing():
-    memory = ShortTermMemory(Lru(2))
-    memory.remember(unit("Apple", object_id="Apple|1"))
-    memory.remember(unit("Apple", object_id="Apple|2"))
-    before = memory.units()
-    assert memory.find("Apple").object_id == "Apple|2"
-    assert memory.find("Apple|1").object_id == "Apple|1"
-    assert memory.find("Pear") is None
-    assert memory.units() == before
-    memory.remember(unit("Pear"))
-    assert "Apple|1" not in memory  # finding it was no use of it
-
-
 def test_forgotten_unit_frees_its_line():
     memory = ShortTermMemory(Lru(2))
     for letter in "ab":

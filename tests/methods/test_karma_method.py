@@ -42,6 +42,12 @@ class Words:
         return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
+def remembered(episode, kind):
+    """Return the unit of that type that was used last, None if there is none."""
+    units = reversed(episode.short_term.units())
+    return next((unit for unit in units if unit.object_type == kind), None)
+
+
 @pytest.fixture
 def scene(tmp_path):
     path = tmp_path / "handmade.json"
@@ -86,7 +92,7 @@ def test_memory_is_written_after_the_instruction_in_the_order_of_use(start):
     events = episode.do(SubTask(instruction="wash the apple"))
     during = [len(episode.short_term) for _ in events]
     assert set(during[:-1]) == {0}
-    apple = episode.short_term.find("Apple")
+    apple = remembered(episode, "Apple")
     assert types(episode.short_term.units())[-1] == "Apple"
     assert apple.handled
     assert "cleaned" in apple.states
@@ -101,7 +107,7 @@ def test_memory_keeps_two_handled_things_the_last_used_last(start):
     episode, _, _ = start([TAKE_APPLE + second, "GoToObject(robot, 'Fridge')\n"])
     do(episode, "take the apple, then the bowl")
     assert types(episode.short_term.units()) == ["Apple", "Bowl"]
-    assert episode.short_term.find("Bowl").place_id == "hand"
+    assert remembered(episode, "Bowl").place_id == "hand"
     *_, outcome = do(episode, "go to the fridge")
     assert types(outcome.resident) == ["Apple", "Bowl"]
 
@@ -128,14 +134,14 @@ def kitchen_id(kind):
 def test_stale_memory_is_forgotten_after_it_misled(start):
     episode, _, world = start([TAKE_APPLE + WASH, "GoToObject(robot, 'Apple')\n"], attempts=1)
     do(episode, "wash the apple")
-    assert episode.short_term.find("Apple")
+    assert remembered(episode, "Apple")
     world.step("OpenObject", objectId=kitchen_id("Fridge"), forceAction=True)
     assert bring(world, "Apple", "Fridge")[0]
     world.step("CloseObject", objectId=kitchen_id("Fridge"), forceAction=True)
     *_, result, outcome = do(episode, "go to the apple")
     assert not outcome.finished
     assert "not at its remembered place" in result.reason
-    assert episode.short_term.find("Apple") is None
+    assert remembered(episode, "Apple") is None
 
 
 def test_receptacle_of_a_remembered_thing_is_known_though_it_is_not_remembered_itself(start):

@@ -143,8 +143,8 @@ def test_equal_ids_of_two_rooms_are_two_lines_of_memory():
     memory.remember(unit("b", states=("filled",)))
     assert [u.states for u in memory.units()] == [("dirty",), ("filled",)]
     assert memory.units("a") == (unit("a", states=("dirty",)),)
-    assert memory.find("Mug", "b").states == ("filled",)
-    assert memory.find("Mug|1", "c") is None
+    assert memory.units("b") == (unit("b", states=("filled",)),)
+    assert memory.units("c") == ()
     memory.correct(unit("a", place_id="Sink|1"))
     memory.correct(unit("c"))
     assert [u.place_id for u in memory.units()] == ["Sink|1", None]

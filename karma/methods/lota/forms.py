@@ -14,11 +14,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
-import jinja2
-
 from karma.agent.inspector import objection
 from karma.agent.program import SKILLS
-from karma.agent.prompt import compact
+from karma.agent.prompt import compact, template
 from karma.contracts import END, PlanRequest, Prompt, SeenObject, SkillCall, SkillSignature
 from karma.household.types import object_types
 from karma.household.uses import has_a_switch
@@ -159,7 +157,9 @@ def smart_skills() -> tuple[SkillSignature, ...]:
 
 def code_prompt(history: Sequence[Past], instruction: str) -> Prompt:
     """Return the prompt for a whole plan: skills, object types, examples, earlier plans."""
-    stable = _template("lota_generate.txt").render(skills=smart_skills(), objects=named_types())
+    stable = template(_PROMPTS / "lota_generate.txt").render(
+        skills=smart_skills(), objects=named_types()
+    )
     past = [
         f"# Task Description: {_sentence(one.instruction)}\n{''.join(one.steps)}\n"
         for one in history
@@ -177,16 +177,3 @@ def _sentence(text: str) -> str:
 @cache
 def _text(name: str) -> str:
     return (_PROMPTS / name).read_text(encoding="utf-8")
-
-
-@cache
-def _template(name: str) -> jinja2.Template:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_PROMPTS),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
-    return environment.get_template(name)
