@@ -293,6 +293,22 @@ class Decoding:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Engine:
+    """What a local model was computed by; answers may depend on it in their last bits."""
+
+    device: str  # as llama.cpp names it: "CPU", "CUDA0", "Metal", "RPC0"
+    gpu_layers: int  # of the model, that lie on it; 0 on the CPU
+    n_ctx: int  # tokens
+    threads: int
+    batch: int  # tokens per call of the prompt
+    kv: str  # type of the kept keys and values, e.g. "f16"
+    flash_attention: bool
+
+
+KvState = Literal["kept", "loaded", "evaluated"]  # of a prompt's stable part: memory, disk, neither
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Completion:
     """A model's answer and what it cost; None where a hosted model does not tell."""
 
@@ -304,8 +320,10 @@ class Completion:
     first_token_s: float | None
     total_s: float
     cost: float | None = None  # in the currency of the user's price table
-    threads: int | None = None  # that computed it; None where it is not ours to know
-    batch: int | None = None  # tokens per call of the prompt, likewise
+    reasoning: str = ""  # what a thinking model said before its answer
+    constrained: bool | None = None  # a grammar held; None where it is not known
+    engine: Engine | None = None  # None where it is not ours to know
+    state: KvState | None = None  # where that of the stable part came from, likewise
 
 
 Scoring = Literal["sum", "average"]  # of the log-probabilities of a text's tokens
@@ -323,7 +341,7 @@ class Choice:
     completion_tokens: int  # of the text that was chosen
     run_tokens: int  # of all texts, that had to be decoded to be sure
     total_s: float
-    threads: int | None = None  # that computed it; None where it is not ours to know
+    engine: Engine | None = None  # None where it is not ours to know
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

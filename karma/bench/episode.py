@@ -238,6 +238,9 @@ def _answer(plan: Plan) -> Answer:
         prompt_tokens=said.prompt_tokens,
         completion_tokens=said.completion_tokens,
         cost=said.cost,
+        constrained=said.constrained,
+        reasoning=said.reasoning,
+        prompt=plan.prompt.stable + plan.prompt.changing if plan.error else "",
     )
 
 
@@ -248,6 +251,6 @@ def _timing(plan: Plan, cassette: Cassette) -> AnswerTiming:
         first_token_s=None if first is None else cassette.measured(first),
         total_s=cassette.measured(said.total_s),
         reused_tokens=said.reused_tokens,
-        threads=said.threads,
-        batch=said.batch,
+        state=said.state,
+        engine=said.engine,
     )

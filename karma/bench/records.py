@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar, get_args
 
-from karma.contracts import Kind, SkillResult, Tour
+from karma.contracts import Engine, Kind, KvState, SkillResult, Tour
 from karma.errors import FileError
 from karma.files import append_line, decode_json, read_bytes, to_json
 from karma.infer.hosted.cost import Spent
@@ -51,6 +51,9 @@ class Answer:
     prompt_tokens: int | None
     completion_tokens: int | None
     cost: float | None = None  # of a hosted model, in the currency of the price table
+    constrained: bool | None = None  # a grammar held; None where it is not known
+    reasoning: str = ""  # of a thinking model, before the program
+    prompt: str = ""  # whole, of an answer that was refused
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +122,8 @@ class AnswerTiming:
     first_token_s: float | None
     total_s: float
     reused_tokens: int | None  # of the prompt, from state kept of an earlier one
-    threads: int | None = None
-    batch: int | None = None  # tokens per call of the prompt
+    state: KvState | None = None  # where that state came from
+    engine: Engine | None = None  # that computed it; None where it is not ours to know
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -299,9 +299,9 @@ def test_chat_without_template_is_a_model_error(tmp_path):
 
 def test_answer_tells_the_threads_and_the_batch_that_made_it(gguf):
     found = opened(gguf, n_threads=1, n_ctx=128).complete(OTHER, max_tokens=1)
-    assert (found.threads, found.batch) == (1, 128)
-    assert opened(gguf, n_threads=2).complete(OTHER, max_tokens=1).batch == 512
-    assert ScriptedModel(["x"]).complete(OTHER).threads is None
+    assert (found.engine.threads, found.engine.batch) == (1, 128)
+    assert opened(gguf, n_threads=2).complete(OTHER, max_tokens=1).engine.batch == 512
+    assert ScriptedModel(["x"]).complete(OTHER).engine is None
 
 
 def test_file_too_big_for_the_free_memory_is_refused_before_it_is_opened(

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from karma.contracts import Engine
 from karma.errors import ModelError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import check_memory, gguf_parts_mb, kept_mb
@@ -77,6 +78,7 @@ class GgufModel:
         self.n_ctx = min(n_ctx, trained)
         self.n_threads = n_threads or min(2, len(os.sched_getaffinity(0)))
         self.n_batch = min(_N_BATCH, self.n_ctx)
+        self._kv = kv
         each = 2 if kv == "f16" else 4
         check_memory(
             str(path),
@@ -104,6 +106,14 @@ class GgufModel:
         bos = self.llama.token_bos()
         wanted = begins and bos >= 0 and bool(self.llama._model.add_bos_token())
         return [bos, *found] if wanted and found[:1] != [bos] else found
+
+    @property
+    def engine(self) -> Engine:
+        """What computes it."""
+        return Engine(
+            device="CPU", gpu_layers=0, n_ctx=self.n_ctx, threads=self.n_threads,
+            batch=self.n_batch, kv=self._kv, flash_attention=False,
+        )  # fmt: skip
 
     @property
     def end_token(self) -> int:

@@ -110,8 +110,9 @@ class LlamaModel:
             completion_tokens=found.tokens,
             first_token_s=found.first_token_s,
             total_s=time.perf_counter() - begun,
-            threads=self.gguf.n_threads,
-            batch=self.gguf.n_batch,
+            constrained=spec is not None,
+            engine=self.gguf.engine,
+            state="kept" if reused else "evaluated",
         )
 
     def choose(

@@ -139,7 +139,7 @@ class SkillScorer:
             completion_tokens=trie[number].depth,
             run_tokens=paths.count,
             total_s=time.perf_counter() - start_s,
-            threads=self.model.n_threads,
+            engine=self.model.engine,
         )
 
     def close(self) -> None:

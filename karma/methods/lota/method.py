@@ -322,5 +322,6 @@ def _completion(best: Choice, text: str) -> Completion:
         completion_tokens=best.completion_tokens,
         first_token_s=best.total_s,
         total_s=best.total_s,
-        threads=best.threads,
+        constrained=True,
+        engine=best.engine,
     )
