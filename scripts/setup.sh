@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
 # Make .venv ready, from nothing to `karma` on the command line; called by `make setup`.
 #
-# Does nothing when the stamp fits (locks, pyproject.toml, this file, Python, folder). Can be stopped
-# and started again at any point: the stamp is written last, and each step looks at what is there.
+# Does nothing when the stamp fits (locks, pyproject.toml, this file, Python, folder, build options).
+# Can be stopped and started again at any point: the stamp is written last, and each step looks at
+# what is there.
 #
 #   PYTHON=python3.12     the Python to make .venv with; at least 3.11
 #   KARMA_CACHE=folder    where the llama-cpp-python wheel is kept; default ~/.cache/karma
-#   CMAKE_ARGS="..."      build llama.cpp with other options; such wheels are kept apart
+#   CMAKE_ARGS="..."      build llama.cpp with these options instead of ours, e.g. "-DGGML_CUDA=on";
+#                         .venv remembers them, and CMAKE_ARGS= (empty) goes back to ours
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$(pwd -P)
@@ -14,8 +16,12 @@ py=.venv/bin/python
 stamp=.venv/.karma-setup
 log=.venv/karma-setup.log
 locks="requirements.lock requirements-dev.lock"
-portable="-DGGML_NATIVE=OFF -DLLAVA_BUILD=OFF -DLLAMA_BUILD_TOOLS=OFF -DLLAMA_BUILD_TESTS=OFF"
-portable+=" -DLLAMA_BUILD_EXAMPLES=OFF -DLLAMA_BUILD_SERVER=OFF"
+built=.venv/.karma-llama # of the wheel in .venv: who chose its options, the options, its folder
+portable="-DGGML_NATIVE=OFF -DLLAVA_BUILD=ON -DGGML_RPC=ON -DLLAMA_BUILD_TOOLS=OFF"
+portable+=" -DLLAMA_BUILD_TESTS=OFF -DLLAMA_BUILD_EXAMPLES=OFF -DLLAMA_BUILD_SERVER=OFF"
+if [ -z "${CMAKE_ARGS+given}" ] && [ "$(sed -n 1p "$built" 2>/dev/null)" = "asked for" ]; then
+    CMAKE_ARGS=$(sed -n 2p "$built")
+fi
 cmake_args=${CMAKE_ARGS:-$portable}
 pythons=${PYTHON:-python3.11 python3.12 python3.13 python3 python3.14}
 unset PYTHONPATH PYTHONHOME
@@ -27,7 +33,7 @@ die() { printf 'setup: stopped. %s\n' "$1" >&2; shift; printf '       %s\n' "$@"
 # ------------------------------------------------------------------ small questions
 
 fingerprint() { # of all that decides what .venv must hold
-    "$py" - "$root" $locks pyproject.toml scripts/setup.sh <<'PY'
+    "$py" - "$root $cmake_args" $locks pyproject.toml scripts/setup.sh <<'PY'
 import hashlib, pathlib, sys
 digest = hashlib.sha256(f"{sys.version} {sys.argv[1]}".encode())
 for name in sys.argv[2:]:
@@ -110,21 +116,31 @@ pip() { "$py" -m pip --quiet --no-color "$@" --progress-bar off; }
 
 llama_version=$(pinned llama-cpp-python)
 
-choose_cache() {
-    local folder=${KARMA_CACHE:-${XDG_CACHE_HOME:-${HOME:-$root}/.cache}/karma}/wheels
-    if [ "$cmake_args" != "$portable" ]; then
-        folder+=/$(printf '%s' "$cmake_args" | cksum | cut -d' ' -f1)
-    fi
+choose_cache() { # a folder per build options, which lie in it in words too
+    local part folder
+    part=wheels/$(printf '%s' "$cmake_args" | cksum | cut -d' ' -f1)
+    folder=${KARMA_CACHE:-${XDG_CACHE_HOME:-${HOME:-$root}/.cache}/karma}/$part
     if ! mkdir -p "$folder" 2>/dev/null || [ ! -w "$folder" ]; then
-        folder=$root/.venv/wheels
+        folder=$root/.venv/$part
         mkdir -p "$folder"
     fi
+    printf '%s\n' "$cmake_args" >"$folder/cmake-args.txt"
     printf '%s\n' "$folder"
 }
 
-llama_works() {
+llama_runs() {
     "$py" -c "import llama_cpp, sys; sys.exit(llama_cpp.__version__ != '$llama_version')" \
         >"$log.llama" 2>&1
+}
+
+llama_works() { # runs, and was built with the options that are wanted
+    [ "$(sed -n 2p "$built" 2>/dev/null)" = "$cmake_args" ] && llama_runs
+}
+
+remember_options() {
+    local who="asked for"
+    [ "$cmake_args" != "$portable" ] || who="by default"
+    printf '%s\n' "$who" "$cmake_args" "$cache" >"$built"
 }
 
 cached_wheel() { # prints the wheel for this machine, if there is one and it is whole
@@ -144,7 +160,8 @@ cached_wheel() { # prints the wheel for this machine, if there is one and it is 
 
 build_wheel() {
     need_compilers
-    say "building llama-cpp-python $llama_version from source: once, about 5 minutes on 2 cores"
+    say "building llama-cpp-python $llama_version from source: once, about 7 minutes on 2 cores"
+    [ "$cmake_args" = "$portable" ] || say "  with $cmake_args; for a GPU it takes much longer"
     fresh=$(mktemp -d "$cache/.building.XXXXXX")
     work "building llama-cpp-python" env CMAKE_ARGS="$cmake_args" \
         CMAKE_BUILD_PARALLEL_LEVEL="${CMAKE_BUILD_PARALLEL_LEVEL:-$(getconf _NPROCESSORS_ONLN)}" \
@@ -157,12 +174,17 @@ build_wheel() {
 }
 
 install_llama() {
-    llama_works && return
+    if llama_works; then
+        remember_options # the cache may have moved
+        return
+    fi
     if ! cached_wheel >/dev/null; then
         build_wheel
     fi
     say "installing $(basename "$(cached_wheel)")"
+    rm -f "$built"
     work "installing llama-cpp-python" pip install --no-deps --force-reinstall "$(cached_wheel)"
+    remember_options
 }
 
 # ------------------------------------------------------------------ the steps

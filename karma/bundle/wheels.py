@@ -21,6 +21,7 @@ from karma.bundle.contents import BundleError
 from karma.errors import FileError
 from karma.files import read_bytes
 
+BUILT = ".karma-llama"  # set-up's note, in the virtual environment, about llama.cpp's wheel
 EPOCH = "315532800"  # 1980-01-01, the first day that a zip can name
 _LICENCE_NAMES = ("licen", "copying", "notice", "authors")
 _SOURCES = ("karma", "pyproject.toml", "README.md", "LICENSE")
@@ -208,8 +209,15 @@ def own_wheel(project: Path, folder: Path) -> Path:
 
 
 def kept_wheels() -> Path:
-    """Return where scripts/setup.sh keeps the llama-cpp-python wheel that it has built."""
-    return cache_folder() / "wheels"
+    """Return where scripts/setup.sh keeps the llama-cpp-python wheel that runs here.
+
+    There is a folder per set of build options; without a note of set-up's, the one above them.
+    """
+    try:
+        _, _, folder = (Path(sys.prefix) / BUILT).read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError):
+        return cache_folder() / "wheels"
+    return Path(folder)
 
 
 def cache_folder() -> Path:
