@@ -48,9 +48,11 @@ class ChatTemplate:
             ModelError: the template refuses a plain conversation, or drops what it is given.
         """
         stable, reason = prompt.stable, ""
-        system = [{"role": "system", "content": stable}, {"role": "user", "content": _MARK}]
-        user = [{"role": "user", "content": stable + _MARK}]
-        for messages in (system, user):  # some templates refuse or drop a system message
+        system = (("system", stable), ("user", _MARK))
+        user = (("user", stable + _MARK),)
+        # some templates refuse or drop a system message, some a text that is no list of parts
+        for said, form in ((system, _text), (user, _text), (system, _parts), (user, _parts)):
+            messages = [{"role": role, "content": form(text)} for role, text in said]
             try:
                 halves = self._renderer(messages=messages).prompt.split(_MARK)
             except Exception as error:  # noqa: BLE001 - a template can raise anything
@@ -60,3 +62,12 @@ class ChatTemplate:
                 return halves[0], prompt.changing + halves[1]
             reason = "it does not repeat what it is given"
         raise ModelError(f"{self._name}: its chat template cannot be used: {reason}")
+
+
+def _text(text: str) -> str:
+    return text
+
+
+def _parts(text: str) -> list[dict[str, str]]:
+    """Return a message as templates of picture models want it."""
+    return [{"type": "text", "text": text}]

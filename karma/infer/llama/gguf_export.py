@@ -107,8 +107,8 @@ def export_llama_gguf(
         if description is not None:
             writer.add_description(description)
         _add_shape(writer, config, dtype)
-        _add_vocabulary(writer, tokenizer, config.vocab_size)
-        _add_special_tokens(writer, tokenizer, specials, add_bos=add_bos)
+        add_vocabulary(writer, tokenizer, config.vocab_size)
+        add_special_tokens(writer, tokenizer, specials, add_bos=add_bos)
         if chat_template is not None:
             writer.add_chat_template(chat_template)
         for tensor, array in _tensors(state, config):
@@ -168,8 +168,15 @@ def _add_shape(writer: Any, config: Any, dtype: DType) -> None:
     writer.add_quantization_version(gguf.GGML_QUANT_VERSION)
 
 
-def _add_vocabulary(writer: Any, tokenizer: Any, vocab_size: int) -> None:
-    """Write tokens in id order, their types, and the merges in rank order."""
+def add_vocabulary(writer: Any, tokenizer: Any, vocab_size: int, *, pre: str = "llama-bpe") -> None:
+    """Write tokens in id order, their types, and the merges in rank order.
+
+    Args:
+        writer: a `gguf.GGUFWriter`.
+        tokenizer: a `tokenizers.Tokenizer` of `new_tokenizer`.
+        vocab_size: of the model; ids that the tokenizer lacks are never said.
+        pre: how llama.cpp splits a text; only with the default are its tokens the tokenizer's.
+    """
     import gguf
 
     tokens = [f"[unused{i}]" for i in range(vocab_size)]
@@ -181,15 +188,20 @@ def _add_vocabulary(writer: Any, tokenizer: Any, vocab_size: int) -> None:
         tokens[token], types[token] = added.content, int(kind)
     merges = json.loads(tokenizer.to_str())["model"]["merges"]
     writer.add_tokenizer_model("gpt2")
-    writer.add_tokenizer_pre("llama-bpe")
+    writer.add_tokenizer_pre(pre)
     writer.add_token_list(tokens)
     writer.add_token_types(types)
     writer.add_token_merges([m if isinstance(m, str) else " ".join(m) for m in merges])
 
 
-def _add_special_tokens(
+def add_special_tokens(
     writer: Any, tokenizer: Any, specials: Mapping[str, str | None], *, add_bos: bool
 ) -> None:
+    """Write the ids of the tokens "bos", "eos" and "pad", where there are such.
+
+    Raises:
+        ModelError: one is not in the vocabulary, or `add_bos` without a "bos".
+    """
     add = {
         "bos": writer.add_bos_token_id,
         "eos": writer.add_eos_token_id,
