@@ -81,7 +81,7 @@ def _umask() -> int:
     return mask
 
 
-def write_atomic(path: str | Path, data: bytes) -> None:
+def write_atomic(path: str | Path, data: bytes | memoryview) -> None:
     """Replace `path` by `data`, or leave it as it was.
 
     Raises:

@@ -2,7 +2,7 @@
 
 A prompt is always decoded in the same cut, [stable] then [changing], also when nothing is kept:
 how a prompt is cut into calls changes the last bits of the logits, so only then are warm and cold
-answers identical bit for bit. One stable part is kept at a time.
+answers identical bit for bit. What was computed of stable parts is kept, see `room_states`.
 """
 
 import ctypes
@@ -10,18 +10,21 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from karma.contracts import Engine
+from karma.contracts import Engine, KvState
 from karma.errors import ModelError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import check_memory, gguf_parts_mb, kept_mb
 from karma.infer.llama.constrain import Logits, TokenTable
-from karma.infer.manifest.manifest import check_file
+from karma.infer.llama.kv_state import llama_build, put_back, taken_out
+from karma.infer.llama.room_states import RoomStates, StateOptions
+from karma.infer.manifest.manifest import check_file, sha256_of
 
 KvType = Literal["f16", "f32"]
 
@@ -48,6 +51,7 @@ class GgufModel:
         name: by default the file's name.
         sha256: if given, the file is refused unless it has this hash; a file without is first
             tried in a process of its own, which costs a second or two.
+        states: where what was computed of stable parts is kept.
 
     Raises:
         ModelError: missing, of another hash, damaged, or too big for the memory that is free.
@@ -62,6 +66,7 @@ class GgufModel:
         kv: KvType = "f16",
         name: str | None = None,
         sha256: str | None = None,
+        states: StateOptions | None = None,
     ) -> None:
         path = Path(path)
         if sha256 is not None:
@@ -93,6 +98,7 @@ class GgufModel:
         self.table = _token_table(self.llama)
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
         self._keeps = not (self.llama._is_recurrent or self.llama._is_hybrid)
+        self._states = self._room_states(path, sha256, states or StateOptions())
 
     def tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
         """Return the tokens of a text.
@@ -125,21 +131,35 @@ class GgufModel:
         """How many tokens there are."""
         return int(self.llama.n_vocab())
 
-    def evaluate(self, stable: Sequence[int], changing: Sequence[int]) -> int:
-        """Decode a prompt in its cut; return how many of its tokens were already there.
+    def evaluate(self, stable: Sequence[int], changing: Sequence[int]) -> KvState:
+        """Decode a prompt in its cut; return where the state of its stable part came from.
 
         Raises:
             ModelError: llama.cpp cannot decode it.
         """
-        reused = len(stable) if self._keeps and self._kept == stable else 0
+        kept = self._keeps and bool(stable) and self._kept == stable
         self._kept = []  # while decoding, nothing is certain
-        self.llama.reset()
-        self.llama.n_tokens = reused
-        if reused == 0 and stable:
-            self.extend(stable)
+        if kept:
+            self.llama.n_tokens = len(stable)
+        source: KvState = "kept" if kept else self._bring(stable)
         self.extend(changing)
         self._kept = list(stable)
-        return reused
+        return source
+
+    def _bring(self, stable: Sequence[int]) -> KvState:
+        """Have the stable part in an empty cache: put back, or decoded and kept."""
+        self.llama.reset()
+        states = self._states if stable else None
+        if states is not None and (found := states.find(stable)):
+            if put_back(self.llama.ctx, found.state):
+                self.llama.n_tokens = len(stable)
+                return found.source
+            states.forget(stable)
+        if stable:
+            self.extend(stable)
+        if states is not None:
+            states.keep(stable, taken_out(self.llama.ctx))
+        return "evaluated"
 
     def extend(self, tokens: Sequence[int]) -> None:
         """Decode tokens behind what was decoded last; errors as in `evaluate`."""
@@ -154,6 +174,19 @@ class GgufModel:
 
         pointer = llama_cpp.llama_get_logits_ith(self.llama.ctx, -1)
         return np.ctypeslib.as_array(pointer, shape=(self.vocabulary,))
+
+    def _room_states(
+        self, path: Path, sha256: str | None, options: StateOptions
+    ) -> RoomStates | None:
+        """Return where states are kept; None for a model that has none, or if none are wanted.
+
+        Threads and the size of the context change no bit (measured), all else may.
+        """
+        if not (self._keeps and options.any):
+            return None
+        weights = "" if options.folder is None else sha256 or sha256_of(path)
+        engine = replace(self.engine, n_ctx=0, threads=0)
+        return RoomStates(f"{weights} {llama_build()} {engine}", options)
 
     def sequences(self, count: int, *, cells: int) -> Any:
         """Open a second context over the same weights: one cache for several sequences.

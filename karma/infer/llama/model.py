@@ -20,6 +20,7 @@ from karma.infer.llama.constrain import (
     gumbel,
 )
 from karma.infer.llama.gguf_model import GgufModel, KvType
+from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.seeds import stream
 
@@ -46,6 +47,7 @@ class LlamaModel:
         kv: see there.
         name: see there.
         sha256: see there.
+        states: see there.
 
     Raises:
         ModelError: see `GgufModel`; or there is no template, and `chat` needs one.
@@ -61,9 +63,10 @@ class LlamaModel:
         kv: KvType = "f16",
         name: str | None = None,
         sha256: str | None = None,
+        states: StateOptions | None = None,
     ) -> None:
         self.gguf = GgufModel(
-            path, n_ctx=n_ctx, n_threads=n_threads, kv=kv, name=name, sha256=sha256
+            path, n_ctx=n_ctx, n_threads=n_threads, kv=kv, name=name, sha256=sha256, states=states
         )
         self.name = self.gguf.name
         self._template = ChatTemplate(self.gguf) if chat else None
@@ -94,7 +97,7 @@ class LlamaModel:
                 f"the prompt has {prompt_tokens} tokens and needs room for an answer,"
                 f" but {self.name} has a context of {self.gguf.n_ctx}"
             )
-        reused = self.gguf.evaluate(stable, changing)
+        state = self.gguf.evaluate(stable, changing)
         automaton = None if spec is None else _automaton(spec)
         rng = stream(seed, "decode") if temperature > 0 else None
         room = min(max_tokens, self.gguf.n_ctx - prompt_tokens)
@@ -106,13 +109,13 @@ class LlamaModel:
             text=text.decode("utf-8", errors="replace"),
             finish=found.finish,
             prompt_tokens=prompt_tokens,
-            reused_tokens=reused,
+            reused_tokens=0 if state == "evaluated" else len(stable),
             completion_tokens=found.tokens,
             first_token_s=found.first_token_s,
             total_s=time.perf_counter() - begun,
             constrained=spec is not None,
             engine=self.gguf.engine,
-            state="kept" if reused else "evaluated",
+            state=state,
         )
 
     def choose(
