@@ -10,7 +10,7 @@ HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt
 	policies tasks draw,tests/*/test_$(name).py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format scenes planner paper airgap clean
+.PHONY: help setup demo test check format scenes planner paper airgap server clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1|/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -52,6 +52,9 @@ paper: setup ## every table and figure of the paper with the nano models; resume
 
 airgap: setup ## the demo where no network interface is, and traced; needs unshare, and strace
 	@bash scripts/airgap.sh
+
+server: setup ## build llama.cpp's own server, an extra: 11 minutes on 2 cores, once
+	@bash scripts/build_llama_server.sh
 
 clean: ## remove caches and build leftovers; keeps .venv, runs/ and the wheel cache
 	@rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

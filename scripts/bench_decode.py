@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.contracts import ProgramSpec, Prompt, SkillSignature
-from karma.infer.llama.constrain import ProgramAutomaton, choose_token
+from karma.infer.llama.constrain import choose_token
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.model import LlamaModel
+from karma.infer.programs.automaton import ProgramAutomaton
 from karma.offline import go_offline
 
 TOKENS = 120

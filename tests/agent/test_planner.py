@@ -10,7 +10,7 @@ from karma.agent.prompt import compact
 from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest, SkillCall
 from karma.errors import ModelError
 from karma.household.places import landmark_types
-from karma.infer.llama.constrain import ProgramAutomaton
+from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
 from karma.tasks.expert import ExpertView, NamedThing, solve
 from karma.tasks.goals import parse_goal

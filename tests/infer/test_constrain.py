@@ -10,13 +10,8 @@ from hypothesis import strategies as st
 
 from karma.contracts import ProgramSpec, SkillCall, SkillSignature
 from karma.errors import ModelError
-from karma.infer.llama.constrain import (
-    ProgramAutomaton,
-    TokenTable,
-    choose_token,
-    descending,
-    gumbel,
-)
+from karma.infer.llama.constrain import TokenTable, choose_token, descending, gumbel
+from karma.infer.programs.automaton import ProgramAutomaton
 
 SKILLS = (
     SkillSignature(name="GoToObject", arguments=("object",)),

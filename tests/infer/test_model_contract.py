@@ -26,9 +26,9 @@ from karma.errors import ModelError
 from karma.infer.checks import memory
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama import gguf_model
-from karma.infer.llama.constrain import ProgramAutomaton
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.model import LlamaModel
+from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.registry import load, names

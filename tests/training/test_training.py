@@ -17,7 +17,7 @@ from karma.errors import FileError
 from karma.files import to_json
 from karma.household.pieces import base_type
 from karma.household.types import object_types
-from karma.infer.llama.constrain import ProgramAutomaton
+from karma.infer.programs.automaton import ProgramAutomaton
 from karma.seeds import stream
 from karma.tasks.drawing import phrases
 from karma.tasks.drawing.memories import KnownRoom

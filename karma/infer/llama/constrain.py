@@ -1,175 +1,21 @@
-"""Constrain decoding to programs: an automaton over bytes, and the choice of tokens by it.
-
-The language of a `ProgramSpec` is one to `max_calls` lines, each written as `str(SkillCall)` and
-ended by a newline. Names stand in quotes and hold none, so every choice is settled by the bytes
-read so far: the automaton is deterministic and nothing is ever taken back.
+"""Choose tokens so that only programs come out: see `karma.infer.programs.automaton`.
 
 Tokens are chosen by sample-then-check: the best token first, and only if it is refused the next
 best, in exact order. The result equals masking the whole vocabulary, at the price of one check.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import ProgramSpec, SkillSignature
 from karma.errors import ModelError
+from karma.infer.programs.automaton import ProgramAutomaton, State
 
 Logits = NDArray[np.float32]
 
-_MAX_POSITIONS = 100  # entries of one list, as the parser admits
 _CHUNK = 64
-
-
-class _Frame(NamedTuple):
-    """A set of prefix-free words, and the frame that follows each.
-
-    nodes[0] is the root; an edge >= 0 leads to a node, an edge < 0 ends word number ~edge.
-    """
-
-    nodes: list[dict[int, int]]
-    words: tuple[str, ...]
-    follow: tuple[Callable[[], "_Frame"], ...]
-    line_start: bool = False
-
-
-class State(NamedTuple):
-    """A place in the language: lines completed, and where in which frame."""
-
-    lines: int
-    frame: _Frame
-    node: int
-
-
-class ProgramAutomaton:
-    """Recognises prefixes of the programs that a spec admits.
-
-    Raises:
-        ValueError: a name cannot be quoted, a skill is named twice, or no line is possible.
-    """
-
-    def __init__(self, spec: ProgramSpec) -> None:
-        for name in (*spec.objects, *spec.positions):
-            if not name or not name.isprintable() or "'" in name or "\\" in name:
-                raise ValueError(f"{name!r} cannot be written as a quoted name")
-        if len({skill.name for skill in spec.skills}) < len(spec.skills):
-            raise ValueError("two skills have the same name")
-        self._max_lines = spec.max_calls
-        self._objects = _trie([f"{name}'" for name in dict.fromkeys(spec.objects)])
-        positions = tuple(dict.fromkeys(spec.positions))
-        self._positions = _trie([f"{name}'" for name in positions])
-        self._most_positions = min(len(positions), _MAX_POSITIONS)
-        skills = [skill for skill in spec.skills if self._possible(skill)]
-        if not skills or spec.max_calls < 1:
-            raise ValueError("this spec admits no program: no skill, no object or no call")
-        self._line = self._line_frame(skills)
-
-    def start(self) -> State:
-        """Return the state before the first character."""
-        return State(0, self._line, 0)
-
-    def advance(self, state: State, text: str | bytes) -> State | None:
-        """Return the state after `text`, or None when no program goes on like this."""
-        lines, frame, node = state
-        for byte in text.encode() if isinstance(text, str) else text:
-            if node == 0 and frame.line_start and lines == self._max_lines:
-                return None
-            edge = frame.nodes[node].get(byte)
-            if edge is None:
-                return None
-            if edge >= 0:
-                node = edge
-                continue
-            frame, node = frame.follow[~edge](), 0
-            lines += frame.line_start
-        return State(lines, frame, node)
-
-    def accepts(self, state: State) -> bool:
-        """Return whether the text so far is a whole program."""
-        return state.lines > 0 and state.node == 0 and state.frame.line_start
-
-    def next_bytes(self, state: State) -> tuple[int, ...]:
-        """Return the bytes that may come next; () after the last possible line."""
-        if self.accepts(state) and state.lines == self._max_lines:
-            return ()
-        return tuple(state.frame.nodes[state.node])
-
-    def random_program(self, generator: np.random.Generator, lines: int) -> str:
-        """Return a program of so many lines, each choice made uniformly."""
-        text, frame, done = [], self._line, 0
-        while done < lines:
-            word = int(generator.integers(len(frame.words)))
-            text.append(frame.words[word])
-            frame = frame.follow[word]()
-            done += frame.line_start
-        return "".join(text)
-
-    def _possible(self, skill: SkillSignature) -> bool:
-        needed = skill.arguments[: len(skill.arguments) - skill.optional]
-        return all(self._has_names(kind) for kind in needed)
-
-    def _has_names(self, kind: str) -> bool:
-        return bool((self._objects if kind == "object" else self._positions).words)
-
-    def _line_frame(self, skills: Sequence[SkillSignature]) -> _Frame:
-        frame = _trie([f"{skill.name}(robot" for skill in skills])
-        follow = tuple(self._after(skill) for skill in skills)
-        return frame._replace(follow=follow, line_start=True)
-
-    def _after(self, skill: SkillSignature, done: int = 0) -> Callable[[], _Frame]:
-        """Return the frame after `done` arguments: end of line, or one argument more."""
-
-        @cache
-        def build() -> _Frame:
-            words: dict[str, Callable[[], _Frame]] = {}
-            if done >= len(skill.arguments) - skill.optional:
-                words[")\n"] = lambda: self._line
-            if done < len(skill.arguments) and self._has_names(skill.arguments[done]):
-                then = self._after(skill, done + 1)
-                if skill.arguments[done] == "object":
-                    words[", '"] = _followed(self._objects, then)
-                else:
-                    words[", ['"] = self._list(then, 1)
-            return _trie(list(words))._replace(follow=tuple(words.values()))
-
-        return build
-
-    def _list(self, then: Callable[[], _Frame], number: int) -> Callable[[], _Frame]:
-        """Return the frame of the list's entry `number`, from 1."""
-
-        @cache
-        def build() -> _Frame:
-            words = {"]": then}
-            if number < self._most_positions:
-                words[", '"] = self._list(then, number + 1)
-            after = _trie(list(words))._replace(follow=tuple(words.values()))
-            return _followed(self._positions, lambda: after)()
-
-        return build
-
-
-def _followed(frame: _Frame, then: Callable[[], _Frame]) -> Callable[[], _Frame]:
-    """Return `frame` with every word followed by `then`."""
-    whole = frame._replace(follow=(then,) * len(frame.words))
-    return lambda: whole
-
-
-def _trie(words: Sequence[str]) -> _Frame:
-    """Build the frame of prefix-free words, nothing following yet."""
-    nodes: list[dict[int, int]] = [{}]
-    for number, word in enumerate(words):
-        *inner, last = word.encode()
-        node = 0
-        for byte in inner:
-            if byte not in nodes[node]:
-                nodes[node][byte] = len(nodes)
-                nodes.append({})
-            node = nodes[node][byte]
-        nodes[node][last] = ~number
-    return _Frame(nodes, tuple(words), ())
 
 
 class TokenTable:

@@ -12,16 +12,11 @@ import numpy as np
 from karma.contracts import Choice, Completion, ProgramSpec, Prompt, Scoring
 from karma.errors import ModelError
 from karma.infer.llama.chat_template import ChatTemplate
-from karma.infer.llama.constrain import (
-    ProgramAutomaton,
-    State,
-    best_token,
-    choose_token,
-    gumbel,
-)
+from karma.infer.llama.constrain import best_token, choose_token, gumbel
 from karma.infer.llama.gguf_model import GgufModel, KvType
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
+from karma.infer.programs.automaton import ProgramAutomaton, State
 from karma.seeds import stream
 
 

@@ -1,0 +1,1 @@
+"""The language of programs: recognised here, and written as grammars for servers."""

@@ -1,0 +1,48 @@
+"""Write the language of a spec as one regular expression that matches whole programs."""
+
+from karma.contracts import ProgramSpec
+from karma.infer.programs.automaton import Argument, LineForm, forms
+
+_SIGNS = frozenset(".^$*+?{}[]()|\\")
+
+
+def regex(spec: ProgramSpec) -> str:
+    r"""Return the expression, in what all dialects of regular expressions share.
+
+    Raises:
+        ValueError: the spec admits no program.
+
+    >>> from karma.contracts import SkillSignature
+    >>> go = SkillSignature(name="GoToObject", arguments=("object",))
+    >>> print(regex(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=3)))
+    ((GoToObject)\(robot, '(Mug|Sink)'\)\n){1,3}
+    """
+    return f"({'|'.join(map(_line, forms(spec)))}){{1,{spec.max_calls}}}"
+
+
+def _line(form: LineForm) -> str:
+    rest = ""
+    for argument in reversed(form.arguments[form.needed :]):
+        rest = f"({_argument(argument)}{rest})?"
+    needed = "".join(map(_argument, form.arguments[: form.needed]))
+    return rf"{_any(form.skills)}\(robot{needed}{rest}\)\n"
+
+
+def _argument(argument: Argument) -> str:
+    name = f"'{_any(argument.names)}'"
+    if not argument.most:
+        return f", {name}"
+    return rf", \[{name}(, {name}){{0,{argument.most - 1}}}\]"
+
+
+def _any(words: tuple[str, ...]) -> str:
+    return f"({'|'.join(map(escaped, words))})"
+
+
+def escaped(text: str) -> str:
+    r"""Return an expression that matches the text alone.
+
+    >>> print(escaped("Apple|1.5"))
+    Apple\|1\.5
+    """
+    return "".join(f"\\{sign}" if sign in _SIGNS else sign for sign in text)

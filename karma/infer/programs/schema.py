@@ -1,0 +1,112 @@
+"""Write the language of a spec as a JSON schema, for servers that enforce nothing else.
+
+`{"program": [{"skill": "PutObject", "object": "Mug", "object_2": "Sink"}, ...]}`: a call is an
+object with its arguments by kind, in the order in which a line has them.
+"""
+
+import json
+from typing import Any
+
+from karma.contracts import ProgramSpec, SkillCall
+from karma.infer.programs.automaton import Argument, LineForm, forms
+
+PROGRAM = "program"
+
+
+def schema(spec: ProgramSpec) -> dict[str, Any]:
+    """Return the schema; lists of names stand once, in its `$defs`.
+
+    Raises:
+        ValueError: the spec admits no program.
+    """
+    kinds = forms(spec)
+    lists = list(dict.fromkeys(one.names for form in kinds for one in form.arguments))
+    place_of = {names: f"names{number}" for number, names in enumerate(lists)}
+    calls = {
+        "type": "array",
+        "items": {"anyOf": [one for form in kinds for one in _calls(form, place_of)]},
+        "minItems": 1,
+        "maxItems": spec.max_calls,
+    }
+    definitions = {
+        place: {"type": "string", "enum": list(names)} for names, place in place_of.items()
+    }
+    return {**_object({PROGRAM: calls}), "$defs": definitions}
+
+
+def program_text(answer: str) -> str | None:
+    r"""Return the program that a JSON answer stands for; None where it is no such answer.
+
+    >>> program_text('{"program": [{"skill": "PutObject", "object": "Mug", "object_2": "Sink"}]}')
+    "PutObject(robot, 'Mug', 'Sink')\n"
+    """
+    try:
+        match json.loads(answer):
+            case {"program": [*calls], **others} if not others:
+                lines = [_line(call) for call in calls]
+            case _:
+                return None
+    except (ValueError, RecursionError):
+        return None
+    return "".join(line for line in lines if line) if all(lines) else None
+
+
+def program_json(calls: tuple[SkillCall, ...]) -> str:
+    """Return the JSON answer that stands for calls with named positions."""
+    return json.dumps({PROGRAM: [_fields(call) for call in calls]}, ensure_ascii=False)
+
+
+def _fields(call: SkillCall) -> dict[str, Any]:
+    names = {_place(number): name for number, name in enumerate(call.objects)}
+    positions = {"positions": list(call.positions)} if call.positions else {}
+    return {"skill": call.skill, **names, **positions}
+
+
+def _place(number: int) -> str:
+    return "object" if number == 0 else f"object_{number + 1}"
+
+
+def _calls(form: LineForm, place_of: dict[tuple[str, ...], str]) -> list[dict[str, Any]]:
+    """Return a schema for each number of arguments that a line of this form may have."""
+    found = []
+    for count in range(form.needed, len(form.arguments) + 1):
+        fields: dict[str, Any] = {"skill": {"type": "string", "enum": list(form.skills)}}
+        objects = 0
+        for argument in form.arguments[:count]:
+            name = {"$ref": f"#/$defs/{place_of[argument.names]}"}
+            if argument.most:
+                fields["positions"] = _list(argument, name)
+            else:
+                fields[_place(objects)] = name
+                objects += 1
+        found.append(_object(fields))
+    return found
+
+
+def _list(argument: Argument, name: dict[str, str]) -> dict[str, Any]:
+    return {"type": "array", "items": name, "minItems": 1, "maxItems": argument.most}
+
+
+def _object(fields: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": fields,
+        "required": list(fields),
+        "additionalProperties": False,
+    }
+
+
+def _line(call: Any) -> str:
+    """Return a call as a line of a program, "" for what is no call."""
+    if not isinstance(call, dict) or not isinstance(call.get("skill"), str):
+        return ""
+    positions = call.get("positions", [])
+    objects = [call[_place(n)] for n in range(len(call)) if _place(n) in call]
+    named = {"skill", *(_place(n) for n in range(len(objects)))}
+    if call.keys() - named - {"positions"} or not isinstance(positions, list):
+        return ""
+    if "positions" in call and not positions:
+        return ""
+    if not all(isinstance(name, str) for name in (*objects, *positions)):
+        return ""
+    return f"{SkillCall(skill=call['skill'], objects=tuple(objects), positions=tuple(positions))}\n"
