@@ -23,6 +23,7 @@ from karma.contracts import ProgramSpec, Prompt, SkillSignature
 from karma.infer.llama.constrain import choose_token
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.offline import go_offline
 
@@ -242,7 +243,7 @@ def first_token(path: Path, repeat: int) -> None:
     """Time to the first token, cold and warm."""
     prompt = Prompt(stable=PROMPT.stable * 5, changing="Please put the apple on the table.\n" * 3)
     other = Prompt(stable=PROMPT.stable, changing=".\n")
-    model: Any = LlamaModel(path, n_threads=1)
+    model: Any = LlamaModel(path, options=LlamaOptions(threads=1))
     cold, warm = [], []
     for _ in range(repeat):
         model.complete(other, max_tokens=1)
@@ -267,7 +268,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "bench.gguf"
             make_model(path, vocabulary)
-            model = LlamaModel(path, n_threads=1)
+            model = LlamaModel(path, options=LlamaOptions(threads=1))
             wish = model.gguf.llama.tokenize(text, add_bos=False)[:TOKENS]
             print(f"\n## {vocabulary} tokens, the best token is admitted (as trained)\n")
             table(model, wish, options.repeat)

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from karma.contracts import END
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.scoring import Scores, SkillScorer
 from karma.offline import go_offline
 from karma.seeds import stream
@@ -116,7 +117,7 @@ class Naive:
     def __init__(self, model: GgufModel) -> None:
         import llama_cpp
 
-        self._model, self._context = model, model.sequences(1, cells=model.n_ctx)
+        self._model, self._context = model, model.sequences(1, cells=model.limit)
         self._batch = llama_cpp.llama_batch_init(model.n_batch, 0, 1)
 
     def score(self, prompt: Sequence[str], text: str) -> float:
@@ -264,7 +265,7 @@ def main() -> None:
             models["random"] = Path(folder) / "random.gguf"
             make_model(models["random"])
         for name, path in models.items():
-            model = GgufModel(path, n_threads=1)
+            model = GgufModel(path, LlamaOptions(threads=1))
             print(f"{name}: F16 weights, 1 thread")
             texts = (steps if name == "random" else lines)(options.candidates)
             spread = texts[:: max(1, len(texts) // options.parity_candidates)]

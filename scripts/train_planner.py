@@ -17,6 +17,7 @@ from rich.console import Console
 
 from karma import registry
 from karma.files import read_json
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.offline import go_offline
 from karma.tasks.drawing.alfred import read_sentences
@@ -116,7 +117,7 @@ def evaluate(
 def _evaluate_alfred(path: Path, planner: str, wrong: int, read: Sources, *, mapped: bool) -> None:
     file = resolve_planner(planner)
     model = registry.load("language_models", "llama")(
-        file.path, n_ctx=file.context_length or 2048, n_threads=1, name=file.name
+        file.path, options=LlamaOptions(threads=1), name=file.name
     )
     plans = read.known_plans() if mapped else None
     training = read_sentences(read.demonstrations)

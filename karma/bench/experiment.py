@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -24,9 +24,10 @@ from karma.contracts import (
     Task,
     VisionModel,
 )
-from karma.errors import FileError, UnknownNameError
+from karma.errors import FileError, ModelError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted.session import Endpoint, Hosted, Session
+from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.manifest.manifest import resolve_planner
 from karma.tasks.authors import load_authors_tasks, resolve
 from karma.tasks.files import load_tasks
@@ -72,6 +73,11 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     constrained: bool = True
     temperature: float = 0.0
     threads: int = 1
+    gpu_layers: int | Literal["auto"] = "auto"  # this and the next: see `LlamaOptions`
+    n_ctx: int | None = None
+    flash_attention: Switch = "auto"
+    kv: KvType = "f16"
+    rpc: str = ""
     hosted: Hosted = Hosted()  # where the roles are that have "openai"
 
     def __post_init__(self) -> None:
@@ -80,6 +86,16 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             hosted = getattr(self, role).partition(":")[0] == OPENAI
             if hosted != (getattr(self.hosted, role) is not None):
                 raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
+        try:
+            _ = self.llama
+        except ModelError as error:
+            raise ValueError(str(error)) from error
+
+    @property
+    def llama(self) -> LlamaOptions:
+        """How a GGUF is opened."""
+        names = ("threads", "gpu_layers", "n_ctx", "flash_attention", "kv", "rpc")
+        return LlamaOptions(**{name: getattr(self, name) for name in names})
 
 
 class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -333,8 +349,7 @@ def _language_model(models: Models, session: Session) -> tuple[LanguageModel, st
     file = resolve_planner(models.planner)
     local = registry.load("language_models", "llama")(
         file.path,
-        n_ctx=file.context_length or 4096,
-        n_threads=models.threads,
+        options=models.llama,
         name=file.name,
         sha256=file.sha256,
         chat=models.chat or file.chat,

@@ -28,10 +28,12 @@ from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama import gguf_model
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.registry import load, names
+from karma.testing import make_llama
 
 CORPUS = ["PutObject(robot, 'Apple', 'Fridge')\nThe apple is in the fridge; put it on the table.\n"]
 CHAT = (
@@ -81,12 +83,13 @@ def gguf(request, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(gguf):
-    return opened(gguf, n_threads=1)
+    return opened(gguf, threads=1)
 
 
-def opened(path, **options):
+def opened(path, *, chat=False, **options):
     """The model of a file that is vouched for, which saves the trial in another process."""
-    return LlamaModel(path, sha256=hashlib.sha256(path.read_bytes()).hexdigest(), **options)
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return LlamaModel(path, chat=chat, sha256=sha256, options=LlamaOptions(**options))
 
 
 def answer(model, prompt, **options):
@@ -99,8 +102,8 @@ def answer(model, prompt, **options):
 @pytest.mark.parametrize("temperature", [0.0, 0.8])
 def test_warm_answer_equals_cold_to_the_bit(gguf, temperature):
     options = {"temperature": temperature, "seed": 5}
-    cold = answer(opened(gguf, n_threads=1), SCENE, **options)
-    model = opened(gguf, n_threads=2)
+    cold = answer(opened(gguf, threads=1), SCENE, **options)
+    model = opened(gguf, threads=2)
     assert answer(model, SCENE, **options) == cold
     assert answer(model, Prompt(stable=SCENE.stable, changing="What else?\n")) != cold
     assert answer(model, SCENE, **options) == cold
@@ -129,7 +132,7 @@ def test_answer_in_a_new_process_is_the_same(gguf, model):
 
 
 def test_completion_counts_what_it_reused_and_cost(gguf):
-    model = opened(gguf, n_threads=1)
+    model = opened(gguf, threads=1)
     first = model.complete(SCENE, max_tokens=5)
     again = model.complete(SCENE, max_tokens=5)
     other = model.complete(OTHER, max_tokens=5)
@@ -190,7 +193,7 @@ def test_prompt_longer_than_context_names_both_numbers(gguf):
 
 def test_answer_ends_where_the_context_does(gguf):
     model = opened(gguf, n_ctx=4096)
-    assert model.gguf.n_ctx == 512  # what it was trained for
+    assert model.gguf.n_ctx == model.gguf.limit == 512  # what it was trained for
     found = model.complete(Prompt(stable="", changing="Go"), max_tokens=9999)
     assert found.prompt_tokens + found.completion_tokens <= 512
 
@@ -198,7 +201,7 @@ def test_answer_ends_where_the_context_does(gguf):
 @pytest.mark.parametrize("changing", ["", "T"])
 def test_prompt_cut_before_its_last_token_is_answered_alike_warm_and_cold(gguf, changing):
     """One token alone is multiplied by another routine than many: here the cut shows in F16."""
-    model = opened(gguf, n_threads=1)
+    model = opened(gguf, threads=1)
     for more in range(8):  # at some lengths only
         prompt = Prompt(stable=SCENE.stable * 2 + "!\n" * more, changing=changing)
         cold, warm = (
@@ -298,10 +301,63 @@ def test_chat_without_template_is_a_model_error(tmp_path):
 
 
 def test_answer_tells_the_threads_and_the_batch_that_made_it(gguf):
-    found = opened(gguf, n_threads=1, n_ctx=128).complete(OTHER, max_tokens=1)
+    found = opened(gguf, threads=1, n_ctx=128).complete(OTHER, max_tokens=1)
     assert (found.engine.threads, found.engine.batch) == (1, 128)
-    assert opened(gguf, n_threads=2).complete(OTHER, max_tokens=1).engine.batch == 512
+    assert opened(gguf, threads=2).complete(OTHER, max_tokens=1).engine.batch == 512
     assert ScriptedModel(["x"]).complete(OTHER).engine is None
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """A planner that was trained for more tokens than it is opened with."""
+    return make_llama(
+        tmp_path_factory.mktemp("long") / "long.gguf", layers=2, width=64, heads=2, kv_heads=1,
+        feed_forward=128, vocabulary=600, context=5000,
+    )  # fmt: skip
+
+
+def test_context_grows_with_the_prompt_and_changes_no_bit(long):
+    grown, whole = opened(long, threads=1), opened(long, threads=1, n_ctx=4096)
+    prompts = [
+        Prompt(stable="#areas\nnode_1 Fridge Sink\n" * times, changing="#task go\n#program\n")
+        for times in (2, 40, 80, 3, 40)
+    ]
+    sizes = []
+    for prompt in prompts:
+        assert answer(grown, prompt)[1] == answer(whole, prompt)[1]
+        assert answer(grown, prompt) == answer(whole, prompt)
+        sizes.append(grown.gguf.engine.n_ctx)
+    assert sizes == sorted(sizes)
+    assert sizes[0] == 512 < sizes[1] < sizes[2] <= 4096
+    assert whole.gguf.engine.n_ctx == 4096
+
+
+def test_context_said_is_a_ceiling_and_one_not_said_what_it_was_trained_for(long):
+    prompt = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 30, changing="go")
+    small = opened(long, n_ctx=300)
+    with pytest.raises(ModelError, match=r"the prompt has \d+ tokens .* context of 300"):
+        small.complete(prompt)
+    with pytest.raises(
+        ModelError, match=r"301 tokens do not fit its context of 300, as n_ctx says"
+    ):
+        small.gguf.make_room(301)
+    with pytest.raises(ModelError, match=r"of 5000, as it was trained for"):
+        opened(long).gguf.make_room(5001)
+
+
+def test_context_that_would_not_fit_the_memory_is_refused_and_a_shorter_one_works(
+    long, tmp_path, monkeypatch
+):
+    model = opened(long)
+    model.complete(OTHER, max_tokens=2)
+    short = model.gguf.size.token_mb * 300 * 1000 * 1.2
+    (tmp_path / "meminfo").write_text(f"MemAvailable: {short:.0f} kB\n")
+    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
+    with pytest.raises(ModelError, match=r"a context of 4000 tokens"):
+        model.gguf.make_room(4000)
+    model.gguf.make_room(800)  # not the 1024 that would be wanted
+    assert model.gguf.n_ctx == 800
+    assert model.complete(OTHER, max_tokens=2).text
 
 
 def test_file_too_big_for_the_free_memory_is_refused_before_it_is_opened(

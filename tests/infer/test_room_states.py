@@ -18,6 +18,7 @@ from karma.contracts import Prompt
 from karma.infer.checks import memory
 from karma.infer.llama import kv_state
 from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.testing import make_planner
 
@@ -38,9 +39,10 @@ def made(tmp_path_factory):
     return {name: make_planner(folder / f"{name}.gguf", name) for name in ("llama3", "gemma3")}
 
 
-def opened(path, **options):
+def opened(path, *, states=None, **options):
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return LlamaModel(path, sha256=sha256, **{"n_threads": 1, "n_ctx": 1024, **options})
+    chosen = LlamaOptions(**{"threads": 1, **options})
+    return LlamaModel(path, sha256=sha256, options=chosen, states=states)
 
 
 def answer(model, prompt):
@@ -63,7 +65,7 @@ def test_rooms_kept_and_loaded_answer_as_evaluated_ones_to_the_bit(made, tmp_pat
     for _ in range(2):
         for room, said in zip(reversed(ROOMS), reversed(cold), strict=True):
             assert answer(kept, room) == ("kept", said)
-    loaded = opened(path, kv=kv, n_ctx=512, n_threads=2, states=StateOptions(folder=tmp_path))
+    loaded = opened(path, kv=kv, n_ctx=512, threads=2, states=StateOptions(folder=tmp_path))
     for source in ("loaded", "kept"):
         assert [answer(loaded, room) for room in ROOMS] == [(source, said) for said in cold]
 
@@ -77,7 +79,7 @@ def test_state_of_another_process_is_loaded_and_gives_the_same_bits(made, tmp_pa
         "from karma.infer.llama.model import LlamaModel\n"
         "from karma.infer.llama.room_states import StateOptions\n"
         "path, folder, stable, changing = json.loads(sys.argv[1])\n"
-        "model = LlamaModel(path, n_ctx=1024, states=StateOptions(folder=Path(folder)))\n"
+        "model = LlamaModel(path, states=StateOptions(folder=Path(folder)))\n"
         "prompt = Prompt(stable=stable, changing=changing)\n"
         "first = model.complete(prompt, max_tokens=1)\n"
         "bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()\n"

@@ -11,6 +11,7 @@ from karma.contracts import END, Prompt
 from karma.errors import ModelError
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.llama.token_trie import trie_of
 
@@ -31,7 +32,9 @@ WORDS = st.text("apb (\n", min_size=1, max_size=9)
 
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory):
-    opened = LlamaModel(export_tiny(tmp_path_factory.mktemp("tiny") / "tiny.gguf"), n_threads=1)
+    opened = LlamaModel(
+        export_tiny(tmp_path_factory.mktemp("tiny") / "tiny.gguf"), options=LlamaOptions(threads=1)
+    )
     yield opened
     opened.close()
 
@@ -67,7 +70,7 @@ class _Plain:
     def __init__(self, model):
         import llama_cpp
 
-        self.model, self.context = model, model.sequences(1, cells=model.n_ctx)
+        self.model, self.context = model, model.sequences(1, cells=model.limit)
         self.batch = llama_cpp.llama_batch_init(model.n_batch, 0, 1)
 
     def score(self, prompt, tokens):
@@ -231,10 +234,10 @@ def test_scoring_leaves_the_models_kept_prompt_and_answers_alone(planner, scorer
 
 
 def test_a_prompt_without_room_for_the_longest_text_is_refused(model, scorer):
-    prompt = ("x " * model.n_ctx,)
+    prompt = ("x " * model.limit,)
     tokens = len(model.tokens(*prompt, begins=True))
     longest = max(len(tokens_of(model, text)) for text in SKILLS)
-    words = f"context of {tokens + longest - 1}, but tiny has {model.n_ctx}$"
+    words = f"context of {tokens + longest - 1}, but tiny has {model.limit}$"
     for ask in (scorer.scores, scorer.choose):
         with pytest.raises(ModelError, match=words):
             ask(prompt, SKILLS)
@@ -242,7 +245,9 @@ def test_a_prompt_without_room_for_the_longest_text_is_refused(model, scorer):
 
 
 def test_context_smaller_than_a_token_of_each_sequence(model, tmp_path):
-    small = LlamaModel(export_tiny(tmp_path / "tiny.gguf"), n_ctx=16, n_threads=1)
+    small = LlamaModel(
+        export_tiny(tmp_path / "tiny.gguf"), options=LlamaOptions(n_ctx=16, threads=1)
+    )
     scorer, texts = SkillScorer(small.gguf), ["a", "b c", "go go go go"]
     values = scorer.scores(("#t\n",), texts).values
     assert values == pytest.approx(naive(model, ("#t\n",), texts), abs=1e-4)
@@ -271,7 +276,7 @@ def test_trie_refuses_a_text_without_tokens():
 
 @pytest.mark.model
 def test_shipped_planner_scores_as_defined_and_knows_the_first_step():
-    model = GgufModel(NANO, n_ctx=2048, n_threads=1)
+    model = GgufModel(NANO, LlamaOptions(threads=1))
     steps = [f"{skill}(robot, '{name}')\n" for skill in ("GoToObject", "OpenObject", "PickupObject")
              for name in ("Apple", "Fridge", "Mug", "Potato", "CounterTop")]  # fmt: skip
     texts = [END, *steps, "PutObject(robot, 'Apple', 'Fridge')\n", "人参\n"]

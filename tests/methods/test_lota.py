@@ -14,6 +14,7 @@ from karma.contracts import END, Decoding, Plan, SceneRef, SkillResult, SubTask
 from karma.errors import ModelError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.scripted import ScriptedModel
 from karma.methods.lota.forms import (
@@ -263,7 +264,7 @@ def test_score_with_a_model_that_tells_no_probabilities_is_refused():
 
 
 def test_score_chooses_what_all_scores_say(world, tmp_path):
-    model = LlamaModel(export_tiny(tmp_path / "tiny.gguf"), n_threads=1)
+    model = LlamaModel(export_tiny(tmp_path / "tiny.gguf"), options=LlamaOptions(threads=1))
     method = LotaScore(chooser_of(model), "compact", LotaScoreSettings(max_steps=2))
     plans, _, _ = do(started(method, world, tmp_path))
     texts = tuple(steps_in_lines())

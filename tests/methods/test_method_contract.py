@@ -26,6 +26,7 @@ from karma.contracts import (
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
@@ -68,7 +69,7 @@ def embedder():
 def nano():
     need_models("karma-nano")
     file = resolve_planner("karma-nano")
-    model = LlamaModel(file.path, n_ctx=file.context_length or 4096, n_threads=1)
+    model = LlamaModel(file.path, options=LlamaOptions(threads=1))
     return model, file.prompt_profile
 
 

@@ -1,8 +1,9 @@
 """Estimate what a model takes, and refuse it where less memory is free."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from karma.errors import ModelError
 
@@ -20,7 +21,9 @@ def available_mb() -> float | None:
     return min(found, default=None)
 
 
-def check_memory(name: str, needed_mb: float, *, parts: str, fix: str) -> None:
+def check_memory(
+    name: str, needed_mb: float, *, parts: str, fix: str, free_mb: float | None = None
+) -> None:
     """Refuse a model that does not fit.
 
     Args:
@@ -28,33 +31,68 @@ def check_memory(name: str, needed_mb: float, *, parts: str, fix: str) -> None:
         needed_mb: what it takes once loaded.
         parts: what that is made of, for the message.
         fix: what to do about it, for the message.
+        free_mb: of a GPU; None: what this machine has.
 
     Raises:
         ModelError: less memory is available; names both figures. Never where nothing is known.
     """
-    free = available_mb()
+    whose = "memory" if free_mb is None else "GPU memory"
+    free = available_mb() if free_mb is None else free_mb
     if free is not None and needed_mb > free:
         raise ModelError(
-            f"{name}: needs about {needed_mb:.0f} MB of memory ({parts}), {free:.0f} MB are free\n"
+            f"{name}: needs about {needed_mb:.0f} MB of {whose} ({parts}), {free:.0f} MB are free\n"
             f"  To fix: {fix}, or free some memory"
         )
 
 
-def gguf_parts_mb(
-    path: Path, metadata: Mapping[str, Any], *, context: int, batch: int, bytes_each: int = 2
-) -> float:
-    """Estimate what a GGUF takes under llama.cpp, in MB.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Footprint:
+    """What a GGUF takes under llama.cpp, in MB, by parts.
 
-    The file, keys and values of `context` tokens, of so many bytes each, and one row of logits per
-    token of a batch. Weights are mapped from the file, so a model can be squeezed into less, at the
-    price of reading it from disk for every token.
+    Weights are mapped from the file, so a model can be squeezed into less, at the price of reading
+    it from disk for every token.
     """
-    logits = 4 * batch * int(metadata.get("tokenizer.ggml.tokens") or 0)
-    cache_mb = kept_mb(metadata, context, bytes_each=bytes_each)
-    return (path.stat().st_size + logits) / 1e6 + cache_mb + _SPARE_MB
+
+    file_mb: float
+    blocks: int  # layers, without the output's
+    token_mb: float  # keys and values of one token
+    work_mb: float  # to compute: one row of logits per token of a batch, and buffers
+
+    @classmethod
+    def of(
+        cls, path: Path, metadata: Mapping[str, Any], *, batch: int, bytes_each: float = 2
+    ) -> Self:
+        """Estimate it from the header.
+
+        Args:
+            path: the file.
+            metadata: see `check_gguf`.
+            batch: tokens per call.
+            bytes_each: of one number of the keys and values.
+        """
+        logits = 4 * batch * int(metadata.get("tokenizer.ggml.tokens") or 0)
+        blocks = metadata.get(f"{metadata['general.architecture']}.block_count")
+        return cls(
+            file_mb=path.stat().st_size / 1e6,
+            blocks=blocks if isinstance(blocks, int) and blocks > 0 else 1,
+            token_mb=kept_mb(metadata, 1, bytes_each=bytes_each),
+            work_mb=logits / 1e6 + _SPARE_MB,
+        )
+
+    def layers_mb(self, context: int) -> float:
+        """Return what the file and keys and values of so many tokens take."""
+        return self.file_mb + context * self.token_mb
 
 
-def kept_mb(metadata: Mapping[str, Any], tokens: int, *, bytes_each: int = 2) -> float:
+def gguf_parts_mb(
+    path: Path, metadata: Mapping[str, Any], *, context: int, batch: int, bytes_each: float = 2
+) -> float:
+    """Estimate what a GGUF takes under llama.cpp with a context of so many tokens, in MB."""
+    size = Footprint.of(path, metadata, batch=batch, bytes_each=bytes_each)
+    return size.layers_mb(context) + size.work_mb
+
+
+def kept_mb(metadata: Mapping[str, Any], tokens: int, *, bytes_each: float = 2) -> float:
     """Estimate what the keys and values of so many tokens take under llama.cpp, in MB."""
     architecture = metadata["general.architecture"]
 

@@ -1,42 +1,36 @@
-"""Open one GGUF file under llama.cpp, after a trial in a process of its own, and decode with it.
+"""Decode with one GGUF file: text to tokens, tokens to logits, keys and values kept.
 
 A prompt is always decoded in the same cut, [stable] then [changing], also when nothing is kept:
 how a prompt is cut into calls changes the last bits of the logits, so only then are warm and cold
-answers identical bit for bit. What was computed of stable parts is kept, see `room_states`.
+answers identical bit for bit. What was computed of stable parts is kept, see `room_states`. How
+long the context is changes no bit, so it is as long as the longest prompt so far has needed.
 """
 
 import ctypes
 import os
-import subprocess
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from karma.contracts import Engine, KvState
 from karma.errors import ModelError
 from karma.infer.checks.gguf import check_gguf
-from karma.infer.checks.memory import check_memory, gguf_parts_mb, kept_mb
+from karma.infer.checks.memory import Footprint, check_memory
 from karma.infer.llama.constrain import Logits, TokenTable
+from karma.infer.llama.devices import free_mb, place
 from karma.infer.llama.kv_state import llama_build, put_back, taken_out
+from karma.infer.llama.opening import open_context, open_gguf, try_in_own_process
+from karma.infer.llama.options import KV_BYTES, LlamaOptions, check_width
 from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.infer.manifest.manifest import check_file, sha256_of
 
-KvType = Literal["f16", "f32"]
-
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
+_PLANNED = 8192  # tokens that layers on a GPU leave room for, where the context is not said
 _PIECE_BYTES = 256
 _SMALLER = "take a smaller model (`karma models list`) or a shorter context"
-
-# Loads a file and decodes one token, as `open_gguf` will; sys.argv[1] is the file.
-_TRIAL = (
-    "import sys, llama_cpp\n"
-    "llama_cpp.Llama(sys.argv[1], n_ctx=32, n_threads=1, verbose=False).eval([0])\n"
-)
 
 
 class GgufModel:
@@ -44,57 +38,45 @@ class GgufModel:
 
     Args:
         path: the file; any GGUF that llama.cpp can run.
-        n_ctx: context in tokens; never more than the model was trained for.
-        n_threads: by default two, or one where there is only one core; results do not depend on
-            it. More than there are free cores is slower.
-        kv: type of the kept keys and values.
+        options: on what, with how much context and how it is computed.
         name: by default the file's name.
         sha256: if given, the file is refused unless it has this hash; a file without is first
             tried in a process of its own, which costs a second or two.
         states: where what was computed of stable parts is kept.
 
     Raises:
-        ModelError: missing, of another hash, damaged, or too big for the memory that is free.
+        ModelError: missing, of another hash, damaged, too big for the memory that is free, or not
+            possible with these options.
     """
 
     def __init__(
         self,
         path: str | Path,
+        options: LlamaOptions | None = None,
         *,
-        n_ctx: int = 4096,
-        n_threads: int | None = None,
-        kv: KvType = "f16",
         name: str | None = None,
         sha256: str | None = None,
         states: StateOptions | None = None,
     ) -> None:
-        path = Path(path)
-        if sha256 is not None:
-            check_file(path, sha256)
-        elif not path.is_file():
-            fix = "`karma models verify` tells which models are there, `make setup` restores them"
-            expected = "any (no manifest vouches for this path)"
-            raise ModelError(
-                f"{path}: no such file\n  Expected SHA-256: {expected}\n  To fix: {fix}"
-            )
+        path, options = Path(path), options or LlamaOptions()
+        _check_there(path, sha256)
         metadata = check_gguf(path)
         trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
-        self.name = name or path.stem
-        self.n_ctx = min(n_ctx, trained)
-        self.n_threads = n_threads or min(2, len(os.sched_getaffinity(0)))
-        self.n_batch = min(_N_BATCH, self.n_ctx)
-        self._kv = kv
-        each = 2 if kv == "f16" else 4
-        check_memory(
-            str(path),
-            gguf_parts_mb(path, metadata, context=self.n_ctx, batch=self.n_batch, bytes_each=each),
-            parts=f"{path.stat().st_size / 1e6:.0f} MB of file, a context of {self.n_ctx} tokens",
-            fix=_SMALLER,
+        self.name, self.options = name or path.stem, options
+        self.limit = min(options.n_ctx or trained, trained)
+        self.n_threads = options.threads or min(2, len(os.sched_getaffinity(0)))
+        self.n_batch = min(_N_BATCH, self.limit)
+        self.n_ctx = self.limit if options.n_ctx else self.n_batch
+        check_width(self.name, metadata, options)
+        self.size = Footprint.of(
+            path, metadata, batch=self.n_batch, bytes_each=KV_BYTES[options.kv]
         )
-        self._kept_mb = partial(kept_mb, metadata, bytes_each=each)
+        planned = self.limit if options.n_ctx else min(self.limit, _PLANNED)
+        self.placement = place(self.name, self.size, options, context=planned)
+        self._check_memory(path)
         if sha256 is None:
             try_in_own_process(path)
-        self.llama: Any = open_gguf(path, self.n_ctx, self.n_threads, self.n_batch, kv)
+        self.llama: Any = open_gguf(path, self._keywords(), kv=options.kv)
         self.table = _token_table(self.llama)
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
         self._keeps = not (self.llama._is_recurrent or self.llama._is_hybrid)
@@ -117,8 +99,9 @@ class GgufModel:
     def engine(self) -> Engine:
         """What computes it."""
         return Engine(
-            device="CPU", gpu_layers=0, n_ctx=self.n_ctx, threads=self.n_threads,
-            batch=self.n_batch, kv=self._kv, flash_attention=False,
+            device=self.placement.name, gpu_layers=self.placement.layers, n_ctx=self.n_ctx,
+            threads=self.n_threads, batch=self.n_batch, kv=self.options.kv,
+            flash_attention=self._flash,
         )  # fmt: skip
 
     @property
@@ -131,12 +114,41 @@ class GgufModel:
         """How many tokens there are."""
         return int(self.llama.n_vocab())
 
+    def make_room(self, tokens: int) -> None:
+        """Let the context hold so many tokens; one that is opened anew keeps nothing.
+
+        Raises:
+            ModelError: more than the limit, or there is no memory for it.
+        """
+        if tokens <= self.n_ctx:
+            return
+        if tokens > self.limit:
+            why = "as n_ctx says" if self.options.n_ctx == self.limit else "as it was trained for"
+            raise ModelError(
+                f"{self.name}: {tokens} tokens do not fit its context of {self.limit}, {why}"
+            )
+        wanted = min(self.limit, 1 << (tokens - 1).bit_length())
+        try:
+            self._check_more(wanted - self.n_ctx, f"a context of {wanted} tokens")
+        except ModelError:
+            wanted = tokens  # nothing to spare for the next
+            self._check_more(wanted - self.n_ctx, f"a context of {wanted} tokens")
+        self._kept, self.n_ctx = [], 0
+        self.llama._ctx.close()
+        try:
+            self.llama._ctx = open_context(self.llama, wanted)
+        except ValueError as error:
+            raise ModelError(f"{self.name}: no memory for a context of {wanted}") from error
+        self.llama.input_ids = np.zeros(wanted, np.intc)
+        self.llama._n_ctx = self.n_ctx = wanted
+
     def evaluate(self, stable: Sequence[int], changing: Sequence[int]) -> KvState:
         """Decode a prompt in its cut; return where the state of its stable part came from.
 
         Raises:
-            ModelError: llama.cpp cannot decode it.
+            ModelError: it does not fit the context, or llama.cpp cannot decode it.
         """
+        self.make_room(len(stable) + len(changing))
         kept = self._keeps and bool(stable) and self._kept == stable
         self._kept = []  # while decoding, nothing is certain
         if kept:
@@ -200,23 +212,13 @@ class GgufModel:
         Raises:
             ModelError: the model keeps no keys and values, or there is no memory for more.
         """
-        from llama_cpp import _internals, _utils
-
         if not self._keeps:
             raise ModelError(f"{self.name}: keeps no keys and values, so it cannot branch")
-        check_memory(
-            self.name, self._kept_mb(cells), parts=f"a second cache, of {cells} tokens",
-            fix=_SMALLER,
-        )  # fmt: skip
-        parameters = type(self.llama.context_params).from_buffer_copy(self.llama.context_params)
-        parameters.n_ctx, parameters.n_seq_max, parameters.kv_unified = cells, count, True
+        self._check_more(cells, f"a second cache, of {cells} tokens")
         # llama.cpp ends the process where a batch cannot hold a token of each sequence
-        parameters.n_batch = parameters.n_ubatch = max(self.n_batch, count)
+        batch = max(self.n_batch, count)
         try:
-            with _utils.suppress_stdout_stderr(disable=False):  # it warns of longer than trained
-                return _internals.LlamaContext(
-                    model=self.llama._model, params=parameters, verbose=False
-                )
+            return open_context(self.llama, cells, sequences=count, batch=batch)
         except ValueError as error:
             raise ModelError(f"{self.name}: no memory for a cache of {cells} tokens") from error
 
@@ -226,47 +228,43 @@ class GgufModel:
             self.llama.close()
             self.llama = None  # what is used after all fails in Python, not in llama.cpp
 
+    @property
+    def _flash(self) -> bool:
+        return self.options.flash(on_gpu=bool(self.placement.layers))
 
-def try_in_own_process(path: Path) -> None:
-    """Try a file that nobody vouches for where it may kill nothing but the trial.
+    def _check_memory(self, path: Path) -> None:
+        """Refuse the file where the part of it that is not on a GPU does not fit."""
+        off = 1 - min(1.0, self.placement.layers / self.size.blocks)
+        check_memory(
+            str(path), off * self.size.layers_mb(self.n_ctx) + self.size.work_mb,
+            parts=f"{off * self.size.file_mb:.0f} MB of file, a context of {self.n_ctx} tokens",
+            fix=_SMALLER,
+        )  # fmt: skip
 
-    llama.cpp aborts on some damaged files whose header looks right.
-
-    Raises:
-        ModelError: the trial failed.
-    """
-    result = subprocess.run(
-        [sys.executable, "-c", _TRIAL, str(path)], capture_output=True, check=False
-    )
-    if result.returncode != 0:
-        said = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
-        code = result.returncode
-        raise ModelError(f"{path}: llama.cpp cannot run it (code {code}): {said[-1]}")
-
-
-def open_gguf(path: Path, n_ctx: int, threads: int, n_batch: int, kv: KvType) -> Any:
-    """Load the file, turning llama.cpp's failures into one that names it.
-
-    Raises:
-        ModelError: it cannot be loaded.
-    """
-    import llama_cpp
-
-    kind = {"f16": llama_cpp.GGML_TYPE_F16, "f32": llama_cpp.GGML_TYPE_F32}[kv]
-    try:
-        return llama_cpp.Llama(
-            str(path),
-            n_ctx=n_ctx,
-            n_threads=threads,
-            n_threads_batch=threads,
-            n_batch=n_batch,
-            n_gpu_layers=0,
-            type_k=kind,
-            type_v=kind,
-            verbose=False,
+    def _check_more(self, tokens: int, parts: str) -> None:
+        """Refuse so many more tokens where their keys and values do not fit."""
+        free = free_mb(self.placement.devices) if self.placement.layers else None
+        check_memory(
+            self.name, tokens * self.size.token_mb, parts=parts, fix=_SMALLER, free_mb=free
         )
-    except Exception as error:  # ValueError, RuntimeError, Jinja's: all mean an unusable file
-        raise ModelError(f"{path}: llama.cpp cannot load it: {error}") from error
+
+    def _keywords(self) -> Mapping[str, Any]:
+        """What llama-cpp-python's `Llama` is opened with."""
+        return {
+            "n_ctx": self.n_ctx, "n_batch": self.n_batch, "n_threads": self.n_threads,
+            "n_threads_batch": self.n_threads, "flash_attn": self._flash,
+            **self.placement.keywords,
+        }  # fmt: skip
+
+
+def _check_there(path: Path, sha256: str | None) -> None:
+    """Refuse a file that is missing or, where a hash is given, another."""
+    if sha256 is not None:
+        check_file(path, sha256)
+    elif not path.is_file():
+        fix = "`karma models verify` tells which models are there, `make setup` restores them"
+        expected = "any (no manifest vouches for this path)"
+        raise ModelError(f"{path}: no such file\n  Expected SHA-256: {expected}\n  To fix: {fix}")
 
 
 def _token_table(llama: Any) -> TokenTable:

@@ -13,7 +13,8 @@ from karma.contracts import Choice, Completion, ProgramSpec, Prompt, Scoring
 from karma.errors import ModelError
 from karma.infer.llama.chat_template import ChatTemplate
 from karma.infer.llama.constrain import best_token, choose_token, gumbel
-from karma.infer.llama.gguf_model import GgufModel, KvType
+from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.programs.automaton import ProgramAutomaton, State
@@ -37,9 +38,7 @@ class LlamaModel:
         path: the file.
         chat: render prompts through the file's own chat template (instruction-tuned models):
             `stable` is the system message, `changing` the user's. Texts are scored without it.
-        n_ctx: this and the rest: see `GgufModel`.
-        n_threads: see there.
-        kv: see there.
+        options: this and the rest: see `GgufModel`.
         name: see there.
         sha256: see there.
         states: see there.
@@ -53,16 +52,12 @@ class LlamaModel:
         path: str | Path,
         *,
         chat: bool = False,
-        n_ctx: int = 4096,
-        n_threads: int | None = None,
-        kv: KvType = "f16",
+        options: LlamaOptions | None = None,
         name: str | None = None,
         sha256: str | None = None,
         states: StateOptions | None = None,
     ) -> None:
-        self.gguf = GgufModel(
-            path, n_ctx=n_ctx, n_threads=n_threads, kv=kv, name=name, sha256=sha256, states=states
-        )
+        self.gguf = GgufModel(path, options, name=name, sha256=sha256, states=states)
         self.name = self.gguf.name
         self._template = ChatTemplate(self.gguf) if chat else None
         self._scorer: SkillScorer | None = None  # opened when first asked
@@ -87,15 +82,16 @@ class LlamaModel:
         begun = time.perf_counter()
         stable, changing = self._cut(prompt)
         prompt_tokens = len(stable) + len(changing)
-        if prompt_tokens >= self.gguf.n_ctx:
+        if prompt_tokens >= self.gguf.limit:
             raise ModelError(
                 f"the prompt has {prompt_tokens} tokens and needs room for an answer,"
-                f" but {self.name} has a context of {self.gguf.n_ctx}"
+                f" but {self.name} has a context of {self.gguf.limit}"
             )
+        room = min(max_tokens, self.gguf.limit - prompt_tokens)
+        self.gguf.make_room(prompt_tokens + room)
         state = self.gguf.evaluate(stable, changing)
         automaton = None if spec is None else _automaton(spec)
         rng = stream(seed, "decode") if temperature > 0 else None
-        room = min(max_tokens, self.gguf.n_ctx - prompt_tokens)
         found = self._decode(automaton, room, temperature, rng, begun)
         text = found.text
         if found.finish == "length" and automaton is not None:

@@ -157,11 +157,13 @@ class SkillScorer:
             raise ValueError("there is no prompt")
         tokens, longest = sum(map(len, segments)), trie[0].longest
         needed = tokens + longest - 1
-        if needed > self.model.n_ctx:
+        if needed > self.model.limit:
             raise ModelError(
                 f"the prompt has {tokens} tokens and the longest continuation {longest}:"
-                f" that needs a context of {needed}, but {self.model.name} has {self.model.n_ctx}"
+                f" that needs a context of {needed}, but {self.model.name} has {self.model.limit}"
             )
+        if self._cache.make_room(needed):
+            self._kept = []
         reused = self._keep(segments)
         found = np.zeros(len(trie), np.float64)
         score_children(trie, found, [0], self._kept[-1].logits[None, :])

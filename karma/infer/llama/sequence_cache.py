@@ -32,9 +32,28 @@ class SequenceCache:
 
         self.batch = model.n_batch
         self._model = model
-        self._context = model.sequences(2, cells=model.n_ctx + 1)  # one more for the spare
-        self._memory = llama_cpp.llama_get_memory(self._context.ctx)
+        self._open(model.n_ctx)
         self._tokens = llama_cpp.llama_batch_init(max(self.batch, 2), 0, 1)
+
+    def make_room(self, tokens: int) -> bool:
+        """Let it hold so many tokens; return whether it was opened anew, and keeps nothing.
+
+        Raises:
+            ModelError: there is no memory for it.
+        """
+        if tokens <= self._size:
+            return False
+        self._context.close()
+        self._open(min(self._model.limit, 1 << (tokens - 1).bit_length()))
+        return True
+
+    def _open(self, size: int) -> None:
+        import llama_cpp
+
+        self._size = 0
+        self._context = self._model.sequences(2, cells=size + 1)  # one more for the spare
+        self._size = size
+        self._memory = llama_cpp.llama_get_memory(self._context.ctx)
 
     def extend(self, tokens: Sequence[int], position: int) -> Logits:
         """Decode a text from a position on; return the logits after its last token."""

@@ -1,0 +1,254 @@
+"""Ask llama.cpp which devices it can compute on, and choose one for a model.
+
+llama-cpp-python binds none of this, and `llama_supports_gpu_offload()` is true for a build with a
+mere RPC backend; so ggml's own functions are called through ctypes. Source: ggml-backend.h,
+ggml-rpc.h of the pinned llama.cpp.
+"""
+
+import ctypes
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from karma.errors import ModelError
+from karma.infer.checks.memory import Footprint
+from karma.infer.llama.options import LlamaOptions
+from karma.offline import allow_host
+
+Kind = Literal["cpu", "gpu", "integrated", "accelerator"]
+_KINDS: tuple[Kind, ...] = ("cpu", "gpu", "integrated", "accelerator")  # by ggml's number
+_PATIENCE_S = 5.0  # for a remote device's server
+_SPARE_MB = 256.0  # of a GPU: what its driver takes beside what is asked for
+
+GPU_BUILD = 'make setup CMAKE_ARGS="-DGGML_CUDA=on" (or -DGGML_METAL=on, -DGGML_VULKAN=on)'
+
+_remote: dict[str, tuple[str, ...]] = {}  # names of the devices at an address, once registered
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Device:
+    """One thing that llama.cpp computes on."""
+
+    name: str  # as llama.cpp calls it: "CPU", "CUDA0", "Metal", "RPC0"
+    kind: Kind
+    description: str
+    address: str = ""  # of a remote one, HOST:PORT
+
+    @property
+    def is_gpu(self) -> bool:
+        """Whether layers can be put on it."""
+        return self.kind in ("gpu", "integrated")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placement:
+    """Where a model's layers lie."""
+
+    devices: tuple[str, ...]  # names of GPUs; () on the CPU
+    layers: int  # of the model on them, the last one for the output; 0 on the CPU
+    one: int | None  # number of the one GPU that is used, as llama.cpp counts; None: all
+
+    @property
+    def name(self) -> str:
+        """What it is called in records: "CPU", "CUDA0", "CUDA0+CUDA1"."""
+        return "+".join(self.devices) or "CPU"
+
+    @property
+    def keywords(self) -> Mapping[str, Any]:
+        """What llama-cpp-python's `Llama` is given; on the CPU no GPU is touched at all."""
+        import llama_cpp
+
+        none = llama_cpp.LLAMA_SPLIT_MODE_NONE
+        if not self.layers:
+            return {
+                "n_gpu_layers": 0, "split_mode": none, "main_gpu": -1, "offload_kqv": False,
+                "op_offload": False,
+            }  # fmt: skip
+        chosen = {} if self.one is None else {"split_mode": none, "main_gpu": self.one}
+        return {"n_gpu_layers": self.layers, **chosen}
+
+
+def devices() -> tuple[Device, ...]:
+    """Return what the installed llama.cpp can compute on, the CPU among them."""
+    ggml, base = _libraries()
+    handles = [ggml.ggml_backend_dev_get(n) for n in range(ggml.ggml_backend_dev_count())]
+    remote = {name: address for address, names in _remote.items() for name in names}
+    found = []
+    for handle in handles:
+        name = base.ggml_backend_dev_name(handle).decode()
+        number = base.ggml_backend_dev_type(handle)
+        found.append(
+            Device(
+                name=name,
+                kind=_KINDS[number] if number < len(_KINDS) else "accelerator",
+                description=base.ggml_backend_dev_description(handle).decode(errors="replace"),
+                address=remote.get(name, ""),
+            )
+        )
+    return tuple(found)
+
+
+def memory_mb(device: Device) -> tuple[float, float] | None:
+    """Return a device's free memory and all of it, in MB; None where it does not tell.
+
+    llama.cpp ends the process where a remote device's server is gone, so that is looked for first.
+    """
+    if device.address and not _answers(device.address):
+        return None
+    ggml, base = _libraries()
+    handle = ggml.ggml_backend_dev_by_name(device.name.encode())
+    free, total = ctypes.c_size_t(), ctypes.c_size_t()
+    base.ggml_backend_dev_memory(handle, ctypes.byref(free), ctypes.byref(total))
+    return (free.value / 1e6, total.value / 1e6) if total.value else None
+
+
+def add_remote(address: str) -> tuple[str, ...]:
+    """Register the devices of a llama.cpp RPC server, once; return their names.
+
+    Args:
+        address: HOST:PORT; another machine than this one needs `--allow-network`.
+
+    Raises:
+        KarmaError: the host is on another machine, and this run is offline.
+        ModelError: no such address, nobody answers, or llama.cpp was built without RPC.
+    """
+    if address in _remote:
+        return _remote[address]
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit():
+        raise ModelError(f"rpc = {address!r}: not HOST:PORT, e.g. 127.0.0.1:50052")
+    allow_host(host)
+    ggml, _ = _libraries()
+    rpc = ggml.ggml_backend_reg_by_name(b"RPC")
+    if not rpc:
+        raise ModelError(
+            f"rpc = {address!r}: llama.cpp was built without RPC\n"
+            '  To fix: make setup CMAKE_ARGS="... -DGGML_RPC=on"'
+        )
+    if not _answers(address):
+        raise ModelError(
+            f"rpc = {address!r}: nobody answers there\n"
+            f"  To fix: start llama.cpp's rpc-server -H {host} -p {port}, or take rpc away"
+        )
+    before = {one.name for one in devices()}
+    ggml.ggml_backend_register(_rpc_library().ggml_backend_rpc_add_server(address.encode()))
+    _remote[address] = tuple(one.name for one in devices() if one.name not in before)
+    return _remote[address]
+
+
+def place(name: str, size: Footprint, options: LlamaOptions, *, context: int) -> Placement:
+    """Choose where a model's layers go.
+
+    All of them on the GPU where there is one with enough free memory, else as many as fit, else
+    none. A remote device is used by models that name it, and then alone.
+
+    Args:
+        name: of the model, for messages.
+        size: what it takes.
+        options: what is asked for.
+        context: tokens that the layers on a GPU leave room for.
+
+    Raises:
+        ModelError: layers were asked for by number and there is no GPU, or they do not fit.
+    """
+    cpu = Placement(devices=(), layers=0, one=None)
+    if options.gpu_layers == 0:
+        return cpu
+    ours = add_remote(options.rpc) if options.rpc else ()
+    gpus = _counted(devices())
+    if options.rpc:
+        chosen = [one for one in gpus if one.name in ours][:1]
+    else:
+        chosen = [one for one in gpus if not one.address]
+    if not chosen:
+        if options.gpu_layers == "auto":
+            return cpu
+        raise ModelError(
+            f"gpu_layers = {options.gpu_layers}, but llama.cpp as it is built here knows no GPU, "
+            f"only {', '.join(one.name for one in devices() if not one.address)}\n"
+            f'  To fix: {GPU_BUILD}, or gpu_layers = "auto"'
+        )
+    alone = len(chosen) < len(gpus)
+    one = gpus.index(chosen[0]) if alone else None
+    used = chosen[:1] if alone else chosen
+    names = tuple(gpu.name for gpu in used)
+    layers = _fitting(size, context, free_mb(names))
+    if options.gpu_layers != "auto":
+        wanted = min(options.gpu_layers, size.blocks + 1)
+        if wanted > layers:
+            raise ModelError(
+                f"{name}: gpu_layers = {wanted} do not fit, but {layers} of {size.blocks + 1} do, "
+                f"with a context of {context}, on {'+'.join(names)}\n"
+                f'  To fix: gpu_layers = {layers}, or "auto", or a smaller n_ctx'
+            )
+        layers = wanted
+    return Placement(devices=names, layers=layers, one=one) if layers else cpu
+
+
+def free_mb(names: Sequence[str]) -> float | None:
+    """Return what is free on some GPUs for a model, in MB; None where none of them tells."""
+    told = [memory_mb(one) for one in devices() if one.name in names]
+    free = [max(0.0, one[0] - _SPARE_MB) for one in told if one is not None]
+    return sum(free) if free else None
+
+
+def _fitting(size: Footprint, context: int, free: float | None) -> int:
+    """Return how many layers fit a GPU; all where it does not tell what it has."""
+    if free is None or size.layers_mb(context) + size.work_mb <= free:
+        return size.blocks + 1
+    return int(max(0.0, free - size.work_mb) / size.layers_mb(context) * size.blocks)
+
+
+def _counted(found: Sequence[Device]) -> list[Device]:
+    """Return GPUs as llama.cpp numbers them: remote ones, then cards, else integrated ones."""
+    remote = [one for one in found if one.is_gpu and one.address]
+    cards = [one for one in found if one.kind == "gpu" and not one.address]
+    shared = [one for one in found if one.kind == "integrated" and not one.address]
+    return [*remote, *(cards or shared)]
+
+
+def _answers(address: str) -> bool:
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE_S).close()
+    except (OSError, OverflowError):
+        return False
+    return True
+
+
+@cache
+def _libraries() -> tuple[Any, Any]:
+    """Return libggml and libggml-base with the signatures of what is used of them."""
+    from llama_cpp._ctypes_extensions import load_shared_library
+    from llama_cpp._ggml import libggml, libggml_base_path
+
+    base = load_shared_library("ggml-base", Path(libggml_base_path))
+    pointer, text, number = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
+    sizes = ctypes.POINTER(number)
+    for library, name, result, arguments in (
+        (libggml, "ggml_backend_dev_count", number, []),
+        (libggml, "ggml_backend_dev_get", pointer, [number]),
+        (libggml, "ggml_backend_dev_by_name", pointer, [text]),
+        (libggml, "ggml_backend_reg_by_name", pointer, [text]),
+        (libggml, "ggml_backend_register", None, [pointer]),
+        (base, "ggml_backend_dev_name", text, [pointer]),
+        (base, "ggml_backend_dev_description", text, [pointer]),
+        (base, "ggml_backend_dev_type", ctypes.c_int, [pointer]),
+        (base, "ggml_backend_dev_memory", None, [pointer, sizes, sizes]),
+    ):
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return libggml, base
+
+
+def _rpc_library() -> Any:
+    from llama_cpp._ctypes_extensions import load_shared_library
+    from llama_cpp._ggml import libggml_base_path
+
+    library = load_shared_library("ggml-rpc", Path(libggml_base_path))
+    library.ggml_backend_rpc_add_server.restype = ctypes.c_void_p
+    library.ggml_backend_rpc_add_server.argtypes = [ctypes.c_char_p]
+    return library

@@ -1,0 +1,81 @@
+"""Load a GGUF under llama.cpp, after a trial where it may kill nothing but the trial."""
+
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from karma.errors import ModelError
+
+# Loads a file and decodes one token, as `open_gguf` will; sys.argv[1] is the file.
+_TRIAL = (
+    "import sys, llama_cpp\n"
+    "llama_cpp.Llama(sys.argv[1], n_ctx=32, n_threads=1, verbose=False).eval([0])\n"
+)
+
+
+def try_in_own_process(path: Path) -> None:
+    """Try a file that nobody vouches for where it may kill nothing but the trial.
+
+    llama.cpp aborts on some damaged files whose header looks right.
+
+    Raises:
+        ModelError: the trial failed.
+    """
+    result = subprocess.run(
+        [sys.executable, "-c", _TRIAL, str(path)], capture_output=True, check=False
+    )
+    if result.returncode != 0:
+        said = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
+        code = result.returncode
+        raise ModelError(f"{path}: llama.cpp cannot run it (code {code}): {said[-1]}")
+
+
+def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> Any:
+    """Load the file, turning llama.cpp's failures into one that names it.
+
+    Args:
+        path: the file.
+        keywords: of llama-cpp-python's `Llama`.
+        kv: type of the kept keys and values.
+
+    Raises:
+        ModelError: it cannot be loaded.
+    """
+    import llama_cpp
+
+    kinds = {
+        "f16": llama_cpp.GGML_TYPE_F16, "f32": llama_cpp.GGML_TYPE_F32,
+        "q8_0": llama_cpp.GGML_TYPE_Q8_0,
+    }  # fmt: skip
+    try:
+        return llama_cpp.Llama(
+            str(path), type_k=kinds[kv], type_v=kinds[kv], verbose=False, **keywords
+        )
+    except Exception as error:  # ValueError, RuntimeError, Jinja's: all mean an unusable file
+        raise ModelError(f"{path}: llama.cpp cannot load it: {error}") from error
+
+
+def open_context(llama: Any, tokens: int, *, sequences: int = 1, batch: int = 0) -> Any:
+    """Open one more context over loaded weights, freed with the model at the latest.
+
+    Args:
+        llama: a `Llama`, whose other options it gets.
+        tokens: that its cache holds, of all sequences together.
+        sequences: how many there may be, in one cache.
+        batch: tokens per call; 0: as the model's.
+
+    Raises:
+        ValueError: there is no memory for it.
+    """
+    from llama_cpp import _internals, _utils
+
+    parameters = type(llama.context_params).from_buffer_copy(llama.context_params)
+    parameters.n_ctx = tokens
+    if sequences > 1:
+        parameters.n_seq_max, parameters.kv_unified = sequences, True
+    if batch:
+        parameters.n_batch = parameters.n_ubatch = batch
+    with _utils.suppress_stdout_stderr(disable=False):  # it warns of longer than trained
+        return _internals.LlamaContext(model=llama._model, params=parameters, verbose=False)
