@@ -7,6 +7,7 @@ How data flows; each arrow is a frozen dataclass of `karma.contracts`, save the 
     act    planner -Plan-> method, planner -SkillCall-> skills -SkillResult-> method
     know   memory -Area-> method, memory -Area-> skills, memory -Known-> skills
     show   perceive -SeenObject-> method, perceive -SeenObject-> memory
+    tell   perceive -SeenObject-> planner
     ask    planner -ProgramSpec-> infer, perceive -SeenObject-> infer
 
 Skills act on the world by naming AI2-THOR's actions. `perceive` is the one reader of its events;

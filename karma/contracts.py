@@ -178,6 +178,7 @@ class Experience:
     effects: Mapping[str, tuple[str, ...]]  # lasting state words that the agent brought about
     missed: frozenset[str]  # ids that were not where they were believed to be
     cut: frozenset[str]  # ids of wholes that are no more
+    ended: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # words no longer true
 
     @property
     def gone(self) -> frozenset[str]:
@@ -205,12 +206,33 @@ class WorkedExample:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Fixture:
+    """One immovable thing of the map."""
+
+    object_id: str
+    object_type: str
+    center_m: Vec3  # of its box
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Area:
     """One area node of long-term memory: a cell to stand on and search from."""
 
     name: str  # "node_3"
     position_m: Vec3
     contains: tuple[str, ...] = ()  # types of the immovable objects assigned to it
+    adjacent: tuple[str, ...] = ()  # names of the areas that can be walked to directly
+    fixtures: tuple[Fixture, ...] = ()  # the immovable objects assigned to it, by id
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FailedProgram:
+    """A program that came to nothing: refused when it was read, or by the world at one line."""
+
+    lines: tuple[str, ...]  # of the program; with object ids for short names once it ran
+    failed: int | None  # number of the line that failed, from 0; None: no single one
+    reason: str  # why, and what would help; ids stand for things
+    ran: bool = False  # the lines before the one that failed were carried out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,15 +240,19 @@ class PlanRequest:
     """All that a prompt may say, and what the program may not search for."""
 
     instruction: str
+    whole: str = ""  # all that the user said, where the instruction is a part of it
     areas: Sequence[Area] = ()  # long-term memory; () without it
-    graph_text: str = ""  # the same in the paper's text form
+    graph_text: str = ""  # the same in the paper's text form, which then stands for it
     recalled: Sequence[Recalled] = ()  # of short-term memory, the best first
     units: Sequence[MemoryUnit] = ()  # in the prompt: recalled or just handled, the last used last
     held_id: str | None = None
     held_type: str | None = None
-    error: str = ""  # why the last answer was refused or failed
+    error: str = ""  # why the last answer was refused or failed, in short
+    failures: Sequence[FailedProgram] = ()  # of this instruction so far, the last one last
     examples: Sequence[WorkedExample] = ()  # for the instruction; the compact profile has no room
-    missing: Sequence[str] = ()  # types that were searched for in vain: not in the prompt
+    missing: Sequence[str] = ()  # what was searched for in vain: ids or types
+    seen: Sequence[SeenObject] = ()  # movable things in sight since the instruction was given
+    seen_types: Sequence[str] = ()  # of movable things that were seen in this room before
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,6 +295,7 @@ class SkillCall:
     objects: tuple[str, ...]
     positions: tuple[str | Vec3, ...] = ()
     line: int = 0
+    exact: bool = False  # of several of its type this receptacle is meant, and no other
 
     def __str__(self) -> str:
         """Return the line as a planner writes it."""
@@ -351,6 +378,7 @@ class SkillResult:
     call: SkillCall
     ok: bool
     reason: str = ""
+    detail: str = ""  # a refusal in full, with ids: the blocker, what is there, what would help
     actions: int = 0  # world steps taken
     explorations: int = 0  # area nodes visited in search of an object
     object_ids: tuple[str, ...] = ()  # what the names resolved to
@@ -381,6 +409,7 @@ class Plan:
     recalled: tuple[Recalled, ...] = ()  # of short-term memory, the best first
     units: tuple[MemoryUnit, ...] = ()  # in the prompt, the last used last
     error: str = ""  # why the answer was refused; quoted in the next prompt
+    failure: FailedProgram | None = None  # the same with the program, for planners that can read it
     examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
 
 

@@ -15,10 +15,13 @@ NODES = {
     "world": ["world/sim.py", "world/event.py"],
     "perceive": ["agent/perceive.py", "agent/projection.py"],
     "skills": [f"agent/{name}.py" for name in (
-        "sightings", "naming", "walk", "reach", "search", "handling", "switching", "skills")],
+        "sightings", "naming", "walk", "refusals", "reach", "search", "handling", "switching",
+        "skills")],
     "memory": ["memory"],
-    "method": [f"methods/{name}.py" for name in ("karma", "experience", "picture_states", "tour")],
-    "planner": [f"agent/{name}.py" for name in ("planner", "prompt", "program", "inspector")],
+    "method": [f"methods/{name}.py" for name in (
+        "karma", "attempts", "experience", "picture_states", "tour")],
+    "planner": [f"agent/{name}.py" for name in (
+        "planner", "prompt", "full_profile", "short_names", "program", "inspector")],
     "infer": ["infer"],
 }  # a stop of the picture -> where its code is  # fmt: skip
 

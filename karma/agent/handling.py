@@ -1,13 +1,15 @@
-"""What the hand does: pick up, put down, throw, slice, open, close, break."""
+"""What the hand does: pick up, put down, throw, pour out, slice, open, close, break."""
 
 from contextlib import suppress
 
-from karma.agent.reach import Reach, RefusedError
+from karma.agent.reach import Reach
+from karma.agent.refusals import RefusedError, hand_full, put_refused
 from karma.agent.sightings import known, means
 from karma.contracts import Known, SeenObject
 from karma.household.ids import part_id
 from karma.household.pieces import is_piece
 from karma.household.states import DOOR_AFTER, OPPOSITES
+from karma.household.types import object_types
 from karma.household.uses import BASIN_OF
 
 THROW_FORCE = 100.0  # AI2-THOR's moveMagnitude
@@ -35,24 +37,30 @@ class Handling:
         kind = held.object_type
         raise RefusedError(
             f"the hand holds {kind}; put it down first, "
-            f"e.g. PutObject(robot, '{kind}', 'CounterTop')"
+            f"e.g. PutObject(robot, '{kind}', 'CounterTop')",
+            hand_full(held, self._reach.known_types()),
         )
 
-    def put(self, thing: str | None, name: str) -> str:
-        """Put what is held, which must be `thing` if that is given, into or onto a receptacle."""
+    def put(self, thing: str | None, name: str, *, exact: bool = False) -> str:
+        """Put what is held, which must be `thing` if that is given, into or onto a receptacle.
+
+        One that is full gives way to another of its type, unless it is `exact`, or a thing that is
+        carried about and was named by its id.
+        """
         held = self._held(thing)
         target = self._reach.resolve(name, state="opened", held=False)
         try:
             self._put_into(held, target)
         except RefusedError as refusal:
-            others = self._reach.names.others(target)[:_OTHER_RECEPTACLES]
-            if "No valid position" not in str(refusal) or name != target.object_type:
-                raise
-            for other in others:  # one that is full may stand beside another of its type
-                with suppress(RefusedError):
-                    self._put_into(held, other)
-                    return f"the nearest {name} is full, another one was taken"
-            raise
+            others = self._reach.names.others(target)
+            if "No valid position" in str(refusal) and not exact and _is_one_of(name, target):
+                for other in others[:_OTHER_RECEPTACLES]:
+                    with suppress(RefusedError):
+                        self._put_into(held, other)
+                        return f"the nearest {target.object_type} is full, another one was taken"
+            types = self._reach.known_types()
+            detail = put_refused(str(refusal), held, target, others, self._log, types)
+            raise RefusedError(str(refusal), detail or refusal.detail) from None
         return ""
 
     def throw(self, name: str) -> str:
@@ -60,6 +68,18 @@ class Handling:
         held = self._held(name)
         event = self._walker.do("ThrowObject", moveMagnitude=THROW_FORCE)
         self._reach.done(known(held, "held"), event)
+        return ""
+
+    def empty(self, name: str) -> str:
+        """Pour out what a vessel holds; one that is empty is left as it is."""
+        target = self._reach.resolve(name)
+        try:
+            self._reach.act(target, "EmptyLiquidFromObject")
+        except RefusedError as refusal:
+            if "already empty" not in str(refusal):
+                raise
+            return "it is empty already"
+        self._log.end(target.object_id, "filled")
         return ""
 
     def slice(self, name: str) -> str:
@@ -104,3 +124,9 @@ class Handling:
         """Return where things are put: a sink's basin, None while it is not known."""
         basin = BASIN_OF.get(target.object_type)
         return self._reach.names.find(part_id(target.object_id, basin)) if basin else target
+
+
+def _is_one_of(name: str, target: Known) -> bool:
+    """Return whether a receptacle was named by its type, or is furniture."""
+    kind = object_types().get(target.object_type)
+    return name == target.object_type or (kind is not None and not kind.can("pickupable"))

@@ -26,7 +26,10 @@ _NEEDS = {
     "SwitchOn": ("toggleable", "cannot be switched"),
     "SwitchOff": ("toggleable", "cannot be switched"),
     "PickupObject": ("pickupable", "cannot be picked up"),
+    "EmptyObject": ("canFillWithLiquid", "holds no liquid"),
 }
+_TOLD = 6  # receptacles in one sentence
+_PLACES = tuple(dict.fromkeys((*SURFACES, *LIKELY, *sorted(object_types()))))
 
 
 def mend(
@@ -115,7 +118,7 @@ def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[Skill
     kind = object_types().get(short_type(hand or ""))
     if hand is None or kind is None or hand == name:
         return []
-    fitting = [name for name in SURFACES if _fits(kind, object_types()[name])]
+    fitting = [name for name in SURFACES if fits(kind, object_types()[name])]
     there = [name for name in fitting if name in known]
     for surface in (there or fitting)[:1]:
         search = [] if there else [SkillCall(skill="Explore", objects=(surface,))]
@@ -134,18 +137,42 @@ class _Hand:
     held: str | None
 
 
-def objection(calls: Sequence[SkillCall], *, held: str | None) -> str:
-    """Return what is wrong with the first line that cannot work, "" if nothing is.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Objection:
+    """What is wrong with the first line of a program that cannot work."""
+
+    line: int  # from 0
+    call: SkillCall
+    reason: str
+    help: str = ""  # what would work, where that is known
+
+    def __str__(self) -> str:
+        """Return it as small planners are told."""
+        return f"{self.call}: {self.reason}"
+
+
+def objection(
+    calls: Sequence[SkillCall], *, held: str | None, known: Collection[str] = ()
+) -> Objection | None:
+    """Return what is wrong with the first line that cannot work, None if nothing is.
 
     Args:
         calls: the program, with the prompt's short names.
         held: the short name of what is in the hand.
+        known: names and types whose place the agent knows; what would help is one of them.
     """
     hand = _Hand(held=held)
-    for call in calls:
+    for number, call in enumerate(calls):
         if reason := _refused(call, hand):
-            return f"{call}: {reason}"
-    return ""
+            return Objection(line=number, call=call, reason=reason, help=_help(call, known))
+    return None
+
+
+def _help(call: SkillCall, known: Collection[str]) -> str:
+    """Return where a thing would go that cannot be put where it should."""
+    thing = short_type(call.objects[0])
+    asked = call.skill == "PutObject" and len(call.objects) == 2 and thing in object_types()
+    return takers(thing, known) if asked and known else ""
 
 
 def _refused(call: SkillCall, hand: _Hand) -> str:
@@ -174,7 +201,7 @@ def _put(call: SkillCall, hand: _Hand) -> str:
     if short_type(hand.held) != short_type(name):
         return f"the hand holds {hand.held}, not {name}"
     thing, receptacle = object_types().get(short_type(name)), object_types().get(short_type(place))
-    if thing is not None and receptacle is not None and not _fits(thing, receptacle):
+    if thing is not None and receptacle is not None and not fits(thing, receptacle):
         return f"{name} cannot be placed in {place}"
     if name == place:
         return f"{name} cannot be placed in itself"
@@ -190,7 +217,7 @@ def _can(kind: ObjectType, capability: str) -> bool:
     return capability in kind.capabilities
 
 
-def _fits(thing: ObjectType, receptacle: ObjectType) -> bool:
+def fits(thing: ObjectType, receptacle: ObjectType) -> bool:
     """Return whether the types allow it, whole or sliced, in the receptacle or its basin."""
     kinds = object_types()
     forms = (thing.name, thing.slices_into)
@@ -198,3 +225,14 @@ def _fits(thing: ObjectType, receptacle: ObjectType) -> bool:
     if not any("receptacle" in kinds[p].capabilities for p in places):
         return False
     return any(kinds[f].fits(kinds[p]) for f in forms if f for p in places)
+
+
+def takers(object_type: str, known: Collection[str]) -> str:
+    """Say which known receptacles a thing goes in or on, the likeliest first.
+
+    >>> takers("Book", ["Fridge", "Sofa", "DiningTable"])
+    'of what is known here it goes in or on DiningTable, Sofa'
+    """
+    kinds = object_types()
+    here = [name for name in _PLACES if name in known and fits(kinds[object_type], kinds[name])]
+    return f"of what is known here it goes in or on {', '.join(here[:_TOLD]) or 'nothing'}"

@@ -1,24 +1,26 @@
 """From what the agent knows to a program: prompt, model, parser, with bounded retries."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 from karma.agent.inspector import mend, objection
 from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import render
+from karma.agent.prompt import render, skills_of
 from karma.contracts import (
     Completion,
     Decoding,
+    FailedProgram,
     LanguageModel,
     Plan,
     PlanRequest,
     ProgramSpec,
     Resources,
     SkillCall,
+    SkillSignature,
 )
 from karma.errors import ProgramError
-from karma.household.ids import type_of
+from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, landmark_types
 from karma.household.types import object_types
 
@@ -54,45 +56,62 @@ class Planner:
             if self.decoding.inspected and not answer.error:
                 answer = _inspected(request, answer)
             if attempt == self.decoding.attempts - 1 and answer.calls:
-                answer = replace(answer, error="")
+                answer = replace(answer, error="", failure=None)
             yield answer
-            if not answer.error:
+            if answer.failure is None:
                 return
-            request = replace(request, error=answer.error)
+            failures = (*request.failures, answer.failure)
+            request = replace(request, error=answer.error, failures=failures)
 
     def _temperature(self, request: PlanRequest) -> float:
         decoding = self.decoding
         return max(decoding.temperature, decoding.retry_temperature if request.error else 0.0)
 
     def _ask(self, request: PlanRequest, attempt: int) -> Plan:
-        rendered = render(self.profile, request, SKILLS)
+        rendered, skills = render(self.profile, request), skills_of(self.profile)
+        spec = program_spec(request, rendered.names, skills)
         completion = self.model.complete(
             rendered.prompt,
-            spec=program_spec(request, rendered.names) if self.decoding.constrained else None,
+            spec=spec if self.decoding.constrained else None,
             max_tokens=self.decoding.max_tokens,
             temperature=self._temperature(request),
             seed=self.decoding.seed + attempt,
         )
-        calls, error = _read(completion)
+        answer = _read(completion, skills)
         return Plan(
             recalled=tuple(request.recalled),
             units=tuple(request.units),
             prompt=rendered.prompt,
             completion=completion,
-            calls=calls,
+            calls=answer.calls,
             names=rendered.names,
-            error=error,
+            error=answer.error,
+            failure=answer.failure,
             examples=tuple(example.instruction for example in request.examples),
         )
 
 
-def _read(completion: Completion) -> tuple[tuple[SkillCall, ...], str]:
-    """Return the calls of an answer, or () and why it is refused."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Answer:
+    """An answer as it was read."""
+
+    calls: tuple[SkillCall, ...] = ()
+    error: str = ""  # why it is refused
+    failure: FailedProgram | None = None
+
+
+def _read(completion: Completion, skills: Sequence[SkillSignature]) -> _Answer:
+    """Return the calls of an answer, or why it is refused."""
+    lines = tuple(completion.text.rstrip().split("\n"))
     try:
-        calls = parse_program(completion.text)
+        calls = parse_program(completion.text, skills)
     except ProgramError as refused:
-        return (), str(refused)
-    return calls, "" if calls else "the answer holds no skill call"
+        failure = FailedProgram(lines=lines, failed=refused.line - 1, reason=refused.reason)
+        return _Answer(error=str(refused), failure=failure)
+    if calls:
+        return _Answer(calls=calls)
+    reason = "the answer holds no skill call"
+    return _Answer(error=reason, failure=FailedProgram(lines=lines, failed=None, reason=reason))
 
 
 def _inspected(request: PlanRequest, answer: Plan) -> Plan:
@@ -104,7 +123,12 @@ def _inspected(request: PlanRequest, answer: Plan) -> Plan:
     cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
     known = seen | set(answer.names)
     calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=request.areas)
-    return replace(answer, calls=calls, error=objection(calls, held=held))
+    found = objection(calls, held=held, known=known)
+    if found is None:
+        return replace(answer, calls=calls)
+    reason = "; ".join(filter(None, [found.reason, found.help]))
+    failure = FailedProgram(lines=tuple(map(str, calls)), failed=found.line, reason=reason)
+    return replace(answer, calls=calls, error=str(found), failure=failure)
 
 
 def _is_shut(place_id: str | None) -> bool:
@@ -112,7 +136,11 @@ def _is_shut(place_id: str | None) -> bool:
     return kind is not None and kind.must_be_open and "pickupable" not in kind.capabilities
 
 
-def program_spec(request: PlanRequest, names: Mapping[str, str]) -> ProgramSpec:
+def program_spec(
+    request: PlanRequest,
+    names: Mapping[str, str],
+    skills: tuple[SkillSignature, ...] = SKILLS,
+) -> ProgramSpec:
     """Return the language of programs: what memory names, and types that can be searched for.
 
     Furniture that the map does not show is not there: a robot that has seen the room once has seen
@@ -124,15 +152,22 @@ def program_spec(request: PlanRequest, names: Mapping[str, str]) -> ProgramSpec:
         searchable -= landmark_types() - known - OVERLOOKED
     searchable -= set(request.missing)
     return ProgramSpec(
-        skills=SKILLS,
+        skills=skills,
         objects=tuple(sorted(known | searchable | set(names))),
         positions=tuple(area.name for area in request.areas),
     )
 
 
 def grounded(calls: Sequence[SkillCall], names: Mapping[str, str]) -> tuple[SkillCall, ...]:
-    """Put object ids in place of the prompt's short names; types stay as they are."""
+    """Put object ids in place of the prompt's short names; types stay as they are.
+
+    A receptacle with a number in its name is meant exactly: who writes `Cabinet_2` wants no other.
+    """
     return tuple(
-        replace(call, objects=tuple(names.get(name, name) for name in call.objects))
+        replace(
+            call,
+            objects=tuple(names.get(name, name) for name in call.objects),
+            exact=call.objects[-1] in names and call.objects[-1] != short_type(call.objects[-1]),
+        )
         for call in calls
     )

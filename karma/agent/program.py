@@ -53,6 +53,9 @@ SKILLS: tuple[SkillSignature, ...] = (
 )
 """The 13 functions of Listing 2. `PutObject` with one object means the receptacle."""
 
+EMPTY_OBJECT = _skill("EmptyObject", "Pour out what the object is filled with.")
+"""A 14th of ours: nothing in Listing 2 gets the water out of a mug."""
+
 _NAME = re.compile(r"[\w|+\-.,()/& ]+")
 _FENCE = re.compile(r"\s*```[ \t]*[A-Za-z0-9_+-]*[ \t]*")
 _STATEMENTS = {

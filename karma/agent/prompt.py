@@ -10,16 +10,29 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 import jinja2
 
+from karma.agent.full_profile import (
+    area_line,
+    by_place,
+    coarse_text,
+    failed_line,
+    failed_program,
+    place_name,
+    skill_needs,
+)
+from karma.agent.program import EMPTY_OBJECT, SKILLS
+from karma.agent.short_names import fixture_names, name_for, one_of_each, short_names
 from karma.contracts import Area, MemoryUnit, PlanRequest, Prompt, SkillSignature, Vec3
 from karma.errors import UnknownNameError
-from karma.household.ids import type_of
 from karma.household.pieces import base_type
-from karma.household.places import HAND, landmark_types
+from karma.household.places import landmark_types
 
-PROFILES = ("compact", "full")
+PROFILES: Mapping[str, tuple[SkillSignature, ...]] = MappingProxyType(
+    {"compact": SKILLS, "full": (*SKILLS, EMPTY_OBJECT)}
+)  # and the skills that each offers; the nano planner has learnt 13
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
 _TEMPLATES = Path(__file__).parent / "prompts"
 
@@ -32,17 +45,26 @@ class Rendered:
     names: Mapping[str, str]
 
 
-def render(profile: str, request: PlanRequest, skills: Sequence[SkillSignature]) -> Rendered:
+def skills_of(profile: str) -> tuple[SkillSignature, ...]:
+    """Return the skills that a profile offers.
+
+    Raises:
+        UnknownNameError: no such profile.
+    """
+    if profile not in PROFILES:
+        there = tuple(PROFILES)
+        raise UnknownNameError(f"no prompt profile named {profile!r}. There are: {there}")
+    return PROFILES[profile]
+
+
+def render(profile: str, request: PlanRequest) -> Rendered:
     """Fill one profile.
 
     Raises:
         UnknownNameError: no such profile.
     """
-    if profile == "compact":
-        return compact(request)
-    if profile == "full":
-        return full(request, skills)
-    raise UnknownNameError(f"no prompt profile named {profile!r}. There are: {PROFILES}")
+    skills = skills_of(profile)
+    return compact(request) if profile == "compact" else full(request, skills)
 
 
 def compact_areas(areas: Sequence[Area]) -> str:
@@ -52,32 +74,6 @@ def compact_areas(areas: Sequence[Area]) -> str:
         kept = dict.fromkeys(kind for kind in area.contains if kind in landmark_types())
         lines.append(" ".join([area.name, *kept]))
     return "\n".join(lines if areas else ["#areas", "unknown"]) + "\n"
-
-
-def short_names(units: Sequence[MemoryUnit], held: tuple[str, str] | None) -> dict[str, str]:
-    """Give every recalled unit and its place a short name: the last used Apple is `Apple`.
-
-    Args:
-        units: the last used last.
-        held: (object id, object type) of what is in the hand.
-
-    Returns:
-        name -> object id; older things of the same type become `Apple_2`, `Apple_3`, ...
-    """
-    names: dict[str, str] = {}
-    known: set[str] = set()
-    things = [(unit.object_id, unit.object_type) for unit in reversed(units)]
-    places = [(unit.place_id, type_of(unit.place_id)) for unit in reversed(units)]
-    for object_id, object_type in [*([held] if held else []), *things, *places]:
-        if object_id is None or object_id == HAND or object_id in known:
-            continue
-        base = base_type(object_type)
-        count = 1
-        while (name := base if count == 1 else f"{base}_{count}") in names:
-            count += 1
-        names[name] = object_id
-        known.add(object_id)
-    return names
 
 
 def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
@@ -125,17 +121,28 @@ def compact(request: PlanRequest) -> Rendered:
 def full(request: PlanRequest, skills: Sequence[SkillSignature]) -> Rendered:
     """Fill the profile of KARMA Fig. 8."""
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
-    names = short_names(request.units, held)
+    fixtures = {} if request.graph_text else fixture_names(request.areas)
+    listed = {request.held_id, *(unit.object_id for unit in request.units)}
+    seen = one_of_each(request.seen, besides=listed)
+    names = short_names(request.units, held, fixtures=fixtures, seen=seen)
     name_of = {object_id: name for name, object_id in names.items()}
     stable = template(_TEMPLATES / "full_stable.txt").render(
-        skills=skills, graph=request.graph_text
+        skills=skills,
+        needs=skill_needs({kind for area in request.areas for kind in area.contains}),
+        graph=request.graph_text,
+        areas=[area_line(area, fixtures) for area in request.areas],
     )
     changing = template(_TEMPLATES / "full_changing.txt").render(
         units=[(name_of[unit.object_id], unit) for unit in request.units],
-        name_of=name_of,
+        place_of=lambda unit: place_name(unit.place_id, name_of),
+        seen=by_place(seen, name_of),
+        seen_types=[kind for kind in request.seen_types if kind not in names],
         held=name_of.get(request.held_id or ""),
-        error=request.error,
+        missing=dict.fromkeys(name_for(name, {}) for name in request.missing),
+        earlier=dict.fromkeys(failed_line(one, name_of) for one in request.failures[:-1]),
+        failed=failed_program(request, name_of),
         examples=request.examples,
+        whole=request.whole,
         instruction=request.instruction,
     )
     return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)
@@ -162,4 +169,5 @@ def template(path: Path) -> jinja2.Template:
         autoescape=False,
     )
     environment.filters["position"] = position_text
+    environment.filters["coarse"] = coarse_text
     return environment.get_template(path.name)

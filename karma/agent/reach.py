@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from karma.agent.naming import Naming
 from karma.agent.perceive import observe, refusal
+from karma.agent.refusals import RefusedError, explained
 from karma.agent.sightings import Sightings
 from karma.agent.walk import Stance, Target, Walker
 from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Vec3, World
@@ -34,10 +35,6 @@ class SkillLimits:
     reach_m: float = 1.4  # horizontally; AI2-THOR sees and reaches to 1.5 m
     cover_m: float = 1.0  # without area nodes, every cell is looked at from this near
     look_again_m: float = 0.5  # the same for what was not found from the area nodes
-
-
-class RefusedError(Exception):
-    """Why a skill cannot go on; becomes the reason of its result."""
 
 
 class Reach:
@@ -117,7 +114,10 @@ class Reach:
             if place is not None and _closed_over(place, target.position_m):
                 return self._closed(target, place, closed_will_do)
         if not movable:
-            raise RefusedError(f"could not get {target.object_type} into view and reach")
+            raise RefusedError(
+                f"could not get {target.object_type} into view and reach",
+                f"{target.object_id} could not be got into view and reach{self._instead(target)}",
+            )
         if (place := self.shut_in(target)) is not None:
             return self._closed(target, place, closed_will_do)
         self.log.miss(target.object_id, target.position_m)
@@ -147,8 +147,25 @@ class Reach:
             return False
         raise RefusedError(
             f"{target.object_type} is in the closed {place.object_type}; "
-            f"OpenObject(robot, '{place.object_type}') first"
+            f"OpenObject(robot, '{place.object_type}') first",
+            f"{target.object_id} is in {place.object_id}, which is closed; "
+            f"OpenObject(robot, '{place.object_id}') first",
         )
+
+    def _instead(self, target: Known) -> str:
+        """Name others of an immovable thing's type."""
+        kind = target.object_type
+        mapped = [one for area in self.knowledge.areas() for one in area.fixtures]
+        ids = {one.object_id: None for one in mapped if one.object_type == kind}
+        ids |= {name: None for name, one in self.log.seen.items() if one.object_type == kind}
+        ids.pop(target.object_id, None)
+        return f"; others of its kind: {', '.join(list(ids)[:3])}" if ids else ""
+
+    def known_types(self) -> frozenset[str]:
+        """Return the types of immovable things that the agent knows of."""
+        mapped = {kind for area in self.knowledge.areas() for kind in area.contains}
+        seen = {one.object_type for one in self.log.seen.values() if not one.pickupable}
+        return frozenset(mapped | seen)
 
     def next_stance(
         self,
@@ -234,7 +251,8 @@ class Reach:
         touched = [target.object_id] if also is None else [also, target.object_id]
         observation = self._observe(event, touched)
         if not observation.ok:
-            raise RefusedError(_advice(_plain(observation.error), target.object_type))
+            words = _plain(observation.error)
+            raise RefusedError(_advice(words, target.object_type), explained(words, target))
         if not in_passing:
             self.log.changed(target.object_id, target.position_m)
             self.log.handled.extend(touched)

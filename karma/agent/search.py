@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
-from karma.agent.reach import Reach, RefusedError
+from karma.agent.reach import Reach
+from karma.agent.refusals import RefusedError
 from karma.agent.sightings import known, means
 from karma.agent.walk import OutOfActionsError
 from karma.contracts import Known, SeenObject, Vec3
@@ -76,7 +77,8 @@ class Search:
         """
         found = self._in_view(name)
         if found is None and self._is_searched(name):
-            raise RefusedError(f"could not find {name}; everything was searched before")
+            before = f"could not find {name}; everything was searched before"
+            raise RefusedError(before, _not_here(name))
         for place in self._places(name, positions):
             if found is not None:
                 return found
@@ -85,7 +87,8 @@ class Search:
             else:
                 found = self.look_from(name, place)
         if found is None:
-            raise RefusedError(f"could not find {name}; searched {self._reach.explorations} places")
+            places = self._reach.explorations
+            raise RefusedError(f"could not find {name}; searched {places} places", _not_here(name))
         return found
 
     def _places(self, name: str, positions: Sequence[str | Vec3]) -> Iterator[Vec3 | SeenObject]:
@@ -255,3 +258,8 @@ def cover(
         chosen.append((x, 0.0, z))
         gaps = {cell: min(gap, math.dist(cell, (x, z))) for cell, gap in gaps.items()}
     return chosen
+
+
+def _not_here(name: str) -> str:
+    """Return what a search in vain means for the next program."""
+    return f"could not find {name}, and all of this room was searched; do not search for it again"

@@ -23,6 +23,7 @@ class Sightings:
     seen_from: dict[str, Pose] = field(default_factory=dict)  # where it was within reach
     handled: list[str] = field(default_factory=list)  # in the order of use, with repeats
     effects: dict[str, list[str]] = field(default_factory=dict)  # what no metadata flag tells
+    ended: dict[str, list[str]] = field(default_factory=dict)  # states that a deed ended
     missed: dict[str, Vec3] = field(default_factory=dict)  # id -> where it was not found
     cut: set[str] = field(default_factory=set)  # wholes that were seen sliced
     in_view: dict[str, SeenObject] = field(default_factory=dict)
@@ -52,6 +53,7 @@ class Sightings:
             held=self.held,
             handled_ids=tuple(self.handled),
             effects={object_id: tuple(words) for object_id, words in self.effects.items()},
+            ended={object_id: tuple(words) for object_id, words in self.ended.items()},
             missed=frozenset(self.missed),
             cut=frozenset(self.cut),
         )
@@ -101,6 +103,12 @@ class Sightings:
     def gain(self, object_id: str, word: str) -> None:
         """Note a lasting effect on an object, once."""
         words = self.effects.setdefault(object_id, [])
+        if word not in words:
+            words.append(word)
+
+    def end(self, object_id: str, word: str) -> None:
+        """Note that a deed ended a state, once."""
+        words = self.ended.setdefault(object_id, [])
         if word not in words:
             words.append(word)
 

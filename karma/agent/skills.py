@@ -1,4 +1,4 @@
-"""The 13 skills of KARMA's Listing 2, carried out with AI2-THOR's actions.
+"""The 13 skills of KARMA's Listing 2 and one of ours, carried out with AI2-THOR's actions.
 
 A skill acts on what the agent believes (its memory, and what it has seen since it began); when a
 belief proves wrong it says so. A refusal is a value whose reason a planner can act on. `walk` moves
@@ -9,8 +9,9 @@ reach and acts on it, `search` looks for things, `handling` and `switching` are 
 from collections.abc import Callable
 
 from karma.agent.handling import Handling
-from karma.agent.program import SKILLS
-from karma.agent.reach import Reach, RefusedError, SkillLimits
+from karma.agent.program import EMPTY_OBJECT, SKILLS
+from karma.agent.reach import Reach, SkillLimits
+from karma.agent.refusals import RefusedError
 from karma.agent.search import Search
 from karma.agent.switching import Switching
 from karma.agent.walk import OutOfActionsError
@@ -26,7 +27,7 @@ from karma.contracts import (
 )
 
 _SHUT_IN = "it is in a closed container; open that first"
-_ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in SKILLS}
+_ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in (*SKILLS, EMPTY_OBJECT)}
 
 
 class Skills:
@@ -128,7 +129,8 @@ class Skills:
             case "PickupObject":
                 return self._hand.pick_up(name)
             case "PutObject":
-                return self._hand.put(call.objects[0] if call.objects[1:] else None, name)
+                thing = call.objects[0] if call.objects[1:] else None
+                return self._hand.put(thing, name, exact=call.exact)
             case "SwitchOn" | "ToggleOn":
                 return self._switches.toggle(name, "on")
             case "SwitchOff" | "ToggleOff":
@@ -137,6 +139,8 @@ class Skills:
                 return self._hand.slice(name)
             case "ThrowObject":
                 return self._hand.throw(name)
+            case "EmptyObject":
+                return self._hand.empty(name)
             case "Explore":
                 self._search.explore(name, call.positions)
                 return ""
@@ -170,19 +174,20 @@ class Skills:
         reach.walker.max_actions = most if max_actions is None else min(max_actions, most)
         try:
             reach.start()
-            ok, reason = True, do()
+            ok, reason, detail = True, do(), ""
         except RefusedError as refusal:
-            ok, reason = False, str(refusal)
+            ok, reason, detail = False, str(refusal), refusal.detail
         except OutOfActionsError:
             reach.look()
             spent = f"gave up after {reach.walker.actions} actions"
-            ok, reason = False, f"{spent} on {call.objects[-1]}"
+            ok, reason, detail = False, f"{spent} on {call.objects[-1]}", ""
         self.actions += reach.walker.actions
         self.explorations += reach.explorations
         return SkillResult(
             call=call,
             ok=ok,
             reason=reason,
+            detail=detail,
             actions=reach.walker.actions,
             explorations=reach.explorations,
             object_ids=tuple(dict.fromkeys(reach.used)),

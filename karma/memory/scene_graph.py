@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from karma.contracts import Area, Known, SeenObject, Tour, Vec3
+from karma.contracts import Area, Fixture, Known, SeenObject, Tour, Vec3
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 from karma.memory.areas import spread_areas
@@ -135,9 +135,18 @@ class SceneGraph:
     # ------------------------------------------------------------- what is known
 
     def areas(self) -> tuple[Area, ...]:
-        """Return the area nodes in order, each with the types of its objects, sorted."""
+        """Return the area nodes in order, each with its objects, and their types, sorted."""
         return tuple(
-            Area(name=name, position_m=area.position_m, contains=self._types(name))
+            Area(
+                name=name,
+                position_m=area.position_m,
+                contains=tuple(sorted({node.type for node in self.objects(name)})),
+                adjacent=area.adjacent,
+                fixtures=tuple(
+                    Fixture(object_id=node.id, object_type=node.type, center_m=node.box_center_m)
+                    for node in self.objects(name)
+                ),
+            )
             for name, area in self._areas.items()
         )
 
@@ -165,9 +174,6 @@ class SceneGraph:
             object_id=node.id, object_type=node.type, position_m=node.position_m, source="graph"
         )
 
-    def _types(self, name: str) -> tuple[str, ...]:
-        return tuple(sorted({node.type for node in self.objects(name)}))
-
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SceneGraph) and self._saved() == other._saved()
 
@@ -175,8 +181,10 @@ class SceneGraph:
 
     # ------------------------------------------------------------- as text
 
-    def to_text(self) -> str:
+    def to_text(self, *, edges: bool = True) -> str:
         """Return the form of §3.3: a line for each area, then one for each edge; ends in newline.
+
+        The edges say again what the lines before them do, and can be left out.
 
         {name: node_1, type: Area, contains: [Bed], adjacent nodes: [node_2], position: [...]}
         node_1 <-> node_2
@@ -189,7 +197,7 @@ class SceneGraph:
                 f"adjacent nodes: [{', '.join(self.adjacent(area.name))}], "
                 f"position: [{x:.2f}, {y:.2f}, {z:.2f}]}}"
             )
-        written += [f"{a} <-> {b}" for a, b in self._edges()]
+        written += [f"{a} <-> {b}" for a, b in self._edges()] if edges else []
         return "".join(f"{line}\n" for line in written)
 
     def _edges(self) -> Iterator[tuple[str, str]]:

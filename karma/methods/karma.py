@@ -1,11 +1,11 @@
 """KARMA: both memories in the prompt; without one of them it is the paper's ablation (Table 2)."""
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from karma.agent.planner import Planner, grounded
+from karma.agent.planner import Planner
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
@@ -25,12 +25,13 @@ from karma.contracts import (
     World,
 )
 from karma.household.ids import type_of
-from karma.household.pieces import goes_by
+from karma.household.pieces import base_type, goes_by
 from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
-from karma.methods.experience import units_of
+from karma.methods.attempts import after_answer, after_run, carried_out, without_ended
+from karma.methods.experience import movable, units_of
 from karma.methods.options import settings_of
 from karma.methods.tour import explore_room, position_of
 
@@ -43,6 +44,9 @@ class KarmaSettings:
     short_term: bool = True
     policy: str = "wtinylfu-karma[9,1]"  # of short-term memory (§4.4: the best at 10 units)
     recall_k: int = 3  # units in the prompt, 1 to the whole memory
+    whole_memory: bool | None = None  # the other units too; None: in the full profile only
+    map_form: Literal["named", "paper"] = "named"  # of the map in the full profile, §3.3's or ours
+    seen_listed: bool = True  # what is in sight and not remembered, in the full profile
     by_name: bool = True  # names are looked up in all of memory, else in what is recalled
     query: Literal["instruction", "subtask"] = "subtask"  # the paper's is the user's whole text
     attempts: int = 3  # programs per instruction; later ones quote what failed
@@ -116,6 +120,7 @@ class KarmaEpisode:
         self._maps, self._learn = method.maps, method.learn
         self._world, self._folder = world, folder
         self._graphs: dict[str, SceneGraph] = {}  # by the room's name
+        self._seen_types: dict[str, dict[str, None]] = {}  # of movable things, by the room's name
         self._scene = scene.name  # of the room that the agent is in
         self.enter(scene)
 
@@ -148,19 +153,20 @@ class KarmaEpisode:
         request = self._request(subtask, recalled)
         beliefs = _Beliefs(self._world, self.graph, self._found_by_name(request.units))
         skills = Skills(self._world, beliefs)
-        failed: SkillResult | None = None
+        results: list[SkillResult] = []
         finished = False
         for _ in range(self.settings.attempts):
             plan = None
-            for plan in self._planner.plan(self._updated(request, skills, failed)):
+            for plan in self._planner.plan(self._updated(request, skills, again=bool(results))):
                 yield plan
+                request = after_answer(request, plan)
             if plan is None or plan.error:
                 break
-            failed = yield from _carried_out(plan, skills)
-            finished = failed is None
-            if failed is None:
+            results = yield from carried_out(plan, skills)
+            finished = all(result.ok for result in results)
+            if finished:
                 break
-            request = _without(request, failed)
+            request = after_run(request, plan, results)
         experience = skills.experience
         self._remember(experience, subtask.instruction)
         yield Outcome(
@@ -184,14 +190,24 @@ class KarmaEpisode:
     def _request(self, subtask: SubTask, recalled: Sequence[Recalled]) -> PlanRequest:
         """Return what the planner is told at first: the map, and what was recalled by last use."""
         chosen = {item.unit.object_id for item in recalled}
-        units = self.short_term.units(self._scene)
+        units = self.short_term.units(self._scene) if self.settings.short_term else ()
+        if not self._tells_all:
+            units = tuple(unit for unit in units if unit.object_id in chosen)
+        papers = self.graph is not None and self.settings.map_form == "paper"
         return PlanRequest(
             instruction=subtask.instruction,
+            whole="" if subtask.is_whole else subtask.whole,
             areas=self.graph.areas() if self.graph else (),
-            graph_text=self.graph.to_text() if self.graph else "",
+            graph_text=self.graph.to_text() if self.graph and papers else "",
             recalled=tuple(recalled),
-            units=tuple(unit for unit in units if unit.object_id in chosen),
+            units=units,
         )
+
+    @property
+    def _tells_all(self) -> bool:
+        """Whether all of short-term memory stands in the prompt."""
+        told = self.settings.whole_memory
+        return self._planner.profile == "full" if told is None else told
 
     def _found_by_name(self, recalled: Sequence[MemoryUnit]) -> tuple[MemoryUnit, ...]:
         """Return the units that a name may mean: the recalled ones first, the last used first."""
@@ -199,10 +215,8 @@ class KarmaEpisode:
         others = self.short_term.units(self._scene) if by_name else ()
         return (*reversed(recalled), *reversed(others))
 
-    def _updated(
-        self, request: PlanRequest, skills: Skills, failed: SkillResult | None
-    ) -> PlanRequest:
-        """Return the request with the hand and, after a failure, what was done so far."""
+    def _updated(self, request: PlanRequest, skills: Skills, *, again: bool) -> PlanRequest:
+        """Return the request with hand and sight and, after a failure, what was done so far."""
         skills.look()
         experience = skills.experience
         held = experience.held
@@ -211,18 +225,31 @@ class KarmaEpisode:
             held_id=held.object_id if held else None,
             held_type=held.object_type if held else None,
         )
-        if failed is None or not self.settings.short_term:
+        if not self.settings.short_term:
             return request
-        fresh = self._units(experience, request.units, request.instruction)
+        if self.settings.seen_listed:
+            request = replace(
+                request,
+                seen=movable(experience),
+                seen_types=tuple(self._seen_types.get(self._scene, ())),
+            )
+        if not again:
+            return request
+        before = without_ended(request.units, experience)
+        fresh = self._units(experience, before, request.instruction)
         new = {unit.object_id for unit in fresh} | experience.gone
-        kept = (unit for unit in request.units if unit.object_id not in new)
+        kept = (unit for unit in before if unit.object_id not in new)
         return replace(request, units=(*kept, *fresh))
 
     # ------------------------------------------------------------- experience into memory
 
     def _remember(self, experience: Experience, instruction: str) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
-        before = self.short_term.units(self._scene)
+        before = without_ended(self.short_term.units(self._scene), experience)
+        for unit in before:
+            self.short_term.correct(unit)
+        seen_types = self._seen_types.setdefault(self._scene, {})
+        seen_types.update(dict.fromkeys(base_type(one.object_type) for one in movable(experience)))
         lost = [unit for unit in before if unit.object_id in experience.gone]
         for unit in lost:
             self.short_term.forget(unit.object_id, self._scene)
@@ -254,23 +281,6 @@ class KarmaEpisode:
             seen_kept=seen_kept,
             folder=folder,
         )
-
-
-def _carried_out(plan: Plan, skills: Skills) -> Generator[SkillResult, None, SkillResult | None]:
-    """Run a program until a call is refused; returns that one, None if all went well."""
-    for call in grounded(plan.calls, plan.names):
-        result = skills.run(call)
-        yield result
-        if not result.ok:
-            return result
-    return None
-
-
-def _without(request: PlanRequest, failed: SkillResult) -> PlanRequest:
-    """Return the request after a failure: quoted, and not searched for again what is not there."""
-    missing = failed.call.objects[-1:] if failed.call.skill == "Explore" else ()
-    error = f"{failed.call}: {failed.reason}"
-    return replace(request, error=error, missing=(*request.missing, *missing))
 
 
 class _Beliefs:

@@ -44,7 +44,7 @@ def test_full_hand_is_freed_on_a_known_surface():
     program = parse_program("PickupObject(robot, 'Mug')")
     mended = mend(program, known={"Mug", "DiningTable"}, held="Knife")
     assert lines(mended)[0] == "PutObject(robot, 'Knife', 'DiningTable')"
-    assert objection(mended, held="Knife") == ""
+    assert objection(mended, held="Knife") is None
 
 
 def test_search_begins_in_the_area_with_the_likeliest_place():
@@ -102,13 +102,15 @@ def test_hand_is_freed_on_a_surface_to_be_found_where_none_is_known():
     ],
 )
 def test_line_that_cannot_work_is_named(program, held, reason):
-    found = objection(parse_program(program), held=held)
+    found = str(objection(parse_program(program), held=held))
     assert found.startswith(program) and reason in found
 
 
 def test_apple_may_be_put_into_the_sink_and_a_slice_into_the_toaster():
     for thing, place in (("Apple", "Sink"), ("Bread", "Toaster"), ("Mug_2", "CoffeeMachine")):
-        assert objection(parse_program(f"PutObject(robot, '{thing}', '{place}')"), held=thing) == ""
+        assert (
+            objection(parse_program(f"PutObject(robot, '{thing}', '{place}')"), held=thing) is None
+        )
 
 
 @given(number=st.integers(0, 300))

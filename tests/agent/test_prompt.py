@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.paths import GOLDEN
 
-from karma.agent.program import SKILLS, parse_program
-from karma.agent.prompt import PROFILES, render, short_names
+from karma.agent.program import EMPTY_OBJECT, SKILLS, parse_program
+from karma.agent.prompt import PROFILES, render
+from karma.agent.short_names import short_names
 from karma.contracts import Area, MemoryUnit, PlanRequest
 from karma.errors import UnknownNameError
 from karma.household.pieces import base_type
@@ -41,7 +42,7 @@ FACTS = PlanRequest(
 
 
 def parts(profile, facts):
-    rendered = render(profile, facts, SKILLS)
+    rendered = render(profile, facts)
     return rendered.prompt.stable, rendered.prompt.changing, rendered.names
 
 
@@ -109,15 +110,15 @@ def test_compact_profile_without_map_says_unknown():
 
 def test_full_profile_s_examples_are_programs():
     stable, _, _ = parts("full", FACTS)
-    examples = stable.partition("# Examples of task decomposition\n")[2].partition("# Memory")[0]
-    assert len(parse_program(examples)) > 20
-    for skill in SKILLS:
+    examples = stable.partition("# Examples\n")[2].partition("# Names")[0]
+    assert len(parse_program(examples)) == 10
+    for skill in (*SKILLS, EMPTY_OBJECT):
         assert f"def {skill.name}(robot" in stable
 
 
 def test_render_of_an_unknown_profile_names_the_known_ones():
     with pytest.raises(UnknownNameError, match=r"'terse'.*compact.*full"):
-        render("terse", FACTS, SKILLS)
+        render("terse", FACTS)
 
 
 # ----------------------------------------------------------------- short names

@@ -14,7 +14,7 @@ ROBOT = frozenset(
         "MoveAhead", "MoveBack", "MoveLeft", "MoveRight", "RotateLeft", "RotateRight", "LookUp",
         "LookDown", "Crouch", "Stand", "PickupObject", "PutObject", "DropHandObject", "OpenObject",
         "CloseObject", "ToggleObjectOn", "ToggleObjectOff", "SliceObject", "BreakObject",
-        "ThrowObject", "GetReachablePositions",
+        "ThrowObject", "EmptyLiquidFromObject", "GetReachablePositions",
     )
 )  # what a body can do; the floor's cells are the robot's own map  # fmt: skip
 LET_GO = ("PutObject", "DropHandObject", "ThrowObject")

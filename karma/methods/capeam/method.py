@@ -158,7 +158,7 @@ class CapeamEpisode:
         return PlanRequest(
             instruction=subtask.instruction,
             areas=self._room.floor.areas() if told else (),
-            graph_text=self._room.floor.to_text() if told else "",
+            graph_text=self._room.floor.to_text(edges=False) if told else "",
             held_id=held.object_id if held else None,
             held_type=held.object_type if held else None,
         )

@@ -184,7 +184,7 @@ class HelperEpisode:
         request = PlanRequest(
             instruction=subtask.instruction,
             areas=self._room.floor.areas() if self.settings.furniture else (),
-            graph_text=self._room.floor.to_text() if self.settings.furniture else "",
+            graph_text=self._room.floor.to_text(edges=False) if self.settings.furniture else "",
             held_id=held.object_id if held else None,
             held_type=held.object_type if held else None,
             error=error,

@@ -1,0 +1,146 @@
+"""Parts of the full prompt: furniture by name, what is in sight, what failed, what skills need."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from karma.agent.perceive import place_of
+from karma.agent.short_names import in_names, name_for
+from karma.contracts import Area, FailedProgram, PlanRequest, SeenObject, Vec3
+from karma.household.pieces import EGG
+from karma.household.places import FLOOR, HAND
+from karma.household.types import object_types, types_with
+from karma.household.uses import BASINS, KNIVES, KNOB
+
+_UNSAID = frozenset((FLOOR, *BASINS, KNOB))  # no program names them
+_LINES = 40  # of a failed program that are shown
+_WIDTH = 160  # characters of one of its lines
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AreaLine:
+    """One area node as the prompt has it."""
+
+    name: str
+    position_m: Vec3
+    adjacent: tuple[str, ...]
+    things: tuple[str, ...]  # named furniture with its place, then types without either
+
+
+def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
+    """Return an area with its furniture.
+
+    Args:
+        area: the node; without fixtures its types are told.
+        names: name -> object id of furniture that has a name.
+    """
+    name_of = {object_id: name for name, object_id in names.items()}
+    named = [
+        f"{name_of[one.object_id]}{coarse_text(one.center_m)}"
+        for one in area.fixtures
+        if one.object_id in name_of
+    ]
+    spoken = {one.object_type for one in area.fixtures if one.object_id in name_of}
+    rest = [kind for kind in area.contains if kind not in spoken | _UNSAID]
+    return AreaLine(
+        name=area.name,
+        position_m=area.position_m,
+        adjacent=area.adjacent,
+        things=(*named, *rest),
+    )
+
+
+def coarse_text(position_m: Vec3) -> str:
+    """Return a position to the decimetre, in few tokens.
+
+    >>> coarse_text((1.0, -0.04, 2.345))
+    '(1.0,0.0,2.3)'
+    """
+    return "(" + ",".join(f"{round(v, 1) + 0.0:.1f}" for v in position_m) + ")"
+
+
+def place_name(place_id: str | None, name_of: Mapping[str, str]) -> str:
+    """Return what the place of a thing is called."""
+    if place_id is None or place_id == HAND:
+        return place_id or "unknown"
+    return name_for(place_id, name_of)
+
+
+def by_place(seen: Iterable[SeenObject], name_of: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return the names of things by what they lie in or on, in the order given."""
+    found: dict[str, list[str]] = {}
+    for one in seen:
+        place = place_name(place_of(one), name_of)
+        found.setdefault(place, []).append(name_of[one.object_id])
+    return found
+
+
+# ----------------------------------------------------------------- what failed
+
+
+def failed_line(failure: FailedProgram, name_of: Mapping[str, str]) -> str:
+    """Return one failure as one line: the call that failed and why."""
+    call = "" if failure.failed is None else f"{failure.lines[failure.failed]}: "
+    return in_names(f"{call}{failure.reason}", name_of)
+
+
+def failed_program(request: PlanRequest, name_of: Mapping[str, str]) -> list[str]:
+    """Return the lines of the program that failed last, the one that failed marked."""
+    if not request.failures:
+        return [in_names(request.error, name_of)] if request.error else []
+    last = request.failures[-1]
+    lines = [
+        in_names(line[:_WIDTH], name_of) + _mark(last, number, name_of)
+        for number, line in enumerate(last.lines)
+    ]
+    first = max((last.failed or 0) - _LINES // 2, 0)
+    shown = lines[first : first + _LINES]
+    return shown if last.failed is not None else [*shown, in_names(last.reason, name_of)]
+
+
+def _mark(failure: FailedProgram, number: int, name_of: Mapping[str, str]) -> str:
+    """Return what became of a line."""
+    if failure.failed is None:
+        return ""
+    if number == failure.failed:
+        return f"  # FAILED: {in_names(failure.reason, name_of)}"
+    if number > failure.failed or not failure.ran:
+        return "  # not run"
+    return "  # done"
+
+
+# ----------------------------------------------------------------- what skills need
+
+
+def skill_needs(there: Collection[str] = ()) -> Mapping[str, str]:
+    """Return for each skill what it does and needs, where that is more than Listing 2 has.
+
+    Args:
+        there: types of the room's furniture; of others nothing is said. () is any room.
+    """
+    kinds = [kind for kind in object_types().values() if not there or kind.name in there]
+    shut = [kind.name for kind in kinds if kind.must_be_open and not kind.can("pickupable")]
+    only = [f"{kind.name} {_or(kind.accepts_only)}" for kind in kinds if kind.accepts_only]
+    into = f" Open a {_or(shut)} first." if shut else ""
+    into += f" Some take nothing else: {'; '.join(only)}." if only else ""
+    return {
+        "GoToObject": "Go to a thing whose place is known.",
+        "PickupObject": "The hand must be empty; open what the thing is in first.",
+        "PutObject": f"Put what is held (first) into or onto the receptacle (second).{into}",
+        "SwitchOn": "The same as ToggleOn.",
+        "SwitchOff": "The same as ToggleOff.",
+        "OpenObject": "A Microwave must be off.",
+        "CloseObject": "Close it.",
+        "BreakObject": f"Break it. A broken {EGG} is cracked, and still named {EGG}.",
+        "SliceObject": f"Pick up a {_or(KNIVES)} first. Cuts {_or(sorted(types_with('sliceable')))}"
+        "; afterwards its name means one slice.",
+        "ThrowObject": "Throw away what is held.",
+        "Explore": "Go to a thing if its place is known; else search these positions, then all "
+        "others. Opens what the thing may be in, and leaves it open.",
+        "ToggleOn": "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.",
+        "ToggleOff": "Switch it off.",
+        "EmptyObject": "Pour out what a vessel is filled with.",
+    }
+
+
+def _or(words: Sequence[str]) -> str:
+    return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))

@@ -1,0 +1,125 @@
+"""What a refusal says in full: the blocker, what is there now, and what would help.
+
+The short reason is the world's, or what the nano planner was trained on; the detail is for
+planners that can read. In it ids stand for things, until the prompt puts its names in their place.
+"""
+
+from collections.abc import Collection, Sequence
+
+from karma.agent.inspector import takers
+from karma.agent.sightings import Sightings
+from karma.contracts import Known, SeenObject
+from karma.household.ids import is_part, whole_id
+from karma.household.pieces import is_piece
+from karma.household.places import surface_for
+from karma.household.uses import BASIN_OF
+
+_TOLD = 6  # things in one sentence
+_DO_FIRST = (
+    ("must be closed", "is open and has to be closed before; do CloseObject(robot, '{it}') first"),
+    ("must be off", "is on and has to be off before; do ToggleOff(robot, '{it}') first"),
+    ("is closed", "is closed; do OpenObject(robot, '{it}') first"),
+    ("if it is in the agent's hand", "is in the hand; put it down first, then take a Knife"),
+)  # what the world says -> what it means
+_CANNOT = (
+    ("property pickupable", "cannot be picked up"), ("property sliceable", "cannot be sliced"),
+    ("property breakable", "cannot be broken"), ("property canfill", "holds no liquid"),
+    ("not an openable", "cannot be opened"), ("not a toggleable", "cannot be switched"),
+    ("is broken", "is broken; use another one"),
+)  # fmt: skip
+_UNREACHED = ("not found within", "not interactable", "visib", "block", "collid", "in the way")
+
+
+class RefusedError(Exception):
+    """Why a skill cannot go on; becomes the reason of its result.
+
+    Args:
+        reason: in short.
+        detail: in full, with ids; the reason where there is no more to say.
+    """
+
+    def __init__(self, reason: str, detail: str = "") -> None:
+        super().__init__(reason)
+        self.detail = detail or reason
+
+
+def explained(words: str, target: Known) -> str:
+    """Return the world's refusal of an action on a thing as a planner can use it."""
+    it, said = target.object_id, words.lower()
+    for sign, meaning in _DO_FIRST:
+        if sign in said:
+            return f"{it} {meaning.format(it=it)}"
+    for sign, meaning in _CANNOT:
+        if sign in said:
+            return f"{it} {meaning}"
+    if any(sign in said for sign in _UNREACHED):
+        return f"{it} could not be got at: something is in the way, or it is shut in"
+    return f"{it}: {words}"
+
+
+def put_refused(
+    words: str,
+    held: SeenObject,
+    target: Known,
+    others: Sequence[Known],
+    log: Sightings,
+    known_types: Collection[str],
+) -> str:
+    """Return why a receptacle did not take a thing, what is in it, and where the thing would go.
+
+    Args:
+        words: the world's.
+        held: the thing.
+        target: the receptacle.
+        others: more of its type, the nearest first.
+        log: says what was seen in it.
+        known_types: of the immovable things that the agent knows of.
+
+    Returns:
+        "" where the receptacle is not to blame.
+    """
+    it, thing = target.object_id, held.object_id
+    if "cannot be placed" in words or "NOT a receptacle" in words:
+        return f"{thing} cannot be placed in or on {it}; {takers(held.object_type, known_types)}"
+    if "No valid position" not in words:
+        return ""
+    inside = contents(it, log)
+    there = {kind for kind in known_types if kind != target.object_type}
+    place = next((one.object_id for one in others), "") or surface_for(
+        held.object_type, there.__contains__
+    )
+    holds = f"there is {_listed(inside)} in or on it" if inside else "there is no room in or on it"
+    text = f"{it} is full: {holds}. Put {thing} elsewhere, "
+    text += f"e.g. PutObject(robot, '{thing}', '{place}')"
+    if not inside:
+        return text
+    first = f"put {thing} down first, then PickupObject(robot, '{inside[0]}')"
+    return f"{text}, or take something out: {first}"
+
+
+def hand_full(held: SeenObject, known_types: Collection[str]) -> str:
+    """Return what to do with what is in the hand before another thing is picked up."""
+    surface = surface_for(held.object_type, lambda kind: kind in known_types)
+    it = held.object_id
+    return f"the hand holds {it}; put it down first, e.g. PutObject(robot, '{it}', '{surface}')"
+
+
+def contents(receptacle_id: str, log: Sightings) -> list[str]:
+    """Return the ids of what was last seen in or on a receptacle, one slice for all of a thing."""
+    found: dict[str, str] = {}
+    for object_id, sight in log.seen.items():
+        held_by = [p for p in sight.parent_ids if p == receptacle_id or _is_basin(p, receptacle_id)]
+        if held_by and object_id not in log.missed and object_id not in log.cut:
+            found.setdefault(whole_id(object_id) if is_piece(sight.object_type) else object_id,
+                             object_id)  # fmt: skip
+    found.pop(log.held_id or "", None)
+    return list(found.values())
+
+
+def _is_basin(part: str, whole: str) -> bool:
+    return is_part(part, whole) and part.rpartition("|")[2] in BASIN_OF.values()
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - _TOLD
+    return ", ".join(names[:_TOLD]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,161 @@
+"""How many tokens the planner's prompts take, part by part, over floor plans.
+
+    python scripts/measure_prompts.py [--tokenizer FILE.gguf ...] [--map paper]
+
+Long-term memory has all furniture of a plan, as after a tour that overlooked nothing; short-term
+memory holds ten things of it. The second table is the longest prompt that an instruction leads to:
+everything movable in the room has been seen by then, two programs have failed and one search. A
+tokenizer is any GGUF with a vocabulary. AI2-THOR's 120 floor plans come from the reference data;
+without them, generated kitchens take their place, and the table says so.
+"""
+
+import argparse
+import os
+import re
+import statistics
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from karma.agent.prompt import PROFILES, render
+from karma.contracts import FailedProgram, MemoryUnit, PlanRequest, SeenObject
+from karma.memory.scene_graph import SceneGraph
+from karma.offline import go_offline
+from karma.seeds import stream
+from karma.world.core.scene import Scene
+from karma.world.generation.generate import build_scene
+from karma.world.importing.scenes import import_dump
+
+UNITS = 10
+GENERATED = 30  # kitchens, where there are no floor plans
+PLANNER = Path("models/nano/planner.gguf")
+EXAMPLES = ("# Instruction: rinse", "# Instruction: slice", "# Instruction: warm")
+STATES = ("cleaned", "sliced", "dirty", "filled", "heated")
+
+
+def main() -> None:
+    """Print a table for each tokenizer, profile and moment."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--tokenizer", type=Path, action="append", help="a GGUF; may be repeated")
+    parser.add_argument("--map", choices=("named", "paper"), default="named")
+    given = parser.parse_args()
+    go_offline()
+    where, scenes = plans()
+    for path in given.tokenizer or [PLANNER]:
+        count = counter(path)
+        for again in (False, True):
+            for profile in PROFILES:
+                when = "after two failures" if again else "first request"
+                print(f"\n{profile}, {when}, {where}, tokens of {path.name}\n")
+                print("| part | median | least | most |\n|---|---|---|---|")
+                found = [parts(request(s, again, given.map), profile, count) for s in scenes]
+                for name in dict.fromkeys(name for one in found for name in one):
+                    told = [one.get(name, 0) for one in found]
+                    print(f"| {name} | {statistics.median(told):.0f} | {min(told)} | {max(told)} |")
+
+
+def plans() -> tuple[str, list[Scene]]:
+    """Return what rooms are measured, in words, and the rooms."""
+    data = Path(os.environ.get("KARMA_SHARED", "../shared")) / "data"
+    dumps = data / "thor5" / "scenes.jsonl.gz"
+    if dumps.exists():
+        scenes = list(import_dump(dumps, layouts=data / "alfred" / "layouts.json.gz"))
+        return f"{len(scenes)} floor plans", scenes
+    kitchens = [build_scene("kitchen", number, 0) for number in range(GENERATED)]
+    return f"{GENERATED} generated kitchens", kitchens
+
+
+def counter(path: Path) -> Callable[[str], int]:
+    """Return how to count the tokens of a text."""
+    from llama_cpp import Llama
+
+    model = Llama(str(path), vocab_only=True, verbose=False)
+    return lambda text: len(model.tokenize(text.encode(), add_bos=False))
+
+
+def parts(asked: PlanRequest, profile: str, count: Callable[[str], int]) -> dict[str, int]:
+    """Return the tokens of each part of a prompt, by the line that opens it, and of all."""
+    prompt = render(profile, asked).prompt
+    whole = prompt.stable + prompt.changing
+    found: dict[str, int] = {}
+    for text in filter(None, re.split(r"^(?=#)", whole, flags=re.M)):
+        opens = re.match(r"# ?([\w' -]+)", text)
+        name = opens[1].strip() if opens else "role"
+        name = name if profile == "full" else name.split()[0]
+        name = "Examples" if text.startswith(EXAMPLES) else name
+        found[name] = found.get(name, 0) + count(text)
+    return {**found, "all": count(whole)}
+
+
+def request(scene: Scene, again: bool, form: str) -> PlanRequest:
+    """Return what is asked in a room, at first or after two failures."""
+    rng = stream(0, "prompts", scene.name)
+    graph = SceneGraph.over(scene.reachable, height_m=scene.floor_y, cell_m=scene.grid_m)
+    seen = [sight(thing) for thing in scene.objects]
+    graph.observe(seen)
+    movable = [one for one in seen if one.pickupable]
+    chosen = sorted(rng.permutation(len(movable))[:UNITS].tolist())
+    units = tuple(
+        MemoryUnit(
+            object_id=one.object_id,
+            object_type=one.object_type,
+            position_m=one.position_m,
+            states=tuple(STATES[: int(rng.integers(3))]),
+            place_id=next(iter(one.parent_ids), None),
+            handled=bool(rng.integers(2)),
+        )
+        for one in (movable[number] for number in chosen)
+    )
+    words = "No valid positions to place object found"
+    program = failed_program(units[-1].object_id, seen)
+    full = "it is full: there is Apple, Bread and Bowl in or on it. Put the thing elsewhere"
+    failures = [
+        FailedProgram(
+            lines=program[:2], failed=1, reason="it is not where it was last seen", ran=True
+        ),
+        FailedProgram(lines=program, failed=4, reason=full, ran=True),
+    ]
+    return PlanRequest(
+        instruction="put the clean mug on the table right of the fridge",
+        whole="Rinse the dirty mug, and then put the clean mug on the table right of the fridge.",
+        areas=graph.areas(),
+        graph_text=graph.to_text() if form == "paper" else "",
+        units=units,
+        held_id=units[-1].object_id,
+        held_type=units[-1].object_type,
+        error=f"PutObject(robot, 'Mug', 'Cabinet'): {words}" if again else "",
+        failures=failures if again else (),
+        missing=("Kettle",) if again else (),
+        seen=movable if again else movable[: UNITS // 2],
+    )
+
+
+def failed_program(thing: str, seen: Sequence[SeenObject]) -> tuple[str, ...]:
+    """Return a program of eight lines about a thing."""
+    place = next(one.object_id for one in seen if not one.pickupable)
+    return (
+        f"GoToObject(robot, '{thing}')",
+        f"PickupObject(robot, '{thing}')",
+        f"GoToObject(robot, '{place}')",
+        f"OpenObject(robot, '{place}')",
+        f"PutObject(robot, '{thing}', '{place}')",
+        f"CloseObject(robot, '{place}')",
+        "GoToObject(robot, 'Sink')",
+        "ToggleOn(robot, 'Faucet')",
+    )
+
+
+def sight(thing: "Scene.objects") -> SeenObject:
+    """Return a thing as an agent sees it."""
+    return SeenObject(
+        object_id=thing.id,
+        object_type=thing.type,
+        position_m=thing.position,
+        box_center_m=thing.center,
+        box_size_m=thing.size,
+        pickupable="pickupable" in thing.capabilities,
+        parent_ids=thing.parents,
+    )
+
+
+if __name__ == "__main__":
+    main()
