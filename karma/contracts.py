@@ -120,6 +120,18 @@ class Observation:
     washed: frozenset[str] = frozenset()  # known ids that a tap just turned on has washed
     heated: frozenset[str] = frozenset()  # known ids that are hot after something was switched on
     render: Callable[[], Frame | None] = field(default=lambda: None, compare=False, repr=False)
+    look_at: Callable[[SeenObject], tuple[str, ...]] = field(
+        default=lambda seen: seen.states, compare=False, repr=False
+    )  # states of something in view or held; a picture is read when this is asked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capture:
+    """What a camera takes in of one moment, with the simulator's own instance masks."""
+
+    rgb: Frame
+    depth_m: NDArray[np.float32]  # (H, W), metres along the camera's forward axis
+    masks: Mapping[str, NDArray[np.bool_]]  # object id -> where it shows, (H, W)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

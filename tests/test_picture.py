@@ -13,7 +13,8 @@ import karma.contracts as contracts
 
 NODES = {
     "world": ["world/sim.py", "world/event.py"],
-    "perceive": ["agent/perceive.py", "agent/projection.py"],
+    "perceive": [f"agent/{name}.py" for name in (
+        "perceive", "eyes", "depth", "support", "projection")],
     "skills": [f"agent/{name}.py" for name in (
         "sightings", "naming", "walk", "refusals", "reach", "search", "handling", "switching",
         "skills")],

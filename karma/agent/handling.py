@@ -96,7 +96,8 @@ class Handling:
         wanted = OPPOSITES.get(DOOR_AFTER.get(skill, ""), "")
         target = self._reach.resolve(name, state=wanted)
         self._reach.approach(target)
-        if skill == "CloseObject" and "closed" in self._log.seen[target.object_id].states:
+        sight = self._log.seen[target.object_id]
+        if skill == "CloseObject" and "closed" in self._log.states(sight):
             return "it is closed already"
         self._reach.act(target, skill)
         return ""

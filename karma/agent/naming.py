@@ -40,7 +40,7 @@ class Naming:
         found = self._believed(name, held=held)
         if found is not None and found.object_id != name and state:
             sight = self._log.in_view.get(found.object_id)
-            if sight is None or state not in sight.states:
+            if sight is None or state not in self._log.states(sight):
                 found = self._nearest(name, self._log.in_view, state=state) or found
         return self._slice_of(found) if found else None
 
@@ -74,7 +74,7 @@ class Naming:
             sight
             for object_id, sight in sights.items()
             if means(name, sight) and object_id not in log.missed and object_id != log.held_id
-            if not state or state in sight.states
+            if not state or state in log.states(sight)
         ]
 
         def rank(sight: SeenObject) -> tuple[bool, float, str]:
@@ -89,7 +89,7 @@ class Naming:
             sight
             for sight in self._log.seen.values()
             if sight.object_type == one.object_type and sight.object_id != one.object_id
-            if "closed" not in sight.states and sight.object_id != self._log.held_id
+            if "closed" not in self._log.states(sight) and sight.object_id != self._log.held_id
         ]
         sights.sort(key=lambda sight: (self._gap(sight.box_center_m), sight.object_id))
         return [known(sight, "seen") for sight in sights]

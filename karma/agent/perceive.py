@@ -12,12 +12,14 @@ from karma.contracts import (
     CameraPose,
     Event,
     Observation,
+    Capture,
     Pose,
     SeenObject,
     TrueObject,
     Truth,
     Vec3,
 )
+from karma.errors import KarmaError
 from karma.household.ids import is_part
 from karma.household.pieces import is_piece
 from karma.household.places import FLOOR, HAND
@@ -57,7 +59,7 @@ def observe(
         elif object_id in touched:
             at_hand.append(sight_of(thing))
     washed = heated = frozenset[str]()
-    if touched and _done(event, "ToggleObjectOn"):
+    if touched and done(event, "ToggleObjectOn"):
         mine = {*known, *touched, *inventory, *(sight.object_id for sight in seen)}
         washed, heated = _washed(event) & mine, _heated(event) & mine
     return Observation(
@@ -69,11 +71,45 @@ def observe(
         ok=bool(event.metadata["lastActionSuccess"]),
         error=refusal(event),
         touched=tuple(at_hand),
-        pieces=_pieces(event, touched) if _done(event, "SliceObject") else (),
+        pieces=_pieces(event, touched) if done(event, "SliceObject") else (),
         washed=washed,
         heated=heated,
         render=lambda: event.frame,
     )
+
+
+def pixels_of(event: Event) -> Capture:
+    """Return the picture of an event with its depth and the simulator's instance masks.
+
+    Raises:
+        KarmaError: the world draws none.
+    """
+    frame = event.frame
+    depth: Any = getattr(event, "depth_frame", None)
+    masks: Any = getattr(event, "instance_masks", None)
+    if frame is None or depth is None or masks is None:
+        raise KarmaError(
+            "perception = 'pictures': the world draws no pictures with depth and instance masks\n"
+            "  To fix: make it with renderDepthImage and renderInstanceSegmentation, as `karma run "
+            "--perception pictures` and `karma eval` do"
+        )
+    return Capture(rgb=frame, depth_m=depth, masks=masks)
+
+
+def states_in(event: Event) -> Mapping[str, tuple[str, ...]]:
+    """Return id -> the true state words, for a reader that is to have no error."""
+    return {_id(thing): _states(thing) for thing in event.metadata["objects"]}
+
+
+def grips(event: Event) -> bool:
+    """Return whether the hand feels something in it."""
+    return bool(_inventory(event))
+
+
+def done(event: Event, action: str) -> bool:
+    """Return whether the last action was this one, and happened."""
+    metadata = event.metadata
+    return bool(metadata["lastAction"] == action and metadata["lastActionSuccess"])
 
 
 def pose_of(event: Event) -> Pose:
@@ -218,11 +254,6 @@ def _inventory(event: Event) -> frozenset[str]:
     return frozenset(item["objectId"] for item in event.metadata["inventoryObjects"])
 
 
-def _done(event: Event, action: str) -> bool:
-    metadata = event.metadata
-    return bool(metadata["lastAction"] == action and metadata["lastActionSuccess"])
-
-
 def _pieces(event: Event, wholes: Iterable[str]) -> tuple[SeenObject, ...]:
     """Return what has been cut off the wholes, wherever it lies."""
     things = event.metadata["objects"]
@@ -236,7 +267,7 @@ def _washed(event: Event) -> frozenset[str]:
 
     Source: ALFRED (Shridhar et al. 2020), the rule by which a demonstration's object is clean.
     """
-    if not _done(event, "ToggleObjectOn"):
+    if not done(event, "ToggleObjectOn"):
         return frozenset()
     things = event.metadata["objects"]
     basins = [thing for thing in things if thing["objectType"] in BASINS]
@@ -254,7 +285,7 @@ def _heated(event: Event) -> frozenset[str]:
     """Return the ids that are hot: by temperature, or in a microwave just switched on."""
     things = event.metadata["objects"]
     hot = {_id(thing) for thing in things if thing["temperature"] == "Hot"}
-    if _done(event, "ToggleObjectOn"):
+    if done(event, "ToggleObjectOn"):
         ovens = [t for t in things if t["objectType"] == MICROWAVE and t["isToggled"]]
         hot.update(_contents(ovens, things))
     return frozenset(hot)
@@ -262,7 +293,7 @@ def _heated(event: Event) -> frozenset[str]:
 
 def _cooled(event: Event) -> frozenset[str]:
     """Return the ids in closed fridges after a successful CloseObject."""
-    if not _done(event, "CloseObject"):
+    if not done(event, "CloseObject"):
         return frozenset()
     things = event.metadata["objects"]
     fridges = [t for t in things if t["objectType"] == FRIDGE and not t["isOpen"]]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from karma.contracts import CameraPose, Point, Region, SeenObject, Vec3
 
@@ -61,16 +62,21 @@ def silhouette_of(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> tuple[Poi
     return (*_chain(ordered), *_chain(ordered[::-1]))
 
 
-def _points(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> np.ndarray:
-    """Return where a box's corners are in the frame, shape (n, 2), pixels."""
+def axes_of(camera: CameraPose) -> NDArray[np.float64]:
+    """Return a camera's axes in the world: rows right, up and forward, shape (3, 3)."""
     yaw, pitch = np.radians([camera.yaw_deg, camera.horizon_deg])
-    axes = np.array(
+    return np.array(
         [
             (np.cos(yaw), 0.0, -np.sin(yaw)),
             (np.sin(yaw) * np.sin(pitch), np.cos(pitch), np.cos(yaw) * np.sin(pitch)),
             (np.sin(yaw) * np.cos(pitch), -np.sin(pitch), np.cos(yaw) * np.cos(pitch)),
         ]
     )
+
+
+def _points(camera: CameraPose, center_m: Vec3, size_m: Vec3) -> np.ndarray:
+    """Return where a box's corners are in the frame, shape (n, 2), pixels."""
+    axes = axes_of(camera)
     signs = np.array([[(i >> axis) & 1 for axis in range(3)] for i in range(8)]) - 0.5
     corners = np.asarray(center_m) + signs * np.asarray(size_m) - np.asarray(camera.position_m)
     points = _before(corners @ axes.T).reshape(-1, 3)

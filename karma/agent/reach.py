@@ -4,8 +4,9 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from karma.agent.eyes import Eyes
 from karma.agent.naming import Naming
-from karma.agent.perceive import observe, refusal
+from karma.agent.perceive import refusal
 from karma.agent.refusals import RefusedError, explained
 from karma.agent.sightings import Sightings
 from karma.agent.walk import Stance, Target, Walker
@@ -44,10 +45,11 @@ class Reach:
         world: a world that has been reset.
         knowledge: the agent's memory.
         limits: how hard to try.
+        eyes: how it sees.
     """
 
-    def __init__(self, world: World, knowledge: Knowledge, limits: SkillLimits) -> None:
-        self.world, self.knowledge, self.limits = world, knowledge, limits
+    def __init__(self, world: World, knowledge: Knowledge, limits: SkillLimits, eyes: Eyes) -> None:
+        self.world, self.knowledge, self.limits, self._eyes = world, knowledge, limits, eyes
         self.log = Sightings()
         self.walker = Walker(world, max_actions=limits.max_actions)
         self.names = Naming(self.log, knowledge, self.walker.gap)
@@ -65,7 +67,7 @@ class Reach:
         self._observe(self.world.last_event)
 
     def _observe(self, event: Event, touched: Sequence[str] = ()) -> Observation:
-        observation = observe(event, touched=touched, known=self.log.seen)
+        observation = self._eyes.observe(event, touched=touched, known=self.log.seen)
         self.log.add(observation)
         return observation
 
@@ -111,7 +113,7 @@ class Reach:
             if self._at_hand(target):
                 return True
             place = self.log.in_view.get(target.place_id or "")
-            if place is not None and _closed_over(place, target.position_m):
+            if place is not None and self._closed_over(place, target.position_m):
                 return self._closed(target, place, closed_will_do)
         if not movable:
             raise RefusedError(
@@ -135,10 +137,19 @@ class Reach:
         The one it was last seen in; else the one around it, as where it lies in a bowl in there.
         """
         place = self.log.seen.get(target.place_id or "")
-        if place is not None and _closed_over(place, target.position_m):
+        if place is not None and self._closed_over(place, target.position_m):
             return place
-        around = (sight for sight in self.log.seen.values() if _shuts_in(sight, target.position_m))
+        around = (
+            sight
+            for sight in self.log.seen.values()
+            if _is_round(sight, target.position_m) and "closed" in self.log.states(sight)
+        )
         return min(around, key=lambda sight: sight.object_id, default=None)
+
+    def _closed_over(self, container: SeenObject, point: Vec3) -> bool:
+        """Return whether a container is closed, and a point in it does not lie on its top."""
+        top = container.box_center_m[1] + container.box_size_m[1] / 2
+        return point[1] < top - _ON_TOP_M and "closed" in self.log.states(container)
 
     def _closed(self, target: Known, place: SeenObject, closed_will_do: bool) -> bool:
         self.log.focus[place.object_type] = place.object_id
@@ -231,8 +242,7 @@ class Reach:
             RefusedError: the world's own words.
         """
         self.approach(target)
-        arguments = {"objectId": target.object_id}
-        event = self.walker.do(action, **arguments)
+        event = self.walker.do(action, **self._eyes.aim(target.object_id))
         tried: list[Stance] = []
         opens = action in ("OpenObject", "CloseObject")
         while _ROOM_MATTERS.search(_plain(refusal(event))):
@@ -241,7 +251,7 @@ class Reach:
             if not self.next_stance(target, tried, least_gap_m=0.75 if opens else 0.0):
                 break
             if target.object_id in self.log.within_reach:
-                event = self.walker.do(action, **arguments)
+                event = self.walker.do(action, **self._eyes.aim(target.object_id))
         return self.done(target, event, also=also, in_passing=in_passing)
 
     def done(
@@ -281,18 +291,12 @@ def _advice(words: str, kind: str) -> str:
     return words
 
 
-def _closed_over(container: SeenObject, point: Vec3) -> bool:
-    """Return whether a container is closed, and a point in it does not lie on its top."""
-    top = container.box_center_m[1] + container.box_size_m[1] / 2
-    return "closed" in container.states and point[1] < top - _ON_TOP_M
-
-
-def _shuts_in(container: SeenObject, point: Vec3) -> bool:
-    """Return whether a point is in the box of something closed that things are put into."""
+def _is_round(container: SeenObject, point: Vec3) -> bool:
+    """Return whether a point is in the box of something that things are put into."""
     kind = object_types().get(container.object_type)
     box = zip(point, container.box_center_m, container.box_size_m, strict=True)
     inside = all(abs(at - center) <= size / 2 for at, center, size in box)
-    return inside and "closed" in container.states and bool(kind and kind.can("receptacle"))
+    return inside and bool(kind and kind.can("receptacle"))
 
 
 def _turn(bearing_deg: float, others_deg: Iterable[float]) -> float:

@@ -10,7 +10,7 @@ from karma.agent.sightings import known, means
 from karma.agent.walk import OutOfActionsError
 from karma.contracts import Known, SeenObject, Vec3
 from karma.household.ids import type_of
-from karma.household.types import object_types
+from karma.household.types import ObjectType, object_types
 
 _FAR_M = 0.85  # from so far away one looks into what was opened
 _LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open
@@ -179,23 +179,29 @@ class Search:
         def rank(sight: SeenObject) -> tuple[bool, bool, float, str]:
             fits = wanted is not None and wanted.fits(types[sight.object_type])
             gap = self._walker.gap(sight.box_center_m)
-            return "opened" in sight.states, not fits, gap, sight.object_id
+            return "opened" in self._log.states(sight), not fits, gap, sight.object_id
 
         containers = [
             sight
             for object_id, sight in self._log.seen.items()
-            if object_id not in self._log.looked_into and {"closed", "opened"} & set(sight.states)
+            if object_id not in self._log.looked_into
             if (kind := types.get(sight.object_type)) and kind.can("receptacle")
             if not only_likely or wanted is None or wanted.fits(kind)
+            if self._may_open(sight, kind)
         ]
         return min(containers, key=rank, default=None)
+
+    def _may_open(self, sight: SeenObject, kind: ObjectType) -> bool:
+        """Return whether a container has a door, by its states, else its type."""
+        states = self._log.states(sight)
+        return bool({"closed", "opened"} & set(states)) if states else kind.can("openable")
 
     def look_into(self, name: str, container: SeenObject) -> Known | None:
         """Open a container and look; what was closed is closed again if the thing is not there."""
         if self._walker.left < _LEFT_TO_CLOSE:
             raise OutOfActionsError
         target = known(container, "seen")
-        shut = "closed" in container.states
+        shut = "opened" not in self._log.states(container)
         try:
             if shut:
                 self._reach.act(target, "OpenObject", in_passing=True)

@@ -61,7 +61,7 @@ class Sightings:
     def _note(self, sight: SeenObject) -> None:
         self.seen[sight.object_id] = self._without_door(sight)
         self.missed.pop(sight.object_id, None)
-        if "sliced" in sight.states:
+        if "sliced" in sight.states or is_piece(sight.object_type):
             self._inherit(sight)
 
     def _without_door(self, sight: SeenObject) -> SeenObject:
@@ -82,6 +82,11 @@ class Sightings:
                 self.gain(sight.object_id, word)
         elif (kind := object_types().get(sight.object_type)) and kind.slices_into:
             self.cut.add(sight.object_id)
+
+    def states(self, sight: SeenObject) -> tuple[str, ...]:
+        """Return the states of a thing, as the last look that had it in view shows them."""
+        view = self.views.get(sight.object_id)
+        return sight.states if view is None else view.look_at(sight)
 
     @property
     def held_id(self) -> str | None:

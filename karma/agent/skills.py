@@ -8,6 +8,7 @@ reach and acts on it, `search` looks for things, `handling` and `switching` are 
 
 from collections.abc import Callable
 
+from karma.agent.eyes import Eyes, MetadataEyes
 from karma.agent.handling import Handling
 from karma.agent.program import EMPTY_OBJECT, SKILLS
 from karma.agent.reach import Reach, SkillLimits
@@ -37,14 +38,22 @@ class Skills:
         world: a world that has been reset.
         knowledge: the agent's memory.
         limits: how hard a skill tries.
+        eyes: how the agent sees; None: by the simulator's metadata.
     """
 
     def __init__(
-        self, world: World, knowledge: Knowledge, *, limits: SkillLimits | None = None
+        self,
+        world: World,
+        knowledge: Knowledge,
+        *,
+        limits: SkillLimits | None = None,
+        eyes: Eyes | None = None,
     ) -> None:
         self.actions = 0  # world actions so far
         self.explorations = 0  # area nodes visited and containers opened so far
-        self._reach = reach = Reach(world, knowledge, limits or SkillLimits())
+        self._reach = reach = Reach(
+            world, knowledge, limits or SkillLimits(), eyes or MetadataEyes()
+        )
         self._search = Search(reach)
         self._hand, self._switches = Handling(reach), Switching(reach, self._search)
 

@@ -36,7 +36,7 @@ class Switching:
         target = self._switch_of(name, word)
         self._reach.approach(target)
         sight = self._log.seen[target.object_id]
-        if word in sight.states:
+        if word in self._log.states(sight):
             if word == "off" or sight.object_type not in TAPS:
                 return f"it is {word} already"
             self._reach.act(target, _ACTIONS["off"])  # and on again: what lies there gets water
@@ -97,7 +97,7 @@ class Switching:
 
         def rank(knob: SeenObject) -> tuple[bool, bool, bool, float, str]:
             burners = knob.controls
-            cold = word == "off" and "on" not in knob.states
+            cold = word == "off" and "on" not in self._log.states(knob)
             gap = self._walker.gap(knob.position_m)
             return name not in burners, cold, not laden & set(burners), gap, knob.object_id
 

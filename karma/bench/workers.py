@@ -11,12 +11,14 @@ import signal
 import threading
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 from karma import registry
 from karma.bench.days import Days
@@ -33,6 +35,7 @@ from karma.offline import go_offline, settle
 from karma.world.home import Home
 
 MAPS = "maps"  # below the run folder
+PICTURES = {"renderDepthImage": True, "renderInstanceSegmentation": True}  # AI2-THOR's flags
 LIVES = 2  # workers that an episode may kill before it is recorded as an error
 _IMPORTED = ("karma.bench.workers", "llama_cpp", "sentence_transformers")  # once, for all workers
 _LEAVE_S = 10.0  # that a worker has to put things away
@@ -84,7 +87,7 @@ class Performer:
         resources = load_resources(
             stage.models, maps=stage.folder / MAPS, seed=stage.seed, session=self._session
         )
-        self._make: Callable[[], World] = registry.load("worlds", stage.world)
+        self._make = world_maker(stage.world, [row.all_options for row in stage.rows])
         self._world = self._make()
         self._days = Days()
         seeing = {stage.models.vision: resources.vision}
@@ -142,6 +145,18 @@ class Performer:
         except KarmaError:  # the episode will record why
             return
         graph.save(path)
+
+
+def world_maker(name: str, options: Iterable[Mapping[str, Any]]) -> Callable[[], World]:
+    """Return what makes a run's worlds: with depth and instance masks where a row looks at them.
+
+    Args:
+        name: of the world.
+        options: of the rows.
+    """
+    make: Callable[..., World] = registry.load("worlds", name)
+    looks = any(one.get("perception") == "pictures" for one in options)
+    return partial(make, **PICTURES) if looks else make
 
 
 def _built(row: Row, resources: Resources, loaded: dict[str, VisionModel]) -> Method:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
+from karma.agent.eyes import Eyes, GivenBoxes, PictureEyes
 from karma.agent.planner import Planner
 from karma.agent.skills import Skills
 from karma.contracts import (
@@ -51,6 +52,7 @@ class KarmaSettings:
     query: Literal["instruction", "subtask"] = "subtask"  # the paper's is the user's whole text
     attempts: int = 3  # programs per instruction; later ones quote what failed
     seen_kept: int = 2  # things only seen that are remembered per instruction
+    perception: Literal["metadata", "pictures"] = "metadata"  # how the agent sees
 
 
 class KarmaMethod:
@@ -119,8 +121,10 @@ class KarmaEpisode:
         self._planner, self._recall, self._vision = method.planner, method.recall, method.vision
         self._maps, self._learn = method.maps, method.learn
         self._world, self._folder = world, folder
+        self._boxes = GivenBoxes()
         self._graphs: dict[str, SceneGraph] = {}  # by the room's name
         self._seen_types: dict[str, dict[str, None]] = {}  # of movable things, by the room's name
+        self._eyes: dict[str, PictureEyes] = {}  # likewise
         self._scene = scene.name  # of the room that the agent is in
         self.enter(scene)
 
@@ -137,14 +141,25 @@ class KarmaEpisode:
         self._scene = scene.name
         if self.settings.long_term and self._scene not in self._graphs:
             saved = self._map_path()
-            graph, is_new = explore_room(self._world, scene, saved)
+            graph, is_new = explore_room(self._world, scene, saved, self._look_by(""))
             self._graphs[self._scene] = graph
             if is_new and saved is not None:
                 graph.save(saved)
 
     def _map_path(self) -> Path | None:
         """Return where the map of this room lies."""
-        return self._maps / f"{self._scene}.json" if self._maps else None
+        if self._maps is None:
+            return None
+        kind = "" if self.settings.perception == "metadata" else f".{self._boxes.name}"
+        return self._maps / f"{self._scene}{kind}.json"
+
+    def _look_by(self, instruction: str) -> Eyes | None:
+        """Return the eyes for this room and what they look for; None: the simulator's metadata."""
+        if self.settings.perception == "metadata":
+            return None
+        eyes = self._eyes.setdefault(self._scene, PictureEyes(self._vision, self._boxes))
+        eyes.task = instruction
+        return eyes
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Plan and act until a program succeeds or the attempts are used up; then remember."""
@@ -152,7 +167,7 @@ class KarmaEpisode:
         recalled = self._recalled(subtask)
         request = self._request(subtask, recalled)
         beliefs = _Beliefs(self._world, self.graph, self._found_by_name(request.units))
-        skills = Skills(self._world, beliefs)
+        skills = Skills(self._world, beliefs, eyes=self._look_by(subtask.instruction))
         results: list[SkillResult] = []
         finished = False
         for _ in range(self.settings.attempts):

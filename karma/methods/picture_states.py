@@ -104,4 +104,9 @@ def _by_view(
 def _placed(group: Sequence[SeenObject], view: Observation) -> list[SeenObject]:
     """Return sights with their place in the view's frame and without the simulator's states."""
     boxes = {sight.object_id: sight for sight in (*view.seen, *filter(None, [view.held]))}
-    return [placed(replace(one, states=()), view.camera, boxes[one.object_id]) for one in group]
+    found = []
+    for one in group:
+        seen = boxes[one.object_id]
+        sight = replace(one, states=(), region=seen.region, silhouette=seen.silhouette)
+        found.append(sight if seen.region else placed(sight, view.camera, seen))
+    return found

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from karma.agent.eyes import Eyes
 from karma.agent.perceive import cells_of, pose_of
 from karma.agent.skills import Skills
 from karma.contracts import Area, Known, SceneRef, SkillCall, Tour, Vec3, World
@@ -11,7 +12,9 @@ from karma.memory.scene_graph import SceneGraph
 LOOKOUT_M = 0.75  # every cell is this near to a place looked around from; the eye reaches 1.5 m
 
 
-def explore_room(world: World, scene: SceneRef, saved: Path | None) -> tuple[SceneGraph, bool]:
+def explore_room(
+    world: World, scene: SceneRef, saved: Path | None, eyes: Eyes | None = None
+) -> tuple[SceneGraph, bool]:
     """Return long-term memory of a scene and whether it was made just now.
 
     The world is back at the scene's start afterwards, whether the map was loaded or explored.
@@ -20,6 +23,7 @@ def explore_room(world: World, scene: SceneRef, saved: Path | None) -> tuple[Sce
         world: a world that has been reset to `scene`.
         scene: what to reset it to again.
         saved: where the map of an earlier visit may lie.
+        eyes: how the agent sees; None: by the simulator's metadata.
 
     Raises:
         FileError: the saved map is damaged.
@@ -31,7 +35,7 @@ def explore_room(world: World, scene: SceneRef, saved: Path | None) -> tuple[Sce
         if [area.position_m for area in known.areas()] == [a.position_m for a in graph.areas()]:
             return known, False
     lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
-    skills = Skills(world, _Blank(lookouts))
+    skills = Skills(world, _Blank(lookouts), eyes=eyes)
     skills.look_around()
     for area in tour(lookouts, position_of(world)):
         skills.run(SkillCall(skill="GoToObject", objects=(area.name,)))

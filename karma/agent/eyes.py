@@ -1,0 +1,333 @@
+"""How the agent sees: by the simulator's metadata, or by pictures alone.
+
+By pictures the agent knows of the world what boxes, depth and a vision model tell it:
+
+* which things are in view: the simulator's own instance masks with types and ids (`GivenBoxes`),
+  or a detector's boxes (`karma.agent.tracking`);
+* where they are and how big: their pixels and the depth there (`karma.agent.depth`);
+* in which state: the vision model, asked when somebody wants to know, once per view and thing;
+* what lies in what: the boxes (`karma.agent.support`), or that the agent put it there itself.
+
+Besides it feels whether its hand is empty, knows where it stands, and hears why an action was
+refused, in the world's words: what a robot's arm and wheels would tell.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.agent import perceive
+from karma.agent.depth import Box, box_round, gap_m, joined, points_in
+from karma.agent.projection import region_of, silhouette_of
+from karma.agent.support import contents, holder_of, nearest
+from karma.contracts import (
+    CameraPose,
+    Event,
+    Observation,
+    Capture,
+    Pose,
+    SeenObject,
+    VisionModel,
+)
+from karma.household.ids import is_part, type_of
+from karma.household.places import FLOOR, HAND
+from karma.household.types import Capability, ObjectType, object_types
+from karma.household.uses import BASINS, BURNER, KNOB, MICROWAVE, TAPS
+
+REACH_M = 1.5  # across the floor, as AI2-THOR's; what is farther away is left out
+LEAST_PIXELS = 16  # of fewer nothing can be said
+_MOST_POINTS = 2000  # of one thing, that its box is measured by
+_TELLING: frozenset[Capability] = frozenset(
+    ("openable", "toggleable", "dirtyable", "canFillWithLiquid", "canBeUsedUp", "cookable",
+     "breakable", "sliceable", "pickupable")
+)  # a type with none of them has no state that a picture could show  # fmt: skip
+
+
+class Eyes(Protocol):
+    """What turns an event into what the agent knows."""
+
+    def observe(
+        self, event: Event, *, touched: Collection[str] = (), known: Collection[str] = ()
+    ) -> Observation:
+        """Return what the agent learns from one action; arguments as in `perceive.observe`."""
+
+    def aim(self, object_id: str) -> Mapping[str, Any]:
+        """Return the arguments by which an action means a thing in view."""
+
+
+class MetadataEyes:
+    """Sees what the simulator tells of what is in view: the default."""
+
+    def observe(
+        self, event: Event, *, touched: Collection[str] = (), known: Collection[str] = ()
+    ) -> Observation:
+        """Return the agent's share of the event's metadata."""
+        return perceive.observe(event, touched=touched, known=known)
+
+    def aim(self, object_id: str) -> Mapping[str, Any]:
+        """Return the thing's id."""
+        return {"objectId": object_id}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instance:
+    """One thing in a picture."""
+
+    object_id: str
+    object_type: str
+    mask: NDArray[np.bool_] = field(compare=False, repr=False)  # (H, W)
+
+
+class Boxes(Protocol):
+    """What finds things in a picture and gives them names that last."""
+
+    name: str
+
+    def find(self, pixels: Capture, camera: CameraPose) -> Iterable[Instance]:
+        """Return the things in view, each under the id that it had before."""
+
+    def aim(self, object_id: str) -> Mapping[str, Any]:
+        """Return the arguments by which an action means a thing in view."""
+
+
+class GivenBoxes:
+    """The simulator's own instance masks: types and ids, no states and no places."""
+
+    name = "given"
+
+    def find(self, pixels: Capture, camera: CameraPose) -> Iterator[Instance]:
+        """Yield what the masks show."""
+        for name, mask in pixels.masks.items():
+            yield Instance(object_id=name, object_type=type_of(name), mask=mask)
+
+    def aim(self, object_id: str) -> Mapping[str, Any]:
+        """Return the thing's id."""
+        return {"objectId": object_id}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Look:
+    """What one picture shows within reach."""
+
+    event: Event
+    pixels: Capture
+    pose: Pose
+    camera: CameraPose
+    sights: Mapping[str, SeenObject]
+
+
+class PictureEyes:
+    """Sees by pictures alone; one for each room, as it keeps what it knows of it.
+
+    Args:
+        vision: reads states; one that needs no pictures is asked at once, with the true states.
+        boxes: finds things.
+    """
+
+    def __init__(self, vision: VisionModel, boxes: Boxes) -> None:
+        self.task = ""  # the instruction, for the vision model
+        self._vision, self._boxes = vision, boxes
+        self._known: dict[str, SeenObject] = {}  # the latest sight of each id
+        self._pixels: dict[str, int] = {}  # of an openable thing, in the look that its box is of
+        self._put: dict[str, str] = {}  # what the agent put down, and where
+        self._held: str | None = None
+        self._last: _Look | None = None
+
+    def aim(self, object_id: str) -> Mapping[str, Any]:
+        """Return the arguments by which an action means a thing in view."""
+        return self._boxes.aim(object_id)
+
+    def observe(
+        self, event: Event, *, touched: Collection[str] = (), known: Collection[str] = ()
+    ) -> Observation:
+        """Return what the agent learns from one action; arguments as in `perceive.observe`."""
+        self._feel(event, list(touched))
+        look = self._look(event)
+        held = self._in_hand(look)
+        seen = {name: one for name, one in look.sights.items() if name != self._held}
+        gone = [name for name in touched if name not in seen and name != self._held]
+        mine = {*known, *touched, *look.sights, *filter(None, [self._held])}
+        ran = list(touched) if perceive.done(event, "ToggleObjectOn") else []
+        return Observation(
+            pose=look.pose,
+            camera=look.camera,
+            seen=tuple(seen.values()),
+            held=held,
+            reachable=frozenset(seen),
+            ok=bool(event),
+            error=perceive.refusal(event),
+            touched=tuple(self._known[name] for name in gone if name in self._known),
+            pieces=self._pieces(event, touched, seen),
+            washed=self._under(ran, TAPS, BASINS) & mine,
+            heated=self._under(ran, (MICROWAVE,), (MICROWAVE,)) & mine,
+            render=lambda: look.pixels.rgb,
+            look_at=self._reader(look),
+        )
+
+    # ------------------------------------------------------------- one picture
+
+    def _look(self, event: Event) -> _Look:
+        """Return what an event's picture shows; of the same event the same."""
+        if self._last is not None and self._last.event is event:
+            return replace(self._last, sights=self._supported(self._last.sights))
+        pixels, camera = perceive.pixels_of(event), perceive.camera_of(event)
+        pose = perceive.pose_of(event)
+        sights = {}
+        for found in self._boxes.find(pixels, camera):
+            sight = self._sight(found, pixels, camera, pose)
+            if sight is not None:
+                sights[found.object_id] = sight
+        self._known.update(sights)
+        if not self._vision.needs_pictures:
+            sights = self._told(event, sights)
+        self._last = _Look(
+            event=event, pixels=pixels, pose=pose, camera=camera, sights=self._supported(sights)
+        )
+        return self._last
+
+    def _sight(
+        self, found: Instance, pixels: Capture, camera: CameraPose, pose: Pose
+    ) -> SeenObject | None:
+        """Return one thing as its pixels and their depth show it; None if too few or too far."""
+        kind = object_types().get(found.object_type)
+        points = points_in(pixels.depth_m, found.mask, camera)
+        if kind is None or found.object_type == FLOOR or len(points) < LEAST_PIXELS:
+            return None
+        count, points = len(points), points[:: 1 + len(points) // _MOST_POINTS]
+        if gap_m(points, pose.position_m) > REACH_M:
+            return None
+        shown = box_round(points)
+        center_m, size_m = self._box(found.object_id, kind, shown, count)
+        return SeenObject(
+            object_id=found.object_id,
+            object_type=found.object_type,
+            position_m=center_m,
+            box_center_m=center_m,
+            box_size_m=size_m,
+            pickupable=kind.can("pickupable"),
+            region=region_of(camera, *shown),
+            silhouette=silhouette_of(camera, *shown),
+        )
+
+    def _box(self, name: str, kind: ObjectType, shown: Box, pixels: int) -> Box:
+        """Return a thing's box: as it shows now; of what is fixed all that was ever seen of it.
+
+        Of what has a door the look that showed most, before the agent opened it: an open door is
+        no part of the box.
+        """
+        before = self._known.get(name)
+        if before is None or kind.can("pickupable"):
+            self._pixels[name] = pixels
+            return shown
+        kept = before.box_center_m, before.box_size_m
+        if not kind.can("openable"):
+            return joined(kept, shown)
+        if pixels <= self._pixels.get(name, 0):
+            return kept
+        self._pixels[name] = pixels
+        return shown
+
+    def _supported(self, sights: Mapping[str, SeenObject]) -> dict[str, SeenObject]:
+        """Return sights with what they lie in or on, and what a knob switches."""
+        found = {}
+        for name, sight in sights.items():
+            place = self._put.get(name) or holder_of(sight, self._known.values())
+            burner = (
+                nearest(sight, BURNER, self._known.values()) if sight.object_type == KNOB else None
+            )
+            found[name] = replace(
+                sight,
+                parent_ids=() if place is None else (place,),
+                controls=() if burner is None else (burner.object_id,),
+            )
+        self._known.update(found)
+        return found
+
+    def _told(self, event: Event, sights: Mapping[str, SeenObject]) -> dict[str, SeenObject]:
+        """Return sights with the states that a model without pictures tells."""
+        true = perceive.states_in(event)
+        asked = [replace(one, states=true.get(name, ())) for name, one in sights.items()]
+        told = self._vision.read_states(None, self.task, asked)
+        return {one.object_id: replace(one, states=told.get(one.object_id, ())) for one in asked}
+
+    def _reader(self, look: _Look) -> Callable[[SeenObject], tuple[str, ...]]:
+        """Return what reads the states of things in one picture, each once."""
+        if not self._vision.needs_pictures:
+            return lambda seen: seen.states
+        told: dict[str, tuple[str, ...]] = {}
+
+        def read(seen: SeenObject) -> tuple[str, ...]:
+            name = seen.object_id
+            if name not in told:
+                one = look.sights.get(name)
+                told[name] = self._read(look, one) if one is not None else ()
+            return told[name]
+
+        return read
+
+    def _read(self, look: _Look, one: SeenObject) -> tuple[str, ...]:
+        if not _TELLING & set(object_types()[one.object_type].capabilities):
+            return ()
+        told = self._vision.read_states(look.pixels.rgb, self.task, [one])
+        return told.get(one.object_id, ())
+
+    # ------------------------------------------------------------- what was done
+
+    def _feel(self, event: Event, touched: Sequence[str]) -> None:
+        """Note what the agent did: took into the hand, put down, or opened."""
+        if touched and perceive.done(event, "PickupObject"):
+            self._held = touched[0]
+            self._put.pop(touched[0], None)
+        if len(touched) > 1 and perceive.done(event, "PutObject"):
+            self._place(touched[0], touched[1])
+        if touched and perceive.done(event, "OpenObject"):
+            self._pixels[touched[0]] = 1 << 30  # its box stays as it was with the door closed
+        if not perceive.grips(event):
+            self._held = None
+
+    def _place(self, thing: str, place: str) -> None:
+        """Note that a thing was put somewhere."""
+        self._put[thing] = place
+        known, there = self._known.get(thing), self._known.get(place)
+        if known is not None and there is not None:
+            moved = replace(known, position_m=there.position_m, box_center_m=there.box_center_m)
+            self._known[thing] = replace(moved, parent_ids=(place,))
+
+    def _in_hand(self, look: _Look) -> SeenObject | None:
+        """Return what is held, as it shows now or was last seen."""
+        if self._held is None:
+            return None
+        sight = look.sights.get(self._held) or self._known.get(self._held)
+        if sight is None:
+            return None
+        return replace(sight, parent_ids=(HAND,), position_m=look.pose.position_m)
+
+    def _pieces(
+        self, event: Event, wholes: Collection[str], seen: Mapping[str, SeenObject]
+    ) -> tuple[SeenObject, ...]:
+        """Return what is seen of a thing that was just cut."""
+        if not perceive.done(event, "SliceObject"):
+            return ()
+        return tuple(one for one in seen.values() if any(is_part(one.object_id, w) for w in wholes))
+
+    def _under(
+        self, ran: Sequence[str], switches: Collection[str], places: Collection[str]
+    ) -> frozenset[str]:
+        """Return what the agent believes to lie in the place that something just switched on does.
+
+        Args:
+            ran: what was switched on.
+            switches: types that do something to what lies in a place.
+            places: types of such places; the nearest to the switch is meant.
+        """
+        found: set[str] = set()
+        for name in ran:
+            switch = self._known.get(name)
+            if switch is not None and switch.object_type in switches:
+                near = [nearest(switch, kind, self._known.values()) for kind in places]
+                for place in filter(None, near):
+                    found |= contents(place.object_id, self._known.values())
+        return frozenset(found)
