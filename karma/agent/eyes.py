@@ -25,9 +25,9 @@ from karma.agent.projection import region_of, silhouette_of
 from karma.agent.support import contents, holder_of, nearest
 from karma.contracts import (
     CameraPose,
+    Capture,
     Event,
     Observation,
-    Capture,
     Pose,
     SeenObject,
     VisionModel,

@@ -10,9 +10,9 @@ from typing import Any
 
 from karma.contracts import (
     CameraPose,
+    Capture,
     Event,
     Observation,
-    Capture,
     Pose,
     SeenObject,
     TrueObject,
