@@ -28,6 +28,7 @@ from karma.errors import FileError, ModelError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
+from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.tasks.authors import load_authors_tasks, resolve
 from karma.tasks.files import load_tasks
@@ -102,6 +103,23 @@ class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """How a run is kept; its records do not depend on it."""
 
     steps: bool = True  # a step log per episode
+    states: str = ""  # folder that KV states of rooms are kept in for later runs; "" = none
+    states_mb: int = StateOptions().folder_mb  # at most in it
+    states_memory_mb: int = StateOptions().memory_mb  # at most in each process
+
+    def __post_init__(self) -> None:
+        """Refuse a size below nothing."""
+        if min(self.states_mb, self.states_memory_mb) < 0:
+            raise ValueError("states_mb and states_memory_mb are 0 or more")
+
+    @property
+    def room_states(self) -> StateOptions:
+        """Where states of rooms are kept."""
+        return StateOptions(
+            folder=Path(self.states) if self.states else None,
+            folder_mb=self.states_mb,
+            memory_mb=self.states_memory_mb,
+        )
 
 
 class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -279,15 +297,16 @@ def load_resources(
     seed: int,
     learn: bool = False,
     session: Session | None = None,
+    states: StateOptions | None = None,
 ) -> Resources:
-    """Load the models of a run, each once.
+    """Load the models of a run, each once; `states`: where a local planner keeps those of rooms.
 
     Raises:
         ModelError: a model is missing, damaged or of the wrong kind, or a hosted one out of reach.
         UnknownNameError: a role has no such implementation.
     """
     session = session or Session()
-    model, profile = _language_model(models, session)
+    model, profile = _language_model(models, session, states)
     decoding = Decoding(constrained=models.constrained, temperature=models.temperature, seed=seed)
     embedder = _filled("embedders", models.embedder, models.hosted.embedder, session)
     return Resources(
@@ -341,7 +360,9 @@ def _filled(role: str, name: str, endpoint: Endpoint | None, session: Session) -
     return made(model) if model else made()
 
 
-def _language_model(models: Models, session: Session) -> tuple[LanguageModel, str]:
+def _language_model(
+    models: Models, session: Session, states: StateOptions | None
+) -> tuple[LanguageModel, str]:
     """Return the planner's model and its prompt profile."""
     if models.hosted.planner is not None:
         model = _filled("language_models", models.planner, models.hosted.planner, session)
@@ -353,5 +374,6 @@ def _language_model(models: Models, session: Session) -> tuple[LanguageModel, st
         name=file.name,
         sha256=file.sha256,
         chat=models.chat or file.chat,
+        states=states,
     )
     return local, models.profile or file.prompt_profile

@@ -1,6 +1,7 @@
 """A run: an experiment in its folder, begun, gone on with, and finished."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -34,6 +35,7 @@ class Run:
         cassette: records hosted models or stands for them, and is the run's clock.
         base_url: of all hosted models, in place of the experiment's.
         steps: whether to keep step logs; None leaves it to the experiment.
+        states: folder for KV states of rooms, in place of the experiment's.
         half_width: wanted of every success rate's interval, by more seeds than the experiment
             lists; None leaves it to the experiment.
         max_seeds: that may come to, the listed ones counted; None leaves it to the experiment.
@@ -52,6 +54,7 @@ class Run:
         cassette: Cassette | None = None,
         base_url: str = "",
         steps: bool | None = None,
+        states: Path | None = None,
         half_width: float | None = None,
         max_seeds: int | None = None,
     ) -> None:
@@ -78,6 +81,7 @@ class Run:
                 self._files.clear()
             self._claim()
             self._go_on()
+        kept = self.experiment.run.room_states
         self._stage = Stage(
             rows=self.experiment.rows,
             models=models,
@@ -85,6 +89,7 @@ class Run:
             seed=self.experiment.seeds[0],
             folder=folder,
             steps=self._steps,
+            states=replace(kept, folder=states or kept.folder),
         )
 
     @property

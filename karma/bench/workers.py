@@ -30,6 +30,7 @@ from karma.bench.steps import StepLog
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import KarmaError
 from karma.infer.hosted.session import Session
+from karma.infer.llama.room_states import StateOptions
 from karma.methods.tour import explore_room
 from karma.offline import go_offline, settle
 from karma.world.home import Home
@@ -66,6 +67,7 @@ class Stage:
     seed: int  # of the planner's decoding
     folder: Path
     steps: bool
+    states: StateOptions
 
 
 _log = logging.getLogger(__name__)
@@ -85,7 +87,11 @@ class Performer:
     def __init__(self, stage: Stage, session: Session | None = None) -> None:
         self._stage, self._session = stage, session or Session()
         resources = load_resources(
-            stage.models, maps=stage.folder / MAPS, seed=stage.seed, session=self._session
+            stage.models,
+            maps=stage.folder / MAPS,
+            seed=stage.seed,
+            session=self._session,
+            states=stage.states,
         )
         self._make = world_maker(stage.world, [row.all_options for row in stage.rows])
         self._world = self._make()

@@ -24,6 +24,9 @@ CassetteFolder = Annotated[
 CassetteMode = Annotated[
     str, typer.Option(help='"record", "replay" (asks nobody) or "off"; default: replay a cassette.')
 ]
+States = Annotated[
+    Path | None, typer.Option(help="Folder to keep what a local planner computed of rooms.")
+]
 BaseUrl = Annotated[str, typer.Option(help="Of hosted models, e.g. http://127.0.0.1:8000/v1.")]
 
 
@@ -57,6 +60,7 @@ def run_command(
     api: Annotated[str, typer.Option(help='"chat" or "completions" of it.')] = "chat",
     cassette: CassetteFolder = None,
     cassette_mode: CassetteMode = "",
+    states: States = None,
     seed: Annotated[int, typer.Option(help="Of the planner's sampling.")] = 0,
     json: Json = None,
 ) -> None:
@@ -69,6 +73,7 @@ def run_command(
     from karma.cli import show
     from karma.contracts import Outcome, SceneRef, SkillResult, SubTask
     from karma.infer.hosted.session import Session
+    from karma.infer.llama.room_states import StateOptions
     from karma.methods.karma import KarmaMethod
 
     clauses = _clauses(instruction)
@@ -91,6 +96,7 @@ def run_command(
             seed=seed,
             learn=True,
             session=session,
+            states=StateOptions(folder=states),
         )
         options = {
             "long_term": long_term,
@@ -169,6 +175,7 @@ def eval_command(
     steps: Annotated[
         bool | None, typer.Option("--steps/--no-steps", help="Keep a step log per episode.")
     ] = None,
+    states: States = None,
     half_width: Annotated[
         float | None,
         typer.Option(help="Add seeds until success rates are as sure as that, e.g. 0.05."),
@@ -202,6 +209,7 @@ def eval_command(
             cassette=_cassette(cassette, cassette_mode),
             base_url=base_url,
             steps=steps,
+            states=states,
             half_width=half_width,
             max_seeds=max_seeds,
         )

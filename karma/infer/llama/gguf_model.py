@@ -20,7 +20,7 @@ from karma.errors import ModelError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import Footprint, check_memory
 from karma.infer.llama.constrain import Logits, TokenTable
-from karma.infer.llama.devices import free_mb, place
+from karma.infer.llama.devices import devices, free_mb, place
 from karma.infer.llama.kv_state import llama_build, put_back, taken_out
 from karma.infer.llama.opening import open_context, open_gguf, try_in_own_process
 from karma.infer.llama.options import KV_BYTES, LlamaOptions, check_width
@@ -198,7 +198,8 @@ class GgufModel:
             return None
         weights = "" if options.folder is None else sha256 or sha256_of(path)
         engine = replace(self.engine, n_ctx=0, threads=0)
-        return RoomStates(f"{weights} {llama_build()} {engine}", options)
+        chips = [one.description for one in devices() if one.name in self.placement.devices]
+        return RoomStates(f"{weights} {llama_build()} {engine} {chips}", options)
 
     def sequences(self, count: int, *, cells: int) -> Any:
         """Open a second context over the same weights: one cache for several sequences.
