@@ -361,6 +361,7 @@ class Completion:
     cost: float | None = None  # in the currency of the user's price table
     reasoning: str = ""  # what a thinking model said before its answer
     constrained: bool | None = None  # a grammar held; None where it is not known
+    fault: str = ""  # why it cannot be a program, whatever it says: cut off, or not held
     engine: Engine | None = None  # None where it is not ours to know
     state: KvState | None = None  # where that of the stable part came from, likewise
 
@@ -422,6 +423,7 @@ class Plan:
     units: tuple[MemoryUnit, ...] = ()  # in the prompt, the last used last
     error: str = ""  # why the answer was refused; quoted in the next prompt
     failure: FailedProgram | None = None  # the same with the program, for planners that can read it
+    dropped: tuple[str, ...] = ()  # lines of the answer that were no part of the program
     examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
 
 

@@ -33,6 +33,10 @@ class ModelError(KarmaError):
     """A model cannot be used: missing, wrong hash, damaged, or of the wrong kind."""
 
 
+class ServerLost(ModelError):
+    """A hosted model cannot be reached or takes no more; unlike its refusals, no agent's doing."""
+
+
 class ProgramError(KarmaError):
     """The planner's text uses something outside the skill API.
 

@@ -2,7 +2,7 @@
 # Build llama.cpp's own server from the source in the pinned llama-cpp-python package; called by
 # `make server`. An extra: nothing else needs it, and tests that do say so and skip without it.
 #
-# Prints where it is; does nothing where it is there and runs. About 11 minutes on two cores, one
+# Prints where it is; does nothing where it is there and runs; with --where never builds. About 11 minutes on two cores, one
 # file of 15 MB, pictures included. Asks the package index for the source, and nobody after that.
 #
 #   KARMA_CACHE=folder    where it is kept; default ~/.cache/karma, there bin/llama-server-VERSION
@@ -32,6 +32,7 @@ if works; then
     printf '%s\n' "$server"
     exit 0
 fi
+[ "${1:-}" != --where ] || die "it is not there: make server"
 [ -x "$py" ] || die "there is no .venv; run make setup first"
 command -v cmake >/dev/null || die "CMake is missing; see docs/hosted.md"
 mkdir -p "$bin"

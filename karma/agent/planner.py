@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from karma.agent.inspector import mend, objection
-from karma.agent.program import SKILLS, parse_program
+from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
+from karma.agent.recovery import program_of
 from karma.contracts import (
     Completion,
     Decoding,
@@ -87,6 +88,7 @@ class Planner:
             names=rendered.names,
             error=answer.error,
             failure=answer.failure,
+            dropped=answer.dropped,
             examples=tuple(example.instruction for example in request.examples),
         )
 
@@ -98,18 +100,19 @@ class _Answer:
     calls: tuple[SkillCall, ...] = ()
     error: str = ""  # why it is refused
     failure: FailedProgram | None = None
+    dropped: tuple[str, ...] = ()
 
 
 def _read(completion: Completion, skills: Sequence[SkillSignature]) -> _Answer:
     """Return the calls of an answer, or why it is refused."""
     lines = tuple(completion.text.rstrip().split("\n"))
     try:
-        calls = parse_program(completion.text, skills)
+        found = program_of(completion, skills)
     except ProgramError as refused:
         failure = FailedProgram(lines=lines, failed=refused.line - 1, reason=refused.reason)
         return _Answer(error=str(refused), failure=failure)
-    if calls:
-        return _Answer(calls=calls)
+    if found.calls:
+        return _Answer(calls=found.calls, dropped=found.dropped)
     reason = "the answer holds no skill call"
     return _Answer(error=reason, failure=FailedProgram(lines=lines, failed=None, reason=reason))
 

@@ -216,7 +216,7 @@ class _Part:
             goals=tuple(str(goal) for goal in subtask.goals),
             unmet=unmet,
             finished=outcome.finished,
-            answers=tuple(_answer(plan) for plan in plans),
+            answers=tuple(Answer.of(plan) for plan in plans),
             calls=tuple(Call.of(result) for result in results),
             recalled=tuple(unit.object_id for unit in plans[0].units) if plans else (),
             queries=len(wanted),
@@ -227,21 +227,6 @@ class _Part:
 
 def _resident(name: str, units: tuple[MemoryUnit, ...]) -> bool:
     return any(base_type(unit.object_type) == base_type(name) for unit in units)
-
-
-def _answer(plan: Plan) -> Answer:
-    said = plan.completion
-    return Answer(
-        program=said.text,
-        error=plan.error,
-        finish=said.finish,
-        prompt_tokens=said.prompt_tokens,
-        completion_tokens=said.completion_tokens,
-        cost=said.cost,
-        constrained=said.constrained,
-        reasoning=said.reasoning,
-        prompt=plan.prompt.stable + plan.prompt.changing if plan.error else "",
-    )
 
 
 def _timing(plan: Plan, cassette: Cassette) -> AnswerTiming:

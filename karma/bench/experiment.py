@@ -71,7 +71,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     recall: str = PRESETS[""].recall
     recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
     vision: str = "metadata"
-    constrained: bool = True
+    constrained: bool = True  # answers are held to programs; a server must prove that it does
+    max_tokens: int = 512  # of an answer, a thought not counted
     temperature: float = 0.0
     threads: int = 1
     gpu_layers: int | Literal["auto"] = "auto"  # this and the next: see `LlamaOptions`
@@ -306,8 +307,13 @@ def load_resources(
         UnknownNameError: a role has no such implementation.
     """
     session = session or Session()
-    model, profile = _language_model(models, session, states)
-    decoding = Decoding(constrained=models.constrained, temperature=models.temperature, seed=seed)
+    model, profile = _language_model(models, session, states, seed)
+    decoding = Decoding(
+        constrained=models.constrained,
+        temperature=models.temperature,
+        seed=seed,
+        max_tokens=models.max_tokens,
+    )
     embedder = _filled("embedders", models.embedder, models.hosted.embedder, session)
     return Resources(
         model=model,
@@ -361,12 +367,14 @@ def _filled(role: str, name: str, endpoint: Endpoint | None, session: Session) -
 
 
 def _language_model(
-    models: Models, session: Session, states: StateOptions | None
+    models: Models, session: Session, states: StateOptions | None, seed: int
 ) -> tuple[LanguageModel, str]:
     """Return the planner's model and its prompt profile."""
     if models.hosted.planner is not None:
-        model = _filled("language_models", models.planner, models.hosted.planner, session)
-        return model, models.profile or "full"
+        hosted: LanguageModel = registry.load("language_models", OPENAI)(
+            models.hosted.planner, session=session, constrained=models.constrained, seed=seed
+        )
+        return hosted, models.profile or "full"
     file = resolve_planner(models.planner)
     local = registry.load("language_models", "llama")(
         file.path,

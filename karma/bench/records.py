@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar, get_args
 
-from karma.contracts import Engine, Kind, KvState, SkillResult, Tour
+from karma.contracts import Engine, Kind, KvState, Plan, SkillResult, Tour
 from karma.errors import FileError
 from karma.files import append_line, decode_json, read_bytes, to_json
 from karma.infer.hosted.cost import Spent
@@ -54,6 +54,24 @@ class Answer:
     constrained: bool | None = None  # a grammar held; None where it is not known
     reasoning: str = ""  # of a thinking model, before the program
     prompt: str = ""  # whole, of an answer that was refused
+    dropped: tuple[str, ...] = ()  # lines that were no part of the program, where no grammar held
+
+    @classmethod
+    def of(cls, plan: Plan) -> "Answer":
+        """Return the record of a plan."""
+        said = plan.completion
+        return cls(
+            program=said.text,
+            error=plan.error,
+            finish=said.finish,
+            prompt_tokens=said.prompt_tokens,
+            completion_tokens=said.completion_tokens,
+            cost=said.cost,
+            constrained=said.constrained,
+            reasoning=said.reasoning,
+            prompt=plan.prompt.stable + plan.prompt.changing if plan.error else "",
+            dropped=plan.dropped,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

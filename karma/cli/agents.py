@@ -1,7 +1,7 @@
 """`karma run` and `karma eval`: an agent at work, and experiments."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from karma.bench.run import Run
     from karma.infer.hosted.cassette import Cassette
     from karma.infer.hosted.session import Hosted
+    from karma.methods.karma import KarmaEpisode
 
 CassetteFolder = Annotated[
     Path | None, typer.Option("--cassette", help="Folder that hosted models are recorded in.")
@@ -58,6 +59,12 @@ def run_command(
     base_url: BaseUrl = "",
     model: Annotated[str, typer.Option(help="A hosted planner's, with --planner openai.")] = "",
     api: Annotated[str, typer.Option(help='"chat" or "completions" of it.')] = "chat",
+    dialect: Annotated[str, typer.Option(help='Of its server, e.g. "vllm".')] = "auto",
+    thinking: Annotated[str, typer.Option(help='"off" or "on", for thinking models.')] = "off",
+    constrained: Annotated[
+        bool, typer.Option(help="Hold answers to programs; a server must prove that it does.")
+    ] = True,
+    max_tokens: Annotated[int, typer.Option(min=1, help="Of an answer.")] = 512,
     cassette: CassetteFolder = None,
     cassette_mode: CassetteMode = "",
     states: States = None,
@@ -65,19 +72,16 @@ def run_command(
     json: Json = None,
 ) -> None:
     """Carry out an instruction in a room, while you watch; commas and "then" part sub-tasks."""
-    from rich.live import Live
-
     from karma import registry
     from karma.bench.experiment import Models, load_resources
-    from karma.bench.records import Call
     from karma.cli import show
-    from karma.contracts import Outcome, SceneRef, SkillResult, SubTask
+    from karma.contracts import SceneRef
     from karma.infer.hosted.session import Session
     from karma.infer.llama.room_states import StateOptions
     from karma.methods.karma import KarmaMethod
 
     clauses = _clauses(instruction)
-    hosted = _hosted(planner, base_url, model, api)
+    hosted = _hosted(planner, base_url, model, api=api, dialect=dialect, thinking=thinking)
     with console.status("loading models ..."):
         session = Session(_cassette(cassette, cassette_mode))
         session.cassette.begin("run")
@@ -90,6 +94,8 @@ def run_command(
                 recall=recall or chosen.recall,
                 recall_text=chosen.recall_text,
                 vision=vision,
+                constrained=constrained,
+                max_tokens=max_tokens,
                 hosted=hosted,
             ),
             maps=maps,
@@ -118,19 +124,9 @@ def run_command(
     lines = []
     finished = True
     for number, text in enumerate(clauses, start=1):
-        view = show.InstructionView(number, text)
-        calls: list[SkillResult] = []
-        with Live(view, console=console, refresh_per_second=12) as live:
-            for moment in episode.do(SubTask(instruction=text, whole=instruction)):
-                view.add(moment)
-                live.update(view)
-                if isinstance(moment, SkillResult):
-                    calls.append(moment)
-                elif isinstance(moment, Outcome):
-                    finished = finished and moment.finished
-        if not console.is_terminal:
-            console.print()
-        lines.append({"instruction": text, "calls": [Call.of(call) for call in calls]})
+        line, ended = _watched(episode, number, text, instruction)
+        finished = finished and ended
+        lines.append(line)
     console.print(show.memory_table(episode.short_term.units(), "short-term memory now"))
     spent = session.ledger.take()
     if spent:
@@ -140,6 +136,35 @@ def run_command(
         write_atomic(json, to_json(figures, indent=2))
     if not finished:
         raise typer.Exit(2)
+
+
+def _watched(
+    episode: "KarmaEpisode", number: int, text: str, whole: str
+) -> tuple[dict[str, Any], bool]:
+    """Carry out one instruction in view; return what is kept of it, and whether it was finished."""
+    from rich.live import Live
+
+    from karma.bench.records import Answer, Call
+    from karma.cli import show
+    from karma.contracts import Outcome, Plan, SubTask
+
+    view = show.InstructionView(number, text)
+    answers: list[Answer] = []
+    calls: list[Call] = []
+    finished = True
+    with Live(view, console=console, refresh_per_second=12) as live:
+        for moment in episode.do(SubTask(instruction=text, whole=whole)):
+            view.add(moment)
+            live.update(view)
+            if isinstance(moment, Plan):
+                answers.append(Answer.of(moment))
+            elif isinstance(moment, Outcome):
+                finished = moment.finished
+            else:
+                calls.append(Call.of(moment))
+    if not console.is_terminal:
+        console.print()
+    return {"instruction": text, "answers": answers, "calls": calls}, finished
 
 
 def _preset(name: str) -> "Preset":
@@ -297,7 +322,7 @@ def _bar() -> "Progress":
     )
 
 
-def _hosted(planner: str, base_url: str, model: str, api: str) -> "Hosted":
+def _hosted(planner: str, base_url: str, model: str, **settings: str) -> "Hosted":
     """Return where the planner is, if it is a hosted one."""
     from karma.bench.experiment import OPENAI
     from karma.infer.hosted.session import Hosted
@@ -306,7 +331,7 @@ def _hosted(planner: str, base_url: str, model: str, api: str) -> "Hosted":
         return Hosted()
     if planner != OPENAI or not (base_url and model):
         raise KarmaError(f"--planner {OPENAI}, --base-url and --model go together")
-    return Hosted.of_planner(base_url, model, api)
+    return Hosted.of_planner(base_url, model, **settings)
 
 
 def _cassette(folder: Path | None, mode: str) -> "Cassette":

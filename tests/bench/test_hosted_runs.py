@@ -72,7 +72,7 @@ def experiment(tmp_path, server):
         path.write_text(
             f'name = "x"\ntasks = "{TASKS}"\nonly = {list(only)}\n[[rows]]\nname = "hosted"\n'
             "options = { attempts = 1 }\n"
-            '[models]\nplanner = "openai"\nprofile = "compact"\n' + (role or "")
+            '[models]\nplanner = "openai"\nprofile = "compact"\nconstrained = false\n' + role
             + f'[models.hosted.planner]\nbase_url = "{url}"\nmodel = "nano-chat"\n'
             "prices = { input = 2.0, output = 8.0 }\n"
         )  # fmt: skip
@@ -189,7 +189,7 @@ def test_failing_server_is_recorded_as_the_episode_s_error_and_replayed(experime
 def test_run_command_takes_a_hosted_planner_and_prints_its_bill(server, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shared = ("run", "Open the fridge.", "--planner", "openai", "--model", "nano-chat",
-              "--profile", "compact", "--cassette", "tape")  # fmt: skip
+              "--no-constrained", "--profile", "compact", "--cassette", "tape")  # fmt: skip
     recorded = karma(*shared, "--base-url", server, "--cassette-mode", "record",
                      "--maps", "maps-1", "--json", "1.json")  # fmt: skip
     assert re.search(r"planner nano-chat: \d+ requests \(0 failed\), \d+ \+ \d+ tokens", recorded)

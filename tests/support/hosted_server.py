@@ -121,18 +121,20 @@ def llama_server(folder, *, key):
             process.wait(timeout=20)
 
 
-def _wait(process, port, log):
+def _wait(process, port, log, page="/v1/models"):
     until = time.monotonic() + _STARTS_S
     while time.monotonic() < until and process.poll() is None:
         try:
-            urllib.request.urlopen(f"http://127.0.0.1:{port}/v1/models", timeout=5).close()
-        except urllib.error.HTTPError:
-            return  # it answers, and wants the key
+            urllib.request.urlopen(f"http://127.0.0.1:{port}{page}", timeout=5).close()
+        except urllib.error.HTTPError as error:
+            if error.code != 503:  # it answers, and wants the key
+                return
+            time.sleep(0.05)  # still loading
         except OSError:
             time.sleep(0.05)
         else:
             return
-    raise RuntimeError(f"llama_cpp.server does not answer:\n{log.read_text(errors='replace')}")
+    raise RuntimeError(f"the server does not answer:\n{log.read_text(errors='replace')}")
 
 
 @contextmanager
@@ -191,7 +193,8 @@ def plant_key(monkeypatch):
 
 
 def endpoint(url, model="nano-chat", **more):
-    return msgspec.convert({"base_url": url, "model": model, "retries": 0, **more}, Endpoint)
+    fields = {"base_url": url, "model": model, "retries": 0, "dialect": "plain", **more}
+    return msgspec.convert(fields, Endpoint)
 
 
 def whole_story(error):
@@ -214,3 +217,36 @@ def echo(status, data):
         {"X-Echo": headers["authorization"]},
         data.replace(b"KEY", headers["authorization"].removeprefix("Bearer ").encode()),
     )
+
+
+def real_server_path():
+    """Return llama.cpp's own server; skip where `make server` has not been said."""
+    built = subprocess.run(
+        ["bash", "scripts/build_llama_server.sh", "--where"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if built.returncode != 0:
+        pytest.skip("needs llama.cpp's own server: make server")
+    return built.stdout.strip()
+
+
+@contextmanager
+def real_server(model, folder, *, slots=1, n_ctx=2048, more=()):
+    """Run llama.cpp's own server on a model called "tiny"; yields its base URL."""
+    program = real_server_path()
+    need_loopback()
+    port = free_port()
+    command = [
+        program, "--model", str(model), "--alias", "tiny", "--host", "127.0.0.1",
+        "--port", str(port), "--ctx-size", str(n_ctx * slots), "--parallel", str(slots),
+        "--threads", "1", "--threads-http", "2", "--flash-attn", "off", "--offline", "--jinja",
+        "--cache-ram", "0", *map(str, more),
+    ]  # fmt: skip
+    with (folder / "real-server.log").open("wb") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log)
+        try:
+            _wait(process, port, folder / "real-server.log", page="/health")
+            yield f"http://127.0.0.1:{port}/v1"
+        finally:
+            process.kill()
+            process.wait(timeout=20)

@@ -1,10 +1,11 @@
 """Fill the roles of planner and embedder over any OpenAI-compatible endpoint.
 
-A hosted model takes no grammar: an answer is sampled, then parsed as any other, and what is wrong
-with it stands in the next prompt (`karma.agent.planner`). `session` holds the line.
+`dialects` says how an answer is held to programs, `server` who it is that answers, `canary` proves
+it, and `session` holds the line.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -15,7 +16,20 @@ from karma.errors import ModelError
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
 from karma.infer.hosted.cost import cost_of, usage_of
+from karma.infer.hosted.dialects import Language, Manner, language_of
+from karma.infer.hosted.server import manner_of
 from karma.infer.hosted.session import Endpoint, Session
+from karma.infer.hosted.thinking import told_apart
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Said:
+    """What a model has said, its thought apart."""
+
+    text: str
+    finish: Literal["stop", "length"]
+    reasoning: str
+    exchange: Exchange
 
 
 class HostedLanguageModel:
@@ -27,15 +41,23 @@ class HostedLanguageModel:
     Args:
         endpoint: where, and which model.
         session: the run's; by default one without a cassette.
+        manner: how it is asked; by default as the endpoint says, without asking the server.
 
     Raises:
         KarmaError: the endpoint may not or cannot be reached, see `Session.admit`.
     """
 
-    def __init__(self, endpoint: Endpoint, *, session: Session | None = None) -> None:
-        self.name = endpoint.model
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        *,
+        session: Session | None = None,
+        manner: Manner | None = None,
+    ) -> None:
+        self.name, self.host = endpoint.model, endpoint.host
         self._endpoint, self._session = endpoint, session or Session()
         self._session.admit(endpoint)
+        self.manner = manner or manner_of(endpoint)
 
     def complete(
         self,
@@ -46,23 +68,69 @@ class HostedLanguageModel:
         temperature: float = 0.0,
         seed: int = 0,
     ) -> Completion:
-        """Continue the prompt; `spec` is not applied, since endpoints take no grammar.
+        """Continue the prompt; `spec` goes along in the form that the server takes, if any.
 
-        The time to the first token is not measured: answers come whole.
+        Every answer is read all the same: one that is cut, or not of the language that it was to
+        be held to, has a fault. The time to the first token is not measured: answers come whole.
 
         Raises:
             ModelError: the endpoint failed, or its answer has another form.
         """
+        bound = spec is not None and self.manner.constraint is not None
+        language = language_of(spec) if spec is not None and bound else None
+        said = self.answer(
+            prompt, language, max_tokens=max_tokens, temperature=temperature, seed=seed
+        )
+        usage = usage_of(said.exchange.reply.answer or {})
+        fault = _fault(said, language, usage.completion_tokens)
+        return Completion(
+            text=said.text,
+            finish=said.finish,
+            prompt_tokens=usage.prompt_tokens,
+            reused_tokens=usage.cached_tokens,
+            completion_tokens=usage.completion_tokens,
+            first_token_s=None,
+            total_s=said.exchange.seconds,
+            cost=cost_of(usage, self._endpoint.prices),
+            reasoning=said.reasoning,
+            constrained=language is not None and (said.finish == "length" or not fault),
+            fault=fault,
+        )
+
+    def answer(
+        self,
+        prompt: Prompt,
+        language: Language | None,
+        *,
+        max_tokens: int,
+        temperature: float = 0.0,
+        seed: int = 0,
+    ) -> Said:
+        """Return what the model says, held to a language if there is one; errors as above."""
         stable, changing = sendable(prompt.stable), sendable(prompt.changing)
         if self._endpoint.api == "chat":
             path = "/chat/completions"
             messages = [{"role": "system", "content": stable}] if stable else []
-            said: dict[str, Any] = {"messages": [*messages, _user(changing)]}
+            body: dict[str, Any] = {"messages": [*messages, _user(changing)]}
         else:
-            path, said = "/completions", {"prompt": stable + changing}
-        options = options_of(self._endpoint, max_tokens, temperature, seed)
-        exchange = self._session.ask("planner", self._endpoint, path, {**said, **options})
-        return _completion(exchange, self._endpoint)
+            path, body = "/completions", {"prompt": stable + changing}
+        fields, room = self.manner.fields(language, max_tokens)
+        options = options_of(self._endpoint, room, temperature, seed, fields)
+        exchange = self._session.ask("planner", self._endpoint, path, {**body, **options})
+        text, finish, reasoning = said_in(exchange.reply.answer or {}, self._endpoint)
+        if language is not None and self.manner.constraint == "schema" and finish == "stop":
+            text = language.read(text) or text
+        return Said(text=text, finish=finish, reasoning=reasoning, exchange=exchange)
+
+
+def _fault(said: Said, language: Language | None, tokens: int | None) -> str:
+    """Return why an answer is no program, as far as that is known without parsing it."""
+    if said.finish == "length":
+        many = "" if tokens is None else f" after {tokens} tokens"
+        return f"the answer was cut off{many}: it must be shorter"
+    if language is not None and not language.admits(said.text):
+        return "the answer is not of the form Skill(robot, 'Name'), or names what is not there"
+    return ""
 
 
 class HostedEmbedder:
@@ -138,39 +206,30 @@ def _user(content: Any) -> dict[str, Any]:
 
 
 def options_of(
-    endpoint: Endpoint, max_tokens: int, temperature: float, seed: int
+    endpoint: Endpoint,
+    max_tokens: int,
+    temperature: float,
+    seed: int,
+    fields: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the fields of a request beside its text, as the endpoint wants them."""
-    fields = {
+    common = {
         "model": endpoint.model,
         endpoint.tokens_field: max_tokens,
         "temperature": float(temperature),
         "seed": seed,
     }
-    return {k: v for k, v in (fields | endpoint.extra).items() if k not in endpoint.omit}
+    said = common | dict(fields or {}) | endpoint.extra
+    return {name: value for name, value in said.items() if name not in endpoint.omit}
 
 
 # ----------------------------------------------------------------- what comes back
 
 
-def _completion(exchange: Exchange, endpoint: Endpoint) -> Completion:
-    answer = exchange.reply.answer or {}
-    text, finish = said_in(answer, endpoint)
-    usage = usage_of(answer)
-    return Completion(
-        text=text,
-        finish=finish,
-        prompt_tokens=usage.prompt_tokens,
-        reused_tokens=usage.cached_tokens,
-        completion_tokens=usage.completion_tokens,
-        first_token_s=None,
-        total_s=exchange.seconds,
-        cost=cost_of(usage, endpoint.prices),
-    )
-
-
-def said_in(answer: Mapping[str, Any], endpoint: Endpoint) -> tuple[str, Literal["stop", "length"]]:
-    """Return text and finish of an answer; a refusal's words are its text.
+def said_in(
+    answer: Mapping[str, Any], endpoint: Endpoint
+) -> tuple[str, Literal["stop", "length"], str]:
+    """Return text, finish and thought of an answer; a refusal's words are its text.
 
     Raises:
         ModelError: the answer has another form.
@@ -178,12 +237,14 @@ def said_in(answer: Mapping[str, Any], endpoint: Endpoint) -> tuple[str, Literal
     try:
         choice = answer["choices"][0]
         message = choice["message"] if endpoint.api == "chat" else {"content": choice["text"]}
-        text = message.get("content") or message.get("refusal") or ""
-    except (KeyError, IndexError, TypeError, AttributeError) as error:
+        text, reasoning = told_apart(message)
+        finish = choice.get("finish_reason")
+    except (KeyError, IndexError, AttributeError) as error:
         raise _odd(endpoint, "no choice with a text") from error
-    if not isinstance(text, str):
-        raise _odd(endpoint, f"a {type(text).__name__} where a text should be")
-    return text, "length" if choice.get("finish_reason") == "length" else "stop"
+    except TypeError as error:
+        told = str(error) if "where a text" in str(error) else "no choice with a text"
+        raise _odd(endpoint, told) from error
+    return text, "length" if finish == "length" else "stop", reasoning
 
 
 def _odd(endpoint: Endpoint, what: str) -> ModelError:

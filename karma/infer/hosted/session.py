@@ -14,12 +14,14 @@ from urllib.parse import urlsplit
 import msgspec
 
 from karma.errors import KarmaError, ModelError
-from karma.infer.hosted.cassette import Cassette, Exchange, Reply
+from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
 from karma.offline import allow_host, is_local
 
 HIDDEN = "[key]"  # what stands where a key was
 SHORTEST_KEY = 8  # characters; anything shorter would be found in innocent text
+DialectName = Literal["auto", "llama-server", "vllm", "sglang", "ollama", "transformers", "plain"]
+Constraint = Literal["grammar", "regex", "schema"]
 _KEY = re.compile(r"[!-~]+")
 _NOTHING = Usage(prompt_tokens=0, completion_tokens=0)  # what a failure takes
 _LONGEST_MESSAGE = 500
@@ -76,6 +78,10 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     tokens_field: Literal["max_tokens", "max_completion_tokens"] = "max_tokens"
     omit: tuple[str, ...] = ()  # fields that the endpoint refuses, e.g. "temperature", "seed"
     extra: dict[str, Any] = {}  # fields to add
+    dialect: DialectName = "auto"  # whose server it is; "auto" asks it
+    constraint: Constraint | None = None  # how programs are asked for; None: the dialect's way
+    thinking: Literal["off", "on"] = "off"
+    thinking_tokens: int = 1024  # of a thought at most, beside max_tokens
 
     def __post_init__(self) -> None:
         """Refuse what could not work, or would put a key where it does not belong."""
@@ -87,8 +93,8 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             raise ValueError("base_url holds more than a place: keys belong into the environment")
         if not self.model:
             raise ValueError("model is empty")
-        if self.timeout_s <= 0 or self.retries < 0:
-            raise ValueError("timeout_s is more than 0, and retries 0 or more")
+        if self.timeout_s <= 0 or self.retries < 0 or self.thinking_tokens < 1:
+            raise ValueError("timeout_s and thinking_tokens are more than 0, retries 0 or more")
         if taken := sorted(_OURS & set(self.extra)):
             raise ValueError(f"extra: {taken[0]!r} is set by karma itself")
 
@@ -108,6 +114,11 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         """Name or address, without scheme and port."""
         return urlsplit(self.base_url).hostname or ""
 
+    @property
+    def root(self) -> str:
+        """Address of the server's own pages, which lie beside /v1."""
+        return self.base_url.rstrip("/").removesuffix("/v1")
+
 
 class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the roles are that hosted models fill."""
@@ -117,15 +128,15 @@ class Hosted(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     embedder: Endpoint | None = None
 
     @classmethod
-    def of_planner(cls, base_url: str, model: str, api: str) -> Self:
+    def of_planner(cls, base_url: str, model: str, **settings: str) -> Self:
         """Return a hosted planner alone, everything else by default.
 
         Raises:
-            KarmaError: the address or the api cannot be used.
+            KarmaError: the address or a setting (fields of `Endpoint`) cannot be used.
         """
         try:
             return msgspec.convert(
-                {"planner": {"base_url": base_url, "model": model, "api": api}}, cls
+                {"planner": {"base_url": base_url, "model": model, **settings}}, cls
             )
         except msgspec.ValidationError as error:
             raise KarmaError(f"the hosted planner: {error}") from error
@@ -192,7 +203,7 @@ class Session:
         Args:
             role: "planner", "vision" or "embedder", for the bill.
             endpoint: whom.
-            path: e.g. "/chat/completions".
+            path: e.g. "/chat/completions"; "../tokenize" lies beside /v1.
             body: what is sent.
             named: what is recorded in place of `body` where that is large (pictures).
             shared: equal bodies have equal answers.
@@ -213,6 +224,25 @@ class Session:
             raise ModelError(f"{endpoint.model} at {endpoint.host}: {exchange.reply.failure}")
         return exchange
 
+    def look(self, endpoint: Endpoint, path: str) -> dict[str, Any] | None:
+        """Return what a page of the server says; None where there is none, or none was recorded.
+
+        Raises:
+            ModelError: the server cannot be reached.
+        """
+        key = Key() if self.cassette.mode == "replay" else _key(endpoint)
+        try:
+            exchange = self.cassette.exchange(
+                {"method": "GET", "path": path},
+                lambda: self._send(endpoint, key, path, None),
+                url=key.out_of(endpoint.base_url),
+            )
+        except CassetteError:
+            if self.cassette.mode == "replay":
+                return None
+            raise
+        return exchange.reply.answer
+
     def _enter(self, role: str, endpoint: Endpoint, exchange: Exchange) -> None:
         """Put an exchange on the bill of the episode that it was made in."""
         if exchange.scope != self.cassette.scope:
@@ -232,10 +262,19 @@ class Session:
             )
         )
 
-    def _send(self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any]) -> Reply:
+    def _send(
+        self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any] | None
+    ) -> Reply:
+        """Send a body, or ask for a page where there is none."""
         openai = _openai()
+        client, url = self._client(endpoint, key), path
+        if path.startswith("../"):
+            url = f"{endpoint.root}{path[2:]}"
         try:
-            answer = self._client(endpoint, key).post(path, cast_to=object, body=dict(body))
+            if body is None:
+                answer = client.get(url, cast_to=object, options={"max_retries": 0})
+            else:
+                answer = client.post(url, cast_to=object, body=dict(body))
         except openai.APIStatusError as error:
             fix = f"\n  To fix: see what ${endpoint.key_variable} holds"
             reason = f"HTTP {error.status_code}: {error.message}"

@@ -8,8 +8,8 @@ the log-probability of an unlikely text moves by a few thousandths.
 
 from collections.abc import Sequence
 
+from karma.infer.choosing.token_trie import Floats, Node, lowest_run, path_to, score_children
 from karma.infer.llama.sequence_cache import SequenceCache
-from karma.infer.llama.token_trie import Floats, Node, lowest_run, path_to, score_children
 
 
 class PathRuns:

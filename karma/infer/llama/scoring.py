@@ -24,12 +24,12 @@ import numpy as np
 
 from karma.contracts import END, Choice, Scoring
 from karma.errors import ModelError
-from karma.infer.llama.best_first import Race
+from karma.infer.choosing.best_first import Race
+from karma.infer.choosing.token_trie import Floats, Node, score_children, trie_of
 from karma.infer.llama.constrain import Logits
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.path_runs import PathRuns
 from karma.infer.llama.sequence_cache import SequenceCache
-from karma.infer.llama.token_trie import Floats, Node, score_children, trie_of
 
 _TRIES = 8  # lists of continuations whose tokens are kept
 

@@ -12,7 +12,7 @@ from typing import Any, Literal, Self
 
 from karma.agent.inspector import mend
 from karma.agent.planner import Planner, grounded
-from karma.agent.program import parse_program
+from karma.agent.recovery import program_of
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
@@ -209,13 +209,22 @@ class LotaGenerate:
         )
         calls: tuple[SkillCall, ...] = ()
         error = ""
+        dropped: tuple[str, ...] = ()
         try:
-            calls = tuple(_find(c) for c in parse_program(completion.text, smart_skills()))
+            found = program_of(completion, smart_skills())
+            calls, dropped = tuple(map(_find, found.calls)), found.dropped
         except ProgramError as refused:
             error = str(refused)
         if not calls and not error:
             error = "the answer holds no skill call"
-        return Plan(prompt=prompt, completion=completion, calls=calls, names={}, error=error)
+        return Plan(
+            prompt=prompt,
+            completion=completion,
+            calls=calls,
+            names={},
+            error=error,
+            dropped=dropped,
+        )
 
 
 # ----------------------------------------------------------------- an episode of either row

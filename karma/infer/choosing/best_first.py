@@ -5,9 +5,9 @@ leads every unfinished prefix has won.
 """
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-from karma.infer.llama.token_trie import Floats, Node
+from karma.infer.choosing.token_trie import Floats, Node
 
 
 class Race:
@@ -17,23 +17,34 @@ class Race:
         trie: what runs.
         found: scores of its nodes, filled in as they become known.
         average: whether a continuation's score is divided by its tokens.
+        settle: puts a node's score in place of a bound on it, and says whether it was one; without
+            it there are no bounds.
     """
 
-    def __init__(self, trie: Sequence[Node], found: Floats, *, average: bool) -> None:
-        self._trie, self._found, self._average = trie, found, average
+    def __init__(
+        self,
+        trie: Sequence[Node],
+        found: Floats,
+        *,
+        average: bool,
+        settle: Callable[[int], bool] = lambda number: False,
+    ) -> None:
+        self._trie, self._found, self._average, self._settle = trie, found, average, settle
         self._queue: list[tuple[float, int]] = []  # (minus the most it can come to, node); a heap
         self._ended: list[tuple[float, int, int]] = []  # (-score, continuation, node); a heap
 
     def enter(self, number: int) -> None:
         """Let the children of a node in, now that they have scores."""
         for child in self._trie[number].children.values():
-            most = self._found[child] / (self._trie[child].longest if self._average else 1)
-            heapq.heappush(self._queue, (-float(most), child))
+            self._push(child)
 
     def leader(self) -> int | None:
         """Take out the best prefix to go on from; None when the race is over."""
         while self._queue and not self._decided():
             _, number = heapq.heappop(self._queue)
+            if self._settle(number):
+                self._push(number)
+                continue
             node = self._trie[number]
             score = self._found[number] / (node.depth if self._average else 1)
             for one in node.ends:
@@ -46,6 +57,10 @@ class Race:
         """Return the best that has ended: score, continuation (the first of equals), node."""
         score, one, number = self._ended[0]
         return -score, one, number
+
+    def _push(self, number: int) -> None:
+        most = self._found[number] / (self._trie[number].longest if self._average else 1)
+        heapq.heappush(self._queue, (-float(most), number))
 
     def _decided(self) -> bool:
         """Return whether nothing in the queue can come up to what has ended; equals can."""

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from karma.errors import ModelError
-from karma.infer.llama.constrain import Logits
 
 Floats = NDArray[np.float64]
+Logits = NDArray[np.float32]
 
 _ROWS = 16  # of logits turned to log-probabilities at a time
 

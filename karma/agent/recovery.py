@@ -1,0 +1,76 @@
+"""Find the program in an answer that no grammar held: talk before it, numbers and marks around it.
+
+Only whole lines count: a call that stands inside a sentence is talk. What is code but no program,
+such as a loop, is not recovered, since it means more than its calls.
+"""
+
+import ast
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from karma.agent.program import SKILLS, parse_program
+from karma.contracts import Completion, SkillCall, SkillSignature
+from karma.errors import ProgramError
+
+_MARKS = r"(?:(?:[Ss]tep\s*)?\d+\s*[.):]|[-*•>+`]|\*\*)"  # of lists, of emphasis
+_CALL = r"""[A-Za-z_]\w*\(\s*robots?\b(?:[^()'"]|'[^'\n]*'|"[^"\n]*"|\([^()\n]*\))*\)"""
+_LINE = re.compile(rf"\s*(?:{_MARKS}\s*)*(?P<call>{_CALL})[`*;.,]*(?:\s*(?:#|//|-|–|—|:|\().*)?\s*")
+_BLOCK = re.compile(r"\s*(?:async |for|while|if|elif|else|def|class|with|try|except|match)\b.*:\s*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recovered:
+    """A program that stood in an answer, and the lines of the answer that were no part of it."""
+
+    calls: tuple[SkillCall, ...]  # with line numbers of the answer
+    dropped: tuple[str, ...] = ()
+
+
+def program_of(completion: Completion, skills: Sequence[SkillSignature] = SKILLS) -> Recovered:
+    """Return the program of an answer; one that a grammar held is taken by its word.
+
+    Raises:
+        ProgramError: it is none, or the model says itself that it cannot be one.
+    """
+    text = completion.text
+    if completion.fault:
+        lines = text.rstrip().split("\n")
+        raise ProgramError(completion.fault, line=len(lines), code=lines[-1].strip()[:120])
+    try:
+        return Recovered(calls=parse_program(text, skills))
+    except ProgramError:
+        if completion.constrained:
+            raise
+        return recover_program(text, skills)
+
+
+def recover_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> Recovered:
+    r"""Read the lines of an answer that are calls and leave out the others.
+
+    Raises:
+        ProgramError: there is none, one is outside the API, or the answer is other code.
+
+    >>> found = recover_program("Sure!\n1. GoToObject(robot, 'Mug')\n2. PickupObject(robot, 'Mug')")
+    >>> [str(call) for call in found.calls], found.dropped
+    (["GoToObject(robot, 'Mug')", "PickupObject(robot, 'Mug')"], ('Sure!',))
+    """
+    kept: list[str] = []
+    dropped: list[str] = []
+    for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n"):
+        found = _LINE.fullmatch(line)
+        kept.append(found["call"] if found else "")
+        if not found and line.strip():
+            dropped.append(line.strip())
+    if not any(kept) or _is_code(text) or any(map(_BLOCK.fullmatch, dropped)):
+        parse_program(text, skills)  # says what is wrong
+        raise ProgramError("the answer holds no skill call on a line of its own", line=1, code="")
+    return Recovered(calls=parse_program("\n".join(kept), skills), dropped=tuple(dropped))
+
+
+def _is_code(text: str) -> bool:
+    try:
+        ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return False
+    return True

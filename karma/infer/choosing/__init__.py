@@ -1,0 +1,1 @@
+"""Choose the likeliest of a closed list of texts, token by token, whoever tells the chances."""

@@ -1,0 +1,99 @@
+"""Prove, before a run, that a server holds a model's answers to what is asked of it.
+
+Servers that do not know a field pass over it and answer freely. So the model is asked to write
+prose while the constraint admits nothing but one of two words that no prompt has ever held. A
+model that is not held to them says something else.
+"""
+
+import re
+
+from karma.contracts import Prompt
+from karma.errors import ModelError, ServerLost
+from karma.infer.hosted.dialects import Language
+from karma.infer.hosted.model import HostedLanguageModel
+from karma.infer.programs.gbnf import literal
+from karma.seeds import stream
+
+_TIMES = 2
+_MAX_TOKENS = 64
+_PROMPT = Prompt(
+    stable="You are a friendly guide.\n", changing="Describe the weather of today in a sentence.\n"
+)
+_REFUSED = re.compile(r"HTTP (400|422|500)")  # a field that the server will not have
+_MALFORMED = 'root ::= ( "a" | \n'
+
+
+def prove(model: HostedLanguageModel, seed: int = 0) -> None:
+    """Ask a model for what it would never say, by the way in which programs are asked for.
+
+    Raises:
+        ModelError: the server takes no constraint, passes over it, or accepts a grammar that is
+            none.
+    """
+    manner = model.manner
+    if manner.constraint is None:
+        raise _unproven(model, f"a server of dialect {manner.dialect.name!r} takes no grammar")
+    for time in range(_TIMES):
+        draw = stream(seed, f"canary {time}")
+        words = tuple(f"k-{int(draw.integers(16**8)):08x}" for _ in range(2))
+        try:
+            said = model.answer(_PROMPT, _language(words), max_tokens=_MAX_TOKENS, seed=seed)
+        except ModelError as error:
+            if not _REFUSED.search(str(error)):
+                raise
+            raise _unproven(model, str(error)) from error
+        text = said.text.strip()
+        if text not in words or said.finish != "stop":
+            raise _unproven(model, _failing(words, text, said.finish, said.reasoning))
+    if manner.constraint == "grammar" and manner.dialect.refuses_bad_grammar and manner.known:
+        _try_malformed(model, seed)
+
+
+def _language(words: tuple[str, ...]) -> Language:
+    admitted = [f"{word}\n" for word in words]
+    one = {"type": "string", "enum": list(words)}
+
+    def read(answer: str) -> str | None:
+        found = re.fullmatch(r'\s*\{\s*"k"\s*:\s*"(k-[0-9a-f]{8})"\s*\}\s*', answer)
+        return f"{found[1]}\n" if found else None
+
+    return Language(
+        grammar=f"root ::= {' | '.join(map(literal, admitted))}",
+        regex=rf"({'|'.join(words)})\n",
+        schema={
+            "type": "object",
+            "properties": {"k": one},
+            "required": ["k"],
+            "additionalProperties": False,
+        },
+        read=read,
+        admits=admitted.__contains__,
+    )
+
+
+def _try_malformed(model: HostedLanguageModel, seed: int) -> None:
+    language = Language(
+        grammar=_MALFORMED, regex="", schema={}, read=lambda text: text, admits=lambda text: False
+    )
+    try:
+        model.answer(_PROMPT, language, max_tokens=_MAX_TOKENS, seed=seed)
+    except ServerLost:
+        raise
+    except ModelError:
+        return
+    raise _unproven(model, "it answers also under a grammar that is none")
+
+
+def _failing(words: tuple[str, ...], text: str, finish: str, reasoning: str) -> str:
+    asked = f"held to {words[0]!r} or {words[1]!r}, it said {text[:60]!r}"
+    if any(word in reasoning for word in words):
+        return f"{asked} and put the word into its thought (thinking = 'on' may help)"
+    return f"{asked} (finish {finish!r})"
+
+
+def _unproven(model: HostedLanguageModel, why: str) -> ModelError:
+    return ModelError(
+        f"{model.name} at {model.host}: answers are not held to programs: {why}\n"
+        "  To fix: constrained = false under [models] (--no-constrained) samples and parses them;"
+        " or see the servers in docs/hosted.md that hold answers to a grammar"
+    )

@@ -1,0 +1,166 @@
+"""Say to each kind of server what it understands: how an answer is bound, and a thought left out.
+
+Every server ignores some form of constraint without a word, so none is trusted: see `canary`. What
+was tried against the real server, and what is written down from its documents: docs/hosted.md.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any
+
+from karma.contracts import ProgramSpec
+from karma.infer.hosted.session import Constraint, DialectName
+from karma.infer.hosted.thinking import gbnf_after_thought
+from karma.infer.programs.automaton import ProgramAutomaton
+from karma.infer.programs.gbnf import gbnf
+from karma.infer.programs.regex import regex
+from karma.infer.programs.schema import program_text, schema
+
+Fields = dict[str, Any]  # of a request
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Language:
+    """What an answer may say, in every form that a server may take."""
+
+    grammar: str  # GBNF
+    regex: str
+    schema: Mapping[str, Any]
+    read: Callable[[str], str | None] = field(compare=False)  # a JSON answer as the text it means
+    admits: Callable[[str], bool] = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def language_of(spec: ProgramSpec) -> Language:
+    """Return the programs of a spec.
+
+    Raises:
+        ValueError: it admits none.
+    """
+    automaton = ProgramAutomaton(spec)
+
+    def admits(text: str) -> bool:
+        state = automaton.advance(automaton.start(), text)
+        return state is not None and automaton.accepts(state)
+
+    return Language(
+        grammar=gbnf(spec), regex=regex(spec), schema=schema(spec), read=program_text, admits=admits
+    )
+
+
+Binding = Callable[[Language], Fields]
+
+
+def _response_format(language: Language) -> Fields:
+    named = {"name": "program", "strict": True, "schema": dict(language.schema)}
+    return {"response_format": {"type": "json_schema", "json_schema": named}}
+
+
+def _structured(name: str, of: Callable[[Language], Any]) -> Binding:
+    return lambda language: {"structured_outputs": {name: of(language)}}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dialect:
+    """How one kind of server is spoken to."""
+
+    name: DialectName
+    page: tuple[str, str] | None = None  # that only it has, and what stands on it
+    bindings: Mapping[Constraint, Binding] = field(default_factory=dict)
+    constraint: Constraint | None = None  # the one that is used unless told otherwise
+    no_thought: Fields = field(default_factory=dict)  # in a chat
+    thought: Fields = field(default_factory=dict)
+    budget: str = ""  # the field that bounds a thought
+    thought_in_grammar: bool = False  # a grammar binds from the first token, the thought's too
+    refuses_bad_grammar: bool = False
+    scores: bool = False  # tells the chances of all next tokens
+
+
+def _thinks(yes: bool) -> Fields:
+    return {"chat_template_kwargs": {"enable_thinking": yes}}
+
+
+_ALL = (
+    Dialect(
+        name="llama-server",
+        page=("../props", "default_generation_settings"),
+        bindings={
+            "grammar": lambda language: {"grammar": language.grammar},
+            "schema": lambda language: {"json_schema": dict(language.schema)},
+        },
+        constraint="grammar",
+        no_thought=_thinks(False),
+        thought=_thinks(True),
+        budget="reasoning_budget_tokens",
+        thought_in_grammar=True,
+        refuses_bad_grammar=True,
+        scores=True,
+    ),
+    Dialect(
+        name="vllm",
+        page=("../version", "version"),
+        bindings={
+            "grammar": _structured("grammar", lambda language: language.grammar),
+            "regex": _structured("regex", lambda language: language.regex),
+            "schema": _structured("json", lambda language: dict(language.schema)),
+        },
+        constraint="grammar",
+        no_thought=_thinks(False),
+        thought=_thinks(True),
+        budget="thinking_token_budget",
+        refuses_bad_grammar=True,
+    ),
+    Dialect(
+        name="sglang",
+        page=("../server_info", "model_path"),
+        bindings={
+            "grammar": lambda language: {"ebnf": language.grammar},
+            "regex": lambda language: {"regex": language.regex},
+            "schema": _response_format,
+        },
+        constraint="regex",
+        no_thought=_thinks(False),
+        thought=_thinks(True),
+    ),
+    Dialect(
+        name="ollama",
+        page=("../api/version", "version"),
+        bindings={"schema": _response_format},
+        constraint="schema",
+        no_thought={"reasoning_effort": "none"},
+    ),
+    Dialect(name="transformers"),
+    Dialect(name="plain", bindings={"schema": _response_format}),
+)
+DIALECTS: Mapping[str, Dialect] = MappingProxyType({one.name: one for one in _ALL})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manner:
+    """How one model at one server is asked: its dialect, and what was found out about it."""
+
+    dialect: Dialect
+    constraint: Constraint | None
+    thinks: bool
+    thinking_tokens: int
+    chat: bool
+    opens_thought: bool = False  # its template does, not the model
+    known: bool = True  # the server has said that it is of this dialect
+
+    def fields(self, language: Language | None, max_tokens: int) -> tuple[Fields, int]:
+        """Return what a request says beside its text, and the tokens that the answer may have."""
+        found: Fields = {}
+        if language is not None and self.constraint is not None:
+            if self.thinks and self.dialect.thought_in_grammar and self.constraint == "grammar":
+                found |= {"grammar": gbnf_after_thought(language.grammar, self.opens_thought)}
+            else:
+                found |= self.dialect.bindings[self.constraint](language)
+        if self.chat:
+            found |= self.dialect.thought if self.thinks else self.dialect.no_thought
+        if not self.thinks:
+            return found, max_tokens
+        if self.dialect.budget:
+            found[self.dialect.budget] = self.thinking_tokens
+        return found, max_tokens + self.thinking_tokens

@@ -1,0 +1,34 @@
+"""Open a hosted planner: ask who answers, prove that it is held to programs, let it score."""
+
+from karma.contracts import LanguageModel
+from karma.infer.hosted.canary import prove
+from karma.infer.hosted.model import HostedLanguageModel
+from karma.infer.hosted.scoring import HostedScorer
+from karma.infer.hosted.server import manner_of
+from karma.infer.hosted.session import Endpoint, Session
+
+
+def open_planner(
+    endpoint: Endpoint, *, session: Session | None = None, constrained: bool = False, seed: int = 0
+) -> LanguageModel:
+    """Return the model at an endpoint; it is a `ScoringModel` too where its server tells chances.
+
+    Args:
+        endpoint: where, and which model.
+        session: the run's; by default one without a cassette.
+        constrained: the run relies on answers that are held to programs.
+        seed: of the run.
+
+    Raises:
+        ModelError: see `manner_of` and, if `constrained`, `prove`.
+        KarmaError: see `Session.admit`.
+    """
+    session = session or Session()
+    session.admit(endpoint)
+    manner = manner_of(endpoint, session)
+    model = HostedLanguageModel(endpoint, session=session, manner=manner)
+    if constrained:
+        prove(model, seed)
+    if manner.dialect.scores and manner.known:
+        return HostedScorer(model, endpoint, session)
+    return model

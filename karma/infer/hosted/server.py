@@ -1,0 +1,97 @@
+"""Find out who answers at an endpoint: its dialect, its models, its chat template."""
+
+from difflib import get_close_matches
+from typing import Any
+
+from karma.errors import ModelError
+from karma.infer.hosted.dialects import DIALECTS, Dialect, Manner
+from karma.infer.hosted.session import Endpoint, Session
+
+_SHOWN = 8  # models in a message
+
+
+def manner_of(endpoint: Endpoint, session: Session | None = None) -> Manner:
+    """Return how an endpoint's model is asked; without a session, by what the endpoint says alone.
+
+    Raises:
+        ModelError: there is no such model, the address is another one, the server cannot be
+            reached, or it takes no such constraint.
+    """
+    dialect, known = DIALECTS.get(endpoint.dialect, DIALECTS["plain"]), False
+    if session is not None:
+        _check_listed(endpoint, session)
+        found = next((d for d in _candidates(endpoint) if _is(d, endpoint, session)), None)
+        dialect, known = found or dialect, found is not None
+    constraint = endpoint.constraint or dialect.constraint
+    if constraint is not None and constraint not in dialect.bindings:
+        raise ModelError(
+            f"{endpoint.model} at {endpoint.host}: a server of dialect {dialect.name!r} takes no"
+            f" {constraint}\n  To fix: constraint is one of {', '.join(dialect.bindings) or 'none'}"
+        )
+    thinks, chat = endpoint.thinking == "on", endpoint.api == "chat"
+    opens = False
+    if session is not None and thinks and chat and dialect.thought_in_grammar and known:
+        opens = _opens_thought(dialect, endpoint, session)
+    return Manner(
+        dialect=dialect,
+        constraint=constraint,
+        thinks=thinks,
+        thinking_tokens=endpoint.thinking_tokens,
+        chat=chat,
+        opens_thought=opens,
+        known=known,
+    )
+
+
+def _candidates(endpoint: Endpoint) -> list[Dialect]:
+    """Return the dialects whose pages are asked for: all, the one that is named, or none."""
+    return [
+        one
+        for one in DIALECTS.values()
+        if one.page is not None and endpoint.dialect in ("auto", one.name)
+    ]
+
+
+def _is(dialect: Dialect, endpoint: Endpoint, session: Session) -> bool:
+    if dialect.page is None:
+        return False
+    page, mark = dialect.page
+    return mark in (session.look(endpoint, page) or {})
+
+
+def _opens_thought(dialect: Dialect, endpoint: Endpoint, session: Session) -> bool:
+    """Return whether the model's chat template ends a prompt in `<think>`."""
+    body = {"messages": [{"role": "user", "content": "Say yes."}], **dialect.thought}
+    answer = session.ask("planner", endpoint, "../apply-template", body).reply.answer or {}
+    return str(answer.get("prompt", "")).rstrip().endswith("<think>")
+
+
+def _check_listed(endpoint: Endpoint, session: Session) -> None:
+    """Compare model and address with what the server lists, if it lists anything."""
+    names = _listed(session.look(endpoint, "/models"))
+    if names is None:
+        at_root = endpoint.base_url.rstrip("/") == endpoint.root
+        if _listed(session.look(endpoint, "../v1/models" if at_root else "../models")) is None:
+            return
+        right = f"{endpoint.root}/v1" if at_root else endpoint.root
+        raise ModelError(
+            f"{endpoint.model} at {endpoint.host}: nothing answers at {endpoint.base_url}, but"
+            f" models are listed at {right}\n  To fix: base_url = {right!r}"
+        )
+    if not names or {endpoint.model, f"{endpoint.model}:latest"} & set(names):
+        return
+    shown = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
+    near = get_close_matches(endpoint.model, names, n=1, cutoff=0.0)
+    raise ModelError(
+        f"{endpoint.host} has no model {endpoint.model!r}; it lists {shown}"
+        f"\n  To fix: model = {near[0]!r}"
+    )
+
+
+def _listed(answer: dict[str, Any] | None) -> list[str] | None:
+    """Return the names in a list of models; None where it is no such list."""
+    match answer:
+        case {"data": [*models]}:
+            return [str(one["id"]) for one in models if isinstance(one, dict) and "id" in one]
+        case _:
+            return None
