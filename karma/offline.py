@@ -140,11 +140,12 @@ def network_allowed() -> bool:
     return _guard.leave
 
 
-def allow_host(host: str) -> None:
-    """Let connections to one host pass; the hosted adapter calls this, nothing else may.
+def allow_host(host: str, what: str = "the hosted model") -> None:
+    """Let connections to one host pass; adapters of hosted models and remote devices call this.
 
     Args:
         host: name or address, without scheme and port; this machine needs no leave.
+        what: is there, for the message.
 
     Raises:
         KarmaError: this process was not started with --allow-network.
@@ -153,7 +154,7 @@ def allow_host(host: str) -> None:
         return
     if not _guard.leave:
         raise KarmaError(
-            f"the hosted model at {host!r} is on another machine, and this run is offline\n"
+            f"{what} at {host!r} is on another machine, and this run is offline\n"
             "  To fix: `karma --allow-network ...`, or replay a cassette"
         )
     _guard.hosts.add(host.lower())

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import msgspec
 
@@ -24,12 +24,13 @@ from karma.contracts import (
     Task,
     VisionModel,
 )
-from karma.errors import FileError, ModelError, UnknownNameError
+from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
+from karma.infer.torch_options import DType, TorchOptions
 from karma.tasks.authors import load_authors_tasks, resolve
 from karma.tasks.files import load_tasks
 from karma.world.core.scene import Scene
@@ -80,6 +81,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     flash_attention: Switch = "auto"
     kv: KvType = "f16"
     rpc: str = ""
+    device: str = "auto"  # of torch models, see `TorchOptions`
+    dtype: DType = "auto"
     hosted: Hosted = Hosted()  # where the roles are that have "openai"
 
     def __post_init__(self) -> None:
@@ -89,15 +92,31 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             if hosted != (getattr(self.hosted, role) is not None):
                 raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
         try:
-            _ = self.llama
+            _ = self.llama, self.torch
         except ModelError as error:
             raise ValueError(str(error)) from error
+
+    def computed_by(self, options: Mapping[str, Any]) -> Self:
+        """Return the same with some keys said otherwise, as a command line does.
+
+        Raises:
+            KarmaError: a value is none that the key may have.
+        """
+        try:
+            return msgspec.convert({**msgspec.structs.asdict(self), **options}, type(self))
+        except (msgspec.ValidationError, ValueError) as error:
+            raise KarmaError(str(error)) from error
 
     @property
     def llama(self) -> LlamaOptions:
         """How a GGUF is opened."""
         names = ("threads", "gpu_layers", "n_ctx", "flash_attention", "kv", "rpc")
         return LlamaOptions(**{name: getattr(self, name) for name in names})
+
+    @property
+    def torch(self) -> TorchOptions:
+        """How a model of transformers or sentence-transformers is opened."""
+        return TorchOptions(device=self.device, dtype=self.dtype)
 
 
 class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

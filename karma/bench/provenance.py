@@ -17,6 +17,7 @@ from karma.contracts import SceneRef, Task
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.files import read_bytes, to_json
 from karma.infer.checks.memory import MEMINFO
+from karma.infer.llama.devices import devices
 from karma.infer.manifest.manifest import find_model, resolve_planner, sha256_of
 from karma.offline import network_allowed
 from karma.world.core.scene import find
@@ -80,6 +81,7 @@ def machine(threads: int) -> Machine:
         cores=len(os.sched_getaffinity(0)),
         memory_mb=_memory_mb(),
         threads=threads,
+        devices=tuple(f"{one.name}: {one.description}" for one in devices()),
     )
 
 

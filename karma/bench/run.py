@@ -1,8 +1,9 @@
 """A run: an experiment in its folder, begun, gone on with, and finished."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -34,6 +35,7 @@ class Run:
         fresh: throw away what an earlier run left there.
         cassette: records hosted models or stands for them, and is the run's clock.
         base_url: of all hosted models, in place of the experiment's.
+        computed: keys of its [models] that say how they are computed, in place of its own.
         steps: whether to keep step logs; None leaves it to the experiment.
         states: folder for KV states of rooms, in place of the experiment's.
         half_width: wanted of every success rate's interval, by more seeds than the experiment
@@ -53,6 +55,7 @@ class Run:
         fresh: bool = False,
         cassette: Cassette | None = None,
         base_url: str = "",
+        computed: Mapping[str, Any] | None = None,
         steps: bool | None = None,
         states: Path | None = None,
         half_width: float | None = None,
@@ -60,6 +63,9 @@ class Run:
     ) -> None:
         self.path, self.folder = path, folder
         self.experiment = read_experiment(path)
+        if computed:
+            models = self.experiment.models.computed_by(computed)
+            self.experiment = msgspec.structs.replace(self.experiment, models=models)
         self._session = Session(cassette)
         models = self.experiment.models
         if base_url:
@@ -207,6 +213,11 @@ class Run:
         if self._stage.models.hosted != Hosted():
             raise KarmaError(
                 "hosted models are asked by one process only\n"
+                "  To fix: leave out --workers and --ray"
+            )
+        if self._stage.models.rpc:
+            raise KarmaError(
+                "llama.cpp's rpc-server serves one process only\n"
                 "  To fix: leave out --workers and --ray"
             )
         if self._session.cassette.mode != "off":

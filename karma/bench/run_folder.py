@@ -46,6 +46,7 @@ class Machine:
     cores: int
     memory_mb: int | None
     threads: int  # of each planner
+    devices: tuple[str, ...] = ()  # that llama.cpp can compute on, as it names and describes them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

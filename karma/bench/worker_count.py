@@ -9,6 +9,7 @@ from karma.bench.experiment import Models, Row
 from karma.errors import UnknownNameError
 from karma.infer.checks.memory import available_mb
 from karma.infer.hosted.session import Hosted
+from karma.infer.llama.devices import devices
 from karma.infer.manifest.manifest import find_model
 
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
@@ -34,6 +35,8 @@ def suggest_workers(models: Models, episodes: int, rows: Sequence[Row] = ()) -> 
     """
     if models.hosted != Hosted():
         return Suggestion(number=1, reason="hosted models")
+    if models.gpu_layers != 0 and (models.rpc or any(one.is_gpu for one in devices())):
+        return Suggestion(number=1, reason="a GPU, which one process has for itself")
     cores = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
     each, free = worker_mb(models, rows), available_mb()
     fitting = cores if free is None else max(1, int(free * _SHARE // each))

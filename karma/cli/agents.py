@@ -1,11 +1,13 @@
 """`karma run` and `karma eval`: an agent at work, and experiments."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
 
+from karma.cli.model_options import model_options
 from karma.cli.shared import ACTING, Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
@@ -38,6 +40,7 @@ def add_to(app: typer.Typer) -> None:
 
 
 @clear_errors
+@model_options
 def run_command(
     instruction: Annotated[str, typer.Argument(help="What to do, in plain words.")],
     scene: Annotated[str, typer.Option(help="A scene's name or file.")] = "kitchen_1",
@@ -70,6 +73,8 @@ def run_command(
     states: States = None,
     seed: Annotated[int, typer.Option(help="Of the planner's sampling.")] = 0,
     json: Json = None,
+    *,
+    computed: Mapping[str, Any],
 ) -> None:
     """Carry out an instruction in a room, while you watch; commas and "then" part sub-tasks."""
     from karma import registry
@@ -97,7 +102,7 @@ def run_command(
                 constrained=constrained,
                 max_tokens=max_tokens,
                 hosted=hosted,
-            ),
+            ).computed_by(computed),
             maps=maps,
             seed=seed,
             learn=True,
@@ -186,6 +191,7 @@ def _clauses(instruction: str) -> list[str]:
 
 
 @clear_errors
+@model_options
 def eval_command(
     file: Annotated[Path, typer.Argument(help="An experiment, e.g. eval/demo.toml.")],
     out: Annotated[Path | None, typer.Option(help="Run folder; default runs/NAME.")] = None,
@@ -212,6 +218,8 @@ def eval_command(
     cassette_mode: CassetteMode = "",
     base_url: BaseUrl = "",
     json: Json = None,
+    *,
+    computed: Mapping[str, Any],
 ) -> None:
     """Do an experiment: every row on every task. Stopped or killed, the same command goes on."""
     from karma.bench.figures import figures, plain
@@ -233,6 +241,7 @@ def eval_command(
             fresh=fresh,
             cassette=_cassette(cassette, cassette_mode),
             base_url=base_url,
+            computed=computed,
             steps=steps,
             states=states,
             half_width=half_width,

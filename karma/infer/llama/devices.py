@@ -10,7 +10,6 @@ import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any, Literal
 
 from karma.errors import ModelError
@@ -73,18 +72,18 @@ class Placement:
 
 def devices() -> tuple[Device, ...]:
     """Return what the installed llama.cpp can compute on, the CPU among them."""
-    ggml, base = _libraries()
+    ggml = _ggml()
     handles = [ggml.ggml_backend_dev_get(n) for n in range(ggml.ggml_backend_dev_count())]
     remote = {name: address for address, names in _remote.items() for name in names}
     found = []
     for handle in handles:
-        name = base.ggml_backend_dev_name(handle).decode()
-        number = base.ggml_backend_dev_type(handle)
+        name = ggml.ggml_backend_dev_name(handle).decode()
+        number = ggml.ggml_backend_dev_type(handle)
         found.append(
             Device(
                 name=name,
                 kind=_KINDS[number] if number < len(_KINDS) else "accelerator",
-                description=base.ggml_backend_dev_description(handle).decode(errors="replace"),
+                description=ggml.ggml_backend_dev_description(handle).decode(errors="replace"),
                 address=remote.get(name, ""),
             )
         )
@@ -98,10 +97,10 @@ def memory_mb(device: Device) -> tuple[float, float] | None:
     """
     if device.address and not _answers(device.address):
         return None
-    ggml, base = _libraries()
+    ggml = _ggml()
     handle = ggml.ggml_backend_dev_by_name(device.name.encode())
     free, total = ctypes.c_size_t(), ctypes.c_size_t()
-    base.ggml_backend_dev_memory(handle, ctypes.byref(free), ctypes.byref(total))
+    ggml.ggml_backend_dev_memory(handle, ctypes.byref(free), ctypes.byref(total))
     return (free.value / 1e6, total.value / 1e6) if total.value else None
 
 
@@ -120,8 +119,8 @@ def add_remote(address: str) -> tuple[str, ...]:
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit():
         raise ModelError(f"rpc = {address!r}: not HOST:PORT, e.g. 127.0.0.1:50052")
-    allow_host(host)
-    ggml, _ = _libraries()
+    allow_host(host, "the RPC device")
+    ggml = _ggml()
     rpc = ggml.ggml_backend_reg_by_name(b"RPC")
     if not rpc:
         raise ModelError(
@@ -134,7 +133,7 @@ def add_remote(address: str) -> tuple[str, ...]:
             f"  To fix: start llama.cpp's rpc-server -H {host} -p {port}, or take rpc away"
         )
     before = {one.name for one in devices()}
-    ggml.ggml_backend_register(_rpc_library().ggml_backend_rpc_add_server(address.encode()))
+    ggml.ggml_backend_register(ggml.ggml_backend_rpc_add_server(address.encode()))
     _remote[address] = tuple(one.name for one in devices() if one.name not in before)
     return _remote[address]
 
@@ -220,35 +219,29 @@ def _answers(address: str) -> bool:
 
 
 @cache
-def _libraries() -> tuple[Any, Any]:
-    """Return libggml and libggml-base with the signatures of what is used of them."""
-    from llama_cpp._ctypes_extensions import load_shared_library
-    from llama_cpp._ggml import libggml, libggml_base_path
+def _ggml() -> Any:
+    """Return ggml's functions that are used here, with their signatures.
 
-    base = load_shared_library("ggml-base", Path(libggml_base_path))
+    They are looked up through libllama: a wheel holds each library under three names, and a second
+    copy, opened by another name, would have a list of devices of its own.
+    """
+    from llama_cpp.llama_cpp import _lib
+
     pointer, text, number = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
     sizes = ctypes.POINTER(number)
-    for library, name, result, arguments in (
-        (libggml, "ggml_backend_dev_count", number, []),
-        (libggml, "ggml_backend_dev_get", pointer, [number]),
-        (libggml, "ggml_backend_dev_by_name", pointer, [text]),
-        (libggml, "ggml_backend_reg_by_name", pointer, [text]),
-        (libggml, "ggml_backend_register", None, [pointer]),
-        (base, "ggml_backend_dev_name", text, [pointer]),
-        (base, "ggml_backend_dev_description", text, [pointer]),
-        (base, "ggml_backend_dev_type", ctypes.c_int, [pointer]),
-        (base, "ggml_backend_dev_memory", None, [pointer, sizes, sizes]),
+    for name, result, arguments in (
+        ("ggml_backend_dev_count", number, []),
+        ("ggml_backend_dev_get", pointer, [number]),
+        ("ggml_backend_dev_by_name", pointer, [text]),
+        ("ggml_backend_reg_by_name", pointer, [text]),
+        ("ggml_backend_register", None, [pointer]),
+        ("ggml_backend_dev_name", text, [pointer]),
+        ("ggml_backend_dev_description", text, [pointer]),
+        ("ggml_backend_dev_type", ctypes.c_int, [pointer]),
+        ("ggml_backend_dev_memory", None, [pointer, sizes, sizes]),
+        ("ggml_backend_rpc_add_server", pointer, [text]),
     ):
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
-    return libggml, base
-
-
-def _rpc_library() -> Any:
-    from llama_cpp._ctypes_extensions import load_shared_library
-    from llama_cpp._ggml import libggml_base_path
-
-    library = load_shared_library("ggml-rpc", Path(libggml_base_path))
-    library.ggml_backend_rpc_add_server.restype = ctypes.c_void_p
-    library.ggml_backend_rpc_add_server.argtypes = [ctypes.c_char_p]
-    return library
+        function = getattr(_lib, name, None)  # the last is in builds with RPC only
+        if function is not None:
+            function.restype, function.argtypes = result, arguments
+    return _lib

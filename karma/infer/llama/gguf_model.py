@@ -76,7 +76,13 @@ class GgufModel:
         self._check_memory(path)
         if sha256 is None:
             try_in_own_process(path)
-        self.llama: Any = open_gguf(path, self._keywords(), kv=options.kv)
+        self.llama: Any
+        self.llama, layers = open_gguf(path, self._keywords(), kv=options.kv)
+        if layers != self.placement.layers:
+            raise ModelError(
+                f"{self.name}: llama.cpp put {layers} layers on {self.placement.name}, not "
+                f"{self.placement.layers}\n  To fix: gpu_layers = 0"
+            )
         self.table = _token_table(self.llama)
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
         self._keeps = not (self.llama._is_recurrent or self.llama._is_hybrid)

@@ -1,8 +1,10 @@
 """Load a GGUF under llama.cpp, after a trial where it may kill nothing but the trial."""
 
+import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +34,16 @@ def try_in_own_process(path: Path) -> None:
         raise ModelError(f"{path}: llama.cpp cannot run it (code {code}): {said[-1]}")
 
 
-def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> Any:
+def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> tuple[Any, int]:
     """Load the file, turning llama.cpp's failures into one that names it.
 
     Args:
         path: the file.
         keywords: of llama-cpp-python's `Llama`.
         kv: type of the kept keys and values.
+
+    Returns:
+        The `Llama`, and how many layers llama.cpp says that it has put on GPUs.
 
     Raises:
         ModelError: it cannot be loaded.
@@ -49,12 +54,34 @@ def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> Any:
         "f16": llama_cpp.GGML_TYPE_F16, "f32": llama_cpp.GGML_TYPE_F32,
         "q8_0": llama_cpp.GGML_TYPE_Q8_0,
     }  # fmt: skip
+    with _listening() as said:
+        try:
+            llama = llama_cpp.Llama(
+                str(path), type_k=kinds[kv], type_v=kinds[kv], verbose=False, **keywords
+            )
+        except Exception as error:  # ValueError, RuntimeError, Jinja's: all mean an unusable file
+            raise ModelError(f"{path}: llama.cpp cannot load it: {error}") from error
+    layers = re.findall(rb"offloaded (\d+)/\d+ layers to GPU", b"".join(said))
+    return llama, int(layers[-1]) if layers else 0
+
+
+@contextmanager
+def _listening() -> Iterator[list[bytes]]:
+    """Collect what llama.cpp logs meanwhile: it tells nowhere else what it has done."""
+    import llama_cpp
+    from llama_cpp import _logger
+
+    said: list[bytes] = []
+
+    def listen(level: int, text: bytes, _: Any) -> None:
+        said.append(text)
+
+    callback: Any = llama_cpp.llama_log_callback(listen)
+    llama_cpp.llama_log_set(callback, None)
     try:
-        return llama_cpp.Llama(
-            str(path), type_k=kinds[kv], type_v=kinds[kv], verbose=False, **keywords
-        )
-    except Exception as error:  # ValueError, RuntimeError, Jinja's: all mean an unusable file
-        raise ModelError(f"{path}: llama.cpp cannot load it: {error}") from error
+        yield said
+    finally:
+        llama_cpp.llama_log_set(_logger.llama_log_callback, None)
 
 
 def open_context(llama: Any, tokens: int, *, sequences: int = 1, batch: int = 0) -> Any:

@@ -1,0 +1,47 @@
+"""The options by which a command says how models are computed; a table, so each stands once."""
+
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from typing import Annotated, Any, cast
+
+import typer
+
+OPTIONS: tuple[tuple[str, type, str], ...] = (  # keys of [models] in an experiment
+    ("gpu_layers", str, 'On a GPU: "auto", all that fit, or a number; 0: on the CPU.'),
+    ("n_ctx", int, "Context of a GGUF in tokens, at most; else as its prompts need."),
+    ("flash_attention", str, '"on", "off" or "auto": on a GPU.'),
+    ("kv", str, 'Kept keys and values: "f16", "f32" or "q8_0".'),
+    ("threads", int, "Of a GGUF on the CPU; results do not depend on it."),
+    ("rpc", str, "HOST:PORT of llama.cpp's rpc-server: its device is the GPU."),
+    ("device", str, 'Of torch models: "auto", "cpu", "cuda", "cuda:1", "mps".'),
+    ("dtype", str, 'Of torch models: "auto", "float32", "bfloat16", "float16".'),
+)
+PANEL = "How models are computed"
+
+
+def model_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command all of `OPTIONS`; it takes those that were used as its `computed`."""
+
+    @wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        given = {name: kwargs.pop(name) for name, _, _ in OPTIONS}
+        layers = given["gpu_layers"]
+        if layers is not None and layers.lstrip("-").isdigit():
+            given["gpu_layers"] = int(layers)
+        used = {name: value for name, value in given.items() if value is not None}
+        command(*args, computed=used, **kwargs)
+
+    own = inspect.signature(command)
+    parts = [one for one in own.parameters.values() if one.name != "computed"]
+    for name, kind, text in OPTIONS:
+        option = typer.Option(help=text, rich_help_panel=PANEL)
+        annotation = cast("Any", Annotated)[kind | None, option]
+        parts.append(
+            inspect.Parameter(
+                name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation
+            )
+        )
+    wrapped.__signature__ = own.replace(parameters=parts)  # type: ignore[attr-defined]
+    wrapped.__annotations__ = {one.name: one.annotation for one in parts}
+    return wrapped
