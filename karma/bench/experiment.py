@@ -1,9 +1,8 @@
 """An experiment is a TOML file: tasks, models, and one row per method."""
 
-import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -11,7 +10,6 @@ from typing import Any, Literal, Self
 import msgspec
 
 from karma import registry
-from karma.bench.days import check_seeds
 from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.presets import PRESETS, preset
 from karma.contracts import (
@@ -20,21 +18,15 @@ from karma.contracts import (
     LanguageModel,
     Recall,
     Resources,
-    SceneRef,
-    Task,
     VisionModel,
 )
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
-from karma.files import read_bytes, read_toml, to_json
+from karma.files import read_toml
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.infer.torch_options import DType, TorchOptions
-from karma.tasks.authors import load_authors_tasks, resolve
-from karma.tasks.files import load_tasks
-from karma.world.core.scene import Scene
-from karma.world.importing.scenes import import_dump
 
 OPENAI = "openai"  # the name of the hosted implementation in every role
 
@@ -180,14 +172,6 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         return Precision(half_width=self.half_width, max_seeds=self.max_seeds)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Loaded:
-    """The tasks of an experiment, and the rooms that they bring along."""
-
-    tasks: tuple[Task, ...]
-    scenes: Mapping[str, bytes]  # name -> content of its file; where they belong, tasks say
-
-
 def read_experiment(path: Path) -> Experiment:
     """Read an experiment.
 
@@ -235,79 +219,6 @@ def _meant(reason: str) -> str | None:
     known = [field.name for field in msgspec.structs.fields(kinds[found[2]])]
     near = get_close_matches(found[1], known, n=1)
     return f"write {near[0]!r}" if near else f"known here: {', '.join(known)}"
-
-
-def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
-    """Load the tasks that an experiment selects; nothing is written.
-
-    Args:
-        experiment: what was read.
-        path: from where, for messages.
-        folder: of the run, below which imported floor plans will lie.
-
-    Raises:
-        FileError: the task file is damaged, or a task of `only` is not in it.
-        KarmaError: a task has no start for one of the seeds.
-    """
-    if bool(experiment.tasks) == bool(experiment.authors):
-        raise FileError(path, "give either `tasks` or `authors`")
-    if experiment.tasks:
-        loaded = Loaded(tasks=load_tasks(experiment.tasks), scenes={})
-    else:
-        loaded = _authors_tasks(experiment, folder)
-    known = [task.id for task in loaded.tasks]
-    if missing := [name for name in experiment.only if name not in known]:
-        near = get_close_matches(missing[0], known, n=1)
-        meant = f"did you mean {near[0]!r}? " if near else ""
-        raise FileError(path, f"only: no task {missing[0]!r}; {meant}there are {known}")
-    chosen = tuple(t for t in loaded.tasks if not experiment.only or t.id in experiment.only)
-    check_seeds(chosen, experiment.seeds)
-    return Loaded(tasks=chosen, scenes=_brought(chosen, loaded.scenes))
-
-
-def _brought(tasks: tuple[Task, ...], imported: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the rooms of some tasks that are none of ours."""
-    found = {}
-    for scene in dict.fromkeys(scene for task in tasks for scene in task.scenes):
-        if scene.name in imported:
-            found[scene.name] = imported[scene.name]
-        elif scene.path:
-            found[scene.name] = read_bytes(scene.path)
-    return found
-
-
-def scene_path(folder: Path, name: str) -> Path:
-    """Return where an imported floor plan lies in a run folder."""
-    return folder / "scenes" / f"{name}.json"
-
-
-def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:
-    """Load the authors' tasks and the floor plans they play in."""
-    raw = load_authors_tasks([beside(path) for path in experiment.authors])
-    plans = {task.scene.name for task in raw}
-    layouts = beside(experiment.layouts) if experiment.layouts else None
-    dump = import_dump(beside(experiment.scenes), layouts=layouts)
-    scenes = {scene.name: scene for scene in dump if scene.name in plans}
-    return Loaded(
-        tasks=tuple(_in_scene(task, scenes, folder) for task in raw),
-        scenes={name: to_json(scene) for name, scene in scenes.items()},
-    )
-
-
-def _in_scene(task: Task, scenes: Mapping[str, Scene], folder: Path) -> Task:
-    name = task.scene.name
-    scene = scenes.get(name)
-    if scene is None:
-        return replace(task, notes=(*task.notes, f"no dump of {name}"))
-    found = resolve(task, sorted({thing.type for thing in scene.objects}))
-    return replace(found, scene=SceneRef(name=name, path=str(scene_path(folder, name))))
-
-
-def beside(path: str) -> Path:
-    """Return a path, with $KARMA_SHARED in place of "../shared" where that is set."""
-    shared = os.environ.get("KARMA_SHARED")
-    inside = path.removeprefix("../shared/")
-    return Path(shared) / inside if shared and inside != path else Path(path)
 
 
 def load_resources(

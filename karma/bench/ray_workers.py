@@ -15,7 +15,8 @@ from typing import Any
 
 import msgspec
 
-from karma.bench.experiment import Models, Row, scene_path
+from karma.bench.experiment import Models, Row
+from karma.bench.experiment_tasks import scene_path
 from karma.bench.provenance import model_hashes, prompt_hashes, scene_hashes, versions
 from karma.bench.run_folder import Finished, Header, differences
 from karma.bench.worker_count import worker_mb

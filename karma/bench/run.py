@@ -7,7 +7,8 @@ from typing import Any
 
 import msgspec
 
-from karma.bench.experiment import Experiment, load, read_experiment, scene_path
+from karma.bench.experiment import Experiment, read_experiment
+from karma.bench.experiment_tasks import load, scene_path
 from karma.bench.precision import Precision, takes_another
 from karma.bench.provenance import header_of
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key

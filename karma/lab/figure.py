@@ -188,7 +188,7 @@ def _with_bounds(policies: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _pool(figure: TraceFigure, path: Path) -> Pool:
-    from karma.bench.experiment import beside
+    from karma.bench.experiment_tasks import beside
 
     files = [beside(name) for name in figure.tasks]
     missing = [file for file in files if not file.exists()]
