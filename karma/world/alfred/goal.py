@@ -12,14 +12,17 @@ ButterKnife. "In" means listed among a receptacle's `receptacleObjectIds`.
 For sliced targets the object is `<type>Sliced`, and there have to be as many pieces as objects.
 Cleaned, heated and cooled are told by events, not by looks: `Deeds` keeps what lay in the basin
 nearest to a faucet at the moment it was switched on, in a microwave switched on, in a fridge being
-closed. Beyond ALFRED's rule the world has to agree at that moment: what was heated is Hot, what
-was cooled Cold, and what was cleaned not dirty.
+closed. Beyond ALFRED's rule the world has to agree at that moment, unless `Deeds` is told not to
+ask: what was heated is Hot, what was cooled Cold, and what was cleaned not dirty.
+
+Each task is a number of conditions, as ALFRED counts them for partial success; it is done when all
+are met. Where the object is sliced, every piece that is needed is one more.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from karma.household.ids import type_of
 from karma.household.pieces import piece_type
@@ -32,8 +35,9 @@ Metadata = Mapping[str, Any]
 
 @dataclass(slots=True)
 class Deeds:
-    """Ids of what an episode's actions have cleaned, heated and cooled."""
+    """Ids of what an episode's actions have cleaned, heated and cooled, for ever."""
 
+    agreeing: bool = True  # the world has to agree
     cleaned: set[str] = field(default_factory=set)
     heated: set[str] = field(default_factory=set)
     cooled: set[str] = field(default_factory=set)
@@ -42,13 +46,20 @@ class Deeds:
         """Take in a successful action on an object."""
         if action == "ToggleObjectOn" and FAUCET in object_id:
             ids = _contents(_nearest_basin(object_id, after))
-            self.cleaned |= {one["objectId"] for one in _of(ids, after) if not one["isDirty"]}
+            self.cleaned |= self._told(ids, after, lambda one: not one["isDirty"])
         elif action == "ToggleObjectOn" and MICROWAVE in object_id:
             ids = _contents(_by_id(object_id, after))
-            self.heated |= _at("Hot", ids, after)
+            self.heated |= self._told(ids, after, lambda one: one["temperature"] == "Hot")
         elif action == "CloseObject" and FRIDGE in object_id:
             ids = _contents(_by_id(object_id, after))
-            self.cooled |= _at("Cold", ids, after)
+            self.cooled |= self._told(ids, after, lambda one: one["temperature"] == "Cold")
+
+    def _told(self, ids: set[str], after: Metadata, agrees: Callable[[Thing], bool]) -> set[str]:
+        if not self.agreeing:
+            return ids
+        return {
+            one["objectId"] for one in after["objects"] if one["objectId"] in ids and agrees(one)
+        }
 
 
 def noteworthy(action: str, object_id: str) -> bool:
@@ -82,14 +93,6 @@ def _contents(receptacle: Thing | None) -> set[str]:
     return set() if receptacle is None else set(receptacle["receptacleObjectIds"] or ())
 
 
-def _of(ids: set[str], metadata: Metadata) -> list[Thing]:
-    return [one for one in metadata["objects"] if one["objectId"] in ids]
-
-
-def _at(temperature: str, ids: set[str], metadata: Metadata) -> set[str]:
-    return {one["objectId"] for one in _of(ids, metadata) if one["temperature"] == temperature}
-
-
 # ----------------------------------------------------------------- the tasks
 
 
@@ -105,8 +108,23 @@ class _EndState:
     lamps: Sequence[Thing]
 
 
+class Conditions(NamedTuple):
+    """How many of a task's conditions are met."""
+
+    met: int
+    of: int
+
+
 def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds, *, exact: bool = False) -> bool:
-    """Return whether the trial's task is done.
+    """Return whether the trial's task is done; arguments as in `conditions`."""
+    counted = conditions(trial, metadata, deeds, exact=exact)
+    return counted.met == counted.of
+
+
+def conditions(
+    trial: Trial, metadata: Metadata, deeds: Deeds, *, exact: bool = False
+) -> Conditions:
+    """Count the conditions of a trial's task.
 
     Args:
         trial: names the task and its targets.
@@ -124,9 +142,11 @@ def goal_met(trial: Trial, metadata: Metadata, deeds: Deeds, *, exact: bool = Fa
         movables=find(targets.mrecep_target, "pickupable", metadata),
         lamps=find(targets.toggle_target, "toggleable", metadata),
     )
-    if targets.object_sliced and len(case.objects) < _COUNT.get(trial.task_type, 1):
-        return False
-    return _CONDITIONS[trial.task_type](case)
+    met = _CONDITIONS[trial.task_type](case)
+    if targets.object_sliced:
+        needed = _COUNT.get(trial.task_type, 1)
+        met += tuple(number < len(case.objects) for number in range(needed))
+    return Conditions(sum(met), len(met))
 
 
 def _wanted(targets: Targets) -> str:
@@ -149,33 +169,40 @@ def _placed(case: _EndState) -> set[str]:
     return {one["objectId"] for one in case.objects} & inside
 
 
-def _two_placed(case: _EndState) -> bool:
+def _two_placed(case: _EndState) -> tuple[bool, ...]:
     wanted = {one["objectId"] for one in case.objects}
-    return any(len(wanted & _contents(place)) >= 2 for place in case.receptacles)
+    most = max((len(wanted & _contents(place)) for place in case.receptacles), default=0)
+    return most >= 1, most >= 2
 
 
-def _stacked(case: _EndState) -> bool:
+def _treated(case: _EndState, ids: set[str]) -> tuple[bool, ...]:
+    placed, done = _placed(case), ids & {one["objectId"] for one in case.objects}
+    return bool(placed), bool(done), bool(placed & done)
+
+
+def _stacked(case: _EndState) -> tuple[bool, ...]:
     wanted = {one["objectId"] for one in case.objects}
     goals = {one["objectId"] for one in case.receptacles}
-    return any(
-        wanted & _contents(stack) and goals & set(stack["parentReceptacles"] or ())
-        for stack in case.movables
-    )
+    inside = {one for place in case.receptacles for one in _contents(place)}
+    full = [stack for stack in case.movables if wanted & _contents(stack)]
+    moved = any(stack["objectId"] in inside for stack in case.movables)
+    both = any(goals & set(stack["parentReceptacles"] or ()) for stack in full)
+    return bool(full), moved, both
 
 
-def _lit(case: _EndState) -> bool:
+def _lit(case: _EndState) -> tuple[bool, ...]:
     held = {one["objectId"] for one in case.metadata["inventoryObjects"]}
     shining = any(lamp["isToggled"] and lamp["visible"] for lamp in case.lamps)
-    return shining and bool(held & {one["objectId"] for one in case.objects})
+    return bool(held & {one["objectId"] for one in case.objects}), shining
 
 
 _COUNT = {"pick_two_obj_and_place": 2}
-_CONDITIONS: dict[str, Callable[[_EndState], bool]] = {
-    "pick_and_place_simple": lambda case: bool(_placed(case)),
+_CONDITIONS: dict[str, Callable[[_EndState], tuple[bool, ...]]] = {
+    "pick_and_place_simple": lambda case: (bool(_placed(case)),),
     "pick_two_obj_and_place": _two_placed,
     "look_at_obj_in_light": _lit,
-    "pick_clean_then_place_in_recep": lambda case: bool(_placed(case) & case.deeds.cleaned),
-    "pick_heat_then_place_in_recep": lambda case: bool(_placed(case) & case.deeds.heated),
-    "pick_cool_then_place_in_recep": lambda case: bool(_placed(case) & case.deeds.cooled),
+    "pick_clean_then_place_in_recep": lambda case: _treated(case, case.deeds.cleaned),
+    "pick_heat_then_place_in_recep": lambda case: _treated(case, case.deeds.heated),
+    "pick_cool_then_place_in_recep": lambda case: _treated(case, case.deeds.cooled),
     "pick_and_place_with_movable_recep": _stacked,
 }

@@ -1,0 +1,1 @@
+"""Other people's benchmarks by their own protocols, in our world."""

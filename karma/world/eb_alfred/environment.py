@@ -1,0 +1,133 @@
+"""One episode of the benchmark: its actions, its limits, its score."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from karma.contracts import Frame
+from karma.world.alfred.facts import RoomFacts
+from karma.world.alfred.goal import Conditions, conditions
+from karma.world.alfred.replay import FOV_DEG, REACH_M, fitted
+from karma.world.alfred.trial import Trial
+from karma.world.eb_alfred.actions import ActionTypes, NumberedAction, actions_in, names_in
+from karma.world.eb_alfred.body import Body
+from karma.world.eb_alfred.choosing import Thing
+from karma.world.sim import EmbeddedWorld
+
+MOST_STEPS, MOST_INVALID = 30, 10
+_PICTURE_PX = 500
+End = Literal["", "goal met", "steps", "invalid actions", "empty plan"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One action that was done."""
+
+    number: int  # in the list
+    name: str
+    ok: bool
+    feedback: str
+
+
+class Environment:
+    """The room of a trial, with the benchmark's actions.
+
+    Args:
+        trial: how the room starts, and what its goal is.
+        facts: of its FloorPlan.
+        types: the benchmark's lists.
+        strict: follow the source where it is odd.
+        puts: counts of puts; given when they are to outlive episodes, as in the source.
+
+    Raises:
+        KarmaError: there is no such room.
+    """
+
+    def __init__(
+        self,
+        trial: Trial,
+        facts: RoomFacts,
+        types: ActionTypes,
+        *,
+        strict: bool = False,
+        puts: dict[str, int] | None = None,
+    ) -> None:
+        self.trial, self.strict = trial, strict
+        self.world = EmbeddedWorld(
+            fitted(trial, facts),
+            visibilityDistance=REACH_M,
+            fieldOfView=FOV_DEG,
+            width=_PICTURE_PX,
+            height=_PICTURE_PX,
+        )
+        self.actions: Sequence[NumberedAction] = actions_in(types, self.world.last_event.objects)
+        self.body = Body(
+            world=self.world,
+            names=names_in(self.actions),
+            strict=strict,
+            puts={} if puts is None else puts,
+        )
+        self.steps: list[Step] = []
+        self.invalid = 0
+        self.end: End = ""
+
+    @property
+    def things(self) -> Sequence[Thing]:
+        """All objects as they are, for scripted players."""
+        return self.world.last_event.objects
+
+    @property
+    def held(self) -> str | None:
+        """Id of what is in the hand."""
+        return self.world.state.held
+
+    @property
+    def conditions(self) -> Conditions:
+        """How many of the goal's conditions are met now."""
+        return conditions(self.trial, self.world.last_event.metadata, self.body.deeds)
+
+    @property
+    def picture(self) -> Frame | None:
+        """What the robot sees now; drawn when asked for."""
+        frame: Frame | None = self.world.last_event.frame
+        return frame
+
+    def step(self, number: int) -> Step:
+        """Do one action by its number.
+
+        Raises:
+            IndexError: there is no such action.
+            ValueError: the episode has ended.
+        """
+        if self.end:
+            raise ValueError(f"the episode has ended: {self.end}")
+        if not 0 <= number < len(self.actions):
+            raise IndexError(f"there is no action {number}")
+        message = self.body.act(self.actions[number])
+        feedback = f"Invalid: {message}." if message else "Done."
+        step = Step(
+            number=number, name=str(self.actions[number]), ok=not message, feedback=feedback
+        )
+        self.steps.append(step)
+        self.invalid += bool(message)
+        met = self.conditions
+        if met.met == met.of:
+            self.end = "goal met"
+        elif len(self.steps) >= MOST_STEPS:
+            self.end = "steps"
+        else:
+            self._see_invalid()
+        return step
+
+    def count_unusable(self) -> None:
+        """Count an answer without a usable plan: an invalid action, but no step."""
+        self.invalid += 1
+        self._see_invalid()
+
+    def give_up(self) -> None:
+        """End the episode: the plan was empty."""
+        self.end = "empty plan"
+
+    def _see_invalid(self) -> None:
+        if self.invalid >= MOST_INVALID:
+            self.end = "invalid actions"
