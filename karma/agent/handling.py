@@ -108,7 +108,11 @@ class Handling:
         if held is None:
             raise RefusedError(f"the hand is empty; PickupObject(robot, '{name or '...'}') first")
         if name is not None and not means(name, held):
-            raise RefusedError(f"the hand holds {held.object_type}, not {name}")
+            put_down = hand_full(held, self._reach.known_types())
+            raise RefusedError(
+                f"the hand holds {held.object_type}, not {name}",
+                f"{put_down}, then PickupObject(robot, '{name}')",
+            )
         return held
 
     def _put_into(self, held: SeenObject, target: Known) -> None:

@@ -11,6 +11,7 @@ from karma.agent.refusals import RefusedError, explained
 from karma.agent.sightings import Sightings
 from karma.agent.walk import Stance, Target, Walker
 from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Vec3, World
+from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF
 
@@ -123,9 +124,12 @@ class Reach:
         if (place := self.shut_in(target)) is not None:
             return self._closed(target, place, closed_will_do)
         self.log.miss(target.object_id, target.position_m)
+        where = f", in or on {target.place_id}" if target.place_id else ""
         raise RefusedError(
             f"{target.object_type} is not at its remembered place; "
-            f"Explore(robot, '{target.object_type}') to find it"
+            f"Explore(robot, '{target.object_type}') to find it",
+            f"{target.object_id} is not where it was last seen{where}; "
+            f"Explore(robot, '{base_type(target.object_type)}') to find it",
         )
 
     def _at_hand(self, target: Known) -> bool:
