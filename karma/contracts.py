@@ -223,7 +223,7 @@ class Fixture:
 
     object_id: str
     object_type: str
-    center_m: Vec3  # of its box
+    position_m: Vec3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

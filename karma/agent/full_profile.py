@@ -35,7 +35,7 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
     """
     name_of = {object_id: name for name, object_id in names.items()}
     named = [
-        f"{name_of[one.object_id]}{coarse_text(one.center_m)}"
+        f"{name_of[one.object_id]}{coarse_text(one.position_m)}"
         for one in area.fixtures
         if one.object_id in name_of
     ]

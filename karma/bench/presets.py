@@ -19,7 +19,13 @@ PRESETS = {
     "paper": Preset(  # §3.5; it gives no K, so all units
         recall="cosine",
         recall_text="listing",
-        options={"recall_k": 10, "query": "instruction"},
+        options={
+            "recall_k": 10,
+            "query": "instruction",
+            "whole_memory": False,
+            "map_form": "paper",
+            "seen_listed": False,
+        },
     ),
 }
 

@@ -143,7 +143,7 @@ class SceneGraph:
                 contains=tuple(sorted({node.type for node in self.objects(name)})),
                 adjacent=area.adjacent,
                 fixtures=tuple(
-                    Fixture(object_id=node.id, object_type=node.type, center_m=node.box_center_m)
+                    Fixture(object_id=node.id, object_type=node.type, position_m=node.position_m)
                     for node in self.objects(name)
                 ),
             )

@@ -84,6 +84,34 @@ def test_planner_gives_a_spec_only_when_constrained():
     assert plans([GOOD], constrained=False)[0].specs == [None]
 
 
+def test_full_profile_alone_offers_to_empty_a_vessel():
+    empty = "EmptyObject(robot, 'Mug')\n"
+    model, (plan,) = plans([empty], profile="full")
+    assert [skill.name for skill in model.specs[0].skills][-1] == "EmptyObject"
+    assert plan.error == ""
+    _, (refused,) = plans([empty], attempts=1)
+    assert "there is no skill EmptyObject" in refused.error
+
+
+@pytest.mark.parametrize(
+    ("answer", "line", "reason"),
+    [
+        (GOOD + BAD, 2, "there is no skill FlyToObject. Did you mean GoToObject?"),
+        (GOOD + "PutObject(robot, 'Apple', 'Sofa')\n", 3, "Apple cannot be placed in Sofa; of"),
+        ("# nothing to do\n", None, "the answer holds no skill call"),
+    ],
+)
+def test_refused_answer_is_kept_with_its_line_and_shown_with_earlier_ones(answer, line, reason):
+    model, (first, second) = plans([answer, GOOD], profile="full", attempts=2)
+    assert (first.failure.failed, first.failure.ran, second.failure) == (line, False, None)
+    assert first.failure.reason.startswith(reason)
+    told = model.prompts[1].changing
+    assert reason in told
+    assert (f"{first.failure.lines[line]}  # FAILED: " in told) if line else True
+    _, (*_, third) = plans([answer, BAD, GOOD], profile="full")
+    assert "# Failed before\n" in third.prompt.changing
+
+
 def test_planner_lets_a_model_that_fails_fail():
     with pytest.raises(ModelError, match="run out"):
         plans([])
@@ -157,6 +185,15 @@ def test_grounded_puts_ids_for_short_names_and_keeps_types():
     first, second = grounded(calls, {"Apple": "Apple|2", "Fridge": "Fridge|1"})
     assert first.objects == ("Apple|2", "Fridge|1")
     assert second.objects == ("Cup", "Shelf")
+
+
+def test_grounded_receptacle_with_a_number_is_meant_exactly():
+    names = {"Cabinet_2": "Cabinet|2", "Fridge": "Fridge|1"}
+    exact = [
+        grounded(parse_program(f"PutObject(robot, 'Cup', '{place}')"), names)[0].exact
+        for place in ("Cabinet_2", "Fridge", "Cabinet")
+    ]
+    assert exact == [True, False, False]
 
 
 def test_grounded_keeps_positions_and_lines():

@@ -5,13 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.paths import GOLDEN
 
+from karma.agent.full_profile import skill_needs
 from karma.agent.program import EMPTY_OBJECT, SKILLS, parse_program
 from karma.agent.prompt import PROFILES, render
-from karma.agent.short_names import short_names
-from karma.contracts import Area, MemoryUnit, PlanRequest
+from karma.agent.short_names import fixture_names, in_names, short_names
+from karma.contracts import Area, FailedProgram, Fixture, MemoryUnit, PlanRequest, SeenObject
 from karma.errors import UnknownNameError
 from karma.household.pieces import base_type
 from karma.household.places import landmark_types
+from karma.household.types import object_types
 
 AREAS = (
     Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("Chair", "CounterTop", "Fridge")),
@@ -173,3 +175,125 @@ def test_short_names_are_unique_and_reach_every_unit(units):
 def test_landmarks_cannot_be_carried_and_skip_the_floor():
     assert {"Fridge", "CounterTop", "LightSwitch"} <= landmark_types()
     assert not {"Floor", "Chair", "Plate", "Apple"} & landmark_types()
+
+
+# ----------------------------------------------------------------- the full profile
+
+
+def fixture(object_id, x):
+    return Fixture(
+        object_id=object_id, object_type=object_id.partition("|")[0], position_m=(x, 1.0, -0.04)
+    )
+
+
+FURNISHED = (
+    Area(
+        name="node_1", position_m=(0.0, 0.9, 0.0), adjacent=("node_2",),
+        contains=("Cabinet", "Faucet", "Floor", "Fridge", "StoveBurner"),
+        fixtures=(fixture("Cabinet|1", 1.0), fixture("Cabinet|2", 1.5), fixture("Faucet|1", 0.2),
+                  fixture("Floor|1", 0.0), fixture("Fridge|1", -1.0), fixture("StoveBurner|1", 2)),
+    ),
+    Area(
+        name="node_2", position_m=(1.0, 0.9, 0.0), adjacent=("node_1",), contains=("Cabinet",),
+        fixtures=(fixture("Cabinet|0", 2.0),),
+    ),
+)  # fmt: skip
+
+
+def seen(object_id, place, object_type=""):
+    return SeenObject(
+        object_id=object_id, object_type=object_type or object_id.partition("|")[0],
+        position_m=(0.0, 0.9, 0.0), box_center_m=(0.0, 0.9, 0.0), box_size_m=(0.1, 0.1, 0.1),
+        pickupable=True, parent_ids=(place,),
+    )  # fmt: skip
+
+
+def test_furniture_is_numbered_where_there_are_several_and_what_skills_find_is_not():
+    assert fixture_names(FURNISHED) == {
+        "Cabinet_1": "Cabinet|1", "Cabinet_2": "Cabinet|2", "Cabinet_3": "Cabinet|0",
+        "Fridge": "Fridge|1",
+    }  # fmt: skip
+
+
+def test_map_says_each_thing_once_with_its_place():
+    stable, _, names = parts("full", PlanRequest(instruction="go", areas=FURNISHED))
+    map_ = stable.partition("# Long-term memory")[2].splitlines()[1:]
+    assert map_ == [
+        "node_1 (0.0,0.9,0.0) node_2: Cabinet_1(1.0,1.0,0.0), Cabinet_2(1.5,1.0,0.0), "
+        "Fridge(-1.0,1.0,0.0), Faucet, StoveBurner",
+        "node_2 (1.0,0.9,0.0) node_1: Cabinet_3(2.0,1.0,0.0)",
+    ]
+    assert names["Cabinet_3"] == "Cabinet|0"
+    assert "Cabinet" not in names  # any of them
+
+
+def test_things_in_sight_have_names_after_those_of_memory_by_what_they_lie_on():
+    facts = PlanRequest(
+        instruction="go", areas=FURNISHED, units=(unit("Plate|1", "Plate", place_id="Cabinet|0"),),
+        seen=(seen("Plate|1", "Cabinet|0"), seen("Plate|2", "Cabinet|2"), seen("Mug|1", "Fridge|1"),
+              seen("Egg|1|EggCracked", "Cabinet|2", "EggCracked"),
+              seen("Egg|1|EggCracked_1", "Cabinet|2", "EggCracked")),
+        seen_types=("Plate", "Spoon"),
+    )  # fmt: skip
+    _, changing, names = parts("full", facts)
+    assert "Plate: Cabinet_3 (0.5,0.9,-1.0)\n" in changing
+    assert "# Also seen here\nCabinet_2: Plate_2, Egg\nFridge: Mug\nearlier: Spoon\n" in changing
+    assert (names["Plate"], names["Plate_2"]) == ("Plate|1", "Plate|2")
+    assert parts("compact", facts)[2].keys() == {"Plate", "Cabinet"}
+
+
+@given(units=UNITS, count=st.integers(0, 4), mapped=st.booleans())
+def test_names_of_the_full_profile_are_unique_and_reach_all_that_is_told(units, count, mapped):
+    things = [seen(f"Mug|{n}", "Fridge|1") for n in range(count)]
+    facts = PlanRequest(
+        instruction="go", areas=FURNISHED if mapped else (), units=units, seen=things
+    )
+    _, changing, names = parts("full", facts)
+    assert len(set(names.values())) == len(names)
+    told = {one.object_id for one in units} | {one.object_id for one in things}
+    assert told <= set(names.values())
+    assert "|" not in changing
+
+
+def test_last_program_stands_whole_and_earlier_ones_as_a_line():
+    ran = FailedProgram(
+        lines=("GoToObject(robot, 'Cabinet|2')", "OpenObject(robot, 'Fridge|1')", "Go(robot)"),
+        failed=1, reason="Fridge|1 is stuck", ran=True,
+    )  # fmt: skip
+    read = FailedProgram(lines=("Sure!", "Go(robot)"), failed=1, reason="there is no skill Go")
+    facts = PlanRequest(instruction="go", areas=FURNISHED, failures=(read, read, ran))
+    changing = parts("full", facts)[1]
+    assert (
+        "# Failed before\nGo(robot): there is no skill Go\n# Your last program failed\n"
+        "GoToObject(robot, 'Cabinet_2')  # done\n"
+        "OpenObject(robot, 'Fridge')  # FAILED: Fridge is stuck\nGo(robot)  # not run\n"
+    ) in changing
+
+
+def test_long_program_is_shown_round_the_line_that_failed():
+    lines = tuple(f"GoToObject(robot, 'Thing_{n}')" for n in range(100))
+    failed = FailedProgram(lines=lines, failed=70, reason="no", ran=True)
+    changing = parts("full", PlanRequest(instruction="go", failures=(failed,)))[1]
+    assert "Thing_70')  # FAILED: no\n" in changing
+    assert changing.count("GoToObject") == 40
+
+
+@pytest.mark.parametrize("there", [(), ("Fridge", "Toaster")])
+def test_skills_say_what_the_table_of_types_says(there):
+    put = skill_needs(there)["PutObject"]
+    for kind in object_types().values():
+        told = not there or kind.name in there
+        if kind.must_be_open and not kind.can("pickupable"):
+            assert (kind.name in put) is told
+        if kind.accepts_only:
+            assert (f"{kind.name} {kind.accepts_only[0]}" in put) is told
+    cut = skill_needs()["SliceObject"]
+    assert [
+        one for one in object_types() if object_types()[one].can("sliceable") and one not in cut
+    ] == []
+
+
+def test_ids_in_a_text_become_names_or_types():
+    names = {"Sink|+1.0|+0.9|-2.0": "Sink", "Apple|1|2|3": "Apple_2"}
+    text = "Apple|1|2|3: put it into Sink|+1.0|+0.9|-2.0|SinkBasin. Not Mug|4|5|6, 'Apple|9|9|9'"
+    assert in_names(text, names) == "Apple_2: put it into Sink. Not Mug, 'Apple'"

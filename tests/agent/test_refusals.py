@@ -141,7 +141,7 @@ def test_furniture_out_of_reach_names_others_of_its_kind(tmp_path):
     there = next(one for one in kitchen().objects if one.type == "Cabinet")
     path = tmp_path / "handmade.json"
     path.write_bytes(to_json(kitchen()))
-    fixtures = [Fixture(object_id=one.id, object_type=one.type, center_m=one.center)
+    fixtures = [Fixture(object_id=one.id, object_type=one.type, position_m=one.position)
                 for one in (lost, there)]  # fmt: skip
     skills = Skills(EmbeddedWorld(str(path)), Memory([lost], fixtures))
     result = skills.run(SkillCall(skill="OpenObject", objects=(lost.id,)))
