@@ -344,6 +344,8 @@ class Engine:
     flash_attention: bool
 
 
+Thinking = Literal["off", "on"]  # of a model that can think before it answers
+
 KvState = Literal["kept", "loaded", "evaluated"]  # of a prompt's stable part: memory, disk, neither
 
 

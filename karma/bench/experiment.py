@@ -18,6 +18,7 @@ from karma.contracts import (
     LanguageModel,
     Recall,
     Resources,
+    Thinking,
     VisionModel,
 )
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
@@ -60,6 +61,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     planner: str = "karma-nano"  # a name of models/manifest.toml, a GGUF's path, or "openai"
     profile: str = ""  # "compact" or "full"; "" = what the manifest says
     chat: bool = False  # through the GGUF's own chat template
+    thinking: Thinking = "off"  # whether a model that can think first may
+    thinking_tokens: int = 1024  # of a thought at most
     embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
     recall: str = PRESETS[""].recall
     recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
@@ -313,5 +316,7 @@ def _language_model(
         sha256=file.sha256,
         chat=models.chat or file.chat,
         states=states,
+        thinking=models.thinking,
+        thinking_tokens=models.thinking_tokens,
     )
     return local, models.profile or file.prompt_profile

@@ -3,7 +3,17 @@
 They load, chat, plan and look as the real ones do, and know nothing: for tests without a download.
 """
 
+from karma.testing.architectures import Size
 from karma.testing.families import FAMILIES, PICTURE_FAMILIES
+from karma.testing.pictures import PicturePair, make_picture_model
 from karma.testing.planners import make_llama, make_planner
 
-__all__ = ["FAMILIES", "PICTURE_FAMILIES", "make_llama", "make_planner"]
+__all__ = [
+    "FAMILIES",
+    "PICTURE_FAMILIES",
+    "PicturePair",
+    "Size",
+    "make_llama",
+    "make_picture_model",
+    "make_planner",
+]

@@ -16,7 +16,7 @@ class Size:
     heads: int = 2
     kv_heads: int = 1
     feed_forward: int = 48
-    vocabulary: int = 768
+    vocabulary: int = 1280
     context: int = 8192
     tied: bool = False  # the embedding is the output too
 

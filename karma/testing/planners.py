@@ -69,7 +69,7 @@ def make_llama(
 
 
 def _add_words(writer: Any, family: Family, vocabulary: int) -> None:
-    tokenizer = make_tokenizer(family)
+    tokenizer = make_tokenizer(family, vocabulary)
     add_vocabulary(writer, tokenizer, vocabulary, pre=family.pre)
     ends = {"bos": family.bos, "eos": family.eos}
     add_special_tokens(writer, tokenizer, ends, add_bos=family.add_bos)

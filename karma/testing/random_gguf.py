@@ -53,7 +53,7 @@ def write_random_gguf(
         writer = gguf.GGUFWriter(making, architecture)
         fill(writer)
         for name, shape in listed:
-            kind = _kind(shape)
+            kind = _kind(name, shape)
             writer.add_tensor_info(name, shape, kind, math.prod(shape) * kind.itemsize)
         writer.write_header_to_file()
         writer.write_kv_data_to_file()
@@ -89,13 +89,15 @@ def add_keys(
                 writer.add_array(key, list(value))
 
 
-def _kind(shape: Shape) -> np.dtype[Any]:
-    return np.dtype(np.float32 if len(shape) == 1 else np.float16)
+def _kind(name: str, shape: Shape) -> np.dtype[Any]:
+    """Return the type of a tensor; llama.cpp adds vectors and places to activations as they are."""
+    whole = len(shape) == 1 or "position_embd" in name
+    return np.dtype(np.float32 if whole else np.float16)
 
 
 def _random(name: str, shape: Shape, seed: int) -> NDArray[Any]:
     """Draw one tensor from a stream of its own."""
-    out = np.empty(math.prod(shape), _kind(shape))
+    out = np.empty(math.prod(shape), _kind(name, shape))
     if len(shape) == 1 and name.endswith(".weight"):
         out[:] = 1.0
         return out

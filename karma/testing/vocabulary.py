@@ -4,26 +4,36 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
-from karma.agent.program import SKILLS
+from karma.agent.prompt import render, skills_of
+from karma.contracts import PlanRequest
+from karma.household.types import object_types
 from karma.infer.llama.gguf_export import new_tokenizer
 from karma.testing.families import Family
 
-TRAINED = 640  # tokens, the family's own among them
-_THINGS = ("Apple", "Bread", "Mug", "Plate", "Knife", "Egg", "Fridge", "Microwave", "CounterTop")
+TRAINED = 1200  # tokens, the family's own among them
 
 
 @lru_cache(maxsize=32)
-def make_tokenizer(family: Family) -> Any:
-    """Return a `tokenizers.Tokenizer` whose ids begin with the family's control tokens."""
+def make_tokenizer(family: Family, vocabulary: int = TRAINED) -> Any:
+    """Return a `tokenizers.Tokenizer` whose ids begin with the family's control tokens.
+
+    Args:
+        family: whose control tokens.
+        vocabulary: of the model; the tokenizer has no more tokens, and no more than `TRAINED`.
+    """
     from tokenizers import AddedToken
 
-    tokenizer = new_tokenizer(_texts(), TRAINED - len(family.added), family.control)
+    tokenizer = new_tokenizer(
+        _texts(), min(vocabulary, TRAINED) - len(family.added), family.control
+    )
     tokenizer.add_tokens([AddedToken(text, special=False) for text in family.added])
     return tokenizer
 
 
 def _texts() -> Iterable[str]:
-    for skill in SKILLS:
-        yield from (f"{skill.name}(robot, '{thing}')\n" for thing in _THINGS)
-        yield f"{skill.name}: {skill.doc}\n"
-    yield from (f"Explore(robot, '{thing}', ['node_1', 'node_2'])\n" for thing in _THINGS)
+    """Yield what planners read and write, so that a prompt takes few tokens."""
+    request = PlanRequest(instruction="put the apple in the fridge")
+    yield render("full", request).prompt.stable
+    for thing in object_types():
+        yield from (f"{skill.name}(robot, '{thing}')\n" for skill in skills_of("full"))
+        yield f"Explore(robot, '{thing}', ['node_1', 'node_2'])\n"

@@ -8,6 +8,7 @@ from karma.contracts import Prompt
 from karma.errors import FileError, UnknownNameError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
 from karma.testing import FAMILIES, make_llama, make_planner
 
 SIZE = {"layers": 3, "width": 64, "heads": 4, "kv_heads": 2, "feed_forward": 96}
@@ -45,8 +46,8 @@ def test_llama_of_given_size_has_that_many_weights_and_answers(tmp_path, tied):
     per_layer = 64 * (64 + 2 * 32) + 64 * 64 + 3 * 64 * 96  # q, k, v; output; gate, up, down
     weights = 3 * per_layer + 64 * 2000 * (1 if tied else 2)
     assert abs(path.stat().st_size - 2 * weights) < 60_000  # norms, keys and the vocabulary
-    model = opened(path, n_threads=1)
+    model = opened(path, options=LlamaOptions(threads=1))
     found = model.complete(Prompt(stable="", changing="Go to the fridge."), max_tokens=4)
-    assert (model.gguf.n_ctx, model.gguf.vocabulary) == (512, 2000)
+    assert (model.gguf.limit, model.gguf.vocabulary) == (512, 2000)
     assert found.completion_tokens == 4
     assert 1 < model.gguf.logits().std() < 6

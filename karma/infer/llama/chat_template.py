@@ -1,11 +1,13 @@
 """Render prompts by a GGUF's own chat template, cut where their changing part begins."""
 
+from collections.abc import Callable
 from datetime import datetime
 from typing import Any
 
-from karma.contracts import Prompt
+from karma.contracts import Prompt, Thinking
 from karma.errors import ModelError
 from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.thinking import CLOSE, prepared
 
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
 
@@ -15,17 +17,25 @@ class ChatTemplate:
 
     Args:
         model: whose template it is.
+        thinking: "off" closes a thought that the template opens, and asks it for none; "on" opens
+            one where it does not.
 
     Raises:
-        ModelError: there is none.
+        ModelError: there is none, or it knows no thoughts and `thinking` is "on".
     """
 
-    def __init__(self, model: GgufModel) -> None:
+    def __init__(self, model: GgufModel, *, thinking: Thinking = "off") -> None:
         from llama_cpp.llama_chat_format import Jinja2ChatFormatter
 
         text = model.llama.metadata.get("tokenizer.chat_template")
         if text is None:
             raise ModelError(f"{model.name}: has no chat template; open it with chat=False")
+
+        if thinking == "on" and CLOSE not in text:
+            raise ModelError(
+                f"{model.name}: its chat template knows no {CLOSE}; only a model that was taught to"
+                ' think can\n  To fix: thinking = "off"'
+            )
 
         class Formatter(Jinja2ChatFormatter):  # type: ignore[misc]
             @staticmethod
@@ -34,7 +44,8 @@ class ChatTemplate:
 
         word = model.llama._model.token_get_text
         bos, eos = model.llama.token_bos(), model.llama.token_eos()
-        self._name = model.name
+        self._name, self._thinking = model.name, thinking
+        self._form = _FORMS[0]  # that it took last
         self._renderer: Any = Formatter(
             template=text,
             bos_token=word(bos) if bos >= 0 else "",
@@ -47,27 +58,40 @@ class ChatTemplate:
         Raises:
             ModelError: the template refuses a plain conversation, or drops what it is given.
         """
-        stable, reason = prompt.stable, ""
-        system = (("system", stable), ("user", _MARK))
-        user = (("user", stable + _MARK),)
-        # some templates refuse or drop a system message, some a text that is no list of parts
-        for said, form in ((system, _text), (user, _text), (system, _parts), (user, _parts)):
-            messages = [{"role": role, "content": form(text)} for role, text in said]
+        reason, switch = "", self._thinking == "on"
+        for form in sorted(_FORMS, key=lambda one: one is not self._form):
             try:
-                halves = self._renderer(messages=messages).prompt.split(_MARK)
+                messages = form(prompt.stable)
+                rendered = self._renderer(messages=messages, enable_thinking=switch)
+                halves = rendered.prompt.split(_MARK)
             except Exception as error:  # noqa: BLE001 - a template can raise anything
                 reason = str(error)
                 continue
-            if len(halves) == 2 and stable.strip() in halves[0]:
-                return halves[0], prompt.changing + halves[1]
+            if len(halves) == 2 and prompt.stable.strip() in halves[0]:
+                self._form = form
+                return halves[0], prompt.changing + prepared(halves[1], self._thinking)
             reason = "it does not repeat what it is given"
         raise ModelError(f"{self._name}: its chat template cannot be used: {reason}")
 
 
-def _text(text: str) -> str:
-    return text
+def _system(stable: str) -> list[dict[str, Any]]:
+    return [{"role": "system", "content": stable}, {"role": "user", "content": _MARK}]
 
 
-def _parts(text: str) -> list[dict[str, str]]:
-    """Return a message as templates of picture models want it."""
-    return [{"type": "text", "text": text}]
+def _user(stable: str) -> list[dict[str, Any]]:
+    """Return it for templates that refuse a system message, or drop it."""
+    return [{"role": "user", "content": stable + _MARK}]
+
+
+def _in_parts(messages: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return messages for templates of picture models that read lists only."""
+    parts = [[{"type": "text", "text": one["content"]}] for one in messages]
+    return [one | {"content": part} for one, part in zip(messages, parts, strict=True)]
+
+
+_FORMS: tuple[Callable[[str], list[dict[str, Any]]], ...] = (
+    _system,
+    _user,
+    lambda stable: _in_parts(_system(stable)),
+    lambda stable: _in_parts(_user(stable)),
+)

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from karma.contracts import Choice, Completion, ProgramSpec, Prompt, Scoring
+from karma.contracts import Choice, Completion, ProgramSpec, Prompt, Scoring, Thinking
 from karma.errors import ModelError
 from karma.infer.llama.chat_template import ChatTemplate
 from karma.infer.llama.constrain import best_token, choose_token, gumbel
@@ -17,6 +17,7 @@ from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
+from karma.infer.llama.thinking import Thought, closing_tokens, think
 from karma.infer.programs.automaton import ProgramAutomaton, State
 from karma.seeds import stream
 
@@ -38,6 +39,8 @@ class LlamaModel:
         path: the file.
         chat: render prompts through the file's own chat template (instruction-tuned models):
             `stable` is the system message, `changing` the user's. Texts are scored without it.
+        thinking: whether a thinking model may think before it answers; needs `chat`.
+        thinking_tokens: of a thought at most; it is then closed.
         options: this and the rest: see `GgufModel`.
         name: see there.
         sha256: see there.
@@ -52,6 +55,8 @@ class LlamaModel:
         path: str | Path,
         *,
         chat: bool = False,
+        thinking: Thinking = "off",
+        thinking_tokens: int = 1024,
         options: LlamaOptions | None = None,
         name: str | None = None,
         sha256: str | None = None,
@@ -59,7 +64,11 @@ class LlamaModel:
     ) -> None:
         self.gguf = GgufModel(path, options, name=name, sha256=sha256, states=states)
         self.name = self.gguf.name
-        self._template = ChatTemplate(self.gguf) if chat else None
+        if thinking == "on" and not chat:
+            raise ModelError(f"{self.name}: thinking = 'on' needs chat = true, its chat template")
+        self._template = ChatTemplate(self.gguf, thinking=thinking) if chat else None
+        self._thinking_tokens = thinking_tokens if thinking == "on" else 0
+        self._closing_tokens = closing_tokens(self.gguf) if thinking == "on" else 0
         self._scorer: SkillScorer | None = None  # opened when first asked
 
     def complete(
@@ -74,7 +83,8 @@ class LlamaModel:
         """Continue the prompt; with `spec`, only with a program that parses.
 
         An answer that reaches `max_tokens` or the end of the context has finish "length"; under a
-        spec it is cut back to its last whole line.
+        spec it is cut back to its last whole line. A thought comes before the answer and counts
+        as what the model said, but neither for `max_tokens` nor for the spec.
 
         Raises:
             ModelError: the prompt does not fit the context, or the model cannot continue it.
@@ -82,16 +92,12 @@ class LlamaModel:
         begun = time.perf_counter()
         stable, changing = self._cut(prompt)
         prompt_tokens = len(stable) + len(changing)
-        if prompt_tokens >= self.gguf.limit:
-            raise ModelError(
-                f"the prompt has {prompt_tokens} tokens and needs room for an answer,"
-                f" but {self.name} has a context of {self.gguf.limit}"
-            )
-        room = min(max_tokens, self.gguf.limit - prompt_tokens)
-        self.gguf.make_room(prompt_tokens + room)
+        spare, room = self._rooms(prompt_tokens, max_tokens)
+        self.gguf.make_room(prompt_tokens + spare + self._closing_tokens + room)
         state = self.gguf.evaluate(stable, changing)
         automaton = None if spec is None else _automaton(spec)
         rng = stream(seed, "decode") if temperature > 0 else None
+        thought = self._think(spare, temperature, rng)
         found = self._decode(automaton, room, temperature, rng, begun)
         text = found.text
         if found.finish == "length" and automaton is not None:
@@ -101,9 +107,10 @@ class LlamaModel:
             finish=found.finish,
             prompt_tokens=prompt_tokens,
             reused_tokens=0 if state == "evaluated" else len(stable),
-            completion_tokens=found.tokens,
+            completion_tokens=thought.tokens + found.tokens,
             first_token_s=found.first_token_s,
             total_s=time.perf_counter() - begun,
+            reasoning=thought.text,
             constrained=spec is not None,
             engine=self.gguf.engine,
             state=state,
@@ -143,6 +150,26 @@ class LlamaModel:
         if not changing:
             raise ModelError("the prompt is empty")
         return stable, changing
+
+    def _rooms(self, prompt_tokens: int, max_tokens: int) -> tuple[int, int]:
+        """Return how many tokens a thought and the answer may have; the answer comes first.
+
+        Raises:
+            ModelError: there is no room for an answer.
+        """
+        left = self.gguf.limit - prompt_tokens - self._closing_tokens
+        if left < 1:
+            raise ModelError(
+                f"the prompt has {prompt_tokens} tokens and needs room for an answer,"
+                f" but {self.name} has a context of {self.gguf.limit}"
+            )
+        answer = min(max_tokens, left)
+        return min(self._thinking_tokens, left - answer), answer
+
+    def _think(self, spare: int, temperature: float, rng: np.random.Generator | None) -> Thought:
+        if not self._closing_tokens:
+            return Thought("", 0)
+        return think(self.gguf, spare, lambda: self._next(None, None, temperature, rng)[0])
 
     def _decode(
         self,
