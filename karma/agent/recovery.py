@@ -62,7 +62,7 @@ def recover_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> Rec
         kept.append(found["call"] if found else "")
         if not found and line.strip():
             dropped.append(line.strip())
-    if not any(kept) or _is_code(text) or any(map(_BLOCK.fullmatch, dropped)):
+    if not any(kept) or (dropped and _is_code(text)) or any(map(_BLOCK.fullmatch, dropped)):
         parse_program(text, skills)  # says what is wrong
         raise ProgramError("the answer holds no skill call on a line of its own", line=1, code="")
     return Recovered(calls=parse_program("\n".join(kept), skills), dropped=tuple(dropped))

@@ -138,8 +138,11 @@ def _wait(process, port, log, page="/v1/models"):
 
 
 @contextmanager
-def wire_server(answer, host="127.0.0.1"):
-    """Serve `answer(path, body, headers) -> (status, headers, bytes)`; yields (URL, requests)."""
+def wire_server(answer, host="127.0.0.1", pages=None):
+    """Serve `answer(path, body, headers) -> (status, headers, bytes)`; yields (URL, requests).
+
+    `pages`: path -> JSON value, for GET; others are not there.
+    """
     need_loopback()
     seen = []
 
@@ -157,6 +160,15 @@ def wire_server(answer, host="127.0.0.1"):
             self.send_response(status)
             for name, value in {"Content-Type": "application/json", **headers}.items():
                 self.send_header(name, value)
+            self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+
+        def do_GET(self):
+            found = (pages or {}).get(self.path)
+            data = json.dumps(found).encode()
+            self.send_response(404 if found is None else 200)
+            self.send_header("Content-Type", "application/json")
             self.send_header("Content-Length", str(len(data)))
             self.end_headers()
             self.wfile.write(data)

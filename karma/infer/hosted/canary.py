@@ -6,6 +6,7 @@ model that is not held to them says something else.
 """
 
 import re
+from dataclasses import replace
 
 from karma.contracts import Prompt
 from karma.errors import ModelError, ServerLost
@@ -15,7 +16,7 @@ from karma.infer.programs.gbnf import literal
 from karma.seeds import stream
 
 _TIMES = 2
-_MAX_TOKENS = 64
+_MAX_TOKENS = 256  # of letters one by one, and of the white space that JSON may have
 _PROMPT = Prompt(
     stable="You are a friendly guide.\n", changing="Describe the weather of today in a sentence.\n"
 )
@@ -68,13 +69,12 @@ def _language(words: tuple[str, ...]) -> Language:
         },
         read=read,
         admits=admitted.__contains__,
+        begins=lambda text: any(word.startswith(text) for word in admitted),
     )
 
 
 def _try_malformed(model: HostedLanguageModel, seed: int) -> None:
-    language = Language(
-        grammar=_MALFORMED, regex="", schema={}, read=lambda text: text, admits=lambda text: False
-    )
+    language = replace(_language(("k-", "k-")), grammar=_MALFORMED)
     try:
         model.answer(_PROMPT, language, max_tokens=_MAX_TOKENS, seed=seed)
     except ServerLost:
@@ -92,8 +92,9 @@ def _failing(words: tuple[str, ...], text: str, finish: str, reasoning: str) -> 
 
 
 def _unproven(model: HostedLanguageModel, why: str) -> ModelError:
+    thinks = "thinking = 'off' where the model has no <think>; " if model.manner.thinks else ""
     return ModelError(
         f"{model.name} at {model.host}: answers are not held to programs: {why}\n"
-        "  To fix: constrained = false under [models] (--no-constrained) samples and parses them;"
-        " or see the servers in docs/hosted.md that hold answers to a grammar"
+        f"  To fix: {thinks}constrained = false under [models] (--no-constrained) samples and reads"
+        " them; or see the servers in docs/hosted.md that hold answers to a grammar"
     )

@@ -30,6 +30,7 @@ class Language:
     schema: Mapping[str, Any]
     read: Callable[[str], str | None] = field(compare=False)  # a JSON answer as the text it means
     admits: Callable[[str], bool] = field(compare=False)
+    begins: Callable[[str], bool] = field(compare=False)  # something that is admitted
 
 
 @lru_cache(maxsize=8)
@@ -46,7 +47,12 @@ def language_of(spec: ProgramSpec) -> Language:
         return state is not None and automaton.accepts(state)
 
     return Language(
-        grammar=gbnf(spec), regex=regex(spec), schema=schema(spec), read=program_text, admits=admits
+        grammar=gbnf(spec),
+        regex=regex(spec),
+        schema=schema(spec),
+        read=program_text,
+        admits=admits,
+        begins=lambda text: automaton.advance(automaton.start(), text) is not None,
     )
 
 

@@ -93,9 +93,17 @@ class HostedLanguageModel:
             total_s=said.exchange.seconds,
             cost=cost_of(usage, self._endpoint.prices),
             reasoning=said.reasoning,
-            constrained=language is not None and (said.finish == "length" or not fault),
+            constrained=self._held(said, language),
             fault=fault,
         )
+
+    def _held(self, said: Said, language: Language | None) -> bool | None:
+        """Return whether a grammar held an answer; None where half a JSON text does not tell."""
+        if language is None:
+            return False
+        if said.finish == "stop":
+            return language.admits(said.text)
+        return None if self.manner.constraint == "schema" else language.begins(said.text)
 
     def answer(
         self,
@@ -118,6 +126,7 @@ class HostedLanguageModel:
         options = options_of(self._endpoint, room, temperature, seed, fields)
         exchange = self._session.ask("planner", self._endpoint, path, {**body, **options})
         text, finish, reasoning = said_in(exchange.reply.answer or {}, self._endpoint)
+        text = text.lstrip("\n")  # that a template leaves between thought and answer
         if language is not None and self.manner.constraint == "schema" and finish == "stop":
             text = language.read(text) or text
         return Said(text=text, finish=finish, reasoning=reasoning, exchange=exchange)

@@ -19,6 +19,7 @@ from karma.infer.hosted.model import HostedLanguageModel, sendable
 from karma.infer.hosted.session import Endpoint, Session
 
 _TOLD = 256  # likeliest next tokens in an answer
+_EMPTY = '""'
 _LEAST = -1e4  # of a log-probability; a server writes 0.0 as the smallest number there is
 
 
@@ -37,6 +38,7 @@ class HostedScorer:
         self.name = model.name
         self._model, self._endpoint, self._session = model, endpoint, session
         self._trie = lru_cache(maxsize=8)(self._made_trie)
+        self._ending = str((session.look(endpoint, "../props") or {}).get("eos_token", ""))
 
     def complete(
         self,
@@ -66,7 +68,8 @@ class HostedScorer:
         if not tokens:
             raise ValueError("there is no prompt")
         trie = self._trie(tuple(continuations))
-        search = _Search(self._endpoint, self._session, tokens, trie)
+        end = self._end()[0] if END in continuations else None
+        search = _Search(self._endpoint, self._session, tokens, trie, end)
         race = Race(trie, search.found, average=scoring == "average", settle=search.settle)
         leader: int | None = 0
         while leader is not None:
@@ -89,12 +92,16 @@ class HostedScorer:
 
     def _end(self) -> list[int]:
         """Return the token that ends an answer."""
-        props = self._session.look(self._endpoint, "../props") or {}
-        return self._tokens(str(props.get("eos_token", "")), special=True)
+        tokens = self._tokens(self._ending, special=True)
+        if len(tokens) != 1:
+            raise _odd(self._endpoint, "no token that ends an answer")
+        return tokens
 
     def _tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
         body = {"content": sendable(text), "add_special": begins, "parse_special": special}
-        said = self._session.ask("planner", self._endpoint, "../tokenize", body, shared=True)
+        said = self._session.ask(
+            "planner", self._endpoint, "../tokenize", body, shared=True, billed=False
+        )
         try:
             return [int(token) for token in (said.reply.answer or {})["tokens"]]
         except (KeyError, TypeError, ValueError) as error:
@@ -105,11 +112,17 @@ class _Search:
     """Fills in the scores of a trie's nodes; some are at first the most that they can be."""
 
     def __init__(
-        self, endpoint: Endpoint, session: Session, prompt: list[int], trie: Sequence[Node]
+        self,
+        endpoint: Endpoint,
+        session: Session,
+        prompt: list[int],
+        trie: Sequence[Node],
+        end: int | None,
     ) -> None:
         self.found: Floats = np.zeros(len(trie), np.float64)
         self.requests, self.seconds = 0, 0.0
         self._endpoint, self._session, self._prompt, self._trie = endpoint, session, prompt, trie
+        self._end = end
         self._bounds: set[int] = set()  # nodes whose scores are bounds
         self._known: set[int] = set()  # nodes whose children have scores
 
@@ -121,9 +134,13 @@ class _Search:
         if len(children) == 1:
             self._follow(number)
             return
-        (entry,) = self._ask(number, {"n_predict": 1, "n_probs": _TOLD})
+        # one is taken by force: of a token that is half a letter nothing would be told
+        forced = next(iter(children))
+        options = {"n_predict": 1, "n_probs": _TOLD, "grammar": self._forcing([forced])}
+        (entry,) = self._ask(number, options)
         told = {int(one["id"]): _chance(one) for one in entry["top_logprobs"]}
         least = min(told.values())
+        told[forced] = _chance(entry)
         for token, child in children.items():
             self.found[child] = self.found[number] + told.get(token, least)
             if token not in told:
@@ -149,12 +166,17 @@ class _Search:
     def _run(self, path: Sequence[int]) -> None:
         """Score nodes that follow each other; the first one's parent has its score."""
         parent = self._trie[path[0]].parent
-        forced = " ".join(f"<[{self._trie[number].token}]>" for number in path)
-        options = {"n_predict": len(path), "n_probs": 1, "grammar": f"root ::= {forced}"}
+        grammar = self._forcing([self._trie[number].token for number in path])
+        options = {"n_predict": len(path), "n_probs": 1, "grammar": grammar}
         score = self.found[parent]
         for number, entry in zip(path, self._ask(parent, options), strict=False):
             score += _chance(entry)
             self.found[number] = score
+
+    def _forcing(self, tokens: Sequence[int]) -> str:
+        """Return the grammar of these tokens alone; the end of an answer is what follows them."""
+        words = [f"<[{token}]>" for token in tokens if token != self._end]
+        return f"root ::= {' '.join(words) or _EMPTY}"
 
     def _ask(self, number: int, options: dict[str, Any]) -> list[dict[str, Any]]:
         """Return what is told of the tokens after a node."""

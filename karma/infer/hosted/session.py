@@ -197,6 +197,7 @@ class Session:
         *,
         named: Mapping[str, Any] | None = None,
         shared: bool = False,
+        billed: bool = True,
     ) -> Exchange:
         """Ask once and return the exchange; its reply has an answer.
 
@@ -207,6 +208,7 @@ class Session:
             body: what is sent.
             named: what is recorded in place of `body` where that is large (pictures).
             shared: equal bodies have equal answers.
+            billed: not so where it costs nothing and is not asked in every episode.
 
         Raises:
             ModelError: the endpoint failed or refused; never holds the key.
@@ -219,7 +221,8 @@ class Session:
             url=key.out_of(endpoint.base_url),
             shared=shared,
         )
-        self._enter(role, endpoint, exchange)
+        if billed:
+            self._enter(role, endpoint, exchange)
         if exchange.reply.answer is None:
             raise ModelError(f"{endpoint.model} at {endpoint.host}: {exchange.reply.failure}")
         return exchange

@@ -1,0 +1,88 @@
+"""Programs found in talk, and what is never taken for one."""
+
+import pytest
+
+from karma.agent.program import parse_program
+from karma.agent.recovery import program_of, recover_program
+from karma.contracts import Completion
+from karma.errors import ProgramError
+
+PROGRAM = "GoToObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'Sink')\n"
+CALLS = ["GoToObject(robot, 'Mug')", "PutObject(robot, 'Mug', 'Sink')"]
+
+
+def said(text, **more):
+    fields = {
+        "finish": "stop", "prompt_tokens": 1, "reused_tokens": None, "completion_tokens": 1,
+        "first_token_s": None, "total_s": 0.1,
+    }  # fmt: skip
+    return Completion(text=text, **fields, **more)
+
+
+TALK = {
+    "talk before": f"Sure! Here is the program:\n\n{PROGRAM}",
+    "talk after": f"{PROGRAM}\nThis puts the mug into the sink. Let me know!",
+    "fence in the middle": f"Here you go:\n```python\n{PROGRAM}```\nDone (I hope).",
+    "numbers": "1. GoToObject(robot, 'Mug')\n2) PutObject(robot, 'Mug', 'Sink')",
+    "steps": "Step 1: GoToObject(robot, 'Mug')\nStep 2: PutObject(robot, 'Mug', 'Sink')",
+    "bullets": "- GoToObject(robot, 'Mug')\n* PutObject(robot, 'Mug', 'Sink')",
+    "ticks": "- `GoToObject(robot, 'Mug')`\n- `PutObject(robot, 'Mug', 'Sink')`",
+    "bold": "1. **GoToObject(robot, 'Mug')**\n2. **PutObject(robot, 'Mug', 'Sink')**",
+    "reasons": "1. GoToObject(robot, 'Mug') - find it\n2. PutObject(robot, 'Mug', 'Sink') # wash",
+    "semicolons": "GoToObject(robot, 'Mug');\nPutObject(robot, 'Mug', 'Sink');\nThat's it",
+    "Windows": "OK:\r\nGoToObject(robot, 'Mug')\r\nPutObject(robot, 'Mug', 'Sink')\r\n",
+}
+
+
+@pytest.mark.parametrize("text", TALK.values(), ids=TALK)
+def test_program_is_found_among_talk_and_marks(text):
+    found = program_of(said(text, constrained=False))
+    assert [str(call) for call in found.calls] == CALLS
+    lines = text.replace("\r\n", "\n").split("\n")
+    assert [call.skill in lines[call.line - 1] for call in found.calls] == [True, True]
+    kept = {line.strip() for line in lines if "robot" in line}
+    assert not kept & set(found.dropped)
+
+
+def test_what_was_dropped_is_told_line_by_line():
+    found = program_of(said(f"Sure!\n\n{PROGRAM}Bye."))
+    assert found.dropped == ("Sure!", "Bye.")
+    assert program_of(said(PROGRAM)).dropped == ()
+
+
+def test_answer_that_a_grammar_held_is_read_strictly():
+    with pytest.raises(ProgramError, match="line 1: not a program"):
+        program_of(said(f"Sure! Here:\n{PROGRAM}", constrained=True))
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("for i in range(3):\n    GoToObject(robot, 'Mug')", "a loop"),
+        ("Sure!\nfor i in range(3):\n    GoToObject(robot, 'Mug')", "not a program"),
+        ("Sure!\nif hungry:\n  GoToObject(robot, 'Mug')\nBye", "not a program"),
+        ("x = 1\nGoToObject(robot, 'Mug')", "an assignment"),
+        ("I would call GoToObject(robot, 'Mug') first.", "not a program"),
+        ("I cannot help with that.", "not a program"),
+        ("Sure!\nFlyTo(robot, 'Mug')", "there is no skill FlyTo"),
+        ("Sure!\n1. GoToObject(robot, Mug)", "an object is a quoted name"),
+        ("Here:\nGoToObject(robot, __import__('os').system('x'))", "a quoted name"),
+        ("robot.GoToObject('Mug')", "only skill calls"),
+    ],
+)
+def test_what_is_no_program_is_refused_by_what_is_wrong_with_it(text, named):
+    with pytest.raises(ProgramError, match=named):
+        program_of(said(text))
+
+
+def test_fault_of_the_answer_is_quoted_with_its_last_line():
+    with pytest.raises(ProgramError, match="line 2: it was cut\n    PutObj") as caught:
+        program_of(said("GoToObject(robot, 'Mug')\nPutObj", fault="it was cut"))
+    assert (caught.value.line, caught.value.code) == (2, "PutObj")
+    with pytest.raises(ProgramError, match="line 1: nothing"):
+        program_of(said("", fault="nothing"))
+
+
+def test_recovered_program_is_what_the_parser_makes_of_its_lines():
+    found = recover_program(f"Sure!\n{PROGRAM}")
+    assert [str(c) for c in found.calls] == [str(c) for c in parse_program(PROGRAM)]
