@@ -37,6 +37,7 @@ SWITCHES = {
     "ANONYMIZED_TELEMETRY": "False",
     "SCARF_NO_ANALYTICS": "true",
     "GRADIO_ANALYTICS_ENABLED": "False",
+    "USE_HUB_KERNELS": "0",  # of transformers: they are downloaded code
     "RAY_USAGE_STATS_ENABLED": "0",
     "WANDB_MODE": "disabled",
     "AWS_EC2_METADATA_DISABLED": "true",  # botocore comes with ai2thor

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from difflib import get_close_matches
+from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -247,26 +248,29 @@ def load_resources(
         seed=seed,
         max_tokens=models.max_tokens,
     )
-    embedder = _filled("embedders", models.embedder, models.hosted.embedder, session)
+    embedder = _filled("embedders", models.embedder, models.hosted.embedder, session, models)
     return Resources(
         model=model,
         profile=profile,
         decoding=decoding,
         recall=_recall(models.recall, models.recall_text, embedder),
-        vision=_filled("vision_models", models.vision, models.hosted.vision, session),
+        vision=_filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
         learn=learn,
         embedder=embedder,
     )
 
 
-def for_row(resources: Resources, row: Row, loaded: dict[str, VisionModel]) -> Resources:
+def for_row(
+    resources: Resources, row: Row, loaded: dict[str, VisionModel], models: Models
+) -> Resources:
     """Return what a row's method is built from: the run's, save for what the row names itself.
 
     Args:
         resources: of the run.
         row: of the experiment.
         loaded: vision models by name; takes those that the row adds, so that each is loaded once.
+        models: of the run; say on what they are computed.
 
     Raises:
         ModelError: its vision model is missing, damaged or of the wrong kind.
@@ -277,7 +281,7 @@ def for_row(resources: Resources, row: Row, loaded: dict[str, VisionModel]) -> R
         recall = _recall(chosen.recall, chosen.recall_text, resources.embedder)
     if row.vision:
         if row.vision not in loaded:
-            loaded[row.vision] = _filled("vision_models", row.vision, None, Session())
+            loaded[row.vision] = _filled("vision_models", row.vision, None, Session(), models)
         vision = loaded[row.vision]
     return replace(resources, recall=recall, vision=vision)
 
@@ -287,16 +291,21 @@ def _recall(name: str, text: str, embedder: Embedder | None) -> Recall:
     return made
 
 
-def _filled(role: str, name: str, endpoint: Endpoint | None, session: Session) -> Any:
+def _filled(
+    role: str, name: str, endpoint: Endpoint | None, session: Session, models: Models
+) -> Any:
     """Return a role's implementation: "minilm", or with its model, "sentence:bge-small-en".
 
-    One that is hosted is told where.
+    One that is hosted is told where, others on what they are computed, if they take it.
     """
     kind, _, model = name.partition(":")
     made = registry.load(role, kind)
     if endpoint is not None:
         return made(endpoint, session=session)
-    return made(model) if model else made()
+    known = signature(made).parameters
+    wanted = {"torch_options": models.torch, "llama_options": models.llama}
+    options = {name: value for name, value in wanted.items() if name in known}
+    return made(model, **options) if model else made(**options)
 
 
 def _language_model(

@@ -98,7 +98,7 @@ class Performer:
         self._days = Days()
         seeing = {stage.models.vision: resources.vision}
         self._methods = {  # all of them now: a wrong row must not come to light hours later
-            row.name: _built(row, resources, seeing) for row in stage.rows
+            row.name: _built(row, resources, seeing, stage.models) for row in stage.rows
         }
 
     def do(self, job: Job) -> Finished:
@@ -165,7 +165,9 @@ def world_maker(name: str, options: Iterable[Mapping[str, Any]]) -> Callable[[],
     return partial(make, **PICTURES) if looks else make
 
 
-def _built(row: Row, resources: Resources, loaded: dict[str, VisionModel]) -> Method:
+def _built(
+    row: Row, resources: Resources, loaded: dict[str, VisionModel], models: Models
+) -> Method:
     """Return the method of a row.
 
     Raises:
@@ -173,7 +175,7 @@ def _built(row: Row, resources: Resources, loaded: dict[str, VisionModel]) -> Me
     """
     try:
         kind: type[Method] = registry.load("methods", row.method)
-        return kind.build(for_row(resources, row, loaded), row.all_options)
+        return kind.build(for_row(resources, row, loaded, models), row.all_options)
     except KarmaError as error:
         raise KarmaError(f"row {row.name!r}: {error}") from error
 

@@ -1,5 +1,6 @@
 """Open checked folders with transformers: from disk only, in silence, and only if all fits."""
 
+import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,7 @@ from karma.errors import ModelError
 from karma.infer.checks.folder import CheckedFolder, check_folder, read_config
 from karma.infer.checks.memory import check_memory, weights_mb
 from karma.infer.manifest.manifest import Role, resolve_folder
+from karma.infer.torch_options import TorchOptions
 
 
 def checked_folder(
@@ -28,13 +30,45 @@ def checked_folder(
     return check_folder(place.path, families, needs=needs, name=place.name, fix=place.fix)
 
 
-def check_room(folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0) -> None:
+def device_of(options: TorchOptions) -> str:
+    """Return the device that is meant, as torch calls it: "cpu", "cuda", "cuda:1", "mps".
+
+    Raises:
+        ModelError: there is none like it here.
+    """
+    import torch
+
+    wanted = options.device
+    if wanted == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    kind, _, number = wanted.partition(":")
+    there = {
+        "cpu": 1, "cuda": torch.cuda.device_count(), "mps": int(torch.backends.mps.is_available()),
+        "xpu": torch.xpu.device_count(),
+    }[kind]  # fmt: skip
+    if there <= int(number or 0):
+        raise ModelError(
+            f"device = {wanted!r}: torch {torch.__version__} finds {there or 'no'} such device\n"
+            f'  To fix: device = "auto" or "cpu", or install a torch that was built for {kind}'
+        )
+    return wanted
+
+
+def bytes_of(options: TorchOptions, *, half: bool = False) -> int:
+    """Return how many bytes a parameter takes once loaded; `half`: where auto means 16 bits."""
+    return 4 if options.dtype == "float32" or (options.dtype == "auto" and not half) else 2
+
+
+def check_room(
+    folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0, device: str = "cpu"
+) -> None:
     """Refuse a model that would not fit into memory, before its weights are read.
 
     Args:
         folder: the model.
         bytes_each: of a parameter once loaded; 4 is float32.
         work_mb: what it needs to compute, where that is much.
+        device: whose memory is asked.
 
     Raises:
         ModelError: it would not fit.
@@ -43,34 +77,54 @@ def check_room(folder: CheckedFolder, *, bytes_each: int = 4, work_mb: float = 0
     parts = f"{count / 1e6:.1f} million parameters of {bytes_each} bytes, and room to compute"
     check_memory(
         str(folder.path), weights_mb(count, bytes_each=bytes_each) + work_mb, parts=parts,
-        fix="take a smaller model (`karma models list`)",
+        fix="take a smaller model (`karma models list`)", free_mb=_free_mb(device),
     )  # fmt: skip
 
 
+def _free_mb(device: str) -> float | None:
+    """Return the free memory of a card; None for what shares this machine's."""
+    if not device.startswith("cuda"):
+        return None
+    import torch
+
+    return float(torch.cuda.mem_get_info(device)[0]) / 1e6
+
+
 def load_weights(
-    kind: str, folder: CheckedFolder, *, work_mb: float = 0, half: bool = False
+    kind: str,
+    folder: CheckedFolder,
+    options: TorchOptions | None = None,
+    *,
+    work_mb: float = 0,
+    half: bool = False,
 ) -> Any:
-    """Open a model on the CPU, ready to be asked.
+    """Open a model on its device, ready to be asked.
 
     Args:
         kind: its class in transformers, e.g. "CLIPModel".
         folder: checked before, see `check_folder`.
+        options: on which device, in which numbers.
         work_mb: see `check_room`.
-        half: in bfloat16 instead of float32.
+        half: in bfloat16 instead of float32, where the options leave it open.
 
     Raises:
-        ModelError: too little memory, or weights that are not this architecture's: transformers
-            itself would fill what is missing with random numbers and say so in a warning only.
+        ModelError: no such device, too little memory, or weights that are not this
+            architecture's: transformers itself would fill what is missing with random numbers and
+            say so in a warning only.
     """
-    check_room(folder, bytes_each=2 if half else 4, work_mb=work_mb)
+    options = options or TorchOptions()
+    device = device_of(options)
+    check_room(folder, bytes_each=bytes_of(options, half=half), work_mb=work_mb, device=device)
     import torch
-    import transformers
 
+    auto = "bfloat16" if half else "float32"
+    dtype = getattr(torch, auto if options.dtype == "auto" else options.dtype)
+    transformers = import_transformers()
     with quiet():
         try:
             model, told = getattr(transformers, kind).from_pretrained(
                 folder.path, local_files_only=True, use_safetensors=True,
-                dtype=torch.bfloat16 if half else torch.float32,
+                dtype=dtype,
                 trust_remote_code=False, output_loading_info=True,
             )  # fmt: skip
         except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
@@ -82,7 +136,15 @@ def load_weights(
             f"{folder.path}: not a whole {kind}: {len(missing)} weights are missing, "
             f"e.g. {missing[0]}"
         )
-    return model.eval()
+    return model.eval().to(device)
+
+
+def import_transformers() -> Any:
+    """Import transformers such that it never asks the package `kernels`, which downloads code."""
+    os.environ.setdefault("USE_HUB_KERNELS", "0")
+    import transformers
+
+    return transformers
 
 
 def load_image_processor(folder: CheckedFolder) -> Any:
@@ -91,8 +153,6 @@ def load_image_processor(folder: CheckedFolder) -> Any:
     Raises:
         ModelError: preprocessor_config.json cannot be used.
     """
-    from transformers import AutoImageProcessor
-
     where = folder.path / "preprocessor_config.json"
     said = read_config(where, fix="bring the model's whole folder")
     kinds = [said.get(key) for key in ("image_processor_type", "feature_extractor_type")]
@@ -100,7 +160,7 @@ def load_image_processor(folder: CheckedFolder) -> Any:
         raise ModelError(f"{where}: cannot be used: no image_processor_type")
     with quiet():
         try:
-            return AutoImageProcessor.from_pretrained(
+            return import_transformers().AutoImageProcessor.from_pretrained(
                 folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
             )
         except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
@@ -125,8 +185,7 @@ def load_tokenizer(folder: CheckedFolder) -> Any:
 @contextmanager
 def quiet() -> Iterator[None]:
     """Show no progress bars and warnings of transformers meanwhile; leave no setting changed."""
-    from transformers.utils import logging
-
+    logging = import_transformers().utils.logging
     shown, level = logging.is_progress_bar_enabled(), logging.get_verbosity()
     logging.disable_progress_bar()
     logging.set_verbosity_error()

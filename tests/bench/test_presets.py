@@ -104,12 +104,12 @@ def test_row_takes_its_own_vision_and_recall_and_leaves_the_run_s_alone(tmp_path
         embedder=embedder,
     )  # fmt: skip
     loaded = {"metadata": run.vision}
-    plain = for_row(run, row_of(tmp_path, ""), loaded)
+    plain = for_row(run, row_of(tmp_path, ""), loaded, Models())
     assert plain == run
-    blind = for_row(run, row_of(tmp_path, 'vision = "blind"'), loaded)
+    blind = for_row(run, row_of(tmp_path, 'vision = "blind"'), loaded, Models())
     assert loaded == {"metadata": run.vision, "blind": blind.vision}  # each is loaded once
     assert (blind.vision.name, run.vision.name) == ("blind", "metadata")
     assert blind.vision.read_states(None, "wash it", [object()]) == {}
-    paper = for_row(run, row_of(tmp_path, 'preset = "paper"'), loaded)
+    paper = for_row(run, row_of(tmp_path, 'preset = "paper"'), loaded, Models())
     assert type(paper.recall) is registry.load("recalls", "cosine")
     assert msgspec.structs.asdict(row_of(tmp_path, "")) == msgspec.structs.asdict(Row(name="one"))

@@ -25,6 +25,7 @@ from karma.infer.torch_load import (
     load_weights,
     threads,
 )
+from karma.infer.torch_options import TorchOptions
 
 FAMILIES = {"clip": ("CLIPModel",), "siglip": ("SiglipModel",)}
 NEEDS = (("tokenizer.json",), ("preprocessor_config.json",))
@@ -41,18 +42,21 @@ class ClipEmbedder:
 
     Args:
         model: a name of the manifest (then every file is verified first), or a folder.
+        torch_options: on which device, in which numbers.
 
     Raises:
         UnknownNameError: neither.
         ModelError: another architecture, a file missing or damaged, or too little memory.
     """
 
-    def __init__(self, model: str | Path = DEFAULT) -> None:
+    def __init__(
+        self, model: str | Path = DEFAULT, *, torch_options: TorchOptions | None = None
+    ) -> None:
         folder = checked_folder(model, "image-embedder", FAMILIES, needs=NEEDS)
         self.name = folder.name
         self._words = _Words(folder)
         self._pictures = load_image_processor(folder)
-        self._model = load_weights(FAMILIES[folder.model_type][0], folder)
+        self._model = load_weights(FAMILIES[folder.model_type][0], folder, torch_options)
         self.dimension = int(self._text("a").shape[0])
         self._row = lru_cache(maxsize=REMEMBERED)(self._text)
 
@@ -75,7 +79,7 @@ class ClipEmbedder:
         import torch
 
         with threads(1), torch.inference_mode():
-            ids = torch.tensor([self._words.ids(text)])
+            ids = torch.tensor([self._words.ids(text)], device=self._model.device)
             return _unit(_features(self._model.get_text_features(input_ids=ids)))
 
     def _picture(self, frame: Frame) -> Vectors:
@@ -85,6 +89,7 @@ class ClipEmbedder:
             raise ValueError(f"a frame is (H, W, 3) of uint8, not {frame.shape} of {frame.dtype}")
         with threads(1), torch.inference_mode():
             pixels = self._pictures(images=[frame], return_tensors="pt")["pixel_values"]
+            pixels = pixels.to(self._model.device, self._model.dtype)
             return _unit(_features(self._model.get_image_features(pixel_values=pixels)))
 
 
@@ -141,6 +146,6 @@ def _features(found: Any) -> Any:
 
 def _unit(row: Any) -> Vectors:
     try:
-        return unit_row(row[0].float().numpy())
+        return unit_row(row[0].float().cpu().numpy())
     except ValueError as error:
         raise ModelError(f"{error}: damaged weights") from error

