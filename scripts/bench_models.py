@@ -9,7 +9,7 @@ numbers of tokens in the same process, interleaved with ours; llama-bench, where
 given, runs right after. On one thread speeds are by processor time, which on a free core is the
 time on the wall; llama-bench's and first tokens are by the wall. All are the best of the repeats:
 others who use the machine only slow. A state is loaded after the system was told to drop the file
-from its cache.
+from its cache. Memory is without the states that are kept of other rooms.
 """
 
 import argparse
@@ -28,10 +28,11 @@ from karma.contracts import ProgramSpec, Prompt, SkillSignature
 from karma.files import to_json
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
-from karma.infer.llama.constrain import ProgramAutomaton
 from karma.infer.llama.model import LlamaModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
+from karma.infer.programs.automaton import ProgramAutomaton
 from karma.offline import go_offline
 from karma.testing import make_llama
 
@@ -46,7 +47,6 @@ CLASSES = {  # shapes of Qwen 2.5 0.5B and 1.5B, Llama 3.2 3B, Llama 3.1 8B
     "8b": {"layers": 32, "width": 4096, "heads": 32, "kv_heads": 8, "feed_forward": 14_336,
            "vocabulary": 128_256, "tied": False},
 }  # fmt: skip
-CONTEXT = 4096
 SPEC = ProgramSpec(
     skills=(
         SkillSignature(name="GoToObject", arguments=("object",)),
@@ -68,7 +68,7 @@ class Wanted:
     answer: int
     threads: int
     repeat: int
-    prefills: int  # cold ones; they are what takes time
+    prefills: int  # cold ones of each; they are what takes time, and ours is one more
 
 
 @dataclass(slots=True, kw_only=True)
@@ -84,7 +84,6 @@ class Measured:
     same: bool = True  # all answers and logits to the same prompt, to the bit
     state_mb: float = 0.0
     memory_mb: float = 0.0
-    peak_mb: float = 0.0
     predicted_mb: float = 0.0
 
 
@@ -96,13 +95,20 @@ def measure(path: Path, wanted: Wanted, folder: Path) -> Measured:
     import llama_cpp  # before memory is looked at
 
     llama_cpp.llama_backend_init()
-    before = resident("VmRSS")
-    found = Measured(file_mb=path.stat().st_size / 1e6, prompt_tokens=0)
-    model = opened(path, wanted, StateOptions())
+    before = resident()
+    model = opened(path, wanted, StateOptions(memory_mb=0))
     prompt = prompt_of(model, wanted)
-    memory(model, path, prompt, found, before)
     tokens = [*model.gguf.tokens(prompt.stable, begins=True), *model.gguf.tokens(prompt.changing)]
-    found.prompt_tokens = len(tokens)
+    found = Measured(file_mb=path.stat().st_size / 1e6, prompt_tokens=len(tokens))
+    clock = clock_of(wanted)
+    begun = clock()
+    model.complete(prompt, spec=SPEC, max_tokens=1)
+    note(found.prefill_s, "ours", clock() - begun)
+    found.memory_mb = resident() - before
+    gguf = model.gguf
+    found.predicted_mb = gguf_parts_mb(
+        path, check_gguf(path), context=gguf.n_ctx, batch=gguf.n_batch
+    )
     raw = Raw(model, wanted, tokens)
     speeds(model, raw, prompt, wanted, found)
     raw.close()
@@ -113,9 +119,9 @@ def measure(path: Path, wanted: Wanted, folder: Path) -> Measured:
 
 def opened(path: Path, wanted: Wanted, states: StateOptions) -> LlamaModel:
     """Open a file that needs no trial: it was made here."""
-    return LlamaModel(
-        path, n_ctx=CONTEXT, n_threads=wanted.threads, sha256=sha256_beside(path), states=states
-    )
+    needed = wanted.stable + wanted.changing + wanted.answer
+    options = LlamaOptions(n_ctx=-(-needed // 256) * 256, threads=wanted.threads)
+    return LlamaModel(path, options=options, sha256=sha256_beside(path), states=states)
 
 
 def prompt_of(model: LlamaModel, wanted: Wanted) -> Prompt:
@@ -137,28 +143,16 @@ def prompt_of(model: LlamaModel, wanted: Wanted) -> Prompt:
     )
 
 
-def memory(model: LlamaModel, path: Path, prompt: Prompt, found: Measured, before: float) -> None:
-    """Answer once, and see what it took; the first answer is not timed."""
-    model.complete(prompt, spec=SPEC, max_tokens=8)
-    found.memory_mb = resident("VmRSS") - before
-    found.peak_mb = resident("VmHWM") - before
-    gguf = model.gguf
-    found.predicted_mb = gguf_parts_mb(
-        path, check_gguf(path), context=gguf.n_ctx, batch=gguf.n_batch
-    )
-
-
 def speeds(model: LlamaModel, raw: "Raw", prompt: Prompt, wanted: Wanted, found: Measured) -> None:
     """Time prefill and answers, ours and llama.cpp's in turns."""
     clock = clock_of(wanted)
-    for _ in range(wanted.prefills):
-        model.gguf._states, kept = None, model.gguf._states  # nothing kept: all is evaluated
-        model.complete(OTHER, max_tokens=1)
-        begun = clock()
-        model.complete(prompt, max_tokens=1)
-        note(found.prefill_s, "ours", clock() - begun)
-        model.gguf._states = kept
+    for number in range(wanted.prefills):
         note(found.prefill_s, "llama.cpp", raw.prefill())
+        if number:  # the first was timed, and one more will be
+            model.complete(OTHER, max_tokens=1)
+            begun = clock()
+            model.complete(prompt, max_tokens=1)
+            note(found.prefill_s, "ours", clock() - begun)
     texts = set()
     for _ in range(wanted.repeat):
         for name, automaton in (("constrained", ProgramAutomaton(SPEC)), ("unconstrained", None)):
@@ -179,12 +173,15 @@ def clock_of(wanted: Wanted) -> Callable[[], float]:
 def first_tokens(path: Path, prompt: Prompt, wanted: Wanted, folder: Path, found: Measured) -> None:
     """Time the first token with the room's state evaluated, kept, and loaded."""
     states = StateOptions(folder=folder)
-    told = set()
+    told, clock = set(), clock_of(wanted)
     for number in range(wanted.repeat + 1):
         model = opened(path, wanted, states)
         model.complete(OTHER, max_tokens=1)
         for name in ("loaded" if number else "cold", "kept"):
+            begun = clock()
             said = model.complete(prompt, spec=SPEC, max_tokens=1)
+            if name == "cold":
+                note(found.prefill_s, "ours", clock() - begun)
             told.add(model.gguf.logits().tobytes())
             note(found.first_token_s, name, said.first_token_s or 0.0)
             found.states[name] = said.state or ""
@@ -248,12 +245,12 @@ def note(into: dict[str, list[float]], name: str, value: float) -> None:
     into.setdefault(name, []).append(value)
 
 
-def resident(key: str) -> float:
-    """Return a figure of this process's memory, in MB."""
+def resident() -> float:
+    """Return what this process holds of memory, mapped files counted, in MB."""
     for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith(f"{key}:"):
+        if line.startswith("VmRSS:"):
             return int(line.split()[1]) * 1024 / 1e6
-    raise SystemExit(f"no {key} in /proc/self/status")
+    raise SystemExit("no VmRSS in /proc/self/status")
 
 
 def dropped_from_cache(path: Path) -> None:
@@ -276,7 +273,7 @@ def made(name: str, kind: str, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     if not whole.exists():
         shape: dict[str, Any] = CLASSES[name]
-        make_llama(folder / "being.gguf", **shape, context=CONTEXT)
+        make_llama(folder / "being.gguf", **shape)
         (folder / "being.gguf").rename(whole)
     if path != whole:
         quantise(whole, path, kind)
@@ -318,7 +315,7 @@ def bench(program: str, path: Path, wanted: Wanted, prompt: int) -> dict[str, fl
         ("prefill", ["-p", prompt, "-n", 0], wanted.prefills),
         ("decode", ["-p", 0, "-n", wanted.answer, "-d", prompt], wanted.repeat),
     ):
-        command = [program, *same, *numbers, "-r", repeat, "-o", "json"]
+        command = [program, *same, *numbers, "-r", repeat, "--no-warmup", "-o", "json"]
         said = subprocess.run(
             list(map(str, command)), capture_output=True, text=True, check=True
         ).stdout

@@ -9,7 +9,9 @@ from karma.errors import ModelError
 
 MEMINFO = Path("/proc/meminfo")
 CGROUP = Path("/sys/fs/cgroup")  # of this machine or container, version 2
-_SPARE_MB = 64  # buffers that grow with nothing we know of
+_SPARE_MB = 64  # of torch, which grows with nothing we know of
+_BUFFERS_MB = 12  # of llama.cpp, likewise; measured
+_WORD_BYTES, _PAIR_BYTES = 230, 120  # in memory, of a token and of a merge of a vocabulary
 
 
 def available_mb() -> float | None:
@@ -56,7 +58,10 @@ class Footprint:
     file_mb: float
     blocks: int  # layers, without the output's
     token_mb: float  # keys and values of one token
-    work_mb: float  # to compute: one row of logits per token of a batch, and buffers
+    words_mb: float  # the vocabulary, llama.cpp's and ours
+    layer_mb: float  # what a batch takes in one layer, without its attention
+    scores_mb: float  # of a batch's attention to one token
+    logits_mb: float  # of a batch
 
     @classmethod
     def of(
@@ -70,18 +75,34 @@ class Footprint:
             batch: tokens per call.
             bytes_each: of one number of the keys and values.
         """
-        logits = 4 * batch * int(metadata.get("tokenizer.ggml.tokens") or 0)
-        blocks = metadata.get(f"{metadata['general.architecture']}.block_count")
+        words = _listed(metadata, "tokenizer.ggml.tokens")
+        pairs = _listed(metadata, "tokenizer.ggml.merges")
+        width = _number(metadata, "embedding_length", 1)
+        inner = _number(metadata, "feed_forward_length", 4 * width)
+        heads = _number(metadata, "attention.head_count", 1)
+        numbers = 4 * batch / 1e6  # one of each token of a batch, in 32 bits
         return cls(
             file_mb=path.stat().st_size / 1e6,
-            blocks=blocks if isinstance(blocks, int) and blocks > 0 else 1,
+            blocks=_number(metadata, "block_count", 1),
             token_mb=kept_mb(metadata, 1, bytes_each=bytes_each),
-            work_mb=logits / 1e6 + _SPARE_MB,
+            words_mb=(_WORD_BYTES * words + _PAIR_BYTES * pairs) / 1e6,
+            layer_mb=numbers * (3 * inner + 2 * width),
+            scores_mb=numbers * (heads + 1),
+            logits_mb=numbers * words,
         )
 
     def layers_mb(self, context: int) -> float:
         """Return what the file and keys and values of so many tokens take."""
         return self.file_mb + context * self.token_mb
+
+    def work_mb(self, context: int, *, on_gpu: bool = False) -> float:
+        """Return what computing takes beside them, with a context of so many tokens.
+
+        llama.cpp reserves logits for every token of a batch. As only the last one's are asked for,
+        they take memory on a GPU alone, which gives all that is reserved.
+        """
+        batch = self.layer_mb + context * self.scores_mb
+        return _BUFFERS_MB + (max(batch, self.logits_mb) if on_gpu else batch + self.words_mb)
 
 
 def gguf_parts_mb(
@@ -89,23 +110,26 @@ def gguf_parts_mb(
 ) -> float:
     """Estimate what a GGUF takes under llama.cpp with a context of so many tokens, in MB."""
     size = Footprint.of(path, metadata, batch=batch, bytes_each=bytes_each)
-    return size.layers_mb(context) + size.work_mb
+    return size.layers_mb(context) + size.work_mb(context)
 
 
 def kept_mb(metadata: Mapping[str, Any], tokens: int, *, bytes_each: float = 2) -> float:
     """Estimate what the keys and values of so many tokens take under llama.cpp, in MB."""
-    architecture = metadata["general.architecture"]
-
-    def number(key: str, default: int) -> int:
-        value = metadata.get(f"{architecture}.{key}")
-        return value if isinstance(value, int) and value > 0 else default
-
-    heads = number("attention.head_count", 1)
-    per_head = number("embedding_length", 1) // heads
-    row = number("attention.key_length", per_head) + number("attention.value_length", per_head)
+    heads = _number(metadata, "attention.head_count", 1)
+    per_head = _number(metadata, "embedding_length", 1) // heads
+    row = sum(_number(metadata, f"attention.{one}_length", per_head) for one in ("key", "value"))
     # an array (heads that differ by layer) is read as its length, so never more than all heads
-    groups = min(number("attention.head_count_kv", heads), heads)
-    return bytes_each * number("block_count", 1) * groups * row * tokens / 1e6
+    groups = min(_number(metadata, "attention.head_count_kv", heads), heads)
+    return bytes_each * _number(metadata, "block_count", 1) * groups * row * tokens / 1e6
+
+
+def _number(metadata: Mapping[str, Any], key: str, default: int) -> int:
+    value = metadata.get(f"{metadata['general.architecture']}.{key}")
+    return value if isinstance(value, int) and value > 0 else default
+
+
+def _listed(metadata: Mapping[str, Any], key: str) -> int:
+    return int(metadata.get(key) or 0)
 
 
 def weights_mb(parameters: int, *, bytes_each: int = 4) -> float:

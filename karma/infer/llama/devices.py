@@ -196,9 +196,10 @@ def free_mb(names: Sequence[str]) -> float | None:
 
 def _fitting(size: Footprint, context: int, free: float | None) -> int:
     """Return how many layers fit a GPU; all where it does not tell what it has."""
-    if free is None or size.layers_mb(context) + size.work_mb <= free:
+    work_mb = size.work_mb(context, on_gpu=True)
+    if free is None or size.layers_mb(context) + work_mb <= free:
         return size.blocks + 1
-    return int(max(0.0, free - size.work_mb) / size.layers_mb(context) * size.blocks)
+    return int(max(0.0, free - work_mb) / size.layers_mb(context) * size.blocks)
 
 
 def _counted(found: Sequence[Device]) -> list[Device]:

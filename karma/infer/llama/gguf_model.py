@@ -243,7 +243,7 @@ class GgufModel:
         """Refuse the file where the part of it that is not on a GPU does not fit."""
         off = 1 - min(1.0, self.placement.layers / self.size.blocks)
         check_memory(
-            str(path), off * self.size.layers_mb(self.n_ctx) + self.size.work_mb,
+            str(path), off * self.size.layers_mb(self.n_ctx) + self.size.work_mb(self.n_ctx),
             parts=f"{off * self.size.file_mb:.0f} MB of file, a context of {self.n_ctx} tokens",
             fix=_SMALLER,
         )  # fmt: skip
