@@ -1,7 +1,8 @@
 """Parts of the full prompt: furniture by name, what is in sight, what failed, what skills need."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from karma.agent.perceive import place_of
 from karma.agent.short_names import in_names, name_for
@@ -49,7 +50,7 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
     )
 
 
-def coarse_text(position_m: Vec3) -> str:
+def coarse_text(position_m: Sequence[float]) -> str:
     """Return a position to the decimetre, in few tokens.
 
     >>> coarse_text((1.0, -0.04, 2.345))
@@ -111,28 +112,29 @@ def _mark(failure: FailedProgram, number: int, name_of: Mapping[str, str]) -> st
 # ----------------------------------------------------------------- what skills need
 
 
-def skill_needs(there: Collection[str] = ()) -> Mapping[str, str]:
+@cache
+def skill_needs() -> Mapping[str, str]:
     """Return for each skill what it does and needs, where that is more than Listing 2 has.
 
-    Args:
-        there: types of the room's furniture; of others nothing is said. () is any room.
+    The same in all rooms, so that a prompt of another room begins with the same tokens. That towels
+    alone go on a TowelHolder its name says.
     """
-    kinds = [kind for kind in object_types().values() if not there or kind.name in there]
+    kinds = object_types().values()
     shut = [kind.name for kind in kinds if kind.must_be_open and not kind.can("pickupable")]
-    only = [f"{kind.name} {_or(kind.accepts_only)}" for kind in kinds if kind.accepts_only]
-    into = f" Open a {_or(shut)} first." if shut else ""
-    into += f" Some take nothing else: {'; '.join(only)}." if only else ""
+    picky = [k for k in kinds if k.accepts_only and not k.name.startswith(k.accepts_only)]
+    only = [f"{kind.name} {_or(kind.accepts_only)}" for kind in picky]
     return {
         "GoToObject": "Go to a thing whose place is known.",
-        "PickupObject": "The hand must be empty; open what the thing is in first.",
-        "PutObject": f"Put what is held (first) into or onto the receptacle (second).{into}",
-        "SwitchOn": "The same as ToggleOn.",
-        "SwitchOff": "The same as ToggleOff.",
+        "PickupObject": "The hand must be empty, and open what the thing is in.",
+        "PutObject": "Put what is held (first) into or onto a receptacle (second). Open a "
+        f"{_or(shut)} first. These take nothing else: {'; '.join(only)}.",
+        "SwitchOn": "As ToggleOn.",
+        "SwitchOff": "As ToggleOff.",
         "OpenObject": "A Microwave must be off.",
         "CloseObject": "Close it.",
         "BreakObject": f"Break it. A broken {EGG} is cracked, and still named {EGG}.",
-        "SliceObject": f"Pick up a {_or(KNIVES)} first. Cuts {_or(sorted(types_with('sliceable')))}"
-        "; afterwards its name means one slice.",
+        "SliceObject": f"Hold a {_or(KNIVES)}. Cuts {_or(sorted(types_with('sliceable')))}; "
+        "then its name means a slice.",
         "ThrowObject": "Throw away what is held.",
         "Explore": "Go to a thing if its place is known; else search these positions, then all "
         "others. Opens what the thing may be in, and leaves it open.",

@@ -128,7 +128,7 @@ def full(request: PlanRequest, skills: Sequence[SkillSignature]) -> Rendered:
     name_of = {object_id: name for name, object_id in names.items()}
     stable = template(_TEMPLATES / "full_stable.txt").render(
         skills=skills,
-        needs=skill_needs({kind for area in request.areas for kind in area.contains}),
+        needs=skill_needs(),
         graph=request.graph_text,
         areas=[area_line(area, fixtures) for area in request.areas],
     )

@@ -352,3 +352,40 @@ def test_map_of_the_paper_s_form_is_an_option(start):
     episode, _ = start(ours)
     done(episode, "go to the sink")
     assert " <-> " not in ours.prompts[0]
+
+
+MICROWAVED = (
+    "OpenObject(robot, 'Microwave')\nPutObject(robot, 'Egg', 'Microwave')\n"
+    "CloseObject(robot, 'Microwave')\nToggleOn(robot, 'Microwave')\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("program", "kind", "state"),
+    [
+        ("Explore(robot, 'Egg')\nBreakObject(robot, 'Egg')\nPickupObject(robot, 'Egg')\n"
+         f"{MICROWAVED}", "EggCracked", "isCooked"),
+        ("Explore(robot, 'Knife')\nPickupObject(robot, 'Knife')\nSliceObject(robot, 'Bread')\n"
+         "PutObject(robot, 'Knife', 'DiningTable')\nPickupObject(robot, 'Bread')\n"
+         "PutObject(robot, 'Bread', 'Toaster')\nToggleOn(robot, 'Toaster')\n",
+         "BreadSliced", "isCooked"),
+        ("SwitchOn(robot, 'Microwave')\n", "Microwave", "isToggled"),
+        ("Explore(robot, 'Plate')\nPickupObject(robot, 'Plate')\n", "Tomato", "isPickedUp"),
+    ],
+)  # fmt: skip
+def test_what_the_prompt_says_of_skills_holds_in_the_world(start, program, kind, state):
+    episode, world = start(ReadingPlanner(program))
+    done(episode, "do as the prompt says")
+    things = [t for t in world.last_event.metadata["objects"] if t["objectType"] == kind]
+    held = [item["objectId"] for item in world.last_event.metadata["inventoryObjects"]]
+    if state == "isPickedUp":  # what lies on a plate comes along
+        assert things[0]["parentReceptacles"] and set(things[0]["parentReceptacles"]) & set(held)
+    else:
+        assert any(thing[state] for thing in things)
+
+
+def test_whole_egg_does_not_cook(start):
+    program = "Explore(robot, 'Egg')\nPickupObject(robot, 'Egg')\n" + MICROWAVED
+    episode, world = start(ReadingPlanner(program))
+    done(episode, "cook the egg")
+    assert not look(world, id_of(world, "Egg"))["isCooked"]
