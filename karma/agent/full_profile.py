@@ -10,9 +10,9 @@ from karma.contracts import Area, FailedProgram, PlanRequest, SeenObject, Vec3
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR, HAND
 from karma.household.types import object_types, types_with
-from karma.household.uses import BASINS, KNIVES, KNOB
+from karma.household.uses import KNIVES, KNOB, WHOLE_OF
 
-_UNSAID = frozenset((FLOOR, *BASINS, KNOB))  # no program names them
+_UNSAID = (FLOOR, KNOB)  # no program names them
 _LINES = 40  # of a failed program that are shown
 _WIDTH = 160  # characters of one of its lines
 
@@ -41,7 +41,8 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
         if one.object_id in name_of
     ]
     spoken = {one.object_type for one in area.fixtures if one.object_id in name_of}
-    rest = [kind for kind in area.contains if kind not in spoken | _UNSAID]
+    spoken |= {*_UNSAID, *(basin for basin, whole in WHOLE_OF.items() if whole in area.contains)}
+    rest = [kind for kind in area.contains if kind not in spoken]
     return AreaLine(
         name=area.name,
         position_m=area.position_m,

@@ -227,6 +227,17 @@ def test_map_says_each_thing_once_with_its_place():
     assert "Cabinet" not in names  # any of them
 
 
+@pytest.mark.parametrize(
+    ("there", "told"),
+    [(("Sink", "SinkBasin"), "Sink(1.0,1.0,0.0)"), (("SinkBasin", "StoveKnob"), "SinkBasin")],
+)
+def test_basin_is_told_only_where_its_sink_is_not(there, told):
+    fixtures = tuple(fixture(f"{kind}|1", 1.0) for kind in there)
+    area = Area(name="node_1", position_m=(0, 0, 0), contains=there, fixtures=fixtures)
+    stable = parts("full", PlanRequest(instruction="go", areas=(area,)))[0]
+    assert stable.endswith(f"node_1 (0.0,0.0) : {told}\n")
+
+
 def test_things_in_sight_have_names_after_those_of_memory_by_what_they_lie_on():
     facts = PlanRequest(
         instruction="go", areas=FURNISHED, units=(unit("Plate|1", "Plate", place_id="Cabinet|0"),),
