@@ -29,7 +29,7 @@ from karma.contracts import (
     Tour,
     World,
 )
-from karma.errors import KarmaError, UnwritableError
+from karma.errors import KarmaError, ServerLost, UnwritableError
 from karma.household.pieces import base_type
 from karma.infer.hosted.cassette import Cassette, CassetteError
 from karma.infer.hosted.cost import Ledger
@@ -87,6 +87,7 @@ def run_episode(
 
     Raises:
         CassetteError: a replay left its recording, or the recording cannot be written.
+        ServerLost: a hosted model cannot answer now.
         UnwritableError: the disk is full.
         KarmaError: the task has no start for the seed.
         TypeError: the task has several rooms and the world is no home.
@@ -116,7 +117,7 @@ def run_episode(
                 part.go(home, scene)
             one = part.run(number, subtask, scene.name)
             done.append(one if scene.name == first else replace(one, scene=scene.name))
-    except (CassetteError, UnwritableError):
+    except (CassetteError, ServerLost, UnwritableError):
         raise  # nothing that the agent did
     except KarmaError as failure:
         error = f"{type(failure).__name__}: {failure}"

@@ -47,6 +47,9 @@ def header_of(
     plain = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
     for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
         del plain[name]
+    for endpoint in filter(None, plain["models"]["hosted"].values()):
+        for name in ("timeout_s", "retries"):  # a request that is given up leaves no record
+            del endpoint[name]
     return Header(
         name=experiment.name,
         experiment=_sha(to_json(plain)),

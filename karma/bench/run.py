@@ -25,6 +25,7 @@ from karma.errors import KarmaError
 from karma.files import write_atomic
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.session import Hosted, Session
+from karma.offline import network_allowed
 
 
 class Run:
@@ -97,6 +98,8 @@ class Run:
             folder=folder,
             steps=self._steps,
             states=replace(kept, folder=states or kept.folder),
+            tape=self._session.cassette.tape,
+            network=network_allowed(),
         )
 
     @property
@@ -116,9 +119,8 @@ class Run:
 
     def suggest(self) -> Suggestion:
         """Return how many workers to use unless a number is given."""
-        if self._session.cassette.mode != "off":
-            return Suggestion(number=1, reason="a cassette")
-        return suggest_workers(self._stage.models, self.left, self._stage.rows)
+        waiting = self._session.cassette.mode != "replay"  # for servers
+        return suggest_workers(self._stage.models, self.left, self._stage.rows, waiting=waiting)
 
     def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[EpisodeRecord]:
         """Do what is missing; each record is on the disk before it is yielded.
@@ -133,11 +135,11 @@ class Run:
                 many as it has room for.
 
         Raises:
-            KarmaError: a model cannot be loaded, a row has a wrong option, hosted models are to be
-                asked by several processes, or another run is at work in the folder.
+            KarmaError: a model cannot be loaded or a hosted one not reached, a row has a wrong
+                option, a cluster is to ask hosted models, or another run is at work in the folder.
         """
         if workers > 1 or ray:
-            self._check_alone()
+            self._check_workers(ray)
         with self._files.locked():
             self._claim()
             self._go_on()
@@ -209,21 +211,18 @@ class Run:
             for task in self.tasks
         ]
 
-    def _check_alone(self) -> None:
-        """Raise KarmaError where only one process may ask."""
-        if self._stage.models.hosted != Hosted():
-            raise KarmaError(
-                "hosted models are asked by one process only\n"
-                "  To fix: leave out --workers and --ray"
-            )
-        if self._stage.models.rpc:
+    def _check_workers(self, ray: str) -> None:
+        """Raise KarmaError for what several processes cannot do, or none on another machine."""
+        models = self._stage.models
+        if models.rpc:
             raise KarmaError(
                 "llama.cpp's rpc-server serves one process only\n"
                 "  To fix: leave out --workers and --ray"
             )
-        if self._session.cassette.mode != "off":
-            raise KarmaError(
-                "a cassette is for one process only\n  To fix: leave out --workers and --ray"
+        if ray and (models.hosted != Hosted() or self._session.cassette.mode != "off"):
+            raise KarmaError(  # keys and recordings do not travel
+                "hosted models and cassettes are for workers on this machine\n"
+                "  To fix: --workers in place of --ray"
             )
 
 

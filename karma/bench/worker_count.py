@@ -8,13 +8,14 @@ from pathlib import Path
 from karma.bench.experiment import Models, Row
 from karma.errors import UnknownNameError
 from karma.infer.checks.memory import available_mb
-from karma.infer.hosted.session import Hosted
 from karma.infer.llama.devices import devices
 from karma.infer.manifest.manifest import find_model
 
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
 _SHARE = 0.8  # of the free memory, for all workers together
 _WORTH = 12  # episodes that make up for starting one worker more
+_IN_FLIGHT = 8  # requests that a server is asked at once, unless it is told otherwise
+_WORTH_WAITING = 2  # episodes, likewise, where each waits for a server
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,26 +26,33 @@ class Suggestion:
     reason: str
 
 
-def suggest_workers(models: Models, episodes: int, rows: Sequence[Row] = ()) -> Suggestion:
+def suggest_workers(
+    models: Models, episodes: int, rows: Sequence[Row] = (), *, waiting: bool = True
+) -> Suggestion:
     """Return as many workers as there are cores and memory for; few episodes need but one.
 
+    Workers that wait for a hosted planner need no core each.
+
     Args:
-        models: of the run; hosted ones are asked by one process only.
+        models: of the run.
         episodes: that are left to do.
         rows: of the run; some may name a vision model of their own.
+        waiting: hosted models are asked, not replayed.
     """
-    if models.hosted != Hosted():
-        return Suggestion(number=1, reason="hosted models")
-    if models.gpu_layers != 0 and (models.rpc or any(one.is_gpu for one in devices())):
+    local = models.hosted.planner is None
+    if local and models.gpu_layers != 0 and (models.rpc or any(one.is_gpu for one in devices())):
         return Suggestion(number=1, reason="a GPU, which one process has for itself")
-    cores = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
+    if waiting and not local:
+        most, worth = _IN_FLIGHT, episodes // _WORTH_WAITING
+        bound = f"{most} requests in flight"
+    else:
+        most = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))
+        worth, bound = episodes // _WORTH, f"{most} cores"
     each, free = worker_mb(models, rows), available_mb()
-    fitting = cores if free is None else max(1, int(free * _SHARE // each))
-    worth = max(1, episodes // _WORTH)
-    number = min(cores, fitting, worth)
+    fitting = most if free is None else int(free * _SHARE // each)
     memory = "memory not known" if free is None else f"{free:.0f} MB free"
-    reason = f"{cores} cores, {memory}, about {each:.0f} MB each, {episodes} episodes to do"
-    return Suggestion(number=number, reason=reason)
+    reason = f"{bound}, {memory}, about {each:.0f} MB each, {episodes} episodes to do"
+    return Suggestion(number=max(1, min(most, fitting, worth)), reason=reason)
 
 
 def worker_mb(models: Models, rows: Sequence[Row] = ()) -> float:

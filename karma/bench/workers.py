@@ -29,7 +29,8 @@ from karma.bench.run_folder import Finished
 from karma.bench.steps import StepLog
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import KarmaError
-from karma.infer.hosted.session import Session
+from karma.infer.hosted.cassette import Cassette, Tape
+from karma.infer.hosted.session import Hosted, Session
 from karma.infer.llama.room_states import StateOptions
 from karma.methods.tour import explore_room
 from karma.offline import go_offline, settle
@@ -38,7 +39,6 @@ from karma.world.home import Home
 MAPS = "maps"  # below the run folder
 PICTURES = {"renderDepthImage": True, "renderInstanceSegmentation": True}  # AI2-THOR's flags
 LIVES = 2  # workers that an episode may kill before it is recorded as an error
-_IMPORTED = ("karma.bench.workers", "llama_cpp", "sentence_transformers")  # once, for all workers
 _LEAVE_S = 10.0  # that a worker has to put things away
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
 
@@ -68,6 +68,8 @@ class Stage:
     folder: Path
     steps: bool
     states: StateOptions
+    tape: Tape  # the cassette that all workers join
+    network: bool  # hosted models on other machines may be asked
 
 
 _log = logging.getLogger(__name__)
@@ -100,6 +102,7 @@ class Performer:
         self._methods = {  # all of them now: a wrong row must not come to light hours later
             row.name: _built(row, resources, seeing, stage.models) for row in stage.rows
         }
+        self._session.ledger.take()  # what loading asked is on no episode's bill
 
     def do(self, job: Job) -> Finished:
         """Do one episode."""
@@ -272,7 +275,7 @@ class _Pool:
     def start_one(self) -> None:
         """Start one more process."""
         forking = multiprocessing.get_context("forkserver")
-        forking.set_forkserver_preload(list(_IMPORTED))
+        forking.set_forkserver_preload(_imported(self._stage.models))
         ours, theirs = forking.Pipe()
         process = forking.Process(target=_work, args=(theirs, self._stage), daemon=True)
         with _one_thread():
@@ -338,6 +341,17 @@ class _Pool:
         _log.warning("a worker was %s while it loaded its models; going on with fewer", cause)
 
 
+def _imported(models: Models) -> list[str]:
+    """Return what is imported once for all workers: what their models take, and no more."""
+    hosted = models.hosted
+    needed = {
+        "llama_cpp": hosted.planner is None,
+        "sentence_transformers": hosted.embedder is None,
+        "openai": hosted != Hosted(),
+    }
+    return [__name__, *(name for name, wanted in needed.items() if wanted)]
+
+
 def cause_of(code: int | None) -> str:
     """Return what became of a process.
 
@@ -383,11 +397,11 @@ def _one_thread() -> Iterator[None]:
 
 def _work(line: Connection, stage: Stage) -> None:
     """What a worker process does: load, say that it is ready, then one episode after the other."""
-    go_offline()
+    go_offline(allow_network=stage.network)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which ends its workers
     threading.Thread(target=_follow_parent, daemon=True).start()
     try:
-        performer = Performer(stage)
+        performer = Performer(stage, Session(Cassette.of(stage.tape)))
         line.send(None)
         while True:
             line.send(performer.do(line.recv()))

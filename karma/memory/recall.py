@@ -16,8 +16,6 @@ Verbaliser = Callable[[MemoryUnit], str]
 
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")  # "TVStand" is TV, Stand
 
-_CACHED = 4096  # texts; a household names far fewer
-
 
 def unit_text(unit: MemoryUnit) -> str:
     """Return the unit as the paper's Listing 1 has it: type, position, id, image path as JSON."""
@@ -63,7 +61,6 @@ class CosineRecall:
             text = VERBALISERS[text]
         self._embedder = embedder
         self._text = text
-        self._cache: dict[str, NDArray[np.float32]] = {}
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return the units closest to the query, best first; ties keep the order of `units`.
@@ -92,13 +89,9 @@ class CosineRecall:
 
     def _similarities(self, query: str, texts: Sequence[str]) -> NDArray[np.float32]:
         """Return the cosine of the query with each text."""
-        if len(self._cache) > _CACHED:
-            self._cache.clear()
-        for text in texts:
-            if text not in self._cache:
-                self._cache[text] = self._embed(text)[0]
-        index = faiss.IndexFlatIP(self._embedder.dimension)
-        index.add(np.stack([self._cache[text] for text in texts]))
+        rows = np.concatenate([self._embed(text) for text in texts])
+        index = faiss.IndexFlatIP(rows.shape[1])
+        index.add(rows)
         scores, places = index.search(self._embed(query), len(texts))
         similarities = np.empty(len(texts), dtype=np.float32)
         similarities[places[0]] = np.clip(scores[0], -1.0, 1.0)
@@ -108,7 +101,7 @@ class CosineRecall:
         """Return one row of length 1 (or 0).
 
         One text at a time: in a batch, padding moves the last digits, and the answer would depend
-        on what is cached.
+        on what the embedder has cached.
         """
         vector = np.asarray(self._embedder.embed([text]), dtype=np.float32)
         length = np.linalg.norm(vector, axis=1, keepdims=True)

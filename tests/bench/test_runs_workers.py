@@ -1,4 +1,4 @@
-"""Workers of a run: how many, one that dies, and what is for one process only."""
+"""Workers of a run: how many, one that dies, and what no cluster does."""
 
 import os
 import textwrap
@@ -12,6 +12,7 @@ from karma.bench.run import Run
 from karma.bench.worker_count import suggest_workers
 from karma.errors import KarmaError
 from karma.infer.hosted.cassette import Cassette
+from karma.infer.hosted.session import Endpoint, Hosted
 
 
 @pytest.fixture(scope="module")
@@ -81,18 +82,28 @@ model = "m"
 """
 
 
-def test_hosted_models_and_cassettes_are_for_one_process(planner, tmp_path):
+def test_hosted_models_and_cassettes_are_not_for_a_cluster(planner, tmp_path):
     path = write_experiment(tmp_path / "x.toml", "openai")
     path.write_text(path.read_text() + HOSTED)
     hosted = Run(path, tmp_path / "hosted")
-    assert hosted.suggest().number == 1
     path = write_experiment(tmp_path / "y.toml", planner)
     recorded = Run(path, tmp_path / "tape-run", cassette=Cassette(tmp_path / "tape", "record"))
-    assert recorded.suggest().number == 1
-    for run, named in ((hosted, "hosted models are asked by"), (recorded, "a cassette is for")):
-        for how in ({"workers": 2}, {"ray": "127.0.0.1:1"}):
-            with pytest.raises(KarmaError, match=rf"{named} one process.*\n.*leave out --workers"):
-                next(run.episodes(**how))
+    for run in (hosted, recorded):
+        with pytest.raises(KarmaError, match=r"for workers on this machine\n  To fix: --workers"):
+            next(run.episodes(ray="127.0.0.1:1"))
+
+
+def test_workers_that_wait_for_a_server_need_no_core_each(monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    monkeypatch.setattr("karma.bench.worker_count.available_mb", lambda: None)
+    place = Endpoint(base_url="http://127.0.0.1:9/v1", model="m")
+    models = Models(planner="openai", hosted=Hosted(planner=place))
+    assert suggest_workers(models, 1000).number == 8
+    assert suggest_workers(models, 6).number == 3
+    assert suggest_workers(models, 1000, waiting=False).number == 2
+    rows = Models(embedder="openai", hosted=Hosted(embedder=place))
+    assert suggest_workers(rows, 1000).number == 2
+    assert "8 requests in flight" in suggest_workers(models, 1000).reason
 
 
 @pytest.mark.parametrize(

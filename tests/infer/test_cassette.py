@@ -276,16 +276,96 @@ def test_cassette_that_cannot_be_written_is_an_error_naming_it(tmp_path):
     assert isinstance(caught.value, CassetteError)
 
 
+# ----------------------------------------------------------------- several processes
+
+
+def elsewhere(code, *arguments):
+    """Run code in another process, which has `Cassette`, `Tape`, `Reply` and `sys`."""
+    start = (
+        "import sys\nfrom pathlib import Path\n"
+        "from karma.infer.hosted.cassette import Cassette, CassetteError, Reply, Tape\n"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", start + code, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+TAKES_PART = """
+folder, token, name = sys.argv[1:]
+cassette = Cassette.of(Tape(folder=Path(folder), mode="record", token=token))
+for episode in range(5):
+    cassette.begin(f"{name}-{episode}")
+    cassette.clock()
+    for word in range(8):
+        row = lambda: Reply(answer={"row": f"of {name}"})
+        told = cassette.exchange({"input": word}, row, shared=True).reply.answer["row"]
+        said = Reply(answer={"text": f"{word} {told}"})
+        cassette.exchange({"prompt": "x" * 20_000}, lambda: said)
+"""
+
+
+def test_processes_that_record_at_once_keep_every_line_whole_and_each_its_answers(tmp_path):
+    recording = Cassette(tmp_path, "record")
+    names = ("ann", "bob", "cleo")
+    workers = [elsewhere(TAKES_PART, tmp_path, recording.tape.token, name) for name in names]
+    assert [worker.wait(120) for worker in workers] == [0, 0, 0]
+    written = lines(tmp_path)
+    shared = [line["key"] for line in written if line.get("shared")]
+    assert len(shared) == len(set(shared)) == 8
+    replayed = Cassette(tmp_path, "replay")
+    for name in names:
+        for episode in range(5):
+            replayed.begin(f"{name}-{episode}")
+            assert replayed.clock() > 0
+            for word in range(8):
+                row = replayed.exchange({"input": word}, nobody, shared=True).reply.answer["row"]
+                said = replayed.exchange({"prompt": "x" * 20_000}, nobody).reply.answer["text"]
+                assert said == f"{word} {row}"
+
+
+def test_second_of_two_who_ask_the_same_at_once_keeps_its_answer_for_its_own_place(tmp_path):
+    one = Cassette(tmp_path, "record")
+    other = Cassette.of(one.tape)
+    for cassette, scope in ((one, "one"), (other, "other")):
+        cassette.begin(scope)
+
+    def meanwhile():
+        other.exchange(request("row"), say("other's"), shared=True)
+        return Reply(answer={"text": "one's"})
+
+    def told(cassette):
+        return cassette.exchange(request("row"), nobody, shared=True).reply.answer["text"]
+
+    first = one.exchange(request("row"), meanwhile, shared=True)
+    assert first.reply.answer == {"text": "one's"}
+    one.begin("later")
+    assert told(one) == "other's"
+    replayed, said = Cassette(tmp_path, "replay"), {}
+    for scope in ("one", "other", "later"):
+        replayed.begin(scope)
+        said[scope] = told(replayed)
+    assert said == {"one": "one's", "other": "other's", "later": "other's"}
+
+
+def test_line_torn_by_another_process_is_dropped_before_the_next_is_written(tmp_path):
+    one, other = (Cassette(tmp_path, "record") for _ in range(2))
+    joined = Cassette.of(other.tape)
+    joined.begin("one")
+    whole = (tmp_path / FILE).read_bytes()
+    (tmp_path / FILE).write_bytes(whole + b'{"scope":"two","type":"Be')
+    joined.exchange(request("a"), say("x"))
+    assert (tmp_path / FILE).read_bytes().startswith(whole + b'{"count":0,')
+    with pytest.raises(CassetteError, match="another recording has begun here since"):
+        one.begin("three")
+    assert len(lines(tmp_path)) == 2
+
+
 def test_two_processes_cannot_record_into_one_folder(tmp_path):
     recording = Cassette(tmp_path, "record")
     recording.begin("one")
-    code = (
-        "import sys; from karma.infer.hosted.cassette import Cassette, CassetteError\n"
-        "try: Cassette(sys.argv[1], 'record')\n"
-        "except CassetteError as error: print(error)"
-    )
-    said = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True
-    ).stdout
+    code = "try: Cassette(sys.argv[1], 'record')\nexcept CassetteError as error: print(error)"
+    said, _ = elsewhere(code, tmp_path).communicate(timeout=120)
     assert "another process records here" in said
     assert (tmp_path / "exchanges.jsonl").read_bytes().count(b"\n") == 1

@@ -6,6 +6,7 @@ template that adds nothing ("nano-chat"), and as a text embedder by the mean ove
 """
 
 import fcntl
+import hashlib
 import json
 import os
 import socket
@@ -138,7 +139,7 @@ def _wait(process, port, log, page="/v1/models"):
 
 
 @contextmanager
-def wire_server(answer, host="127.0.0.1", pages=None):
+def wire_server(answer, host="127.0.0.1", port=0, pages=None):
     """Serve `answer(path, body, headers) -> (status, headers, bytes)`; yields (URL, requests).
 
     `pages`: path -> JSON value, for GET; others are not there.
@@ -176,7 +177,7 @@ def wire_server(answer, host="127.0.0.1", pages=None):
         def log_message(self, *arguments):
             pass
 
-    server = ThreadingHTTPServer((host, 0), Handler)
+    server = ThreadingHTTPServer((host, port), Handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
         yield f"http://{host}:{server.server_port}/v1", seen
@@ -194,6 +195,19 @@ def chat(text, **more):
     }
     answer = {"id": "x-1", "created": 1, "model": "wire-1", "choices": [choice], **more}
     return 200, {}, json.dumps(answer).encode()
+
+
+def household(path, body, headers):
+    """Answer as a planner and embedder of no great mind: what is said depends on the words only."""
+    if path.endswith("/embeddings"):
+        row = [byte / 255 + 0.1 for byte in hashlib.sha256(body["input"].encode()).digest()]
+        usage = {"prompt_tokens": len(body["input"])}
+        return 200, {}, json.dumps({"data": [{"embedding": row}], "usage": usage}).encode()
+    words = json.dumps(body["messages"])
+    seen = hashlib.sha256(words.encode()).digest()[0]
+    programs = ("PickupObject(robot, 'SoapBar')", "ToggleOn(robot, 'Faucet')", "a good idea")
+    usage = {"prompt_tokens": len(words), "completion_tokens": 9}
+    return chat(programs[seen % len(programs)], usage=usage)
 
 
 def plant_key(monkeypatch):

@@ -5,31 +5,46 @@ its request and by its place: the n-th time that this was asked in this episode.
 is repeated on purpose (sampling) gets its own answers back in order, and a recording that was
 killed goes on with the next episode. A line is on the disk before its answer is used.
 
+Several processes may record at once, each an episode of its own: one claims the folder, the others
+join it by its `Tape`. Every line says its episode, so neither the order of episodes in the file nor
+the number of processes makes a difference to a replay.
+
 The cassette also keeps the times of a recorded run, local models' too, and replays them as they
 were measured. Keys never get here: `karma.infer.hosted.session` takes them out first.
 """
 
-import fcntl
 import hashlib
 import time
-from collections import Counter
-from collections.abc import Callable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any, Literal, Self
 
 import msgspec
 
 from karma.errors import FileError
-from karma.files import append_line, decode_json, read_bytes, to_json, write_atomic
+from karma.files import decode_json, read_bytes, to_json
 from karma.infer.hosted.nearest_request import describe_miss
+from karma.infer.hosted.recording import Recording
 
 Mode = Literal["record", "replay", "off"]
 MODES: tuple[Mode, ...] = ("record", "replay", "off")
 FILE = "exchanges.jsonl"
-LOCK = "recording.lock"  # held by the process that records
 VOLATILE = frozenset({
     "metadata", "prompt_cache_key", "safety_identifier", "service_tier", "store", "user",
 })  # fields of a request that change nothing in its answer  # fmt: skip
+_SHARED = b'"shared":true'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tape:
+    """What another process needs to join a cassette."""
+
+    folder: Path | None = None
+    mode: Mode = "off"
+    token: str = ""  # of a recording
 
 
 class CassetteError(FileError):
@@ -74,6 +89,14 @@ class Tick(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     seconds: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Recorded:
+    """What a recording holds of one episode."""
+
+    exchanges: dict[tuple[str, int], Exchange] = field(default_factory=dict)  # by key and count
+    seconds: dict[int, float] = field(default_factory=dict)  # by count
+
+
 def canonical(request: Mapping[str, Any]) -> dict[str, Any]:
     """Return the request without what changes nothing in its answer.
 
@@ -96,25 +119,44 @@ class Cassette:
     Args:
         folder: holds the file; not needed when `mode` is "off".
         mode: "record" asks and keeps, "replay" answers from the file only, "off" asks.
+        token: of a recording of another process, to join it.
 
     Raises:
         CassetteError: nothing to replay, a line is damaged, (replay only) the last is torn, or
             another process records here.
     """
 
-    def __init__(self, folder: str | Path | None = None, mode: Mode = "off") -> None:
+    def __init__(
+        self, folder: str | Path | None = None, mode: Mode = "off", *, token: str = ""
+    ) -> None:
         if mode != "off" and folder is None:
             raise CassetteError(FILE, "no folder is given", fix="add --cassette DIR")
         self.mode = mode
         self.path = Path(folder or ".") / FILE
-        self._scoped: dict[tuple[str, str, int], Exchange] = {}
+        self._episodes: defaultdict[str, _Recorded] = defaultdict(_Recorded)
         self._shared: dict[str, Exchange] = {}
-        self._ticks: dict[tuple[str, int], float] = {}
+        self._lines = 0  # read so far
         self._asked: Counter[str] = Counter()
         self._scope, self._measured, self._start = "", 0, time.perf_counter()
-        self._lock = self._locked() if mode == "record" else None
-        if mode != "off":
-            self._read()
+        self._recording: Recording | None = None
+        if mode == "record":
+            with self._named():
+                self._recording = Recording(self.path, token)
+                with self._recording.turn():
+                    self._take_all(self._recording.news())
+        elif mode == "replay":
+            self._take_all(self._whole_lines())
+
+    @classmethod
+    def of(cls, tape: Tape) -> Self:
+        """Join a cassette; errors as those of the class."""
+        return cls(tape.folder, tape.mode, token=tape.token)
+
+    @property
+    def tape(self) -> Tape:
+        """What another process needs to join it."""
+        token = self._recording.token if self._recording else ""
+        return Tape(folder=self.path.parent, mode=self.mode, token=token)
 
     @property
     def scope(self) -> str:
@@ -144,14 +186,15 @@ class Cassette:
         """
         if self.mode == "off":
             return seconds
-        place = (self._scope, self._measured)
-        self._measured += 1
+        count, self._measured = self._measured, self._measured + 1
         if self.mode == "record":
-            self._write(Tick(scope=place[0], count=place[1], seconds=seconds))
-        elif place not in self._ticks:
+            self._write(Tick(scope=self._scope, count=count, seconds=seconds))
+            return seconds
+        found = self._episodes[self._scope].seconds.get(count)
+        if found is None:
             reason = f"episode {self._scope!r} went another way than its recording: there is"
-            raise CassetteError(self.path, f"{reason} no time {place[1] + 1}", fix=self._again())
-        return self._ticks[place]
+            raise CassetteError(self.path, f"{reason} no time {count + 1}", fix=self._again())
+        return found
 
     def exchange(
         self,
@@ -167,88 +210,99 @@ class Cassette:
             request: what is asked; its key is that of its canonical form.
             send: asks; called in modes "record" and "off" only.
             url: where `send` goes; kept beside the request, no part of its key.
-            shared: equal requests have equal answers (embeddings), so one is enough.
+            shared: equal requests have equal answers (embeddings), so one is enough: the first
+                in the file. Two processes may still ask at once; then the second answer holds for
+                its own place only.
 
         Raises:
             CassetteError: a replay asks for what was not recorded, or the file cannot be written.
         """
         wanted = canonical(request)
         key = key_of(wanted)
-        place = (self._scope, key, self._asked[key])
+        count = self._asked[key]
         self._asked[key] += 1
         if self.mode == "replay":
-            found = self._scoped.get(place) or self._shared.get(key)
+            mine = self._episodes[self._scope].exchanges
+            found = mine.get((key, count)) or self._shared.get(key)
             if found is None:
-                raise CassetteError(self.path, self._miss(place, wanted), fix=self._again())
+                raise CassetteError(self.path, self._miss(key, count, wanted), fix=self._again())
             return found
-        if shared and key in self._shared:
-            return self._shared[key]
+        if shared and (known := self._known(key)):
+            return known
         begun = time.perf_counter()
         reply = send()
         made = Exchange(
-            scope=place[0], count=place[2], key=key, request=wanted, url=url, reply=reply,
+            scope=self._scope, count=count, key=key, request=wanted, url=url, reply=reply,
             reply_key=key_of(reply), seconds=time.perf_counter() - begun,
             shared=shared and not reply.failure,
         )  # fmt: skip
-        if self.mode == "record":
-            self._write(made)
+        self._write(made)
         return made
 
     # ------------------------------------------------------------- the file
 
-    def _locked(self) -> IO[bytes]:
-        """Return the lock file, held until it is closed or the process ends."""
-        path = self.path.with_name(LOCK)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            file = path.open("ab")
-        except OSError as error:
-            raise CassetteError(self.path, f"cannot write: {error.strerror}") from error
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            file.close()
-            reason = "another process records here"
-            raise CassetteError(self.path, reason, fix="give --cassette another DIR") from error
-        return file
-
     def _write(self, line: Exchange | Begin | Tick) -> None:
+        """Add a line to the recording, if there is one."""
+        if self._recording is None:
+            self._take(line)
+            return
+        with self._named(), self._recording.turn():
+            if isinstance(line, Exchange) and line.shared:
+                self._look_up()
+                line = msgspec.structs.replace(line, shared=line.key not in self._shared)
+            self._recording.append(to_json(line))
+            self._take(line)
+
+    def _known(self, key: str) -> Exchange | None:
+        """Return the answer that holds in every episode, whoever has asked for it."""
+        if key not in self._shared and self._recording is not None:
+            with self._named(), self._recording.turn():
+                self._look_up()
+        return self._shared.get(key)
+
+    def _look_up(self) -> None:
+        """Take in what other processes have added that holds in every episode."""
+        if self._recording is not None:
+            self._take_all(self._recording.news(), only=_SHARED)
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Raise errors of the file as the cassette's."""
         try:
-            append_line(self.path, to_json(line))
+            yield
+        except CassetteError:
+            raise
         except FileError as error:
             raise CassetteError(self.path, error.reason, fix=error.fix) from error
-        self._take(line)
+
+    def _take_all(self, lines: Sequence[bytes], *, only: bytes = b"") -> None:
+        for line in lines:
+            self._lines += 1
+            if only in line:
+                self._take(self._decoded(line, self._lines))
 
     def _take(self, line: Exchange | Begin | Tick) -> None:
-        match line:
-            case Exchange(shared=True):
-                self._shared.setdefault(line.key, line)
-            case Exchange():
-                self._scoped[line.scope, line.key, line.count] = line
-            case Tick():
-                self._ticks[line.scope, line.count] = line.seconds
-            case Begin():
-                scope = line.scope
-                self._scoped = {k: v for k, v in self._scoped.items() if k[0] != scope}
-                self._ticks = {k: v for k, v in self._ticks.items() if k[0] != scope}
+        if isinstance(line, Exchange) and line.shared:
+            self._shared.setdefault(line.key, line)
+        elif self.mode == "replay":  # nobody else looks them up
+            match line:
+                case Exchange():
+                    self._episodes[line.scope].exchanges[line.key, line.count] = line
+                case Tick():
+                    self._episodes[line.scope].seconds[line.count] = line.seconds
+                case Begin():
+                    self._episodes.pop(line.scope, None)
 
-    def _read(self) -> None:
+    def _whole_lines(self) -> list[bytes]:
+        """Return the lines of a recording that is to be replayed."""
         if not self.path.exists():
-            if self.mode == "replay":
-                fix = "record one first: --cassette-mode record"
-                raise CassetteError(self.path, "there is no such cassette", fix=fix)
-            return
-        lines = read_bytes(self.path).split(b"\n")
-        for number, line in enumerate(lines[:-1], start=1):
-            self._take(self._decoded(line, number))
-        if not lines[-1]:
-            return
-        if self.mode == "replay":
-            fix = f"{self._again()}; what is whole is kept"
-            raise CassetteError(
-                self.path, f"line {len(lines)} is torn: the end is missing", fix=fix
-            )
-        write_atomic(self.path, b"\n".join([*lines[:-1], b""]))
+            fix = "record one first: --cassette-mode record"
+            raise CassetteError(self.path, "there is no such cassette", fix=fix)
+        *lines, torn = read_bytes(self.path).split(b"\n")
+        if torn:
+            reason = f"line {len(lines) + 1} is torn: the end is missing"
+            raise CassetteError(self.path, reason, fix=f"{self._again()}; what is whole is kept")
+        return lines
 
     def _decoded(self, line: bytes, number: int) -> Exchange | Begin | Tick:
         fix = "take it from a copy, or record into another folder"
@@ -272,16 +326,16 @@ class Cassette:
     def _again(self) -> str:
         return "replay what was recorded, or record again with --cassette-mode record"
 
-    def _miss(self, place: tuple[str, str, int], wanted: Mapping[str, Any]) -> str:
-        scope, key, count = place
-        times = sum(1 for found in self._scoped if found[:2] == (scope, key))
-        if times:
+    def _miss(self, key: str, count: int, wanted: Mapping[str, Any]) -> str:
+        scope = self._scope
+        mine = self._episodes[scope].exchanges
+        if times := sum(1 for found, _ in mine if found == key):
             return (
                 f"request {key[:12]} was recorded {times} times in episode {scope!r}"
                 f" and is asked once more (time {count + 1})"
             )
-        mine = [line for line in self._scoped.values() if line.scope == scope]
-        recorded = [*self._scoped.values(), *self._shared.values()]
+        recorded = [line for one in self._episodes.values() for line in one.exchanges.values()]
+        among = list(mine.values()) or [*recorded, *self._shared.values()]
         return describe_miss(
-            wanted, [(line.scope, line.request) for line in mine or recorded], scope=scope, key=key
+            wanted, [(line.scope, line.request) for line in among], scope=scope, key=key
         )

@@ -157,7 +157,7 @@ class HostedEmbedder:
         self.name = endpoint.model
         self._endpoint, self._session = endpoint, session or Session()
         self._session.admit(endpoint)
-        self._row = lru_cache(maxsize=REMEMBERED)(self._ask)
+        self._rows = lru_cache(maxsize=REMEMBERED)(self._ask)
         self._dimension: int | None = None
 
     @property
@@ -174,9 +174,13 @@ class HostedEmbedder:
             ModelError: the endpoint failed, or its answer is no such row.
         """
         rows = [self._row(text) for text in texts]
-        return stacked(rows, self.dimension)
+        return stacked(rows, rows[0].size if rows else self.dimension)
 
-    def _ask(self, text: str) -> Vectors:
+    def _row(self, text: str) -> Vectors:
+        """Return the row of a text; what an episode asks depends on no earlier one's questions."""
+        return self._rows(self._session.cassette.scope, text)
+
+    def _ask(self, _scope: str, text: str) -> Vectors:
         body = {"input": sendable(text), "model": self._endpoint.model, "encoding_format": "float"}
         body |= self._endpoint.extra
         for field in self._endpoint.omit:

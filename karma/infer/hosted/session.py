@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from karma.errors import KarmaError, ModelError
+from karma.errors import KarmaError, ModelError, ServerLost
 from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
 from karma.offline import allow_host, is_local
@@ -25,6 +25,7 @@ Constraint = Literal["grammar", "regex", "schema"]
 _KEY = re.compile(r"[!-~]+")
 _NOTHING = Usage(prompt_tokens=0, completion_tokens=0)  # what a failure takes
 _LONGEST_MESSAGE = 500
+_BUSY = frozenset({429, 502, 503, 504})  # HTTP: not now; another time the same may be answered
 _OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
 
 
@@ -212,12 +213,13 @@ class Session:
 
         Raises:
             ModelError: the endpoint failed or refused; never holds the key.
+            ServerLost: it cannot be reached, says nothing in time, or takes no more requests.
             CassetteError: see `Cassette.exchange`.
         """
         key = Key() if self.cassette.mode == "replay" else _key(endpoint)
         exchange = self.cassette.exchange(
             key.out_of({"path": path, **(body if named is None else named)}),
-            lambda: self._send(endpoint, key, path, body),
+            lambda: self._sent(endpoint, key, path, body),
             url=key.out_of(endpoint.base_url),
             shared=shared,
         )
@@ -231,13 +233,13 @@ class Session:
         """Return what a page of the server says; None where there is none, or none was recorded.
 
         Raises:
-            ModelError: the server cannot be reached.
+            ServerLost: the server cannot be reached.
         """
         key = Key() if self.cassette.mode == "replay" else _key(endpoint)
         try:
             exchange = self.cassette.exchange(
                 {"method": "GET", "path": path},
-                lambda: self._send(endpoint, key, path, None),
+                lambda: self._sent(endpoint, key, path, None),
                 url=key.out_of(endpoint.base_url),
             )
         except CassetteError:
@@ -265,10 +267,18 @@ class Session:
             )
         )
 
-    def _send(
+    def _sent(
         self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any] | None
     ) -> Reply:
         """Send a body, or ask for a page where there is none."""
+        reply = self._send(endpoint, key, path, body)
+        if isinstance(reply, ServerLost):  # raised here, it holds no request with its headers
+            raise reply
+        return reply
+
+    def _send(
+        self, endpoint: Endpoint, key: Key, path: str, body: Mapping[str, Any] | None
+    ) -> Reply | ServerLost:
         openai = _openai()
         client, url = self._client(endpoint, key), path
         if path.startswith("../"):
@@ -281,10 +291,12 @@ class Session:
         except openai.APIStatusError as error:
             fix = f"\n  To fix: see what ${endpoint.key_variable} holds"
             reason = f"HTTP {error.status_code}: {error.message}"
+            if error.status_code in _BUSY:
+                return _lost(endpoint, reason, key)
             return _failed(f"{reason}{fix if error.status_code in (401, 403) else ''}", key)
         except openai.APIConnectionError as error:  # timeouts too
             reason = f"{error.message} {error.__cause__ or ''}".strip()
-            return _failed(f"{reason}\n  To fix: see that a server answers there", key)
+            return _lost(endpoint, reason, key)
         except (openai.OpenAIError, ValueError) as error:  # ValueError: not the JSON it says it is
             return _failed(f"{type(error).__name__}: {error}", key)
         if not isinstance(answer, dict):
@@ -316,8 +328,23 @@ class Session:
 
 
 def _failed(reason: str, key: Key) -> Reply:
+    return Reply(failure=_brief(reason, key))
+
+
+def _lost(endpoint: Endpoint, reason: str, key: Key) -> ServerLost:
+    """Return the error of a server that cannot answer now; the request is not recorded."""
+    tried = f"asked {endpoint.retries + 1} times, {endpoint.timeout_s:g} s each at most"
+    url = key.out_of(endpoint.base_url)
+    return ServerLost(
+        f"{endpoint.model} at {endpoint.host}: {_brief(reason, key)} ({tried})\n"
+        f"  To fix: see that a server answers at {url}, and that it can take so much at once"
+        " (--workers, timeout_s, retries); then the same command goes on"
+    )
+
+
+def _brief(reason: str, key: Key) -> str:
     text: str = key.out_of(reason)
-    return Reply(failure=text if len(text) <= _LONGEST_MESSAGE else f"{text[:_LONGEST_MESSAGE]}...")
+    return text if len(text) <= _LONGEST_MESSAGE else f"{text[:_LONGEST_MESSAGE]}..."
 
 
 def _key(endpoint: Endpoint) -> Key:
