@@ -30,6 +30,7 @@ from karma.contracts import (
     Observation,
     Pose,
     SeenObject,
+    Vec3,
     VisionModel,
 )
 from karma.household.ids import is_part, type_of
@@ -86,11 +87,20 @@ class Boxes(Protocol):
 
     name: str
 
-    def find(self, pixels: Capture, camera: CameraPose) -> Iterable[Instance]:
-        """Return the things in view, each under the id that it had before."""
+    def find(self, capture: Capture, camera: CameraPose, held: str | None) -> Iterable[Instance]:
+        """Return the things in view, each under the id that it had before.
+
+        Args:
+            capture: the picture.
+            camera: that took it.
+            held: the id of what is in the hand.
+        """
 
     def aim(self, object_id: str) -> Mapping[str, Any]:
         """Return the arguments by which an action means a thing in view."""
+
+    def moved(self, object_id: str, to_m: Vec3) -> None:
+        """Take note that the agent put a thing somewhere."""
 
 
 class GivenBoxes:
@@ -98,14 +108,17 @@ class GivenBoxes:
 
     name = "given"
 
-    def find(self, pixels: Capture, camera: CameraPose) -> Iterator[Instance]:
+    def find(self, capture: Capture, camera: CameraPose, held: str | None) -> Iterator[Instance]:
         """Yield what the masks show."""
-        for name, mask in pixels.masks.items():
+        for name, mask in capture.masks.items():
             yield Instance(object_id=name, object_type=type_of(name), mask=mask)
 
     def aim(self, object_id: str) -> Mapping[str, Any]:
         """Return the thing's id."""
         return {"objectId": object_id}
+
+    def moved(self, object_id: str, to_m: Vec3) -> None:
+        """Do nothing: ids stay as they are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +126,7 @@ class _Look:
     """What one picture shows within reach."""
 
     event: Event
-    pixels: Capture
+    capture: Capture
     pose: Pose
     camera: CameraPose
     sights: Mapping[str, SeenObject]
@@ -163,7 +176,7 @@ class PictureEyes:
             pieces=self._pieces(event, touched, seen),
             washed=self._under(ran, TAPS, BASINS) & mine,
             heated=self._under(ran, (MICROWAVE,), (MICROWAVE,)) & mine,
-            render=lambda: look.pixels.rgb,
+            render=lambda: look.capture.rgb,
             look_at=self._reader(look),
         )
 
@@ -173,27 +186,27 @@ class PictureEyes:
         """Return what an event's picture shows; of the same event the same."""
         if self._last is not None and self._last.event is event:
             return replace(self._last, sights=self._supported(self._last.sights))
-        pixels, camera = perceive.pixels_of(event), perceive.camera_of(event)
+        capture, camera = perceive.pixels_of(event), perceive.camera_of(event)
         pose = perceive.pose_of(event)
         sights = {}
-        for found in self._boxes.find(pixels, camera):
-            sight = self._sight(found, pixels, camera, pose)
+        for found in self._boxes.find(capture, camera, self._held):
+            sight = self._sight(found, capture, camera, pose)
             if sight is not None:
                 sights[found.object_id] = sight
         self._known.update(sights)
         if not self._vision.needs_pictures:
             sights = self._told(event, sights)
         self._last = _Look(
-            event=event, pixels=pixels, pose=pose, camera=camera, sights=self._supported(sights)
+            event=event, capture=capture, pose=pose, camera=camera, sights=self._supported(sights)
         )
         return self._last
 
     def _sight(
-        self, found: Instance, pixels: Capture, camera: CameraPose, pose: Pose
+        self, found: Instance, capture: Capture, camera: CameraPose, pose: Pose
     ) -> SeenObject | None:
         """Return one thing as its pixels and their depth show it; None if too few or too far."""
         kind = object_types().get(found.object_type)
-        points = points_in(pixels.depth_m, found.mask, camera)
+        points = points_in(capture.depth_m, found.mask, camera)
         if kind is None or found.object_type == FLOOR or len(points) < LEAST_PIXELS:
             return None
         count, points = len(points), points[:: 1 + len(points) // _MOST_POINTS]
@@ -271,7 +284,7 @@ class PictureEyes:
     def _read(self, look: _Look, one: SeenObject) -> tuple[str, ...]:
         if not _TELLING & set(object_types()[one.object_type].capabilities):
             return ()
-        told = self._vision.read_states(look.pixels.rgb, self.task, [one])
+        told = self._vision.read_states(look.capture.rgb, self.task, [one])
         return told.get(one.object_id, ())
 
     # ------------------------------------------------------------- what was done
@@ -295,6 +308,7 @@ class PictureEyes:
         if known is not None and there is not None:
             moved = replace(known, position_m=there.position_m, box_center_m=there.box_center_m)
             self._known[thing] = replace(moved, parent_ids=(place,))
+            self._boxes.moved(thing, there.box_center_m)
 
     def _in_hand(self, look: _Look) -> SeenObject | None:
         """Return what is held, as it shows now or was last seen."""
