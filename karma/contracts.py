@@ -570,6 +570,7 @@ class Embedder(Protocol):
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
 
 
+@runtime_checkable
 class ImageEmbedder(Protocol):
     """Text and pictures to unit vectors of one space."""
 
@@ -659,6 +660,7 @@ class Resources:
     decoding: Decoding = Decoding()
     recall: Recall
     vision: VisionModel
+    detector: Detector | None = None  # for perception by pictures without given boxes
     embedder: Embedder | None = None  # of texts, e.g. to find examples by their instructions
     maps: Path | None = None  # folder of long-term memories
     learn: bool = False  # write what episodes learn back to it

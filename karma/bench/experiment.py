@@ -40,6 +40,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     method: str = "karma"
     preset: str = ""  # "paper": recall, query and K as in the paper; `options` go before it
     vision: str = ""  # in place of the one in [models]
+    recall: str = ""  # likewise
     options: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
@@ -68,6 +69,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     recall: str = PRESETS[""].recall
     recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
     vision: str = "metadata"
+    detector: str = ""  # "grounded-sam:BOXES+MASKS", for rows with boxes = "detector"
     constrained: bool = True  # answers are held to programs; a server must prove that it does
     max_tokens: int = 512  # of an answer, a thought not counted
     temperature: float = 0.0
@@ -199,6 +201,9 @@ def read_experiment(path: Path) -> Experiment:
         for row in experiment.rows
         if row.vision
     ]
+    named += [("recalls", row.recall, f"row {row.name!r}") for row in experiment.rows if row.recall]
+    if models.detector:
+        named.append(("detectors", models.detector.partition(":")[0], "models.detector"))
     for role, name, where in named:
         try:
             registry.load(role, name)
@@ -253,10 +258,13 @@ def load_resources(
         model=model,
         profile=profile,
         decoding=decoding,
-        recall=_recall(models.recall, models.recall_text, embedder),
+        recall=_recall(models.recall, models.recall_text, embedder, maps),
         vision=_filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
         learn=learn,
+        detector=_filled("detectors", models.detector, None, session, models)
+        if models.detector
+        else None,
         embedder=embedder,
     )
 
@@ -278,7 +286,9 @@ def for_row(
     recall, vision = resources.recall, resources.vision
     if row.preset:
         chosen = preset(row.preset)
-        recall = _recall(chosen.recall, chosen.recall_text, resources.embedder)
+        recall = _recall(chosen.recall, chosen.recall_text, resources.embedder, resources.maps)
+    if row.recall:
+        recall = _recall(row.recall, PRESETS[""].recall_text, resources.embedder, resources.maps)
     if row.vision:
         if row.vision not in loaded:
             loaded[row.vision] = _filled("vision_models", row.vision, None, Session(), models)
@@ -286,8 +296,13 @@ def for_row(
     return replace(resources, recall=recall, vision=vision)
 
 
-def _recall(name: str, text: str, embedder: Embedder | None) -> Recall:
-    made: Recall = registry.load("recalls", name)(embedder, text=text)
+def _recall(name: str, text: str, embedder: Embedder | None, maps: Path | None) -> Recall:
+    """Return a recall; one that looks at kept pictures is told the run folder, which has `maps`."""
+    kind = registry.load("recalls", name)
+    looks = (
+        {"folder": maps.parent if maps else None} if "folder" in signature(kind).parameters else {}
+    )
+    made: Recall = kind(embedder, text=text, **looks)
     return made
 
 

@@ -104,6 +104,7 @@ def model_hashes(models: Models, rows: Iterable[Row] = ()) -> dict[str, str]:
         "planner": _planner(models),
         "embedder": _filled(models, "embedder"),
         "vision": _filled(models, "vision"),
+        **({"detector": models.detector} if models.detector else {}),
     } | {f"vision of {row.name}": _named(row.vision) for row in rows if row.vision}
 
 

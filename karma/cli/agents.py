@@ -58,6 +58,12 @@ def run_command(
     vision: Annotated[
         str, typer.Option(help='"nano-vlm" or "transformers:NAME" read states out of pictures.')
     ] = "metadata",
+    perception: Annotated[
+        str, typer.Option(help='"pictures": sees by boxes, depth and the vision model alone.')
+    ] = "metadata",
+    detector: Annotated[
+        str, typer.Option(help='"grounded-sam:BOXES+MASKS" in place of given boxes.')
+    ] = "",
     maps: Annotated[Path, typer.Option(help="Folder of long-term memories.")] = Path("runs/maps"),
     base_url: BaseUrl = "",
     model: Annotated[str, typer.Option(help="A hosted planner's, with --planner openai.")] = "",
@@ -77,8 +83,8 @@ def run_command(
     computed: Mapping[str, Any],
 ) -> None:
     """Carry out an instruction in a room, while you watch; commas and "then" part sub-tasks."""
-    from karma import registry
     from karma.bench.experiment import Models, load_resources
+    from karma.bench.workers import world_maker
     from karma.cli import show
     from karma.contracts import SceneRef
     from karma.infer.hosted.session import Session
@@ -99,6 +105,7 @@ def run_command(
                 recall=recall or chosen.recall,
                 recall_text=chosen.recall_text,
                 vision=vision,
+                detector=detector,
                 constrained=constrained,
                 max_tokens=max_tokens,
                 hosted=hosted,
@@ -113,11 +120,13 @@ def run_command(
             "long_term": long_term,
             "short_term": short_term,
             "policy": policy,
+            "perception": perception,
+            "boxes": "detector" if detector else "given",
             **chosen.options,
             **({} if recall_k is None else {"recall_k": recall_k}),
         }
         method = KarmaMethod.build(resources, options)
-        world = registry.load("worlds", "embedded")()
+        world = world_maker("embedded", [options])()
         world.reset(scene)
     with console.status(escape(f"getting to know {scene} ...")):
         episode = method.begin(world, SceneRef.of(scene), seed=seed, folder=maps.parent)

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from karma.agent.eyes import Eyes, GivenBoxes, PictureEyes
 from karma.agent.planner import Planner
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
+    Detector,
     Experience,
     Known,
     MemoryUnit,
@@ -34,6 +34,7 @@ from karma.memory.short_term import ShortTermMemory
 from karma.methods.attempts import after_answer, after_run, carried_out, without_ended
 from karma.methods.experience import movable, units_of
 from karma.methods.options import settings_of
+from karma.methods.perception import BoxSource, Kind, Perception, detector_of
 from karma.methods.tour import explore_room, position_of
 
 
@@ -52,7 +53,8 @@ class KarmaSettings:
     query: Literal["instruction", "subtask"] = "subtask"  # the paper's is the user's whole text
     attempts: int = 3  # programs per instruction; later ones quote what failed
     seen_kept: int = 2  # things only seen that are remembered per instruction
-    perception: Literal["metadata", "pictures"] = "metadata"  # how the agent sees
+    perception: Kind = "metadata"  # how the agent sees
+    boxes: BoxSource = "given"  # what finds things in pictures
 
 
 class KarmaMethod:
@@ -66,6 +68,7 @@ class KarmaMethod:
         maps: folder of long-term memories, one file a scene, made on the first visit and never
             changed by an episode; None to explore each time.
         learn: write what an episode learnt about a scene back to `maps`.
+        detector: finds things in pictures; None: the simulator's boxes are given.
     """
 
     def __init__(
@@ -77,8 +80,10 @@ class KarmaMethod:
         *,
         maps: Path | None = None,
         learn: bool = False,
+        detector: Detector | None = None,
     ) -> None:
         self.settings = settings or KarmaSettings()
+        self.detector = detector
         self.name = _name(self.settings)
         self.planner, self.recall, self.vision = planner, recall, vision
         self.maps, self.learn = maps, learn
@@ -89,20 +94,22 @@ class KarmaMethod:
         """Make a row from its options (the fields of `KarmaSettings`).
 
         Raises:
-            KarmaError: an option is unknown or of the wrong type.
+            KarmaError: an option is unknown or of the wrong type, or a detector is missing.
         """
+        settings = settings_of(KarmaSettings, options)
         return cls(
             Planner.of(resources),
             resources.recall,
             resources.vision,
-            settings_of(KarmaSettings, options),
+            settings,
             maps=resources.maps,
             learn=resources.learn,
+            detector=detector_of(settings.perception, settings.boxes, resources),
         )
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "KarmaEpisode":
         """Start an episode: short-term memory empty, long-term memory loaded or explored."""
-        return KarmaEpisode(self, world, scene, folder)
+        return KarmaEpisode(self, world, scene, folder, seed)
 
 
 class KarmaEpisode:
@@ -113,18 +120,20 @@ class KarmaEpisode:
         world: has been reset to `scene`.
         scene: the first room.
         folder: takes the pictures that were looked at.
+        seed: of the episode.
     """
 
-    def __init__(self, method: KarmaMethod, world: World, scene: SceneRef, folder: Path) -> None:
+    def __init__(
+        self, method: KarmaMethod, world: World, scene: SceneRef, folder: Path, seed: int = 0
+    ) -> None:
         self.settings = method.settings
         self.short_term = ShortTermMemory(make_policy(self.settings.policy))
         self._planner, self._recall, self._vision = method.planner, method.recall, method.vision
         self._maps, self._learn = method.maps, method.learn
-        self._world, self._folder = world, folder
-        self._boxes = GivenBoxes()
+        self._world, self._folder, self._seed = world, folder, seed
+        self._perception = Perception(self.settings.perception, method.vision, method.detector)
         self._graphs: dict[str, SceneGraph] = {}  # by the room's name
         self._seen_types: dict[str, dict[str, None]] = {}  # of movable things, by the room's name
-        self._eyes: dict[str, PictureEyes] = {}  # likewise
         self._scene = scene.name  # of the room that the agent is in
         self.enter(scene)
 
@@ -141,25 +150,15 @@ class KarmaEpisode:
         self._scene = scene.name
         if self.settings.long_term and self._scene not in self._graphs:
             saved = self._map_path()
-            graph, is_new = explore_room(self._world, scene, saved, self._look_by(""))
+            graph, is_new = explore_room(self._world, scene, saved, self._perception.fresh())
             self._graphs[self._scene] = graph
             if is_new and saved is not None:
                 graph.save(saved)
 
     def _map_path(self) -> Path | None:
-        """Return where the map of this room lies."""
-        if self._maps is None:
-            return None
-        kind = "" if self.settings.perception == "metadata" else f".{self._boxes.name}"
-        return self._maps / f"{self._scene}{kind}.json"
-
-    def _look_by(self, instruction: str) -> Eyes | None:
-        """Return the eyes for this room and what they look for; None: the simulator's metadata."""
-        if self.settings.perception == "metadata":
-            return None
-        eyes = self._eyes.setdefault(self._scene, PictureEyes(self._vision, self._boxes))
-        eyes.task = instruction
-        return eyes
+        """Return where the map of this room lies; None: nowhere, it is explored each time."""
+        name = self._perception.map_file(self._scene, self._seed)
+        return self._maps / name if self._maps and name else None
 
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Plan and act until a program succeeds or the attempts are used up; then remember."""
@@ -167,7 +166,8 @@ class KarmaEpisode:
         recalled = self._recalled(subtask)
         request = self._request(subtask, recalled)
         beliefs = _Beliefs(self._world, self.graph, self._found_by_name(request.units))
-        skills = Skills(self._world, beliefs, eyes=self._look_by(subtask.instruction))
+        eyes = self._perception.eyes(self._scene, subtask.instruction)
+        skills = Skills(self._world, beliefs, eyes=eyes)
         results: list[SkillResult] = []
         finished = False
         for _ in range(self.settings.attempts):

@@ -18,10 +18,11 @@ from karma.bench.experiment import Models, load_resources
 from karma.contracts import MemoryUnit
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks import memory
-from karma.infer.embed.clip import ClipEmbedder, unit_vectors
+from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.vision.grounded_sam import GroundedSam
 from karma.infer.vision.transformers import TransformersVision
+from karma.memory.multimodal import unit_vectors
 
 TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïcödé 苹果"]
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 40, 52, 3), dtype=np.uint8)

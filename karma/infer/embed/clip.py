@@ -1,8 +1,6 @@
 """Embed texts and pictures in one space, by CLIP or SigLIP, from a folder of safetensors.
 
-KARMA (3.4) has each memory unit turned into one vector by "a multi-modality embedding model"
-and does not say how its parts are joined. `unit_vectors` takes the mean of the text's and the
-picture's vector, brought to length 1.
+It is what `recall = "multimodal"` asks (`karma/memory/multimodal.py`).
 """
 
 import re
@@ -91,27 +89,6 @@ class ClipEmbedder:
             pixels = self._pictures(images=[frame], return_tensors="pt")["pixel_values"]
             pixels = pixels.to(self._model.device, self._model.dtype)
             return _unit(_features(self._model.get_image_features(pixel_values=pixels)))
-
-
-def unit_vectors(texts: Vectors, images: Vectors) -> Vectors:
-    """Return one row of length 1 per memory unit from the rows of its text and of its picture.
-
-    Args:
-        texts: shape (n, d), rows of length 1.
-        images: shape (n, d), rows of length 1; row i is of the same unit as row i of `texts`.
-
-    Raises:
-        ValueError: the shapes differ, or two rows cancel out.
-
-    Source: KARMA 3.4; the mean is ours, see the module's docstring.
-    """
-    if texts.shape != images.shape:
-        raise ValueError(f"texts {texts.shape} and images {images.shape} do not fit together")
-    rows = np.asarray(texts, np.float32) + np.asarray(images, np.float32)
-    length = np.linalg.norm(rows, axis=1, keepdims=True)
-    if (length == 0).any():
-        raise ValueError("a text and its picture point in opposite directions")
-    return np.asarray(rows / length, np.float32)
 
 
 class _Words:

@@ -35,7 +35,8 @@ class GroundedSam:
     """A `Detector`: zero-shot boxes by GroundingDINO, and if wanted SAM's mask for each.
 
     Args:
-        boxes: GroundingDINO, a name of the manifest (then every file is verified) or a folder.
+        boxes: GroundingDINO, a name of the manifest (then every file is verified) or a folder; with
+            "+" behind it the SAM in the same text, as experiment files have it.
         masks: SAM, likewise; None for boxes only.
         threshold: least score of a box, in [0, 1]; 0.25 is what its authors use.
         torch_options: on which device, in which numbers.
@@ -56,6 +57,8 @@ class GroundedSam:
         torch_options: TorchOptions | None = None,
     ) -> None:
         self._threshold = threshold
+        if isinstance(boxes, str) and "+" in boxes:
+            boxes, _, masks = boxes.partition("+")
         self._boxes = _Boxes(boxes, torch_options)
         self._masks = None if masks is None else _Masks(masks, torch_options)
 
