@@ -170,6 +170,7 @@ def grounded(calls: Sequence[SkillCall], names: Mapping[str, str]) -> tuple[Skil
         replace(
             call,
             objects=tuple(names.get(name, name) for name in call.objects),
+            positions=tuple(names.get(p, p) if isinstance(p, str) else p for p in call.positions),
             exact=call.objects[-1] in names and call.objects[-1] != short_type(call.objects[-1]),
         )
         for call in calls

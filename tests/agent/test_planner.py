@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from karma.agent.planner import Planner, grounded, program_spec
 from karma.agent.program import SKILLS, parse_program
 from karma.agent.prompt import compact
-from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest, SkillCall
+from karma.contracts import Area, Decoding, Fixture, MemoryUnit, PlanRequest, SkillCall
 from karma.errors import ModelError
 from karma.household.places import landmark_types
 from karma.infer.programs.automaton import ProgramAutomaton
@@ -196,7 +196,23 @@ def test_grounded_receptacle_with_a_number_is_meant_exactly():
     assert exact == [True, False, False]
 
 
-def test_grounded_keeps_positions_and_lines():
-    call = SkillCall(skill="Explore", objects=("Mug",), positions=("node_1",), line=3)
-    (found,) = grounded((call,), {"Mug": "Mug|1", "node_1": "never"})
-    assert (found.objects, found.positions, found.line) == (("Mug|1",), ("node_1",), 3)
+def test_grounded_keeps_areas_points_and_lines_and_grounds_furniture_to_search_from():
+    places = ("node_1", (1.0, 0.9, 2.0), "Cabinet_2")
+    call = SkillCall(skill="Explore", objects=("Mug",), positions=places, line=3)
+    (found,) = grounded((call,), {"Mug": "Mug|1", "Cabinet_2": "Cabinet|2"})
+    assert found.objects == ("Mug|1",)
+    assert found.positions == ("node_1", (1.0, 0.9, 2.0), "Cabinet|2")
+    assert found.line == 3
+
+
+def test_language_of_the_full_profile_has_furniture_by_instance_and_the_14th_skill():
+    near = tuple(
+        Fixture(object_id=f"Cabinet|{n}", object_type="Cabinet", position_m=(n, 0, 0))
+        for n in range(2)
+    )
+    area = Area(name="node_1", position_m=(0, 0, 0), contains=("Cabinet",), fixtures=near)
+    program = "PutObject(robot, 'Cup', 'Cabinet_2')\nEmptyObject(robot, 'Cup')\n"
+    for profile, admitted in (("full", True), ("compact", False)):
+        model, _ = plans([GOOD] * 4, PlanRequest(instruction="go", areas=(area,)), profile)
+        automaton = ProgramAutomaton(model.specs[0])
+        assert (automaton.advance(automaton.start(), program) is not None) is admitted
