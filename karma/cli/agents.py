@@ -53,7 +53,7 @@ def run_command(
     preset: Annotated[str, typer.Option(help='"paper": recall, K and query as in the paper.')] = "",
     recall: Annotated[str, typer.Option(help='"stateful" unless told otherwise.')] = "",
     recall_k: Annotated[
-        int | None, typer.Option("--k", help="Units in the prompt; 3 unless told otherwise.")
+        int | None, typer.Option("--k", help="Units in the prompt; 3, or all with --profile full.")
     ] = None,
     vision: Annotated[
         str, typer.Option(help='"nano-vlm" or "transformers:NAME" read states out of pictures.')
@@ -123,7 +123,7 @@ def run_command(
             "perception": perception,
             "boxes": "detector" if detector else "given",
             **chosen.options,
-            **({} if recall_k is None else {"recall_k": recall_k}),
+            **({} if recall_k is None else {"recall_k": recall_k, "whole_memory": False}),
         }
         method = KarmaMethod.build(resources, options)
         world = world_maker("embedded", [options])()
