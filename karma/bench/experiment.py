@@ -246,7 +246,7 @@ def load_resources(
         UnknownNameError: a role has no such implementation.
     """
     session = session or Session()
-    model, profile = _language_model(models, session, states, seed)
+    model, profile = language_model(models, session, states, seed)
     decoding = Decoding(
         constrained=models.constrained,
         temperature=models.temperature,
@@ -323,10 +323,14 @@ def _filled(
     return made(model, **options) if model else made(**options)
 
 
-def _language_model(
+def language_model(
     models: Models, session: Session, states: StateOptions | None, seed: int
 ) -> tuple[LanguageModel, str]:
-    """Return the planner's model and its prompt profile."""
+    """Return the planner's model and its prompt profile.
+
+    Raises:
+        ModelError: it is missing, damaged or of the wrong kind, or a hosted one out of reach.
+    """
     if models.hosted.planner is not None:
         hosted: LanguageModel = registry.load("language_models", OPENAI)(
             models.hosted.planner, session=session, constrained=models.constrained, seed=seed

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
+from karma.cli.benchmarks import do_benchmark, refuse_options
 from karma.cli.model_options import model_options
 from karma.cli.shared import ACTING, Json, clear_errors, console
 from karma.errors import KarmaError
@@ -235,18 +236,26 @@ def eval_command(
     from karma.bench.precision import reached
     from karma.bench.records import spent_by
     from karma.bench.run import Run
+    from karma.benchmarks.eb_alfred.experiment import is_benchmark
     from karma.cli import show
     from karma.lab.figure import is_figure
 
+    folder = out or Path("runs") / file.stem
+    seeded = half_width is not None or max_seeds is not None
+    if is_benchmark(file):
+        refuse_options(file, ray=ray, steps=steps, states=states, half_width=seeded)
+        tape = _cassette(cassette, cassette_mode)
+        opened = {"fresh": fresh, "cassette": tape, "base_url": base_url, "computed": computed}
+        do_benchmark(file, folder, workers=workers, opened=opened)
+        return
     if is_figure(file):
-        if half_width is not None or max_seeds is not None:
-            raise KarmaError(f"{file}: a figure has no seeds to add; leave out the half-width")
-        _do_figure(file, out or Path("runs") / file.stem, fresh)
+        refuse_options(file, half_width=seeded)
+        _do_figure(file, folder, fresh)
         return
     with console.status(escape(f"reading {file} ...")):
         run = Run(
             file,
-            out or Path("runs") / file.stem,
+            folder,
             fresh=fresh,
             cassette=_cassette(cassette, cassette_mode),
             base_url=base_url,

@@ -29,9 +29,10 @@ def types_file(folder):
     return path
 
 
-def rooms(folder, *, more=()):
-    """Our trial's room; `more` are other poses of things."""
+def rooms(folder, *, more=(), task=""):
+    """Our trial's room; `more` are other poses of things, `task` another type of task."""
     given = ours.trial()
+    given["task_type"] = task or given["task_type"]
     given["scene"]["object_poses"] += more
     trial = ours.read(folder, given)
     return TrialRooms(trials={trial.id: trial}, facts=gather([trial], ours.beside(folder)))

@@ -1,0 +1,87 @@
+"""A run of EB-ALFRED is a TOML file: lists of tasks, rows, and the model that plans."""
+
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from karma.bench.experiment import Models
+from karma.bench.experiment_tasks import beside
+from karma.benchmarks.eb_alfred.prompt import PromptOptions
+from karma.benchmarks.eb_alfred.tasks import BenchmarkTask, read_tasks
+from karma.errors import FileError
+from karma.files import read_toml
+
+NAME = "eb_alfred"
+
+
+class BenchmarkRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One row of the table."""
+
+    name: str
+    player: Literal["planner", "expert", "chance"] = "planner"
+    strict: bool = False  # follow the source where it is odd
+    prompt: PromptOptions = PromptOptions()
+
+
+class BenchmarkExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Every row on every task with every seed."""
+
+    name: str
+    benchmark: Literal["eb_alfred"]
+    tasks: str  # EB-ALFRED's lists
+    types: str  # its lists of types, in the order of the actions' numbers
+    trials: str  # ALFRED's demonstrations of valid_seen
+    rows: tuple[BenchmarkRow, ...]
+    published: str = ""  # scores to print beside ours
+    subsets: tuple[str, ...] = ()  # () = all
+    only: tuple[str, ...] = ()  # ids of tasks; () = all
+    models: Models = Models()
+    seeds: tuple[int, ...] = (0,)
+
+    def __post_init__(self) -> None:
+        """Refuse what there is nothing to do for, or what would be done twice."""
+        names = [row.name for row in self.rows]
+        if not names or len(set(names)) < len(names):
+            raise ValueError("rows: one or more, each with a name of its own")
+        if not self.seeds or min(self.seeds) < 0 or len(set(self.seeds)) < len(self.seeds):
+            raise ValueError(f"seeds = {list(self.seeds)}: one or more, each 0 or above, once")
+
+    @property
+    def plans(self) -> bool:
+        """Whether a model is needed."""
+        return any(row.player == "planner" for row in self.rows)
+
+
+class _Headed(msgspec.Struct, frozen=True):
+    benchmark: str = ""
+
+
+def is_benchmark(path: Path) -> bool:
+    """Return whether a file is an experiment of this form; False where it cannot be read."""
+    try:
+        return read_toml(path, _Headed).benchmark == NAME
+    except FileError:
+        return False
+
+
+def read_benchmark(path: Path) -> BenchmarkExperiment:
+    """Read an experiment; paths in it with "../shared/" are looked for in $KARMA_SHARED.
+
+    Raises:
+        FileError: it is damaged, or a key in it is unknown.
+    """
+    return read_toml(path, BenchmarkExperiment)
+
+
+def tasks_of(experiment: BenchmarkExperiment, path: Path) -> tuple[BenchmarkTask, ...]:
+    """Return the tasks that an experiment selects.
+
+    Raises:
+        FileError: the lists are damaged, or a task of `only` is not in them.
+    """
+    tasks = read_tasks(beside(experiment.tasks), experiment.subsets)
+    known = {task.id for task in tasks}
+    if missing := [one for one in experiment.only if one not in known]:
+        raise FileError(path, f"only: no task {missing[0]!r}; they are named like {tasks[0].id!r}")
+    return tuple(task for task in tasks if not experiment.only or task.id in experiment.only)

@@ -1,0 +1,155 @@
+"""Play one episode, and say what it came to."""
+
+from dataclasses import dataclass
+
+from karma.benchmarks.eb_alfred.experiment import BenchmarkRow
+from karma.benchmarks.eb_alfred.planner import PlannerAnswer, PlannerPlayer
+from karma.benchmarks.eb_alfred.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
+from karma.benchmarks.eb_alfred.tasks import BenchmarkTask, TrialRooms
+from karma.contracts import LanguageModel
+from karma.errors import KarmaError
+from karma.infer.hosted.cassette import CassetteError
+from karma.world.eb_alfred.actions import ActionTypes
+from karma.world.eb_alfred.environment import Environment, Step
+
+EpisodeKey = tuple[str, str, int]  # row, task, seed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchmarkRecord:
+    """What an episode leaves behind; the same in every run of the same experiment."""
+
+    row: str
+    task: str
+    subset: str
+    seed: int
+    trial: str
+    instruction: str
+    success: bool
+    progress: float  # conditions that were met at the end, of all
+    end: str  # "goal met", "steps", "invalid actions", "empty plan", "error"
+    invalid: int  # actions, unusable answers counted
+    calls: int  # of the player
+    steps: tuple[Step, ...]
+    answers: tuple[PlannerAnswer, ...] = ()
+    error: str = ""  # what ended the episode from outside
+
+    @property
+    def key(self) -> EpisodeKey:
+        """What names the episode."""
+        return self.row, self.task, self.seed
+
+    @property
+    def no_json(self) -> int:
+        """Answers that were no JSON of the form that was asked for."""
+        return sum(answer.no_json for answer in self.answers)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchmarkStage:
+    """What all episodes share."""
+
+    rooms: TrialRooms
+    types: ActionTypes
+    model: LanguageModel | None  # None where no row asks one
+
+
+def play(
+    stage: BenchmarkStage, row: BenchmarkRow, task: BenchmarkTask, seed: int, puts: dict[str, int]
+) -> BenchmarkRecord:
+    """Play an episode; what is wrong with it or its model is in the record.
+
+    Args:
+        stage: what all share.
+        row: who plays.
+        task: what is asked for.
+        seed: of the player's draws.
+        puts: counts of puts, which a strict row's next episode goes on with.
+
+    Raises:
+        CassetteError: a recording does not hold what was asked for.
+    """
+    environment: Environment | None = None
+    player = _player(stage, row, task, seed)
+    calls, error = 0, stage.rooms.missing(task.trial)
+    try:
+        if not error:
+            trial = stage.rooms.trials[task.trial]
+            environment = Environment(
+                trial,
+                stage.rooms.facts[trial.scene.floor_plan],
+                stage.types,
+                strict=row.strict,
+                puts=puts if row.strict else None,
+            )
+            while not environment.end:
+                calls += 1
+                _take_turn(environment, player)
+    except CassetteError:
+        raise
+    except KarmaError as problem:
+        error = str(problem)
+    answers = tuple(player.answers) if isinstance(player, PlannerPlayer) else ()
+    return _record(row, task, seed, environment, calls=calls, answers=answers, error=error)
+
+
+def _player(
+    stage: BenchmarkStage, row: BenchmarkRow, task: BenchmarkTask, seed: int
+) -> BenchmarkPlayer:
+    if row.player == "expert":
+        return ExpertPlayer()
+    if row.player == "chance" or stage.model is None:
+        return ChancePlayer(seed, task.id)
+    return PlannerPlayer(
+        stage.model, row.prompt, instruction=task.instruction, subset=task.subset, seed=seed
+    )
+
+
+def _take_turn(environment: Environment, player: BenchmarkPlayer) -> None:
+    """Ask for a plan and carry it out up to the first action that fails."""
+    plan = player.plan(environment)
+    if plan is None:
+        environment.count_unusable()
+    elif not plan:
+        environment.give_up()
+    for number in plan or ():
+        step = environment.step(number)
+        if environment.end or not step.ok:
+            return
+
+
+def _record(
+    row: BenchmarkRow,
+    task: BenchmarkTask,
+    seed: int,
+    environment: Environment | None,
+    *,
+    calls: int,
+    answers: tuple[PlannerAnswer, ...],
+    error: str,
+) -> BenchmarkRecord:
+    progress, end, invalid = 0.0, "", 0
+    steps: tuple[Step, ...] = ()
+    if environment is not None:
+        met = environment.conditions
+        progress, end = met.met / met.of, environment.end
+        steps, invalid = tuple(environment.steps), environment.invalid
+        unplayed = end == "empty plan" or bool(answers and answers[-1].error)
+        if row.strict and unplayed:  # the source loses the progress when a plan ends it
+            progress = 0.0
+    return BenchmarkRecord(
+        row=row.name,
+        task=task.id,
+        subset=task.subset,
+        seed=seed,
+        trial=task.trial,
+        instruction=task.instruction,
+        success=end == "goal met",
+        progress=progress,
+        end="error" if error else end,
+        invalid=invalid,
+        calls=calls,
+        steps=steps,
+        answers=answers,
+        error=error,
+    )

@@ -1,0 +1,134 @@
+"""Write what a planner is told: role, rules, actions, examples, guidelines, task, history.
+
+The parts and their order are the source's; the words are ours (`prompt.toml`, `examples.toml`).
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from karma.contracts import Prompt
+from karma.files import read_toml, to_json
+from karma.world.eb_alfred.environment import Environment, Step
+
+_HERE = Path(__file__).parent
+Kind = Literal["short", "long"]  # of examples: `long` for long_horizon
+
+
+class _Texts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    role: str
+    rules: tuple[str, ...]
+    guidelines: tuple[str, ...]
+    answer: str
+    seen: str
+
+
+class PlanExample(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An instruction and a plan that carries it out, in a trial that no task is of."""
+
+    kind: Kind
+    trial: str
+    instruction: str
+    scene: str  # what a picture of it would show
+    reasoning: str
+    plan: tuple[str, ...]  # names of actions
+
+
+class _Examples(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    example: tuple[PlanExample, ...]
+
+
+class PromptOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a planner is asked."""
+
+    examples: int = 10  # at most; long_horizon has seven
+    feedback: bool = True  # whether it is told how actions went
+    dialogue: bool = False  # whether it is told its earlier answers
+    max_tokens: int = 2048
+    temperature: float = 0.0
+
+
+@cache
+def _texts() -> _Texts:
+    return read_toml(_HERE / "prompt.toml", _Texts)
+
+
+@cache
+def examples(kind: Kind) -> tuple[PlanExample, ...]:
+    """Return the worked examples of a kind."""
+    return tuple(
+        one for one in read_toml(_HERE / "examples.toml", _Examples).example if one.kind == kind
+    )
+
+
+def render_prompt(
+    environment: Environment,
+    instruction: str,
+    subset: str,
+    options: PromptOptions,
+    *,
+    answers: Sequence[str] = (),
+    complaint: str = "",
+) -> Prompt:
+    """Return the prompt for the next plan.
+
+    Args:
+        environment: its actions, and what was done so far.
+        instruction: of the task.
+        subset: of the task, which decides the examples.
+        options: how to ask.
+        answers: earlier ones, the last one last; told with `options.dialogue`.
+        complaint: what was wrong with the last answer; the source says nothing of it.
+    """
+    texts = _texts()
+    kind: Kind = "long" if subset == "long_horizon" else "short"
+    numbers = {str(one): number for number, one in enumerate(environment.actions)}
+    chosen = examples(kind)[: options.examples]
+    parts = [
+        texts.role.strip(),
+        "## Rules\n" + _numbered(texts.rules),
+        f"## Actions (0 to {len(numbers) - 1})\n"
+        + "\n".join(f"{number}: {name}" for name, number in numbers.items()),
+        *(f"## Example {place}\n{_example(one, numbers)}" for place, one in enumerate(chosen, 1)),
+        "## Guidelines\n" + _numbered(texts.guidelines),
+    ]
+    asked = [f"## Instruction\n{instruction}"]
+    if environment.steps:
+        asked.append("## Done so far\n" + _history(environment.steps, options.feedback))
+    if options.dialogue and answers:
+        asked.append("## Your earlier answers\n" + "\n".join(answers))
+    if complaint:
+        asked.append(f"## Your last answer could not be used\n{complaint}")
+    asked.append(texts.answer.strip() % "")
+    stable, changing = "\n\n".join(parts) + "\n\n", "\n\n".join(asked) + "\n"
+    if environment.strict:  # the source sends one message
+        return Prompt(stable="", changing=stable + changing)
+    return Prompt(stable=stable, changing=changing)
+
+
+def _numbered(lines: Sequence[str]) -> str:
+    return "\n".join(f"{number}. {line}" for number, line in enumerate(lines, 1))
+
+
+def _example(one: PlanExample, numbers: dict[str, int]) -> str:
+    """Return an example as a planner would answer; numbers are those of the room at hand."""
+    answer = {
+        "reasoning_and_reflection": one.reasoning,
+        "language_plan": "; ".join(one.plan),
+        "executable_plan": [
+            {"action_id": numbers[name], "action_name": name}
+            for name in one.plan
+            if name in numbers
+        ],
+    }
+    return f"Instruction: {one.instruction}\n{to_json(answer).decode().strip()}"
+
+
+def _history(steps: Sequence[Step], feedback: bool) -> str:
+    return "\n".join(
+        f"{place}. action {step.number}, {step.name}" + (f": {step.feedback}" if feedback else "")
+        for place, step in enumerate(steps)
+    )
