@@ -25,7 +25,9 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.testing import make_llama
 
-SIZE = Footprint(file_mb=800, blocks=8, token_mb=0.1, work_mb=100)  # 1,600 MB with 8,000 tokens
+SIZE = Footprint(  # 1,600 MB with 8,000 tokens, and 100 to compute
+    file_mb=800, blocks=8, token_mb=0.1, words_mb=0, layer_mb=0, scores_mb=0, logits_mb=88
+)
 PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")
 SPEC = ProgramSpec(
     skills=(SkillSignature(name="GoToObject", arguments=("object",)),),
