@@ -7,12 +7,12 @@ planners that can read. In it ids stand for things, until the prompt puts its na
 from collections.abc import Collection, Sequence
 
 from karma.agent.inspector import takers
+from karma.agent.short_names import one_of_each
 from karma.agent.sightings import Sightings
 from karma.contracts import Known, SeenObject
-from karma.household.ids import is_part, whole_id
-from karma.household.pieces import is_piece
+from karma.household.ids import type_of, whole_id
 from karma.household.places import surface_for
-from karma.household.uses import BASIN_OF
+from karma.household.uses import BASINS
 
 _TOLD = 6  # things in one sentence
 _DO_FIRST = (
@@ -99,25 +99,26 @@ def put_refused(
 
 def hand_full(held: SeenObject, known_types: Collection[str]) -> str:
     """Return what to do with what is in the hand before another thing is picked up."""
-    surface = surface_for(held.object_type, lambda kind: kind in known_types)
+    surface = surface_for(held.object_type, known_types.__contains__)
     it = held.object_id
     return f"the hand holds {it}; put it down first, e.g. PutObject(robot, '{it}', '{surface}')"
 
 
 def contents(receptacle_id: str, log: Sightings) -> list[str]:
     """Return the ids of what was last seen in or on a receptacle, one slice for all of a thing."""
-    found: dict[str, str] = {}
-    for object_id, sight in log.seen.items():
-        held_by = [p for p in sight.parent_ids if p == receptacle_id or _is_basin(p, receptacle_id)]
-        if held_by and object_id not in log.missed and object_id not in log.cut:
-            found.setdefault(whole_id(object_id) if is_piece(sight.object_type) else object_id,
-                             object_id)  # fmt: skip
-    found.pop(log.held_id or "", None)
-    return list(found.values())
+    gone = {*log.missed, *log.cut, log.held_id}
+    there = [
+        sight
+        for object_id, sight in log.seen.items()
+        if object_id not in gone
+        if any(receptacle_id in (one, _whole_of_basin(one)) for one in sight.parent_ids)
+    ]
+    return [sight.object_id for sight in one_of_each(there)]
 
 
-def _is_basin(part: str, whole: str) -> bool:
-    return is_part(part, whole) and part.rpartition("|")[2] in BASIN_OF.values()
+def _whole_of_basin(object_id: str) -> str:
+    """Return the id of a basin's sink or bathtub, "" for what is no basin."""
+    return whole_id(object_id) if type_of(object_id) in BASINS else ""
 
 
 def _listed(names: Sequence[str]) -> str:
