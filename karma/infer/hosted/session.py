@@ -285,7 +285,7 @@ class Session:
             url = f"{endpoint.root}{path[2:]}"
         try:
             if body is None:
-                answer = client.get(url, cast_to=object, options={"max_retries": 0})
+                answer = client.get(url, cast_to=object, options={"max_retries": 1})
             else:
                 answer = client.post(url, cast_to=object, body=dict(body))
         except openai.APIStatusError as error:
