@@ -272,11 +272,13 @@ class Prompt:
     """Planner input in the cut in which it is always decoded.
 
     `stable` (role, API, examples, scene graph; ends in a newline) is evaluated once per scene and
-    kept; `changing` (recalled memory, instruction) follows it.
+    kept; `changing` (recalled memory, instruction) follows it. Pictures go before `changing`; a
+    model that takes none refuses them.
     """
 
     stable: str
     changing: str
+    pictures: tuple[Frame, ...] = field(default=(), compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -124,6 +124,26 @@ def test_prompt_of_long_horizon_has_seven_examples_of_its_own(tmp_path):
     assert "slice" in examples("long")[0].plan[3]
 
 
+def test_prompt_with_pictures_shows_the_last_views_and_asks_what_they_show(tmp_path):
+    env = eb.environment(tmp_path)
+    eb.say(env, "find a Fridge")
+    options = PromptOptions(pictures=2)
+    prompt = render_prompt(env, "x", "base", options, pictures=env.pictures(options.pictures))
+    assert [picture.shape for picture in prompt.pictures] == [(500, 500, 3)] * 2
+    assert (prompt.pictures[0] != prompt.pictures[1]).any()
+    assert "visual_state_description" in prompt.stable
+    assert "visual_state_description" in prompt.changing
+    bare = render_prompt(env, "x", "base", OPTIONS)
+    assert (bare.pictures, env.pictures(0)) == ((), ())
+    assert "visual_state_description" not in bare.stable + bare.changing
+
+
+def test_examples_in_the_prompt_say_why_before_they_say_what(tmp_path):
+    text = render_prompt(eb.environment(tmp_path), "x", "base", OPTIONS).stable
+    first = text[text.index("## Example 1") :]
+    assert first.index("reasoning_and_reflection") < first.index("executable_plan")
+
+
 def test_prompt_is_one_message_when_strict(tmp_path):
     prompt = render_prompt(eb.environment(tmp_path, strict=True), "x", "base", OPTIONS)
     assert prompt.stable == ""

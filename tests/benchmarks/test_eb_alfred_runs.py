@@ -159,7 +159,8 @@ def answering():
     """A server that opens the fridge first where it was told that it is shut."""
 
     def answer(path, body, headers):
-        prompt = "\n".join(message["content"] for message in body["messages"])
+        said = [message["content"] for message in body["messages"]]
+        prompt = "\n".join(one if isinstance(one, str) else one[-1]["text"] for one in said)
         numbers = dict(reversed(one) for one in re.findall(r"^(\d+): (.+)$", prompt, re.MULTILINE))
         names = ["find a Apple", "pick up the Apple", "find a Fridge", PUT]
         if "putting it at" in prompt:
@@ -187,6 +188,25 @@ def test_hosted_run_is_recorded_and_replayed_to_the_byte(
     tape = Cassette(tmp_path / "tape", "replay")
     assert finished(path, tmp_path / "b", cassette=tape)[1] == first
     assert len(seen) == asked == 4
+
+
+def test_hosted_run_with_pictures_sends_them_and_the_cassette_keeps_their_names(
+    experiment, tmp_path, answering, monkeypatch
+):
+    plant_key(monkeypatch)
+    url, seen = answering
+    rows = HOSTED.format(url=url).replace("[models]", "prompt = { pictures = 1 }\n[models]", 1)
+    path = experiment(rows, only=["base/0"])
+    tape = Cassette(tmp_path / "tape", "record")
+    records, first = finished(path, tmp_path / "a", cassette=tape)
+    assert records[0].success
+    picture = seen[0][1]["messages"][1]["content"][0]
+    assert picture["image_url"]["url"].startswith("data:image/png;base64,")
+    kept = (tmp_path / "tape" / "exchanges.jsonl").read_text()
+    assert "500x500 " in kept
+    assert "base64" not in kept
+    tape = Cassette(tmp_path / "tape", "replay")
+    assert finished(path, tmp_path / "b", cassette=tape)[1] == first
 
 
 def test_hosted_run_with_workers_is_refused(experiment, tmp_path, answering, monkeypatch):

@@ -70,6 +70,7 @@ class PlannerPlayer:
             self._subset,
             self._options,
             answers=self._texts,
+            pictures=environment.pictures(self._options.pictures),
             complaint="" if strict else self._complaint,
         )
         again = bool(self._complaint) and not strict

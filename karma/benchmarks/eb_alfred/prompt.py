@@ -10,8 +10,8 @@ from typing import Literal
 
 import msgspec
 
-from karma.contracts import Prompt
-from karma.files import read_toml, to_json
+from karma.contracts import Frame, Prompt
+from karma.files import read_toml
 from karma.world.eb_alfred.environment import Environment, Step
 
 _HERE = Path(__file__).parent
@@ -47,6 +47,7 @@ class PromptOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     examples: int = 10  # at most; long_horizon has seven
     feedback: bool = True  # whether it is told how actions went
     dialogue: bool = False  # whether it is told its earlier answers
+    pictures: int = 0  # of what the robot saw last; 0 = text only
     max_tokens: int = 2048
     temperature: float = 0.0
 
@@ -72,6 +73,7 @@ def render_prompt(
     *,
     answers: Sequence[str] = (),
     complaint: str = "",
+    pictures: Sequence[Frame] = (),
 ) -> Prompt:
     """Return the prompt for the next plan.
 
@@ -81,18 +83,20 @@ def render_prompt(
         subset: of the task, which decides the examples.
         options: how to ask.
         answers: earlier ones, the last one last; told with `options.dialogue`.
+        pictures: what the robot sees now and saw before, the last one last.
         complaint: what was wrong with the last answer; the source says nothing of it.
     """
     texts = _texts()
     kind: Kind = "long" if subset == "long_horizon" else "short"
     numbers = {str(one): number for number, one in enumerate(environment.actions)}
     chosen = examples(kind)[: options.examples]
+    shown = [_example(one, numbers, options) for one in chosen]
     parts = [
         texts.role.strip(),
         "## Rules\n" + _numbered(texts.rules),
         f"## Actions (0 to {len(numbers) - 1})\n"
         + "\n".join(f"{number}: {name}" for name, number in numbers.items()),
-        *(f"## Example {place}\n{_example(one, numbers)}" for place, one in enumerate(chosen, 1)),
+        *(f"## Example {place}\n{one}" for place, one in enumerate(shown, 1)),
         "## Guidelines\n" + _numbered(texts.guidelines),
     ]
     asked = [f"## Instruction\n{instruction}"]
@@ -102,20 +106,22 @@ def render_prompt(
         asked.append("## Your earlier answers\n" + "\n".join(answers))
     if complaint:
         asked.append(f"## Your last answer could not be used\n{complaint}")
-    asked.append(texts.answer.strip() % "")
+    asked.append(texts.answer.strip() % (texts.seen if options.pictures else ""))
     stable, changing = "\n\n".join(parts) + "\n\n", "\n\n".join(asked) + "\n"
     if environment.strict:  # the source sends one message
-        return Prompt(stable="", changing=stable + changing)
-    return Prompt(stable=stable, changing=changing)
+        return Prompt(stable="", changing=stable + changing, pictures=tuple(pictures))
+    return Prompt(stable=stable, changing=changing, pictures=tuple(pictures))
 
 
 def _numbered(lines: Sequence[str]) -> str:
     return "\n".join(f"{number}. {line}" for number, line in enumerate(lines, 1))
 
 
-def _example(one: PlanExample, numbers: dict[str, int]) -> str:
+def _example(one: PlanExample, numbers: dict[str, int], options: PromptOptions) -> str:
     """Return an example as a planner would answer; numbers are those of the room at hand."""
+    seen = {"visual_state_description": one.scene} if options.pictures else {}
     answer = {
+        **seen,
         "reasoning_and_reflection": one.reasoning,
         "language_plan": "; ".join(one.plan),
         "executable_plan": [
@@ -124,7 +130,7 @@ def _example(one: PlanExample, numbers: dict[str, int]) -> str:
             if name in numbers
         ],
     }
-    return f"Instruction: {one.instruction}\n{to_json(answer).decode().strip()}"
+    return f"Instruction: {one.instruction}\n{msgspec.json.encode(answer).decode()}"
 
 
 def _history(steps: Sequence[Step], feedback: bool) -> str:

@@ -24,7 +24,8 @@ _CAPTION = (
     "world; not comparable to the point with the published rows, which were measured in AI2-THOR "
     "2.1.0 with its pictures, on all 300 tasks, with the benchmark's own prompt and examples. "
     "Here the rooms are rebuilt from AI2-THOR 5.0.0, which instance is called X_2 is inferred, "
-    "prompt and examples are of our own wording, and planners get text only."
+    "prompt and examples are of our own wording, and pictures, where a planner gets any, are drawn "
+    "by this project."
 )
 
 

@@ -4,6 +4,7 @@
 it, and `session` holds the line.
 """
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from karma.contracts import Completion, ProgramSpec, Prompt, Vectors
+from karma.contracts import Completion, Frame, ProgramSpec, Prompt, Vectors
 from karma.errors import ModelError
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
@@ -20,6 +21,7 @@ from karma.infer.hosted.dialects import Language, Manner, language_of
 from karma.infer.hosted.server import manner_of
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.hosted.thinking import told_apart
+from karma.infer.vision.pictures import picture_url
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,12 +121,19 @@ class HostedLanguageModel:
         if self._endpoint.api == "chat":
             path = "/chat/completions"
             messages = [{"role": "system", "content": stable}] if stable else []
-            body: dict[str, Any] = {"messages": [*messages, _user(changing)]}
+            body: dict[str, Any]
+            shown = [_user(one) for one in _with_pictures(changing, prompt.pictures)]
+            body, kept = ({"messages": [*messages, one]} for one in shown)
+        elif prompt.pictures:
+            raise ModelError(f'{self.name}: pictures need api = "chat"')
         else:
             path, body = "/completions", {"prompt": stable + changing}
+            kept = body
         fields, room = self.manner.fields(language, max_tokens)
         options = options_of(self._endpoint, room, temperature, seed, fields)
-        exchange = self._session.ask("planner", self._endpoint, path, {**body, **options})
+        exchange = self._session.ask(
+            "planner", self._endpoint, path, {**body, **options}, named={**kept, **options}
+        )
         text, finish, reasoning = said_in(exchange.reply.answer or {}, self._endpoint)
         text = text.lstrip("\n")  # that a template leaves between thought and answer
         if language is not None and self.manner.constraint == "schema" and finish == "stop":
@@ -212,6 +221,23 @@ class HostedEmbedder:
 def sendable(text: str) -> str:
     """Return text that can be sent: no half characters."""
     return text.encode("utf-8", "replace").decode()
+
+
+def _with_pictures(text: str, pictures: Sequence[Frame]) -> tuple[Any, Any]:
+    """Return a message with pictures before its text, and as a cassette keeps it."""
+    if not pictures:
+        return text, text
+    said = {"type": "text", "text": text}
+    whole = [{"type": "image_url", "image_url": {"url": picture_url(one)}} for one in pictures]
+    named = [{"type": "image_url", "picture": picture_name(one)} for one in pictures]
+    return [*whole, said], [*named, said]
+
+
+def picture_name(image: Frame) -> str:
+    """Return what stands for a picture in a cassette: size and SHA-256 of its pixels."""
+    height, width, _ = image.shape
+    pixels = np.ascontiguousarray(image, np.uint8).tobytes()
+    return f"{width}x{height} {hashlib.sha256(pixels).hexdigest()}"
 
 
 def _user(content: Any) -> dict[str, Any]:

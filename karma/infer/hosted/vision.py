@@ -1,14 +1,11 @@
 """Read object states by a hosted model: the paper's four steps (KARMA §3.4, Fig. 10)."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
-from karma.infer.hosted.model import options_of, said_in, sendable
+from karma.infer.hosted.model import options_of, picture_name, said_in, sendable
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.vision.pictures import picture_url
 from karma.infer.vision.text import question, some_picture, states_told
@@ -85,10 +82,3 @@ def _first(role: str, text: str, picture: Mapping[str, Any]) -> list[dict[str, A
         {"role": "system", "content": role},
         {"role": "user", "content": [picture, {"type": "text", "text": text}]},
     ]
-
-
-def picture_name(image: Frame) -> str:
-    """Return what stands for a picture in a cassette: size and SHA-256 of its pixels."""
-    height, width, _ = image.shape
-    pixels = np.ascontiguousarray(image, np.uint8).tobytes()
-    return f"{width}x{height} {hashlib.sha256(pixels).hexdigest()}"

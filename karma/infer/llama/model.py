@@ -89,6 +89,8 @@ class LlamaModel:
         Raises:
             ModelError: the prompt does not fit the context, or the model cannot continue it.
         """
+        if prompt.pictures:
+            raise ModelError(f"{self.name} takes no pictures here; a hosted model may")
         begun = time.perf_counter()
         stable, changing = self._cut(prompt)
         prompt_tokens = len(stable) + len(changing)

@@ -68,6 +68,7 @@ class Environment:
             puts={} if puts is None else puts,
         )
         self.steps: list[Step] = []
+        self._seen = [self.world.last_event]
         self.invalid = 0
         self.end: End = ""
 
@@ -86,11 +87,9 @@ class Environment:
         """How many of the goal's conditions are met now."""
         return conditions(self.trial, self.world.last_event.metadata, self.body.deeds)
 
-    @property
-    def picture(self) -> Frame | None:
-        """What the robot sees now; drawn when asked for."""
-        frame: Frame | None = self.world.last_event.frame
-        return frame
+    def pictures(self, number: int) -> tuple[Frame, ...]:
+        """Return what the robot saw after its last actions, now last; drawn when asked for."""
+        return tuple(event.frame for event in self._seen[-number:] if number > 0)
 
     def step(self, number: int) -> Step:
         """Do one action by its number.
@@ -109,6 +108,7 @@ class Environment:
             number=number, name=str(self.actions[number]), ok=not message, feedback=feedback
         )
         self.steps.append(step)
+        self._seen.append(self.world.last_event)
         self.invalid += bool(message)
         met = self.conditions
         if met.met == met.of:
