@@ -253,16 +253,16 @@ def load_resources(
         seed=seed,
         max_tokens=models.max_tokens,
     )
-    embedder = _filled("embedders", models.embedder, models.hosted.embedder, session, models)
+    embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
     return Resources(
         model=model,
         profile=profile,
         decoding=decoding,
         recall=_recall(models.recall, models.recall_text, embedder, maps),
-        vision=_filled("vision_models", models.vision, models.hosted.vision, session, models),
+        vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
         learn=learn,
-        detector=_filled("detectors", models.detector, None, session, models)
+        detector=filled("detectors", models.detector, None, session, models)
         if models.detector
         else None,
         embedder=embedder,
@@ -291,7 +291,7 @@ def for_row(
         recall = _recall(row.recall, PRESETS[""].recall_text, resources.embedder, resources.maps)
     if row.vision:
         if row.vision not in loaded:
-            loaded[row.vision] = _filled("vision_models", row.vision, None, Session(), models)
+            loaded[row.vision] = filled("vision_models", row.vision, None, Session(), models)
         vision = loaded[row.vision]
     return replace(resources, recall=recall, vision=vision)
 
@@ -306,7 +306,7 @@ def _recall(name: str, text: str, embedder: Embedder | None, maps: Path | None) 
     return made
 
 
-def _filled(
+def filled(
     role: str, name: str, endpoint: Endpoint | None, session: Session, models: Models
 ) -> Any:
     """Return a role's implementation: "minilm", or with its model, "sentence:bge-small-en".

@@ -40,7 +40,8 @@ def suggest_workers(
         waiting: hosted models are asked, not replayed.
     """
     local = models.hosted.planner is None
-    if local and models.gpu_layers != 0 and (models.rpc or any(one.is_gpu for one in devices())):
+    card = models.rpc or any(one.is_gpu and not one.address for one in devices())
+    if local and models.gpu_layers != 0 and card:
         return Suggestion(number=1, reason="a GPU, which one process has for itself")
     if waiting and not local:
         most, worth = _IN_FLIGHT, episodes // _WORTH_WAITING

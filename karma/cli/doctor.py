@@ -1,16 +1,23 @@
 """`karma doctor`: what a backend needs, what is missing, and the command that mends it."""
 
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
+from karma.bench.formats import UNKNOWN, figure_text
+from karma.cli.model_options import model_options
 from karma.cli.shared import Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
+
+if TYPE_CHECKING:
+    from karma.bench.model_doctor import ModelSeen
 
 app = typer.Typer()
 
@@ -64,6 +71,68 @@ def _offline(json: Path | None) -> None:
         write_atomic(json, to_json({"ok": good, "findings": findings}, indent=2))
     if not good:
         raise typer.Exit(1)
+
+
+@app.command("models")
+@clear_errors
+@model_options
+def models_command(
+    experiment: Annotated[
+        Path | None, typer.Argument(help="An experiment; else what `karma run` takes.")
+    ] = None,
+    planner: Annotated[str | None, typer.Option(help="Another name or GGUF.")] = None,
+    json: Json = None,
+    *,
+    computed: Mapping[str, Any],
+) -> None:
+    """See what each model runs on here, its memory and speed, and what to change.
+
+    Each is opened as a run does and asked a little. Exit code 1 if one cannot be opened.
+    """
+    from karma.bench.experiment import Models, read_experiment
+    from karma.bench.model_doctor import examine
+
+    models = Models() if experiment is None else read_experiment(experiment).models
+    chosen = {**computed, **({} if planner is None else {"planner": planner})}
+    found = []
+    for name, look in examine(models.computed_by(chosen) if chosen else models):
+        with console.status(escape(f"opening and asking {name} ...")):
+            found.append(look())
+    seen = [one for one in found if one is not None]
+    console.print(_models_table(seen))
+    for one in seen:
+        for text in one.advice:
+            console.print(f"{MARKS['note']} {escape(f'{one.role}: {text}')}", soft_wrap=True)
+        if one.error:
+            console.print(
+                f"{MARKS['problem']} {escape(f'{one.role}: {one.error}')}", soft_wrap=True
+            )
+    if json is not None:
+        write_atomic(json, to_json(seen, indent=2))
+    if any(one.error for one in seen):
+        raise typer.Exit(1)
+
+
+def _models_table(found: Sequence["ModelSeen"]) -> Table:
+    table = Table("model", box=HORIZONTALS, title="models on this machine", title_justify="left")
+    table.add_column("runs on", min_width=22)
+    for name in ("MB predicted\n/ measured", "a second", "context"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for one in found:
+        speeds = [
+            f"{figure_text(rate, 0 if rate >= 10 else 1)} {unit.removesuffix('/s')}"
+            for unit, rate in (one.speeds or {}).items()
+        ]
+        grows = one.limit and one.context and one.limit > one.context
+        more = f"\nup to {one.limit}" if grows else ""
+        table.add_row(
+            f"[bold]{escape(one.name)}[/]\n{one.role}",
+            "[red]does not open[/]" if one.error else f"[bold]{escape(one.device)}[/]\n{one.how}",
+            f"{figure_text(one.predicted_mb, 0)} / {figure_text(one.measured_mb, 0)}",
+            "\n".join(speeds) or UNKNOWN,
+            UNKNOWN if one.context is None else f"{one.context}{more}",
+        )
+    return table
 
 
 @app.command("thor")

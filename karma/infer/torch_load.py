@@ -139,6 +139,12 @@ def load_weights(
     return model.eval().to(device)
 
 
+def place_of(model: Any) -> str:
+    """Return where a loaded model is computed: device and numbers, "cpu, float32"."""
+    dtype = str(next(model.parameters()).dtype).removeprefix("torch.")
+    return f"{model.device}, {dtype}"
+
+
 def import_transformers() -> Any:
     """Import transformers such that it never asks the package `kernels`, which downloads code."""
     os.environ.setdefault("USE_HUB_KERNELS", "0")

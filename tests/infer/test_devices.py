@@ -170,7 +170,8 @@ def test_kept_values_in_blocks_need_heads_that_blocks_fit_in(tmp_path):
 # ----------------------------------------------------------------- at work
 
 
-def test_offloaded_model_has_its_weights_over_there_and_the_same_bits(gpu, gguf):
+def test_offloaded_model_has_its_weights_over_there_and_the_same_bits(gguf):
+    gpu, _ = start()  # one that holds nothing yet
     before = gpu.memory_mb()
     there, here = opened(gguf, rpc=gpu.address, flash_attention="off"), opened(gguf)
     said, wanted = (one.complete(PROMPT, max_tokens=8) for one in (there, here))

@@ -21,6 +21,7 @@ from karma.infer.torch_load import (
     load_image_processor,
     load_tokenizer,
     load_weights,
+    place_of,
     threads,
 )
 from karma.infer.torch_options import TorchOptions
@@ -57,6 +58,11 @@ class ClipEmbedder:
         self._model = load_weights(FAMILIES[folder.model_type][0], folder, torch_options)
         self.dimension = int(self._text("a").shape[0])
         self._row = lru_cache(maxsize=REMEMBERED)(self._text)
+
+    @property
+    def computed_on(self) -> str:
+        """Device and numbers, as torch calls them."""
+        return place_of(self._model)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0.

@@ -20,6 +20,7 @@ from karma.infer.torch_load import (
     check_room,
     device_of,
     import_transformers,
+    place_of,
     quiet,
     threads,
 )
@@ -66,6 +67,11 @@ class MiniLm:
         self._model = _load(place, torch_options or TorchOptions())
         self._row = _encoder(self._model)
 
+    @property
+    def computed_on(self) -> str:
+        """Device and numbers, as torch calls them."""
+        return place_of(self._model)
+
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, 384); n may be 0."""
         return stacked(map(self._row, texts), self.dimension)
@@ -100,6 +106,11 @@ class SentenceEmbedder:
         _refuse_missing(self._model, checked)
         self._row = _encoder(self._model)
         self.dimension = int(self._row("a").shape[0])
+
+    @property
+    def computed_on(self) -> str:
+        """Device and numbers, as torch calls them."""
+        return place_of(self._model)
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""

@@ -18,6 +18,7 @@ from karma.infer.torch_load import (
     load_image_processor,
     load_tokenizer,
     load_weights,
+    place_of,
     threads,
 )
 from karma.infer.torch_options import TorchOptions
@@ -62,6 +63,11 @@ class GroundedSam:
         self._boxes = _Boxes(boxes, torch_options)
         self._masks = None if masks is None else _Masks(masks, torch_options)
 
+    @property
+    def computed_on(self) -> str:
+        """Device and numbers, as torch calls them."""
+        return place_of(self._boxes.model)
+
     def detect(self, image: Frame, words: Sequence[str]) -> tuple[Detection, ...]:
         """Return what was found of the words, the best score first, equal ones by place.
 
@@ -102,18 +108,18 @@ class _Boxes:
         self._pictures = load_image_processor(folder)
         work_mb = _boxes_work_mb(folder)
         kind = "GroundingDinoForObjectDetection"
-        self._model = load_weights(kind, folder, options, work_mb=work_mb)
+        self.model = load_weights(kind, folder, options, work_mb=work_mb)
 
     def find(self, image: Frame, words: Sequence[str], threshold: float) -> tuple[Detection, ...]:
         import torch
 
         ids, spans = self._asked(words)
-        device = self._model.device
+        device = self.model.device
         tokens = torch.tensor([ids], device=device)
         prepared = self._pictures(images=[image], return_tensors="pt")
         with torch.inference_mode():
-            out = self._model(
-                pixel_values=prepared["pixel_values"].to(device, self._model.dtype),
+            out = self.model(
+                pixel_values=prepared["pixel_values"].to(device, self.model.dtype),
                 pixel_mask=prepared["pixel_mask"].to(device),
                 input_ids=tokens,
                 attention_mask=torch.ones_like(tokens),

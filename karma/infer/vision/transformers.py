@@ -12,7 +12,7 @@ import msgspec
 
 from karma.contracts import Frame, SeenObject
 from karma.files import read_json
-from karma.infer.torch_load import checked_folder, load_weights, quiet, threads
+from karma.infer.torch_load import checked_folder, load_weights, place_of, quiet, threads
 from karma.infer.torch_options import TorchOptions
 from karma.infer.vision.pictures import cut
 from karma.infer.vision.processors import load_processor
@@ -98,6 +98,11 @@ class TransformersVision:
         kind = "AutoModelForImageTextToText"
         self._model = load_weights(kind, folder, torch_options, half=half)
         self._batch = self.options.batch or (1 if self._model.device.type == "cpu" else _BATCH)
+
+    @property
+    def computed_on(self) -> str:
+        """Device and numbers, as torch calls them."""
+        return place_of(self._model)
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]

@@ -1,0 +1,102 @@
+"""`karma doctor models`: what models run on, their memory and speed, and what would help."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from support.rpc_device import rpc_device
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.bench import model_doctor
+from karma.cli import app
+
+EXPERIMENT = """
+name = "x"
+tasks = "tasks.jsonl"
+[models]
+planner = "{planner}"
+vision = "{vision}"
+threads = 2
+[[rows]]
+name = "karma"
+"""
+
+
+@pytest.fixture(autouse=True)
+def wide(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+
+
+def doctor(*arguments, code=0):
+    """What the command prints, and the findings that it writes, by role."""
+    asked = ["doctor", "models", *map(str, arguments), "--json", "out.json"]
+    result = CliRunner().invoke(app, asked)
+    assert result.exit_code == code, result.output
+    found = json.loads(Path("out.json").read_text(encoding="utf-8"))
+    return result.output, {one["role"]: one for one in found}
+
+
+def test_shipped_models_tell_device_memory_speed_and_context():
+    text, found = doctor()
+    planner, embedder = found["planner"], found["embedder"]
+    assert (planner["name"], planner["device"]) == ("karma-nano", "CPU")
+    assert planner["how"] == "f16 KV, flash attention off, 1 thread"
+    assert (planner["context"], planner["limit"]) == (1024, 2048)
+    assert set(planner["speeds"]) == {"prefill tokens/s", "decode tokens/s"}
+    assert all(rate > 0 for one in found.values() for rate in one["speeds"].values())
+    assert (embedder["name"], embedder["device"], embedder["how"]) == ("minilm", "cpu", "float32")
+    assert set(found) == {"planner", "embedder"}  # states from metadata: nothing is computed
+    for words in ("karma-nano", "up to 2048", "decode tokens", "minilm"):
+        assert words in text
+
+
+def test_planner_on_a_device_tells_its_layers_there():
+    _, found = doctor("--rpc", rpc_device().address)
+    assert found["planner"]["device"].startswith("RPC")
+    assert found["planner"]["how"] == "7 of 7 layers, f16 KV, flash attention on, 1 thread"
+    assert found["planner"]["measured_mb"] is None  # this device counts nothing down
+
+
+def test_experiment_s_models_are_looked_at_and_options_go_before_its_own(tmp_path):
+    planner = export_tiny(tmp_path / "tiny.gguf")
+    (tmp_path / "x.toml").write_text(EXPERIMENT.format(planner=planner, vision="nano-vlm"))
+    text, found = doctor("x.toml", "--threads", 99, "--n-ctx", 64)
+    assert found["planner"]["name"] == "tiny"
+    assert (found["planner"]["context"], found["planner"]["limit"]) == (64, 64)
+    assert "99 threads" in found["planner"]["how"]
+    assert f"threads = {len(os.sched_getaffinity(0))}" in text
+    assert "its context of 64 does not hold" in text
+    assert set(found["vision"]["speeds"]) == {"pictures/s"}
+
+
+def test_model_that_does_not_open_is_told_and_the_others_are_looked_at(tmp_path):
+    text, found = doctor("--planner", tmp_path / "none.gguf", code=1)
+    assert "does not open" in text
+    assert "none.gguf" in found["planner"]["error"]
+    assert found["embedder"]["speeds"]
+
+
+def test_card_that_llama_cpp_was_not_built_for_is_told_with_the_command(tmp_path, monkeypatch):
+    (tmp_path / "card").touch()
+    build = ("an NVIDIA card", "-DGGML_CUDA=on")
+    monkeypatch.setattr(model_doctor, "CARDS", {str(tmp_path / "card"): build})
+    words = 'built without it: make setup CMAKE_ARGS="-DGGML_CUDA=on"'
+    assert words in doctor()[0]
+    assert words not in doctor("--gpu-layers", 0)[0]
+
+
+@pytest.mark.parametrize(
+    "threads, load, words",
+    [
+        (9, 0.0, "threads = 4"), (3, 2.1, "about 2 of 4 cores are free"),
+        (1, 0.2, "about 4 cores are free: threads = 4"), (4, 0.0, None), (1, 3.0, None),
+    ],
+)  # fmt: skip
+def test_threads_are_compared_with_the_cores_that_are_free(monkeypatch, threads, load, words):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
+    said = list(model_doctor._about_threads(threads))
+    assert said == [] if words is None else words in said[0]
