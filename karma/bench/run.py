@@ -13,7 +13,7 @@ from karma.bench.precision import Precision, takes_another
 from karma.bench.provenance import header_of
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
 from karma.bench.run_folder import EPISODES, Finished, RunFolder
-from karma.bench.worker_count import Suggestion, suggest_workers
+from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
 from karma.bench.workers import (
     Job,
     Stage,
@@ -24,6 +24,7 @@ from karma.contracts import Task
 from karma.errors import KarmaError
 from karma.files import write_atomic
 from karma.infer.hosted.cassette import Cassette
+from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Hosted, Session
 from karma.offline import network_allowed
 
@@ -118,9 +119,15 @@ class Run:
         return self.total - len(self.records)
 
     def suggest(self) -> Suggestion:
-        """Return how many workers to use unless a number is given."""
-        waiting = self._session.cassette.mode != "replay"  # for servers
-        return suggest_workers(self._stage.models, self.left, self._stage.rows, waiting=waiting)
+        """Return how many workers to use unless a number is given.
+
+        Raises:
+            KarmaError: a hosted planner may not or cannot be reached.
+        """
+        models, in_flight = self._stage.models, None
+        if models.hosted.planner is not None and self._session.cassette.mode != "replay":
+            in_flight = slots_of(models.hosted.planner) or IN_FLIGHT
+        return suggest_workers(models, self.left, self._stage.rows, in_flight=in_flight)
 
     def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[EpisodeRecord]:
         """Do what is missing; each record is on the disk before it is yielded.

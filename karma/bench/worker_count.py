@@ -14,7 +14,7 @@ from karma.infer.manifest.manifest import find_model
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
 _SHARE = 0.8  # of the free memory, for all workers together
 _WORTH = 12  # episodes that make up for starting one worker more
-_IN_FLIGHT = 8  # requests that a server is asked at once, unless it is told otherwise
+IN_FLIGHT = 8  # requests that a server is asked at once where it does not say how many it takes
 _WORTH_WAITING = 2  # episodes, likewise, where each waits for a server
 
 
@@ -27,24 +27,23 @@ class Suggestion:
 
 
 def suggest_workers(
-    models: Models, episodes: int, rows: Sequence[Row] = (), *, waiting: bool = True
+    models: Models, episodes: int, rows: Sequence[Row] = (), *, in_flight: int | None = None
 ) -> Suggestion:
     """Return as many workers as there are cores and memory for; few episodes need but one.
-
-    Workers that wait for a hosted planner need no core each.
 
     Args:
         models: of the run.
         episodes: that are left to do.
         rows: of the run; some may name a vision model of their own.
-        waiting: hosted models are asked, not replayed.
+        in_flight: requests that a hosted planner takes at once; workers that wait for it need no
+            core each. None: nobody waits.
     """
     local = models.hosted.planner is None
     card = models.rpc or any(one.is_gpu and not one.address for one in devices())
     if local and models.gpu_layers != 0 and card:
         return Suggestion(number=1, reason="a GPU, which one process has for itself")
-    if waiting and not local:
-        most, worth = _IN_FLIGHT, episodes // _WORTH_WAITING
+    if in_flight is not None:
+        most, worth = in_flight, episodes // _WORTH_WAITING
         bound = f"{most} requests in flight"
     else:
         most = max(1, len(os.sched_getaffinity(0)) // max(1, models.threads))

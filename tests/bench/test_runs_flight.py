@@ -110,6 +110,14 @@ def test_episodes_recorded_by_several_workers_replay_byte_for_byte_by_any_number
     assert (tape / FILE).read_bytes() == before
 
 
+def test_workers_are_as_many_as_the_server_has_slots_where_it_says_so(experiment, tmp_path):
+    for name, pages, number in (("told", {"/props": {"total_slots": 3}}, 3), ("untold", {}, 4)):
+        with wire_server(household, pages=pages) as (url, _):
+            assert Run(experiment(url), tmp_path / name).suggest().number == number
+    with pytest.raises(KarmaError, match=r"m at 127\.0\.0\.1: Connection error"):
+        Run(experiment(url, retries=0), tmp_path / "gone").suggest()
+
+
 def test_refused_requests_are_asked_again_and_the_records_are_those_of_a_calm_server(
     experiment, tmp_path
 ):

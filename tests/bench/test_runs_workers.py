@@ -98,12 +98,10 @@ def test_workers_that_wait_for_a_server_need_no_core_each(monkeypatch, tmp_path)
     monkeypatch.setattr("karma.bench.worker_count.available_mb", lambda: None)
     place = Endpoint(base_url="http://127.0.0.1:9/v1", model="m")
     models = Models(planner="openai", hosted=Hosted(planner=place))
-    assert suggest_workers(models, 1000).number == 8
-    assert suggest_workers(models, 6).number == 3
-    assert suggest_workers(models, 1000, waiting=False).number == 2
-    rows = Models(embedder="openai", hosted=Hosted(embedder=place))
-    assert suggest_workers(rows, 1000).number == 2
-    assert "8 requests in flight" in suggest_workers(models, 1000).reason
+    assert suggest_workers(models, 1000, in_flight=8).number == 8
+    assert suggest_workers(models, 6, in_flight=8).number == 3
+    assert suggest_workers(models, 1000).number == 2
+    assert "8 requests in flight" in suggest_workers(models, 1000, in_flight=8).reason
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,20 @@ def manner_of(endpoint: Endpoint, session: Session | None = None) -> Manner:
     )
 
 
+def slots_of(endpoint: Endpoint) -> int | None:
+    """Return how many requests a server works on at once; None where it does not say.
+
+    Raises:
+        KarmaError: it may not or cannot be reached.
+    """
+    if endpoint.dialect not in ("auto", "llama-server"):
+        return None
+    session = Session()
+    session.admit(endpoint)
+    slots = (session.look(endpoint, "../props") or {}).get("total_slots")
+    return slots if isinstance(slots, int) and slots > 0 else None
+
+
 def _candidates(endpoint: Endpoint) -> list[Dialect]:
     """Return the dialects whose pages are asked for: all, the one that is named, or none."""
     return [
