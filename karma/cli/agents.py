@@ -57,7 +57,7 @@ def run_command(
         int | None, typer.Option("--k", help="Units in the prompt; 3, or all with --profile full.")
     ] = None,
     vision: Annotated[
-        str, typer.Option(help='"nano-vlm" or "transformers:NAME" read states out of pictures.')
+        str, typer.Option(help='"nano-vlm", "transformers:NAME" or "llama:NAME" read pictures.')
     ] = "metadata",
     perception: Annotated[
         str, typer.Option(help='"pictures": sees by boxes, depth and the vision model alone.')
@@ -110,7 +110,7 @@ def run_command(
                 constrained=constrained,
                 max_tokens=max_tokens,
                 hosted=hosted,
-            ).computed_by(computed),
+            ).computed_by({"thinking": thinking if hosted.planner is None else "off", **computed}),
             maps=maps,
             seed=seed,
             learn=True,

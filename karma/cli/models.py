@@ -106,7 +106,9 @@ def models_verify(names: Names = None, json: Json = None) -> None:
 @app.command("add")
 @clear_errors
 def models_add(
-    path: Annotated[Path, typer.Argument(help="A .gguf file, or a folder with safetensors.")],
+    path: Annotated[
+        Path, typer.Argument(help="A .gguf file, or a folder: safetensors, or two .gguf.")
+    ],
     name: Annotated[
         str | None, typer.Option(help="Default: the manifest's, or the file's.")
     ] = None,

@@ -21,7 +21,7 @@ _KEYS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-class PicturePair(NamedTuple):
+class MadePair(NamedTuple):
     """The two files of a picture model."""
 
     model: Path
@@ -30,7 +30,7 @@ class PicturePair(NamedTuple):
 
 def make_picture_model(
     folder: str | Path, family: str = "smolvlm", seed: int = 0, *, size: Size | None = None
-) -> PicturePair:
+) -> MadePair:
     """Write `FAMILY.gguf` and `mmproj-FAMILY.gguf` into a folder, some 250 kB in all.
 
     A picture of 32 by 32 pixels takes 4 tokens (LLaVA: 16); SmolVLM, Idefics3 and LLaVA scale every
@@ -60,7 +60,7 @@ def make_picture_model(
         add_keys(writer, _keys(kind, size.width))
 
     write_random_gguf(projector, "clip", fill, _tensors(kind, size.width), seed=seed)
-    return PicturePair(model, projector)
+    return MadePair(model, projector)
 
 
 def _keys(kind: str, width: int) -> Iterator[tuple[str, Any]]:

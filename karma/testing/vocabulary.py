@@ -34,6 +34,7 @@ def _texts() -> Iterable[str]:
     """Yield what planners read and write, so that a prompt takes few tokens."""
     request = PlanRequest(instruction="put the apple in the fridge")
     yield render("full", request).prompt.stable
+    yield from ["\n\n"] * 50  # a token: llama.cpp puts it before pictures of Idefics 3
     for thing in object_types():
         yield from (f"{skill.name}(robot, '{thing}')\n" for skill in skills_of("full"))
         yield f"Explore(robot, '{thing}', ['node_1', 'node_2'])\n"

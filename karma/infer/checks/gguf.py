@@ -8,7 +8,7 @@ import mmap
 import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from karma.errors import ModelError
 
@@ -19,23 +19,30 @@ _SCALARS = {
 _STRING, _ARRAY = 8, 9
 _MAX_DIMENSIONS = 4
 LANGUAGE = ("context_length", "embedding_length", "block_count", "attention.head_count")
-PROJECTOR = ("vision.embedding_length", "vision.block_count", "vision.attention.head_count")
 
 
 class _TornError(Exception):
     """The file says something impossible, at a byte."""
 
 
-def check_gguf(path: Path, *, sizes: Sequence[str] = LANGUAGE) -> Mapping[str, Any]:
+class GgufHeader(NamedTuple):
+    """What a GGUF says of itself."""
+
+    metadata: Mapping[str, Any]  # numbers and strings by key; arrays as their length
+    tensors: frozenset[str]  # their names
+
+
+def check_gguf(path: Path) -> Mapping[str, Any]:
+    """Check the header of a language model and return its metadata; see `read_header`."""
+    return read_header(path, sizes=LANGUAGE).metadata
+
+
+def read_header(path: Path, *, sizes: Sequence[str]) -> GgufHeader:
     """Read the header of a GGUF and check that every tensor lies inside the file.
 
     Args:
         path: the file.
-        sizes: keys of its architecture that hold a positive number: `LANGUAGE` for a language
-            model, `PROJECTOR` for a picture projector.
-
-    Returns:
-        Its metadata: numbers and strings by key; arrays as their length.
+        sizes: keys of its architecture that hold a positive number.
 
     Raises:
         ModelError: it is not a GGUF, is cut off, has sizes that make no sense, or is one part of
@@ -43,18 +50,18 @@ def check_gguf(path: Path, *, sizes: Sequence[str] = LANGUAGE) -> Mapping[str, A
     """
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
-            metadata = _HeaderReader(data, sizes).read()
+            header = _HeaderReader(data, sizes).read()
     except (_TornError, struct.error, UnicodeDecodeError) as error:
         raise ModelError(f"{path}: damaged or not a GGUF model: {error}") from error
     except (OSError, ValueError) as error:  # ValueError: an empty file cannot be mapped
         raise ModelError(f"{path}: cannot be read: {error}") from error
-    parts = metadata.get("split.count", 0)
+    parts = header.metadata.get("split.count", 0)
     if isinstance(parts, int) and parts > 1:
         raise ModelError(
             f"{path}: one part of {parts}, and all parts must be one file\n"
             "  To fix: llama-gguf-split --merge FIRST_PART WHOLE.gguf"
         )
-    return metadata
+    return header
 
 
 class _HeaderReader:
@@ -64,7 +71,7 @@ class _HeaderReader:
         self._data, self._at, self._end = data, 0, len(data)
         self._sizes = sizes
 
-    def read(self) -> Mapping[str, Any]:
+    def read(self) -> GgufHeader:
         if self._data[:4] != b"GGUF":
             raise _TornError(f"it begins with {self._data[:4]!r} instead of b'GGUF'")
         self._at = 4
@@ -78,14 +85,14 @@ class _HeaderReader:
             key = self._string()
             metadata[key] = self._value(self._one("<I"))
         _check_metadata(metadata, self._sizes)
-        ends = [self._tensor_end() for _ in range(tensors)]
+        ends = dict(self._tensor_end() for _ in range(tensors))
         alignment = metadata.get("general.alignment", 32)
         if not isinstance(alignment, int) or alignment < 1 or alignment & (alignment - 1):
             raise _TornError(f"alignment {alignment!r} is not a power of two")
-        needed = -(-self._at // alignment) * alignment + max(ends, default=0)
+        needed = -(-self._at // alignment) * alignment + max(ends.values(), default=0)
         if not ends or needed > self._end:
             raise _TornError(f"its tensors need {needed} bytes, it has {self._end} (cut off?)")
-        return metadata
+        return GgufHeader(metadata, frozenset(ends))
 
     def _skip(self, count: int) -> int:
         start = self._at
@@ -130,8 +137,8 @@ class _HeaderReader:
                 raise _TornError("it ends within a list of strings (cut off?)")
         self._at = at
 
-    def _tensor_end(self) -> int:
-        """Return where a tensor ends, counted from the start of the tensor data."""
+    def _tensor_end(self) -> tuple[str, int]:
+        """Return a tensor's name, and where it ends, counted from the start of the tensor data."""
         import gguf
 
         name, dimensions = self._string(), self._one("<I")
@@ -148,7 +155,7 @@ class _HeaderReader:
         count = 1
         for extent in shape:
             count *= extent
-        return int(offset + count // block * size)
+        return name, int(offset + count // block * size)
 
 
 def _check_metadata(metadata: Mapping[str, Any], sizes: Sequence[str]) -> None:

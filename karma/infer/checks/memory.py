@@ -62,6 +62,7 @@ class Footprint:
     layer_mb: float  # what a batch takes in one layer, without its attention
     scores_mb: float  # of a batch's attention to one token
     logits_mb: float  # of a batch
+    beside_mb: float = 0.0  # what something else takes with it, on the same device
 
     @classmethod
     def of(
@@ -102,7 +103,13 @@ class Footprint:
         they take memory on a GPU alone, which gives all that is reserved.
         """
         batch = self.layer_mb + context * self.scores_mb
-        return _BUFFERS_MB + (max(batch, self.logits_mb) if on_gpu else batch + self.words_mb)
+        own = max(batch, self.logits_mb) if on_gpu else batch + self.words_mb
+        return _BUFFERS_MB + self.beside_mb + own
+
+
+def projector_mb(path: Path) -> float:
+    """Estimate what a picture projector takes: its file, as much to compute, and buffers."""
+    return 2 * path.stat().st_size / 1e6 + _SPARE_MB
 
 
 def gguf_parts_mb(

@@ -43,6 +43,7 @@ class GgufModel:
         sha256: if given, the file is refused unless it has this hash; a file without is first
             tried in a process of its own, which costs a second or two.
         states: where what was computed of stable parts is kept.
+        beside_mb: memory that something else will take with it, on the same device.
 
     Raises:
         ModelError: missing, of another hash, damaged, too big for the memory that is free, or not
@@ -57,6 +58,7 @@ class GgufModel:
         name: str | None = None,
         sha256: str | None = None,
         states: StateOptions | None = None,
+        beside_mb: float = 0.0,
     ) -> None:
         path, options = Path(path), options or LlamaOptions()
         _check_there(path, sha256)
@@ -71,6 +73,7 @@ class GgufModel:
         self.size = Footprint.of(
             path, metadata, batch=self.n_batch, bytes_each=KV_BYTES[options.kv]
         )
+        self.size = replace(self.size, beside_mb=beside_mb)
         planned = self.limit if options.n_ctx else min(self.limit, _PLANNED)
         self.placement = place(self.name, self.size, options, context=planned)
         self._check_memory(path)

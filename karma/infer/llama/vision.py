@@ -1,9 +1,4 @@
-"""Read object states by llama.cpp: a GGUF and its picture projector (mmproj).
-
-llama-cpp-python can do this when its library mtmd was built. Our own build leaves it out
-(`LLAVA_BUILD=OFF` in scripts/setup.sh: it doubles the time to build); then opening such a model
-says so and how to build it. Nothing of this stands in for it.
-"""
+"""Read object states by llama.cpp: a GGUF and its picture projector (mmproj)."""
 
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
@@ -12,35 +7,28 @@ from typing import Any
 
 from karma.contracts import Frame, SeenObject
 from karma.errors import ModelError
-from karma.infer.checks.gguf import LANGUAGE, PROJECTOR, check_gguf
-from karma.infer.checks.memory import check_memory, gguf_parts_mb
+from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.picture_chat import PictureChat
+from karma.infer.manifest.picture_pair import resolve_pair
 from karma.infer.vision.pictures import picture_url
-from karma.infer.vision.text import question, read_answer, some_picture
+from karma.infer.vision.text import question, some_picture, states_told
 
-BUILD = (
-    'CMAKE_ARGS="-DLLAVA_BUILD=ON" pip install --force-reinstall --no-deps --no-binary '
-    "llama-cpp-python llama-cpp-python=={version}"
-)
-_CLASSES = {  # Qwen's by the file's own template: Qwen25VLChatHandler loses its last line break
-    "qwen2.5-vl": "MTMDChatHandler", "llava-1.5": "Llava15ChatHandler",
-    "llava-1.6": "Llava16ChatHandler", "minicpm-v-2.6": "MiniCPMv26ChatHandler",
-    "moondream2": "MoondreamChatHandler",
-}  # fmt: skip
-HANDLERS = tuple(_CLASSES)
-_BATCH = 512
+MAX_TOKENS = 768  # of an answer with its four steps
+ATTEMPTS = 2
 
 
 class LlamaVision:
     """A `VisionModel` over two GGUF files; all objects are asked about at once, greedily.
 
+    Role and question are one message of the user's, for several families take no system message.
+
     Args:
-        model: the language part.
-        projector: the picture part, usually named mmproj-*.gguf.
-        family: one of `HANDLERS`.
-        n_ctx: context in tokens; a picture takes several hundred.
-        max_tokens: of an answer with its four steps.
+        model: a name of the manifest, or a folder with just the two files.
+        llama_options: how they are opened; a picture may take thousands of tokens of `n_ctx`.
+        max_tokens: of an answer.
 
     Raises:
+        UnknownNameError: no such name.
         ModelError: llama.cpp was built without pictures, a file is missing or damaged, or there is
             too little memory.
     """
@@ -50,26 +38,15 @@ class LlamaVision:
     def __init__(
         self,
         model: str | Path,
-        projector: str | Path,
         *,
-        family: str = "qwen2.5-vl",
-        n_ctx: int = 4096,
-        max_tokens: int = 768,
+        llama_options: LlamaOptions | None = None,
+        max_tokens: int = MAX_TOKENS,
     ) -> None:
-        if family not in HANDLERS:
-            raise ModelError(f"no family {family!r}; there are {', '.join(HANDLERS)}")
         require_pictures()
-        needed = 0.0
-        for path, sizes in ((Path(model), LANGUAGE), (Path(projector), PROJECTOR)):
-            metadata = check_gguf(path, sizes=sizes)
-            needed += gguf_parts_mb(path, metadata, context=n_ctx, batch=_BATCH)
-        check_memory(
-            str(model), needed, parts="both files, the context and a batch",
-            fix="take a smaller model, or give a smaller n_ctx",
-        )  # fmt: skip
-        self.name = Path(model).stem
+        pair = resolve_pair(model)
+        self.name = pair.name
         self._max_tokens = max_tokens
-        self._llama = _open(Path(model), Path(projector), family, n_ctx)
+        self._chat = PictureChat(pair, llama_options)
 
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
@@ -90,18 +67,21 @@ class LlamaVision:
         image = some_picture(self.name, image)
         role, text = question("full", instruction, objects)
         picture = {"type": "image_url", "image_url": {"url": picture_url(image)}}
-        messages = [
-            {"role": "system", "content": role},
-            {"role": "user", "content": [picture, {"type": "text", "text": text}]},
-        ]
-        try:
-            answer = self._llama.create_chat_completion(
-                messages=messages, temperature=0.0, max_tokens=self._max_tokens
-            )
-        except (ValueError, RuntimeError) as error:
-            raise ModelError(f"{self.name}: llama.cpp cannot answer: {error}") from error
-        said = answer["choices"][0]["message"]["content"] or ""
-        return read_answer(said, objects).states
+        first = {"role": "user", "content": [picture, _text(f"{role}\n\n{text}")]}
+
+        def ask(said: Sequence[tuple[str, str]]) -> str:
+            later = [{"role": role, "content": [_text(text)]} for role, text in said]
+            return self._chat.answer([first, *later], max_tokens=self._max_tokens)
+
+        return states_told(ask, objects, ATTEMPTS)[0]
+
+    def close(self) -> None:
+        """Free the model's memory; it cannot be used afterwards."""
+        self._chat.close()
+
+
+def _text(text: str) -> dict[str, Any]:
+    return {"type": "text", "text": text}
 
 
 def has_pictures() -> bool:
@@ -122,29 +102,10 @@ def require_pictures() -> None:
     """
     if has_pictures():
         return
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        installed = version("llama-cpp-python")
-    except PackageNotFoundError as error:
-        raise ModelError("llama-cpp-python is not installed\n  To fix: make setup") from error
+    if find_spec("llama_cpp") is None:
+        raise ModelError("llama-cpp-python is not installed\n  To fix: make setup")
     raise ModelError(
-        f"llama-cpp-python {installed} was built without pictures (no libmtmd in its lib folder)\n"
-        f"  To fix, where there is a compiler: {BUILD.format(version=installed)}\n"
+        "llama-cpp-python was built without pictures (no libmtmd in its lib folder)\n"
+        "  To fix: make setup CMAKE_ARGS= (empty: our own options, which have them)\n"
         '  Or use a folder of safetensors: vision = "transformers:NAME"'
     )
-
-
-def _open(model: Path, projector: Path, family: str, n_ctx: int) -> Any:
-    import llama_cpp
-    from llama_cpp import llama_chat_format
-
-    try:
-        handler = getattr(llama_chat_format, _CLASSES[family])(
-            clip_model_path=str(projector), verbose=False
-        )
-        return llama_cpp.Llama(
-            model_path=str(model), chat_handler=handler, n_ctx=n_ctx, n_batch=_BATCH, verbose=False
-        )
-    except (ValueError, OSError) as error:
-        raise ModelError(f"{model}: llama.cpp does not open it: {error}") from error

@@ -1,6 +1,6 @@
 """Describe a model that somebody brought: compare hashes, then read headers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,11 @@ import msgspec
 from karma.errors import ModelError
 from karma.infer.checks.folder import check_weights, read_config
 from karma.infer.checks.gguf import check_gguf
-from karma.infer.checks.memory import gguf_parts_mb, weights_mb
+from karma.infer.checks.memory import gguf_parts_mb, projector_mb, weights_mb
+from karma.infer.checks.projector import check_projector
 from karma.infer.manifest.added_files import parts_of
 from karma.infer.manifest.manifest import ModelEntry, ModelFile, Role
+from karma.infer.manifest.picture_pair import is_projector, split_pair
 
 _ROLES: Mapping[str, Role] = {
     "clip": "image-embedder",
@@ -65,7 +67,7 @@ def entry_of(
         for part, (digest, size) in hashes.items()
     )
     weights = [part for part in hashes if part.endswith(".gguf")]
-    seen = _gguf(folder / weights[0]) if weights else _safetensors(folder)
+    seen = _seen(folder, [folder / part for part in weights])
     if shipped is not None:
         return msgspec.structs.replace(shipped, files=files)
     return _described(name, options, files, seen)
@@ -92,6 +94,23 @@ def _met(
                 f"  To fix: {shipped.fix}; or add it as another model with --name"
             )
     return {part: hashes[part] for part in wanted}
+
+
+def _seen(folder: Path, weights: Sequence[Path]) -> dict[str, Any]:
+    """Return what the headers say: of safetensors, of one GGUF, or of a model and its projector."""
+    if not weights:
+        return _safetensors(folder)
+    if len(weights) == 1:
+        if is_projector(weights[0]):
+            raise ModelError(
+                f"{weights[0]}: the picture part of a model, without the model\n"
+                "  To fix: put both .gguf files into one folder, and add that"
+            )
+        return _gguf(weights[0])
+    model, projector = split_pair(folder, weights)
+    check_projector(projector)
+    seen = _gguf(model)
+    return seen | {"role": "vlm", "memory_mb": seen["memory_mb"] + projector_mb(projector)}
 
 
 def _gguf(path: Path) -> dict[str, Any]:

@@ -32,8 +32,8 @@ def files_of(root: Path) -> tuple[dict[str, Path], tuple[str, ...]]:
     if len({Path(part).suffix for part in weights}) > 1 or _many_gguf(weights):
         raise ModelError(
             f"{root}: more than one model or part: {', '.join(weights[:3])}\n"
-            "  To fix: add each .gguf by itself; parts of one are joined first: "
-            "llama-gguf-split --merge FIRST_PART WHOLE.gguf"
+            "  To fix: add each .gguf by itself, one that reads pictures with its projector in a "
+            "folder; parts of one are joined first: llama-gguf-split --merge FIRST_PART WHOLE.gguf"
         )
     return taken, tuple(p.relative_to(root).as_posix() for p in every if p.suffix not in _TAKEN)
 
@@ -43,7 +43,8 @@ def _hidden(path: Path, root: Path) -> bool:
 
 
 def _many_gguf(weights: Sequence[str]) -> bool:
-    return len(weights) > 1 and weights[0].endswith(".gguf")
+    """Say whether there are more than a model and its picture projector."""
+    return len(weights) > 2 and weights[0].endswith(".gguf")
 
 
 def _refusal(path: Path) -> str:

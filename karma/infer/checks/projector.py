@@ -1,0 +1,84 @@
+"""Check the picture part of a GGUF pair (mmproj) without llama.cpp, which a damaged one kills.
+
+llama.cpp ends the process where weights or keys that it computes with are missing, and says nothing
+of others: without places or norms it loads and computes something else. So for the kinds of
+projector that are known here, all of them are looked for. Others are left to a trial.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from karma.errors import ModelError
+from karma.infer.checks.gguf import GgufHeader, read_header
+
+_SIZES = (
+    "vision.image_size", "vision.patch_size", "vision.embedding_length", "vision.block_count",
+    "vision.projection_dim", "vision.attention.head_count",
+)  # fmt: skip
+_PRESENT = ("vision.feed_forward_length", "vision.attention.layer_norm_epsilon")
+_THREE = ("vision.image_mean", "vision.image_std")  # one number per colour
+_BLOCK = ("attn_out", "ln1", "ln2", "ffn_up", "ffn_down")
+
+
+@dataclass(frozen=True, slots=True)
+class _ProjectorKind:
+    """What one kind of projector has beside the encoder's blocks."""
+
+    tensors: Sequence[str]
+    keys: Sequence[str] = ()  # positive numbers
+
+
+_KINDS: Mapping[str, _ProjectorKind] = {
+    "mlp": _ProjectorKind(("v.position_embd.weight", "mm.0.weight")),
+    "idefics3": _ProjectorKind(
+        ("v.position_embd.weight", "v.post_ln.weight", "mm.model.fc.weight"),
+        ("vision.projector.scale_factor",),
+    ),
+    "qwen2vl_merger": _ProjectorKind(
+        ("v.patch_embd.weight.1", "v.post_ln.weight", "mm.0.weight", "mm.2.weight")
+    ),
+    "qwen2.5vl_merger": _ProjectorKind(
+        ("v.patch_embd.weight.1", "v.post_ln.weight", "mm.0.weight", "mm.2.weight"),
+        ("vision.n_wa_pattern",),
+    ),
+}
+
+
+def check_projector(path: Path) -> Mapping[str, Any]:
+    """Check header, keys and names of tensors; return the metadata.
+
+    Raises:
+        ModelError: not a projector for pictures, cut off, or something that it needs is missing.
+    """
+    header = read_header(path, sizes=_SIZES)
+    metadata = header.metadata
+    kind = metadata.get("clip.projector_type", metadata.get("clip.vision.projector_type"))
+    if metadata["general.architecture"] != "clip" or not metadata.get("clip.has_vision_encoder"):
+        raise ModelError(f"{path}: not a picture projector (mmproj): no clip.has_vision_encoder")
+    known = _KINDS.get(str(kind))
+    missing = [key for key in _PRESENT if f"clip.{key}" not in metadata]
+    missing += [key for key in _THREE if (metadata.get(f"clip.{key}") or 0) < 3]
+    if kind is None:
+        missing.append("projector_type")
+    if known is not None:
+        missing += [key for key in known.keys if not _positive(metadata.get(f"clip.{key}"))]
+    if missing:
+        raise ModelError(f"{path}: damaged projector: no usable clip.{missing[0]}")
+    if known is not None and (lacking := _lacking(header, known)):
+        raise ModelError(f"{path}: damaged projector of kind {kind!r}: no tensor {lacking[0]}")
+    return metadata
+
+
+def _positive(value: Any) -> bool:
+    return isinstance(value, int) and value > 0
+
+
+def _lacking(header: GgufHeader, kind: _ProjectorKind) -> list[str]:
+    wanted = ["v.patch_embd.weight", *kind.tensors]
+    for layer in range(header.metadata["clip.vision.block_count"]):
+        fused = f"v.blk.{layer}.attn_qkv.weight" in header.tensors
+        parts = ("attn_qkv",) if fused else ("attn_q", "attn_k", "attn_v")
+        wanted += [f"v.blk.{layer}.{part}.weight" for part in (*parts, *_BLOCK)]
+    return [name for name in wanted if name not in header.tensors]
