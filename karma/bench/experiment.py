@@ -24,6 +24,7 @@ from karma.contracts import (
 )
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import read_toml
+from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
@@ -334,8 +335,13 @@ def language_model(
         ModelError: it is missing, damaged or of the wrong kind, or a hosted one out of reach.
     """
     if models.hosted.planner is not None:
-        hosted: LanguageModel = registry.load("language_models", OPENAI)(
-            models.hosted.planner, session=session, constrained=models.constrained, seed=seed
+        hosted = open_planner(
+            models.hosted.planner,
+            session=session,
+            constrained=models.constrained,
+            thinking=models.thinking,
+            thinking_tokens=models.thinking_tokens,
+            seed=seed,
         )
         return hosted, models.profile or "full"
     file = resolve_planner(models.planner)

@@ -93,7 +93,7 @@ def run_command(
     from karma.methods.karma import KarmaMethod
 
     clauses = _clauses(instruction)
-    hosted = _hosted(planner, base_url, model, api=api, dialect=dialect, thinking=thinking)
+    hosted = _hosted(planner, base_url, model, api=api, dialect=dialect)
     with console.status("loading models ..."):
         session = Session(_cassette(cassette, cassette_mode))
         session.cassette.begin("run")
@@ -110,7 +110,7 @@ def run_command(
                 constrained=constrained,
                 max_tokens=max_tokens,
                 hosted=hosted,
-            ).computed_by({"thinking": thinking if hosted.planner is None else "off", **computed}),
+            ).computed_by({"thinking": thinking, **computed}),
             maps=maps,
             seed=seed,
             learn=True,

@@ -181,8 +181,7 @@ def test_server_that_takes_a_malformed_grammar_is_refused(llama3):
 
 @pytest.mark.parametrize("thinking", ["off", "on"])
 def test_model_that_opens_its_thought_answers_with_a_program_either_way(qwen3, thinking):
-    place = auto(qwen3, thinking=thinking, thinking_tokens=20)
-    model = open_planner(place, constrained=True)
+    model = open_planner(auto(qwen3), constrained=True, thinking=thinking, thinking_tokens=20)
     said = model.complete(PROMPT, spec=FEW, temperature=1.0, max_tokens=200)
     assert is_program(FEW, said.text)
     assert said.constrained
@@ -192,7 +191,7 @@ def test_model_that_opens_its_thought_answers_with_a_program_either_way(qwen3, t
 def test_template_that_opens_a_thought_is_held_only_with_thinking_on(qwq):
     with pytest.raises(ModelError, match=r"into its thought \(thinking = 'on' may help\)"):
         open_planner(auto(qwq), constrained=True)
-    model = open_planner(auto(qwq, thinking="on", thinking_tokens=20), constrained=True)
+    model = open_planner(auto(qwq), constrained=True, thinking="on", thinking_tokens=20)
     said = model.complete(PROMPT, spec=FEW, temperature=1.0, max_tokens=200)
     assert is_program(FEW, said.text)
     assert said.reasoning
@@ -200,7 +199,7 @@ def test_template_that_opens_a_thought_is_held_only_with_thinking_on(qwq):
 
 def test_thinking_that_the_model_has_no_words_for_is_refused(llama3):
     with pytest.raises(ModelError, match=r"HTTP 400(.|\n)*To fix: thinking = 'off'"):
-        open_planner(auto(llama3, thinking="on"), constrained=True)
+        open_planner(auto(llama3), constrained=True, thinking="on")
 
 
 # ----------------------------------------------------------------- model and address

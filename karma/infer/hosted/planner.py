@@ -1,6 +1,6 @@
 """Open a hosted planner: ask who answers, prove that it is held to programs, let it score."""
 
-from karma.contracts import LanguageModel
+from karma.contracts import LanguageModel, Thinking
 from karma.infer.hosted.canary import prove
 from karma.infer.hosted.model import HostedLanguageModel
 from karma.infer.hosted.scoring import HostedScorer
@@ -9,7 +9,13 @@ from karma.infer.hosted.session import Endpoint, Session
 
 
 def open_planner(
-    endpoint: Endpoint, *, session: Session | None = None, constrained: bool = False, seed: int = 0
+    endpoint: Endpoint,
+    *,
+    session: Session | None = None,
+    constrained: bool = False,
+    thinking: Thinking = "off",
+    thinking_tokens: int = 1024,
+    seed: int = 0,
 ) -> LanguageModel:
     """Return the model at an endpoint; it is a `ScoringModel` too where its server tells chances.
 
@@ -17,6 +23,8 @@ def open_planner(
         endpoint: where, and which model.
         session: the run's; by default one without a cassette.
         constrained: the run relies on answers that are held to programs.
+        thinking: this and the next: see `manner_of`.
+        thinking_tokens: see there.
         seed: of the run.
 
     Raises:
@@ -25,7 +33,7 @@ def open_planner(
     """
     session = session or Session()
     session.admit(endpoint)
-    manner = manner_of(endpoint, session)
+    manner = manner_of(endpoint, session, thinking=thinking, thinking_tokens=thinking_tokens)
     model = HostedLanguageModel(endpoint, session=session, manner=manner)
     if constrained:
         prove(model, seed)

@@ -3,6 +3,7 @@
 from difflib import get_close_matches
 from typing import Any
 
+from karma.contracts import Thinking
 from karma.errors import ModelError
 from karma.infer.hosted.dialects import DIALECTS, Dialect, Manner
 from karma.infer.hosted.session import Endpoint, Session
@@ -10,8 +11,20 @@ from karma.infer.hosted.session import Endpoint, Session
 _SHOWN = 8  # models in a message
 
 
-def manner_of(endpoint: Endpoint, session: Session | None = None) -> Manner:
+def manner_of(
+    endpoint: Endpoint,
+    session: Session | None = None,
+    *,
+    thinking: Thinking = "off",
+    thinking_tokens: int = 1024,
+) -> Manner:
     """Return how an endpoint's model is asked; without a session, by what the endpoint says alone.
+
+    Args:
+        endpoint: where, and which model.
+        session: asks the server.
+        thinking: whether a thinking model may think before it answers.
+        thinking_tokens: of a thought at most.
 
     Raises:
         ModelError: there is no such model, the address is another one, the server cannot be
@@ -28,7 +41,7 @@ def manner_of(endpoint: Endpoint, session: Session | None = None) -> Manner:
             f"{endpoint.model} at {endpoint.host}: a server of dialect {dialect.name!r} takes no"
             f" {constraint}\n  To fix: constraint is one of {', '.join(dialect.bindings) or 'none'}"
         )
-    thinks, chat = endpoint.thinking == "on", endpoint.api == "chat"
+    thinks, chat = thinking == "on", endpoint.api == "chat"
     opens = False
     if session is not None and thinks and chat and dialect.thought_in_grammar and known:
         opens = _opens_thought(dialect, endpoint, session)
@@ -36,7 +49,7 @@ def manner_of(endpoint: Endpoint, session: Session | None = None) -> Manner:
         dialect=dialect,
         constraint=constraint,
         thinks=thinks,
-        thinking_tokens=endpoint.thinking_tokens,
+        thinking_tokens=thinking_tokens,
         chat=chat,
         opens_thought=opens,
         known=known,

@@ -81,8 +81,6 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     extra: dict[str, Any] = {}  # fields to add
     dialect: DialectName = "auto"  # whose server it is; "auto" asks it
     constraint: Constraint | None = None  # how programs are asked for; None: the dialect's way
-    thinking: Literal["off", "on"] = "off"
-    thinking_tokens: int = 1024  # of a thought at most, beside max_tokens
 
     def __post_init__(self) -> None:
         """Refuse what could not work, or would put a key where it does not belong."""
@@ -94,8 +92,8 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             raise ValueError("base_url holds more than a place: keys belong into the environment")
         if not self.model:
             raise ValueError("model is empty")
-        if self.timeout_s <= 0 or self.retries < 0 or self.thinking_tokens < 1:
-            raise ValueError("timeout_s and thinking_tokens are more than 0, retries 0 or more")
+        if self.timeout_s <= 0 or self.retries < 0:
+            raise ValueError("timeout_s is more than 0, and retries 0 or more")
         if taken := sorted(_OURS & set(self.extra)):
             raise ValueError(f"extra: {taken[0]!r} is set by karma itself")
 
