@@ -25,7 +25,7 @@ def _group() -> None:
 @clear_errors
 def eval_command(
     model: Annotated[
-        str, typer.Option(help="Name in the manifest, or a folder.")
+        str, typer.Option(help='Name in the manifest, or a folder; "llama:..." for two .gguf.')
     ] = "karma-nano-vlm",
     frames: Annotated[int, typer.Option(min=1, help="Frames to ask about.")] = 320,
     rooms: Annotated[
@@ -39,12 +39,14 @@ def eval_command(
     """Score a vision model on frames of rooms that its training never saw."""
     from rich.progress import track
 
+    from karma.infer.llama.vision import LlamaVision
     from karma.infer.vision.transformers import TransformersVision
     from karma.training.vision.page import page
     from karma.training.vision.score import Clock, examine, held_out_rooms, score
 
     with console.status(escape(f"loading {model} ...")):
-        vision = TransformersVision(model)
+        pair = model.removeprefix("llama:")
+        vision = TransformersVision(model) if pair == model else LlamaVision(pair)
         places = held_out_rooms(rooms or (), seed)
     clock = Clock()
     asked = []

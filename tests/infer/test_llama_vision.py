@@ -1,5 +1,6 @@
 """llama.cpp's eyes: pairs of GGUF files with random weights, whole and damaged."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 from support.needs import need_models
 from support.paths import ROOT
+from typer.testing import CliRunner
 
 from karma.bench.run import Run
+from karma.cli import app
 from karma.contracts import SeenObject
 from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks import memory
@@ -145,6 +148,15 @@ def test_run_looks_through_a_pair_and_keeps_what_it_looked_at(pairs, tmp_path, m
     (record,) = Run(path, tmp_path / "run").episodes()
     assert record.error == ""
     assert list((tmp_path / "run").rglob("*.png"))  # it was asked
+
+
+def test_scoring_a_pair_counts_what_it_said_nothing_usable_about(pairs, tmp_path, monkeypatch):
+    monkeypatch.setitem(LlamaVision.__init__.__kwdefaults__, "max_tokens", 4)
+    model, page = f"llama:{pairs['llava']}", tmp_path / "x.json"
+    options = ["--model", model, "--rooms", "kitchen_1", "--frames", "2", "--json", str(page)]
+    done = CliRunner().invoke(app, ["vlm", "eval", *options])
+    assert done.exit_code == 0, done.output
+    assert json.loads(page.read_text())["model"] == "llava"
 
 
 # ----------------------------------------------------------------- damaged

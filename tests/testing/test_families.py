@@ -13,11 +13,15 @@ from karma.agent.program import parse_program
 from karma.agent.prompt import render, skills_of
 from karma.contracts import END, Area, MemoryUnit, PlanRequest, Prompt
 from karma.errors import ModelError
+from karma.infer.checks.gguf import read_header
 from karma.infer.llama import chat_template
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
+from karma.infer.llama.picture_chat import PictureChat
+from karma.infer.manifest.picture_pair import PicturePair
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.testing import FAMILIES, Size, make_planner
+from karma.infer.vision.pictures import picture_url
+from karma.testing import FAMILIES, Size, make_picture_model, make_planner
 
 PROGRAMS = 1000
 REQUEST = PlanRequest(
@@ -48,9 +52,12 @@ MESSAGES = {
 
 def opened(path, **options):
     """The model of a file that is vouched for, which saves the trial in another process."""
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    threads = LlamaOptions(threads=1)
-    return LlamaModel(path, **{"sha256": sha256, "chat": True, "options": threads} | options)
+    given = {"sha256": sha(path), "chat": True, "options": LlamaOptions(threads=1)}
+    return LlamaModel(path, **given | options)
+
+
+def sha(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 @pytest.fixture(scope="module", params=FAMILIES)
@@ -134,9 +141,34 @@ def log_probability(gguf, prompt, text):
 
 
 @pytest.fixture(scope="module")
-def row(family, prompt_cell, thinking_cell, constrained_cell, scored_cell):
-    cells = (family.name, family.architecture, prompt_cell, thinking_cell, constrained_cell)
-    return (*cells, scored_cell, family.projector or "–")
+def pictures_cell(family, tmp_path_factory):
+    """The kind of projector, where another picture is answered with other words."""
+    if family.projector is None:
+        return "–"
+    made = make_picture_model(tmp_path_factory.mktemp("pictures"), family.name)
+    chat = PictureChat(
+        PicturePair(name="x", model=made.model, projector=made.projector, sha256=sha(made.model)),
+        LlamaOptions(threads=1),
+    )
+    noise = np.random.default_rng(1).integers(0, 256, (2, 64, 64, 3), dtype=np.uint8)
+    first, other, again = (chat.answer(about(noise[n]), max_tokens=12) for n in (0, 1, 0))
+    chat.close()
+    kind = read_header(made.projector, sizes=()).metadata["clip.projector_type"]
+    return kind if first == again != other else "blind"
+
+
+def about(frame):
+    parts = [
+        {"type": "image_url", "image_url": {"url": picture_url(frame)}},
+        {"type": "text", "text": "What is there?"},
+    ]
+    return [{"role": "user", "content": parts}]
+
+
+@pytest.fixture(scope="module")
+def row(family, prompt_cell, thinking_cell, constrained_cell, scored_cell, pictures_cell):
+    cells = (prompt_cell, thinking_cell, constrained_cell, scored_cell, pictures_cell)
+    return (family.name, family.architecture, *cells)
 
 
 def documented():

@@ -17,7 +17,7 @@ from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
-from karma.infer.llama.thinking import Thought, closing_tokens, think
+from karma.infer.llama.thinking import Thought, closing_tokens, think, told_apart
 from karma.infer.programs.automaton import ProgramAutomaton, State
 from karma.seeds import stream
 
@@ -101,18 +101,21 @@ class LlamaModel:
         rng = stream(seed, "decode") if temperature > 0 else None
         thought = self._think(spare, temperature, rng)
         found = self._decode(automaton, room, temperature, rng, begun)
-        text = found.text
+        said = found.text
         if found.finish == "length" and automaton is not None:
-            text = text[: text.rfind(b"\n") + 1]
+            said = said[: said.rfind(b"\n") + 1]
+        reasoning, text = thought.text, said.decode("utf-8", errors="replace")
+        if not reasoning and self._template is not None:  # it may think without being asked to
+            reasoning, text = told_apart(text)
         return Completion(
-            text=text.decode("utf-8", errors="replace"),
+            text=text,
             finish=found.finish,
             prompt_tokens=prompt_tokens,
             reused_tokens=0 if state == "evaluated" else len(stable),
             completion_tokens=thought.tokens + found.tokens,
             first_token_s=found.first_token_s,
             total_s=time.perf_counter() - begun,
-            reasoning=thought.text,
+            reasoning=reasoning,
             constrained=spec is not None,
             engine=self.gguf.engine,
             state=state,

@@ -66,6 +66,19 @@ def think(model: GgufModel, budget: int, choose: Callable[[], int]) -> Thought:
     return Thought(before.strip(), count)
 
 
+def told_apart(text: str) -> tuple[str, str]:
+    r"""Return the thought that a free answer begins with, "" if with none, and the rest of it.
+
+    >>> told_apart("<think>\nAn apple.\n</think>\n\nGo")
+    ('An apple.', 'Go')
+    """
+    before, tag, behind = text.partition(CLOSE)
+    thought = before.strip()
+    if not tag or not thought.startswith(OPEN):
+        return "", text
+    return thought.removeprefix(OPEN).strip(), behind.lstrip("\n")
+
+
 def closing_tokens(model: GgufModel) -> int:
     """Return how many tokens it takes at most to close a thought."""
     return len(model.tokens(f"\n{CLOSE}{_GAP}", special=True))
