@@ -77,7 +77,7 @@ def _positive(value: Any) -> bool:
 
 def _lacking(header: GgufHeader, kind: _ProjectorKind) -> list[str]:
     wanted = ["v.patch_embd.weight", *kind.tensors]
-    for layer in range(header.metadata["clip.vision.block_count"]):
+    for layer in range(header.metadata.get("clip.vision.block_count", 0)):
         fused = f"v.blk.{layer}.attn_qkv.weight" in header.tensors
         parts = ("attn_qkv",) if fused else ("attn_q", "attn_k", "attn_v")
         wanted += [f"v.blk.{layer}.{part}.weight" for part in (*parts, *_BLOCK)]

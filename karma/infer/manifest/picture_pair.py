@@ -69,4 +69,4 @@ def is_projector(path: Path) -> bool:
     Raises:
         ModelError: it is damaged.
     """
-    return bool(read_header(path, sizes=()).metadata["general.architecture"] == "clip")
+    return bool(read_header(path, sizes=()).metadata.get("general.architecture") == "clip")

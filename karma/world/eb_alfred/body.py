@@ -3,32 +3,22 @@
 What differs with `strict` is listed in docs/alfred-benchmarks.md.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from karma.household.ids import is_id, is_part, root_type, type_of
-from karma.household.uses import BASIN_OF, BASINS, FAUCET, SINK
+from karma.household.ids import is_part, root_type, type_of
+from karma.household.uses import BASIN_OF, FAUCET, SINK
 from karma.world.alfred.goal import Deeds, noteworthy
 from karma.world.eb_alfred.actions import NumberedAction
 from karma.world.eb_alfred.choosing import Thing, by_id, nearest
 from karma.world.eb_alfred.going import go_to
+from karma.world.eb_alfred.putting import is_basin, put_at
 from karma.world.event import WorldEvent
 from karma.world.sim import EmbeddedWorld
 
-_TRIES = 7  # of a put
 _PATIENCE = 3  # puts at one target, from which on a failed one lets go
-_LOOK_DEG = 15.0
 _OPENINGS = (("MoveBack",), ("MoveBack", "MoveRight"), ("MoveLeft", "MoveLeft"), ())
-_BEFORE_PUT: tuple[tuple[tuple[str, int], ...], ...] = (
-    (),
-    (("LookUp", 2),),
-    (("LookDown", 4),),
-    (("LookUp", 2), ("MoveBack", 1)),
-    (("MoveAhead", 1), ("MoveRight", 4)),
-    (("MoveLeft", 8),),
-    (("MoveRight", 4),),  # the source also turns the hand, which changes nothing here
-)
 
 
 @dataclass(slots=True)
@@ -88,7 +78,7 @@ class Body:
         if event.success and noteworthy(name, object_id):
             after = event.metadata
             if self.strict:  # only a basin in view has its contents cleaned
-                seen = [one for one in after["objects"] if one["visible"] or not _is_basin(one)]
+                seen = [one for one in after["objects"] if one["visible"] or not is_basin(one)]
                 after = {**after, "objects": seen}
             self.deeds.note(name, object_id, after)
         return event
@@ -186,59 +176,23 @@ class Body:
             return by_id(self._things, action.object_id)
         return self._nearest(action.noun)
 
-    # ------------------------------------------------------------- putting
-
     def _put(self) -> str:
         if not self.target:
             return self._drop()
         self.puts[self.target] = self.puts.get(self.target, 0) + 1
         before = self.world.last_event
-        message = _EMPTY if self._held is None else self._try_to_put()
-        if message and not self.strict:
+        if self._held is None:
+            return _EMPTY
+        if put_at(self.world, self.target, strict=self.strict):
+            return ""
+        kind = self.names.get(self.target, root_type(self.target))
+        message = f"putting it at the {kind} failed; see whether it is open, or try other instances"
+        if not self.strict:
             self.world.back_to(before)
-        if message and self.puts[self.target] >= _PATIENCE:
+        if self.puts[self.target] >= _PATIENCE:
             self._drop()
             return f"{message}; it was dropped instead"
         return message
-
-    def _try_to_put(self) -> str:
-        """Put at the target, from seven poses; in the source then at another one of its type."""
-        last = ""
-        for elsewhere in (False, True) if self.strict else (False,):
-            other_than = last if elsewhere else ""
-            for steps in _BEFORE_PUT:
-                for place in self._places(elsewhere, other_than):
-                    last = place
-                    self._shift(steps)
-                    if self._put_there(place):
-                        return ""
-        kind = self.names.get(self.target, root_type(self.target))
-        return f"putting it at the {kind} failed; see whether it is open, or try other instances"
-
-    def _places(self, elsewhere: bool, other_than: str) -> Iterator[str]:
-        """Yield what is tried from one pose: the object itself, or the nearest of the type."""
-        if is_id(self.target) and not elsewhere:
-            parts = (one["objectId"] for one in self._things if _is_basin(one))
-            yield from (one for one in parts if is_part(one, of=self.target))
-            yield self.target
-            return
-        word = root_type(self.target)
-        for parts_only in (True, False) if word in BASIN_OF else (False, True):
-            found = self._nearest(word, parts_only=parts_only, other_than=other_than)
-            if found is not None:
-                yield found["objectId"]
-
-    def _shift(self, steps: tuple[tuple[str, int], ...]) -> None:
-        for name, times in steps:
-            more = {"degrees": _LOOK_DEG} if name.startswith("Look") else {}
-            for _ in range(times):
-                self.world.step(name, **more)
-
-    def _put_there(self, place: str) -> bool:
-        """Put into what is in view, whether or not its type takes such things."""
-        if place not in self.world.state.sight.visible:
-            return False
-        return self.world.step("PutObject", objectId=place, forceAction=True).success
 
 
 _EMPTY = "the hand holds nothing"
@@ -246,7 +200,3 @@ _EMPTY = "the hand holds nothing"
 
 def _word(action: NumberedAction) -> str:
     return root_type(action.object_id) if action.object_id else action.noun
-
-
-def _is_basin(one: Thing) -> bool:
-    return one["objectType"] in BASINS
