@@ -90,8 +90,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             hosted = getattr(self, role).partition(":")[0] == OPENAI
             if hosted != (getattr(self.hosted, role) is not None):
                 raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
-        if self.thinking == "on" and self.hosted.planner is not None:
-            raise ValueError("thinking of a hosted planner stands in [models.hosted.planner]")
+        if self.thinking_tokens < 1 or self.max_tokens < 1:
+            raise ValueError("max_tokens and thinking_tokens are 1 or more")
         try:
             _ = self.llama, self.torch
         except ModelError as error:

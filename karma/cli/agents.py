@@ -117,6 +117,7 @@ def run_command(
             session=session,
             states=StateOptions(folder=states),
         )
+        session.ledger.take()  # what loading asked, such as the canary, is no part of the bill
         options = {
             "long_term": long_term,
             "short_term": short_term,

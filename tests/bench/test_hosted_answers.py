@@ -76,8 +76,10 @@ def test_run_that_relies_on_a_grammar_does_not_begin_where_none_holds(tmp_path):
 
 
 def test_run_at_a_real_server_says_that_a_grammar_held_and_replays_its_canary(tmp_path):
-    with real_server(make_planner(tmp_path / "tiny.gguf"), tmp_path, n_ctx=8192) as url:
-        path = experiment(tmp_path / "x.toml", url, models="max_tokens = 60\n")
+    model = make_planner(tmp_path / "tiny.gguf", "qwen3")
+    with real_server(model, tmp_path, n_ctx=8192) as url:
+        said = 'max_tokens = 60\nthinking = "on"\nthinking_tokens = 9\n'
+        path = experiment(tmp_path / "x.toml", url, models=said)
         recorded = Run(path, tmp_path / "run", cassette=Cassette(tmp_path / "tape", "record"))
         list(recorded.episodes())
     replayed = Run(path, tmp_path / "again", cassette=Cassette(tmp_path / "tape", "replay"))
@@ -85,5 +87,5 @@ def test_run_at_a_real_server_says_that_a_grammar_held_and_replays_its_canary(tm
     (record,) = read_records(tmp_path / "again" / "episodes.jsonl")
     answers = [answer for part in record.subtasks for answer in part.answers]
     assert answers
-    assert all(answer.constrained for answer in answers)
+    assert all(answer.constrained and answer.reasoning for answer in answers)
     assert all(answer.prompt for answer in answers if answer.error)
