@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.needs import need_models
 from support.paths import ROOT
+from support.rpc_device import rpc_device
 from typer.testing import CliRunner
 
 from karma.bench.run import Run
@@ -106,6 +107,19 @@ def test_every_picture_family_answers_another_picture_with_other_words(pairs, fa
     eyes.close()
 
 
+def test_layers_on_another_device_give_the_same_words(pairs):
+    """The GPU is llama.cpp's RPC device on this machine, see `support.rpc_device`."""
+    found = pair_of(pairs["llava"])
+    far = PictureChat(found, LlamaOptions(threads=1, rpc=rpc_device().address))
+    near = PictureChat(found, LlamaOptions(threads=1, gpu_layers=0))
+    assert (far.engine.device, near.engine.device) == ("RPC0", "CPU")
+    assert far.engine.gpu_layers > 0
+    said = [chat.answer(about(picture(3)), max_tokens=8) for chat in (far, near)]
+    assert said[0] == said[1] != ""
+    far.close()
+    near.close()
+
+
 def test_nothing_is_written_to_the_terminal_by_the_library(pairs):
     program = (
         "import sys, numpy as np\n"
@@ -114,6 +128,7 @@ def test_nothing_is_written_to_the_terminal_by_the_library(pairs):
         "mug = SeenObject(object_id='Mug|1', object_type='Mug', position_m=(0, 0, 0),\n"
         "    box_center_m=(0, 0, 0), box_size_m=(1, 1, 1), pickupable=True)\n"
         "eyes = LlamaVision(sys.argv[1], max_tokens=4)\n"
+        "kept = [eyes]  # to the end\n"
         "print(eyes.read_states(np.zeros((32, 32, 3), np.uint8), 'wash it', [mug]))\n"
     )
     command = [sys.executable, "-c", program, str(pairs["idefics3"])]

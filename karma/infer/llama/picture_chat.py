@@ -6,6 +6,7 @@ it has for Qwen2.5-VL loses the last line break of the prompt.
 
 import subprocess
 import sys
+import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +57,8 @@ class PictureChat:
             )
         if pair.sha256 is None:
             _try_in_own_process(pair)
+        # freed as late as Python's own end, llama-cpp-python complains of a closed terminal
+        weakref.finalize(self, self._model.close)
         self._handler = _handler(pair.projector, use_gpu=self._model.placement.layers > 0)
 
     @property
