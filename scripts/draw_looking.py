@@ -2,14 +2,14 @@
 
     python scripts/draw_looking.py eval/looking
 
-A task is kept when the agent that is told the true states does it: one that it cannot do says
-nothing about pictures. So its own success there is 1 by construction. No reader of pictures has a
-say in what is kept, nor has the one that reads nothing.
+Twins are kept when the agent that is told the true states does both: what it cannot do says
+nothing about pictures, and what it does by luck it does in one of the two. So its own success there
+is 1 by construction. No reader of pictures has a say in what is kept, nor has the one that reads
+nothing.
 """
 
 import argparse
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 from karma.bench.episode import run_episode
@@ -18,14 +18,14 @@ from karma.contracts import Method, Task
 from karma.files import to_json, write_atomic
 from karma.methods.karma import KarmaMethod
 from karma.offline import go_offline
-from karma.tasks.drawing.looking import Drawn, draw_looking
+from karma.tasks.drawing.looking import Drawn, draw_twins
 from karma.tasks.files import write_tasks
 from karma.world.sim import EmbeddedWorld
 
 EACH = {
-    "dirty": 10, "filled": 8, "cooked": 6, "used up": 6, "opened": 6, "on": 6, "drawer": 6,
-    "cabinet": 6, "burner": 6,
-}  # 60 tasks  # fmt: skip
+    "dirty": 5, "filled": 4, "cooked": 3, "used up": 3, "opened": 3, "on": 3, "drawer": 3,
+    "cabinet": 3, "burner": 3,
+}  # pairs of twins: 60 tasks  # fmt: skip
 EXPERIMENT = Path("eval/looking.toml")  # its first row is told the true states
 
 
@@ -38,32 +38,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     told = told_the_truth()
-    kept = []
+    kept: list[Task] = []
     for kind, wanted in EACH.items():
-        found = tried = 0
-        for one in drawn(kind, arguments.seed, arguments.folder):
-            tried += 1
-            place = arguments.folder / "rooms" / f"{one.scene.name}.json"
-            write_atomic(place, to_json(one.scene))
-            if solved(told, one.task):
-                kept.append(one.task)
+        found = number = 0
+        while found < wanted:
+            twins = draw_twins(kind, number, arguments.seed, f"{arguments.folder}/rooms/{{}}.json")
+            number += 1
+            if twins and all(solved(told, twin) for twin in twins):
+                kept += [twin.task for twin in twins]
                 found += 1
             else:
-                place.unlink()
-            if found == wanted:
-                break
-        print(f"{kind}: {found} tasks of {tried} that were drawn", flush=True)
+                for twin in twins:
+                    Path(twin.task.scene.path).unlink(missing_ok=True)
+        print(f"{kind}: {found} pairs of {number} draws", flush=True)
     write_tasks(arguments.folder / "tasks.jsonl", kept)
-
-
-def drawn(kind: str, seed: int, folder: Path) -> Iterator[Drawn]:
-    """Yield the draws of one kind that came to something, without end."""
-    number = 0
-    while True:
-        one = draw_looking(kind, number, seed, f"{folder}/rooms/{{}}.json")
-        number += 1
-        if one is not None:
-            yield one
 
 
 def told_the_truth() -> Method:
@@ -73,10 +61,13 @@ def told_the_truth() -> Method:
     return KarmaMethod.build(resources, row.all_options)
 
 
-def solved(method: Method, task: Task) -> bool:
-    """Return whether the method does a task."""
+def solved(method: Method, twin: Drawn) -> bool:
+    """Write a task's room and return whether the method does the task."""
+    write_atomic(Path(twin.task.scene.path), to_json(twin.scene))
     with tempfile.TemporaryDirectory() as folder:
-        record = run_episode(method, EmbeddedWorld(), task, row="", seed=0, folder=Path(folder))
+        record = run_episode(
+            method, EmbeddedWorld(), twin.task, row="", seed=0, folder=Path(folder)
+        )
     return not record.error and not any(sub.unmet for sub in record.subtasks)
 
 

@@ -55,6 +55,7 @@ class KarmaSettings:
     seen_kept: int = 2  # things only seen that are remembered per instruction
     perception: Kind = "metadata"  # how the agent sees
     boxes: BoxSource = "given"  # what finds things in pictures
+    means: Literal["used", "recalled"] = "used"  # of several `Plate`s: used last, recalled best
 
 
 class KarmaMethod:
@@ -209,6 +210,8 @@ class KarmaEpisode:
         if not self._tells_all:
             units = tuple(unit for unit in units if unit.object_id in chosen)
         papers = self.graph is not None and self.settings.map_form == "paper"
+        if self.settings.means == "recalled":  # the last of a type has its bare name
+            units = tuple(item.unit for item in reversed(recalled))
         return PlanRequest(
             instruction=subtask.instruction,
             whole="" if subtask.is_whole else subtask.whole,

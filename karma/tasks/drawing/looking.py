@@ -3,10 +3,13 @@
 The agent did not bring the state about and nothing tells it in words, so of the two it has to see
 which is meant. It stands before both when it begins. Things that can be carried are asked for by
 their state after something else has been done; of furniture the wrong one is simply left alone.
-Which of the two is in the state is drawn, so a guess is right half of the time at most.
+
+Tasks come as twins: the same room, start and words, once with the one and once with the other thing
+in the state. One who does not look does the same in both, so a guess is right in one of the two at
+most, whatever its habit; only who is refused by the world and tries the other can do better.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,8 +89,8 @@ class Drawn:
     task: Task
 
 
-def draw_looking(kind: str, number: int, seed: int, path: str) -> Drawn | None:
-    """Draw one task; None when the room has no place for it.
+def draw_twins(kind: str, number: int, seed: int, path: str) -> tuple[Drawn, ...]:
+    """Draw one room and its two tasks; () when the room has no place for them.
 
     Args:
         kind: a key of `LEFT`.
@@ -104,17 +107,23 @@ def draw_looking(kind: str, number: int, seed: int, path: str) -> Drawn | None:
     pair = _all(world, type_name) if fixed else _pair_on_a_surface(world, type_name, rng)
     start = _start(world, pair, rng) if len(pair) > 1 else None
     if start is None:
-        return None
+        return ()
     agent, shown = start
-    meant = pick(rng, shown)
-    things = _with_states(list(world.state.objects.values()), left, meant, pair)
-    scene = msgspec.structs.replace(scene, objects=things, agent=agent)
-    subtasks = _fixed(rng, left, meant, world) if fixed else _carried(rng, left, meant, world)
-    if subtasks is None:
-        return None
-    reference = SceneRef.of(path.format(scene.name))
-    task = Task(id=scene.name, kind="simple", scene=reference, subtasks=tuple(subtasks))
-    return Drawn(scene=scene, task=with_whole(task))
+    chosen = [shown[int(index)] for index in rng.permutation(len(shown))[:2]]
+    twins = []
+    for letter, meant in zip("ab", chosen, strict=True):
+        words = stream(seed, "looking words", kind, str(number))  # the same for both
+        subtasks = (_fixed if fixed else _carried)(words, left, meant, world)
+        if subtasks is None:
+            return ()
+        things = _with_states(list(world.state.objects.values()), left, meant, pair)
+        twin = msgspec.structs.replace(
+            scene, name=f"{scene.name}{letter}", objects=things, agent=agent
+        )
+        reference = SceneRef.of(path.format(twin.name))
+        task = Task(id=twin.name, kind="simple", scene=reference, subtasks=tuple(subtasks))
+        twins.append(Drawn(scene=twin, task=with_whole(task)))
+    return tuple(twins)
 
 
 def _all(world: EmbeddedWorld, type_name: str) -> list[str]:
@@ -246,14 +255,3 @@ def _goal(text: str, meant: str, place: str) -> Goal:
 
 def _subtask(text: str, goal: Goal) -> SubTask:
     return SubTask(instruction=f"{text[0].upper()}{text[1:]}.", goals=(goal,))
-
-
-def draws(seed: int, path: str) -> Iterator[tuple[str, Drawn]]:
-    """Yield drawn tasks without end, one of each kind after the other."""
-    number = 0
-    while True:
-        for kind in LEFT:
-            one = draw_looking(kind, number, seed, path)
-            if one is not None:
-                yield kind, one
-        number += 1
