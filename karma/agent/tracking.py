@@ -21,7 +21,7 @@ from karma.contracts import CameraPose, Capture, Detection, Detector, Region, Ve
 from karma.household.places import FLOOR
 from karma.household.types import object_types
 
-WORDS_PER_TURN = 30  # a detector's context holds some 80
+WORDS_PER_TURN = 20  # a detector's context holds some 80
 SAME_M = 0.4  # between two looks at one thing, whose sides one sees differently
 IN_HAND_M = 0.8  # from the camera
 _SAME_REGION = 0.7  # share of two regions in common, from which on they are of one thing
