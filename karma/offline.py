@@ -22,6 +22,7 @@ from typing import Any
 from karma.errors import KarmaError
 
 OFFLINE = "KARMA_OFFLINE"  # 1: this process and those it starts never get leave
+HOSTED = "the hosted model"  # asks for the network, unless something else says so
 LOG = "KARMA_NETWORK_LOG"  # a file that takes one JSON line per question to the network
 
 # What makes each library keep to the disk, or keep its counts to itself. Set over what was there.
@@ -141,7 +142,7 @@ def network_allowed() -> bool:
     return _guard.leave
 
 
-def allow_host(host: str, what: str = "the hosted model") -> None:
+def allow_host(host: str, what: str = HOSTED) -> None:
     """Let connections to one host pass; adapters of hosted models and remote devices call this.
 
     Args:
@@ -154,9 +155,10 @@ def allow_host(host: str, what: str = "the hosted model") -> None:
     if is_local(host):
         return
     if not _guard.leave:
+        instead = ", or replay a cassette" if what == HOSTED else ""
         raise KarmaError(
             f"{what} at {host!r} is on another machine, and this run is offline\n"
-            "  To fix: `karma --allow-network ...`, or replay a cassette"
+            f"  To fix: `karma --allow-network ...`{instead}"
         )
     _guard.hosts.add(host.lower())
 

@@ -145,17 +145,15 @@ def _speeds(gguf: GgufModel) -> dict[str, float]:
 
 
 def _about_gpu(gguf: GgufModel) -> Iterator[str]:
-    layers, whole = gguf.placement.layers, gguf.size.blocks + 1
-    if 0 < layers < whole and gguf.options.gpu_layers == "auto":
-        yield (
-            f"{layers} of {whole} layers fit the GPU: a smaller file, a smaller n_ctx or "
-            'kv = "q8_0" leaves room for more'
-        )
-    if (
-        layers
-        or gguf.options.gpu_layers == 0
-        or any(one.is_gpu and not one.address for one in devices())
-    ):
+    layers, whole, options = gguf.placement.layers, gguf.size.blocks + 1, gguf.options
+    if options.gpu_layers != "auto":
+        return
+    if any(one.is_gpu and one.address in ("", options.rpc) for one in devices()):
+        if layers < whole:
+            yield (
+                f"{layers} of {whole} layers fit the GPU: a smaller file, a smaller n_ctx or "
+                'kv = "q8_0" leaves room for more'
+            )
         return
     for place, (whose, build) in CARDS.items():
         if Path(place).exists():
@@ -211,7 +209,7 @@ def _torch(
     return ModelSeen(
         role=role, name=model.name, device=device, how=numbers, speeds=speeds,
         predicted_mb=_listed_mb(name, model.name), advice=tuple(advice),
-        measured_mb=resident_mb() - before if device == "cpu" else None,
+        measured_mb=resident_mb() - before if device.lower() == "cpu" else None,
     )  # fmt: skip
 
 

@@ -10,7 +10,10 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.bench import model_doctor
+from karma.bench.experiment import Models
 from karma.cli import app
+from karma.infer.llama import devices
+from karma.testing import make_picture_model
 
 EXPERIMENT = """
 name = "x"
@@ -88,6 +91,14 @@ def test_card_that_llama_cpp_was_not_built_for_is_told_with_the_command(tmp_path
     assert words not in doctor("--gpu-layers", 0)[0]
 
 
+def test_layers_that_do_not_fit_are_told_with_what_makes_room(monkeypatch):
+    monkeypatch.setattr(devices, "memory_mb", lambda _: (devices._SPARE_MB + 60, 1000.0))
+    text, found = doctor("--rpc", rpc_device().address)
+    assert " of 7 layers, " in found["planner"]["how"]
+    assert not found["planner"]["how"].startswith("7")
+    assert "of 7 layers fit the GPU: a smaller file" in text
+
+
 @pytest.mark.parametrize(
     "threads, load, words",
     [
@@ -100,3 +111,11 @@ def test_threads_are_compared_with_the_cores_that_are_free(monkeypatch, threads,
     monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
     said = list(model_doctor._about_threads(threads))
     assert said == [] if words is None else words in said[0]
+
+
+def test_pair_of_gguf_files_tells_its_device_too(tmp_path):
+    folder = make_picture_model(tmp_path / "pair", "llava").model.parent
+    look = dict(model_doctor.examine(Models(vision=f"llama:{folder}")))[f"vision llama:{folder}"]
+    seen = look()
+    assert (seen.device, seen.how, seen.error) == ("CPU", "f16 KV", "")
+    assert seen.speeds["pictures/s"] > 0

@@ -48,6 +48,13 @@ class LlamaVision:
         self._max_tokens = max_tokens
         self._chat = PictureChat(pair, llama_options)
 
+    @property
+    def computed_on(self) -> str:
+        """Device, layers on it and kind of the kept keys and values."""
+        engine = self._chat.engine
+        layers = f"{engine.gpu_layers} layers, " if engine.gpu_layers else ""
+        return f"{engine.device}, {layers}{engine.kv} KV"
+
     def read_states(
         self, image: Frame | None, instruction: str, objects: Sequence[SeenObject]
     ) -> Mapping[str, tuple[str, ...]]:
