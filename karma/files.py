@@ -56,8 +56,8 @@ def to_json(value: Any, *, indent: int = 0) -> bytes:
     return (msgspec.json.format(data, indent=indent) if indent else data) + b"\n"
 
 
-def append_line(path: str | Path, data: bytes) -> None:
-    """Add one line to a file and see it to the disk before returning.
+def append_line(path: str | Path, data: bytes, *, sync: bool = True) -> None:
+    """Add one line to a file and, unless told otherwise, see it to the disk before returning.
 
     Raises:
         UnwritableError: it cannot be written; a torn last line is for the reader to drop.
@@ -68,7 +68,8 @@ def append_line(path: str | Path, data: bytes) -> None:
         with path.open("ab") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            if sync:
+                os.fsync(file.fileno())
     except OSError as error:
         fix = "free some space there, or choose another folder"
         raise UnwritableError(path, f"cannot write: {error.strerror or error}", fix=fix) from error

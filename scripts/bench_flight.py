@@ -5,11 +5,11 @@
 Three tables of requests per second, all with the same requests, those of the shipped nano planner
 on tasks of `eval/alfred_l`:
 
-* run: `karma eval --workers N` against a llama-server that works on eight requests at once; the
-  first is recorded, and the others below repeat it;
-* server: its requests sent again by N threads and nothing else, which is what the server allows;
-* stand-in: `karma eval --workers N` against a server of our own that gives the recorded answers,
-  each after a fixed time, however many are asked for: what our side allows.
+* stand-in: `karma eval --workers N` against a server of our own that gives the answers of a
+  recording, each after a fixed time, however many are asked for: what our side allows;
+* server: the recording's requests sent again to a llama-server with eight slots by N threads and
+  nothing else: what that server allows on this machine;
+* run: `karma eval --workers N` against that server.
 
 Every run is recorded, and its requests are counted as they come to the cassette: from when every
 worker has an episode until the last episode begins, so that all are at work. "CPU" is what our
@@ -77,12 +77,13 @@ def main() -> int:
         with llama_server(chosen.server, chosen.threads, folder) as url:
             path = experiment(folder, url, chosen.tasks, rows=1)
             run(path, folder / "first", 1, tape)
+            with stand_in(tape, chosen.service_s) as other:
+                path = experiment(folder, other, chosen.tasks, rows=chosen.rows)
+                table("stand-in", chosen.in_flight, lambda n: run(path, folder / f"in-{n}", n))
             again = requests_of(tape)
             table("server", chosen.in_flight, lambda n: (ask_all(url, again, n), None))
+            path = experiment(folder, url, chosen.tasks, rows=1)
             table("run", chosen.in_flight, lambda n: run(path, folder / f"run-{n}", n))
-        with stand_in(tape, chosen.service_s) as url:
-            path = experiment(folder, url, chosen.tasks, rows=chosen.rows)
-            table("stand-in", chosen.in_flight, lambda n: run(path, folder / f"in-{n}", n))
     print(f"load of the machine after: {os.getloadavg()[0]:.1f}")
     return 0
 
@@ -115,7 +116,7 @@ def run(
     """Do an experiment; returns requests per second, and with one worker CPU seconds of each."""
     tape = tape or out.with_suffix(".tape")
     asked, begun, over = list[float](), list[float](), threading.Event()
-    watch = threading.Thread(target=stamp, args=(tape / FILE, asked, begun, over))
+    watch = threading.Thread(target=stamp, args=(tape / FILE, asked, begun, over), daemon=True)
     watch.start()
     made = Run(path, out, cassette=Cassette(tape, "record"), steps=False)
     cpu_s = 0.0

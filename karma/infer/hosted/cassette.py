@@ -246,12 +246,14 @@ class Cassette:
         if self._recording is None:
             self._take(line)
             return
-        with self._named(), self._recording.turn():
-            if isinstance(line, Exchange) and line.shared:
-                self._look_up()
-                line = msgspec.structs.replace(line, shared=line.key not in self._shared)
-            self._recording.append(to_json(line))
-            self._take(line)
+        with self._named():
+            with self._recording.turn():
+                if isinstance(line, Exchange) and line.shared:
+                    self._look_up()
+                    line = msgspec.structs.replace(line, shared=line.key not in self._shared)
+                self._recording.append(to_json(line))
+            self._recording.sync()
+        self._take(line)
 
     def _known(self, key: str) -> Exchange | None:
         """Return the answer that holds in every episode, whoever has asked for it."""

@@ -56,12 +56,20 @@ class Recording:
             fcntl.lockf(self._lock, fcntl.LOCK_UN, 1, _TURN)
 
     def append(self, line: bytes) -> None:
-        """Add a line and see it to the disk; for use in a turn.
+        """Add a line; for use in a turn, and to be synced after it.
 
         Raises:
             UnwritableError: the disk is full.
         """
-        append_line(self._path, line)
+        append_line(self._path, line, sync=False)
+
+    def sync(self) -> None:
+        """See to the disk what was appended; outside a turn, so that nobody waits for the disk.
+
+        Raises:
+            UnwritableError: the disk fails.
+        """
+        append_line(self._path, b"")
 
     def news(self) -> list[bytes]:
         """Return the lines since the last look, whoever wrote them; for use in a turn."""
