@@ -226,11 +226,11 @@ def _detector(model: Any) -> dict[str, float]:
 
 
 def _vision(model: Any) -> dict[str, float]:
-    mug = SeenObject(
-        object_id="Mug|1", object_type="Mug", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
+    cup = SeenObject(
+        object_id="Cup|1", object_type="Cup", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
         box_size_m=(1, 1, 1), pickupable=True, region=(100.0, 100.0, 160.0, 180.0),
     )  # fmt: skip
-    _, seconds = _timed(lambda: model.read_states(_FRAME, "wash the mug", [mug]))
+    _, seconds = _timed(lambda: model.read_states(_FRAME, "wash the cup", [cup]))
     return {"pictures/s": 1 / seconds}
 
 

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from karma import registry
 from karma.bench.experiment import Models, Row, for_row, read_experiment
 from karma.bench.presets import PRESETS
+from karma.benchmarks.eb_alfred.experiment import is_benchmark
 from karma.cli import app
 from karma.cli.agents import run_command
 from karma.contracts import Resources
@@ -23,7 +24,8 @@ from karma.methods.options import settings_of
 
 SETTING = ("recall", "recall_text", "recall_k", "query")
 PAPERS = ("cosine", "listing", 10, "instruction")
-EXPERIMENTS = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
+FILES = [*sorted((ROOT / "eval").glob("*.toml")), *(ROOT / "eval/paper").glob("table*.toml")]
+EXPERIMENTS = [path for path in FILES if not is_benchmark(path)]
 
 
 def setting(row, models=None):

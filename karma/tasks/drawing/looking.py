@@ -18,9 +18,19 @@ import numpy as np
 
 from karma.agent.perceive import truth_of
 from karma.contracts import Goal, SceneRef, SubTask, Task
-from karma.household.places import STAND_CLOSED, SURFACES
+from karma.household.places import ROOMS, STAND_CLOSED, SURFACES
 from karma.household.types import object_types
-from karma.household.uses import BIN, BURNER, FRIDGE, KNOB, SINK
+from karma.household.uses import (
+    BIN,
+    BURNER,
+    COFFEE_CUP,
+    FAUCET,
+    FRIDGE,
+    KNOB,
+    LAMPS,
+    MICROWAVE,
+    SINK,
+)
 from karma.seeds import stream
 from karma.tasks.drawing.memories import Rng, pick
 from karma.tasks.drawing.phrases import lexicon
@@ -47,12 +57,14 @@ class _Left:
     room: str
 
 
-_KITCHEN, _LIVING, _BEDROOM, _BATHROOM = "kitchen", "living", "bedroom", "bathroom"
+_KITCHEN, _LIVING, _BEDROOM, _BATHROOM = ROOMS
+_CUPS = ("Bowl", COFFEE_CUP, "Cup", "Pot")
+_DESK_LAMP, _FLOOR_LAMP = LAMPS
 LEFT = {
     "dirty": _Left(word="dirty", said=("dirty", "unwashed"), field="is_dirty", value=True,
-                   kinds=("Plate", "Bowl", "Mug", "Cup", "Pot", "Pan"), room=_KITCHEN),
+                   kinds=("Plate", *_CUPS, "Pan"), room=_KITCHEN),
     "filled": _Left(word="filled", said=("full", "filled"), field="is_filled", value=True,
-                    kinds=("Bowl", "Mug", "Cup", "Pot"), room=_KITCHEN),
+                    kinds=_CUPS, room=_KITCHEN),
     "cooked": _Left(word="cooked", said=("cooked",), field="is_cooked", value=True,
                     kinds=("Potato",), room=_KITCHEN),
     "used up": _Left(word="used up", said=("empty",), field="is_used_up", value=True,
@@ -69,10 +81,10 @@ LEFT = {
                     kinds=(KNOB,), room=_KITCHEN),
 }  # fmt: skip
 _FIRST = (
-    ("open the fridge", "OPEN", FRIDGE), ("open the microwave", "OPEN", "Microwave"),
-    ("turn on the faucet", "TOGGLEON", "Faucet"), ("turn on the tv", "TOGGLEON", "Television"),
-    ("turn on the desk lamp", "TOGGLEON", "DeskLamp"),
-    ("turn on the floor lamp", "TOGGLEON", "FloorLamp"), ("open the safe", "OPEN", "Safe"),
+    ("open the fridge", "OPEN", FRIDGE), ("open the microwave", "OPEN", MICROWAVE),
+    ("turn on the faucet", "TOGGLEON", FAUCET), ("turn on the tv", "TOGGLEON", "Television"),
+    ("turn on the desk lamp", "TOGGLEON", _DESK_LAMP),
+    ("turn on the floor lamp", "TOGGLEON", _FLOOR_LAMP), ("open the safe", "OPEN", "Safe"),
     ("open the toilet", "OPEN", "Toilet"),
 )  # what is done before, that has nothing to do with the two  # fmt: skip
 _ASKED = ("put {x} {in} {r}", "move {x} to {r}", "place {x} {in} {r}", "bring me {x}",

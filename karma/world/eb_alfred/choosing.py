@@ -3,14 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from karma.household.ids import root_type, type_of
+from karma.household.ids import names_part, root_type, type_of
 from karma.household.pieces import is_piece
 from karma.household.uses import BURNER
 from karma.world.core.rules import rules
 
 Thing = Mapping[str, Any]  # one object of the metadata
 _SHUT_IN, _IN_USE, _UNSEEN, _PIECE = 100_000.0, 10_000.0, 1_000.0, -100.0  # metres more
-_SECTIONS_OF_A_PART = 5
 
 
 def nearest(
@@ -48,7 +47,7 @@ def nearest(
         object_id = one["objectId"]
         if root_type(object_id) != word or object_id == other_than or (able and not one[able]):
             continue
-        if parts_only and len(object_id.split("|")) != _SECTIONS_OF_A_PART:
+        if parts_only and not names_part(object_id):
             continue
         cost = float(one["distance"])
         cost += _SHUT_IN if not shut.isdisjoint(one["parentReceptacles"] or ()) else 0.0
