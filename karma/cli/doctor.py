@@ -115,7 +115,7 @@ def models_command(
 
 def _models_table(found: Sequence["ModelSeen"]) -> Table:
     table = Table("model", box=HORIZONTALS, title="models on this machine", title_justify="left")
-    table.add_column("runs on", min_width=22)
+    table.add_column("runs on", min_width=14)
     for name in ("MB predicted\n/ measured", "a second", "context"):
         table.add_column(name, justify="right", no_wrap=True)
     for one in found:
