@@ -475,7 +475,7 @@ def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
     assert (taken.exit_code, "holds a run's episodes" in taken.output) == (1, True)
     arguments = ["eval", str(path), "--out", str(tmp_path / "run")]
     refused = CliRunner().invoke(app, [*arguments, "--half-width", "0.1"])
-    assert (refused.exit_code, "has no seeds to add" in refused.output) == (1, True)
+    assert (refused.exit_code, "has no --half-width" in refused.output) == (1, True)
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     assert f"results: {tmp_path / 'run' / 'results.json'}" in result.output.replace("\n", "")
