@@ -33,12 +33,26 @@ class Race:
         self._queue: list[tuple[float, int]] = []  # (minus the most it can come to, node); a heap
         self._ended: list[tuple[float, int, int]] = []  # (-score, continuation, node); a heap
 
-    def enter(self, number: int) -> None:
+    def run(self, score_below: Callable[[int], None]) -> tuple[float, int, int]:
+        """Return the best that ends: score, continuation (the first of equals), node.
+
+        Args:
+            score_below: fills in the scores of a node's children, the root's first.
+        """
+        leader: int | None = 0
+        while leader is not None:
+            score_below(leader)
+            self._enter(leader)
+            leader = self._leader()
+        score, one, number = self._ended[0]
+        return -score, one, number
+
+    def _enter(self, number: int) -> None:
         """Let the children of a node in, now that they have scores."""
         for child in self._trie[number].children.values():
             self._push(child)
 
-    def leader(self) -> int | None:
+    def _leader(self) -> int | None:
         """Take out the best prefix to go on from; None when the race is over."""
         while self._queue and not self._decided():
             _, number = heapq.heappop(self._queue)
@@ -52,11 +66,6 @@ class Race:
             if node.children:
                 return number
         return None
-
-    def winner(self) -> tuple[float, int, int]:
-        """Return the best that has ended: score, continuation (the first of equals), node."""
-        score, one, number = self._ended[0]
-        return -score, one, number
 
     def _push(self, number: int) -> None:
         most = self._found[number] / (self._trie[number].longest if self._average else 1)

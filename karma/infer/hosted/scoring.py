@@ -71,12 +71,7 @@ class HostedScorer:
         end = self._end()[0] if END in continuations else None
         search = _Search(self._endpoint, self._session, tokens, trie, end)
         race = Race(trie, search.found, average=scoring == "average", settle=search.settle)
-        leader: int | None = 0
-        while leader is not None:
-            search.look_below(leader)
-            race.enter(leader)
-            leader = race.leader()
-        score, one, number = race.winner()
+        score, one, number = race.run(search.look_below)
         return Choice(
             number=one,
             score=score,

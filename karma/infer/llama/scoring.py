@@ -125,12 +125,7 @@ class SkillScorer:
         trie, found = begun.trie, begun.found
         paths = PathRuns(self._cache, trie, found, begun.prompt_tokens)
         race = Race(trie, found, average=scoring == "average")
-        leader: int | None = 0
-        while leader is not None:
-            paths.score_below(leader)
-            race.enter(leader)
-            leader = race.leader()
-        score, one, number = race.winner()
+        score, one, number = race.run(paths.score_below)
         return Choice(
             number=one,
             score=score,
