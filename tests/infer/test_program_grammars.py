@@ -21,7 +21,7 @@ from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.programs.gbnf import gbnf
 from karma.infer.programs.regex import regex
-from karma.infer.programs.schema import program_json, program_text, schema
+from karma.infer.programs.schema import program_text, schema
 
 SAMPLES = 10_000
 NODES = tuple(f"node_{number}" for number in range(1, 13))
@@ -29,6 +29,16 @@ SPEC = ProgramSpec(
     skills=SKILLS, objects=(*sorted(object_types()), "Mug_2"), positions=NODES, max_calls=6
 )
 LETTERS = "abNS(),'[] \n_2"
+
+
+def program_json(calls):
+    """The JSON answer that stands for calls with named positions."""
+    said = []
+    for call in calls:
+        names = [("object" if n == 0 else f"object_{n + 1}", o) for n, o in enumerate(call.objects)]
+        positions = {"positions": list(call.positions)} if call.positions else {}
+        said.append({"skill": call.skill, **dict(names), **positions})
+    return json.dumps({"program": said}, ensure_ascii=False)
 
 
 def mutated(text, generator):

@@ -51,17 +51,6 @@ def program_text(answer: str) -> str | None:
     return "".join(line for line in lines if line) if all(lines) else None
 
 
-def program_json(calls: tuple[SkillCall, ...]) -> str:
-    """Return the JSON answer that stands for calls with named positions."""
-    return json.dumps({PROGRAM: [_fields(call) for call in calls]}, ensure_ascii=False)
-
-
-def _fields(call: SkillCall) -> dict[str, Any]:
-    names = {_place(number): name for number, name in enumerate(call.objects)}
-    positions = {"positions": list(call.positions)} if call.positions else {}
-    return {"skill": call.skill, **names, **positions}
-
-
 def _place(number: int) -> str:
     return "object" if number == 0 else f"object_{number + 1}"
 
