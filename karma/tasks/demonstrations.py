@@ -1,6 +1,7 @@
-"""ALFRED's demonstrations: one JSON record a line, gzipped."""
+"""ALFRED's demonstrations: one JSON record a line, gzipped; and what people said of them."""
 
 import gzip
+import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,8 +10,36 @@ from typing import TypeVar
 import msgspec
 
 from karma.errors import FileError
+from karma.world.alfred.trial import Annotation
 
 T = TypeVar("T")
+
+
+class _Described(msgspec.Struct, frozen=True, kw_only=True):
+    turk_annotations: tuple[Annotation, ...]
+
+
+def plain(sentence: str) -> str:
+    """Return a sentence as it is compared with others: lower case, letters and digits only.
+
+    >>> plain("Please, wash an apple.")
+    'please wash an apple'
+    """
+    return " ".join(re.findall(r"[a-z0-9]+", sentence.lower()))
+
+
+def sentences_in(path: Path) -> frozenset[str]:
+    """Return all that people said in a file, of goals and of single steps, as `plain` has it.
+
+    Raises:
+        FileError: the file is missing or torn, or a record lacks what people said.
+    """
+    return frozenset(
+        plain(text)
+        for record in read_demonstrations(path, _Described)
+        for said in record.turk_annotations
+        for text in (said.task_desc, *said.high_descs)
+    )
 
 
 def read_demonstrations(path: Path, kind: type[T]) -> Iterator[T]:

@@ -8,12 +8,12 @@ from support.paths import ROOT
 from karma.errors import ModelError
 from karma.infer.scripted import ScriptedModel
 from karma.tasks.authors import load_authors_tasks
+from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import GoalFacts, Sentence, program_of, read_sentences, read_steps
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.expert import ExpertView
 from karma.tasks.files import load_tasks
 from karma.training.planner.held_out import form_of, forms_of, nearest, templates_of, words_of
-from karma.training.planner.packs import plain
 from karma.training.planner.reading import read_goals, tell
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

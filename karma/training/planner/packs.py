@@ -16,6 +16,7 @@ from karma.household.places import landmark_types
 from karma.household.types import object_types
 from karma.infer.llama.gguf_export import new_tokenizer
 from karma.seeds import stream
+from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import Sentence, StepSentence
 from karma.tasks.drawing.memories import KnownRoom, pick
 from karma.tasks.drawing.phrases import Book
@@ -108,15 +109,6 @@ def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExa
         if example is not None and plain(example.sentence) not in data.forbidden:
             found.append(example)
     return found
-
-
-def plain(sentence: str) -> str:
-    """Return a sentence as the leak test compares it: lower case, words only.
-
-    >>> plain("Please, wash an apple.")
-    'please wash an apple'
-    """
-    return " ".join(re.findall(r"[a-z0-9]+", sentence.lower()))
 
 
 def corpus(recipe: PlannerRecipe, data: Data, packs: int) -> Iterator[str]:

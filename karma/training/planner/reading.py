@@ -14,9 +14,9 @@ from karma.agent.program import parse_program
 from karma.agent.prompt import compact
 from karma.contracts import LanguageModel, PlanRequest
 from karma.errors import ProgramError
+from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import GoalFacts, Sentence, facts_of
 from karma.tasks.drawing.memories import KnownRoom
-from karma.training.planner.packs import plain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

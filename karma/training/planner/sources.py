@@ -14,13 +14,14 @@ from karma import registry
 from karma.files import read_json, to_json, write_atomic
 from karma.seeds import stream
 from karma.tasks.authors import load_authors_tasks
+from karma.tasks.demonstrations import plain
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.alfred import Sentence, StepSentence, read_sentences, read_steps
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book, our_book, with_alfred
 from karma.tasks.files import load_tasks
 from karma.training.planner.network import first_embeddings
-from karma.training.planner.packs import Data, PlannerRecipe, make_tokenizer, plain
+from karma.training.planner.packs import Data, PlannerRecipe, make_tokenizer
 from karma.training.planner.samples import TrainingExample, draw
 from karma.world.importing.scenes import import_dump
 

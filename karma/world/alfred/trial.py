@@ -1,7 +1,8 @@
 """Read ALFRED's files as strict records: demonstrations, and the side files of their rooms.
 
 A trial is a line of JSON (or a lone `traj_data.json`) with `id` or `task_id`, `task_type`,
-`pddl_params`, `scene` and `plan`, as ALFRED publishes them. Keys that are not read are allowed.
+`pddl_params`, `scene` and `plan`, as ALFRED publishes them, and `turk_annotations` where people
+described it. Keys that are not read are allowed.
 """
 
 import re
@@ -167,6 +168,19 @@ class DemonstratedPlan(msgspec.Struct, frozen=True, kw_only=True):
     low_actions: tuple[LowAction, ...]
 
 
+class Annotation(msgspec.Struct, frozen=True, kw_only=True):
+    """What one person said of a demonstration."""
+
+    task_desc: str  # the goal in a sentence
+    high_descs: tuple[str, ...] = ()  # each sub-goal
+
+
+class _Annotations(msgspec.Struct, frozen=True, kw_only=True):
+    """The form in which a lone `traj_data.json` has them."""
+
+    anns: tuple[Annotation, ...]
+
+
 class Trial(msgspec.Struct, frozen=True, kw_only=True):
     """One demonstration."""
 
@@ -176,6 +190,13 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     pddl_params: Targets
     scene: SceneFacts
     plan: DemonstratedPlan
+    turk_annotations: tuple[Annotation, ...] | _Annotations = ()
+
+    @property
+    def annotations(self) -> tuple[Annotation, ...]:
+        """What people said of it, in their order."""
+        said = self.turk_annotations
+        return said.anns if isinstance(said, _Annotations) else said
 
 
 class RoomLayout(msgspec.Struct, frozen=True, kw_only=True):
