@@ -1,5 +1,6 @@
 """What every object type can do, where it may be put and how big it is (`types.toml`)."""
 
+import re
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from functools import cache
@@ -137,3 +138,12 @@ def _expand(names: Iterable[str], table: _Table, owner: str, path: Path) -> tupl
         else:
             raise FileError(path, f"types.{owner}: no group named {name!r}")
     return tuple(sorted(found))
+
+
+def in_words(object_type: str) -> str:
+    """Return a type as a person writes it.
+
+    >>> in_words("CellPhone"), in_words("TVStand"), in_words("CD")
+    ('cell phone', 'tv stand', 'cd')
+    """
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", object_type).lower()

@@ -8,7 +8,7 @@ from support import eb_alfred as eb
 
 from karma.benchmarks.eb_alfred.players import ChancePlayer, ExpertPlayer
 from karma.world.eb_alfred.actions import DROP, PUT
-from karma.world.eb_alfred.environment import MOST_INVALID, MOST_STEPS
+from karma.world.eb_alfred.protocol import EB_ALFRED
 
 SECOND_APPLE = "Apple|+01.40|+00.81|+00.10"
 TWO_APPLES = (ours.pose("Apple_2", (1.4, 0.81, 0.1), objectId=SECOND_APPLE),)
@@ -125,7 +125,7 @@ def test_slice_needs_no_knife_and_pieces_are_picked_up_as_the_whole(tmp_path):
 
 def test_episode_ends_after_the_last_step(tmp_path):
     env = eb.environment(tmp_path)
-    eb.say(env, *["find a Fridge"] * MOST_STEPS)
+    eb.say(env, *["find a Fridge"] * EB_ALFRED.most_steps)
     assert env.end == "steps"
     with pytest.raises(ValueError, match="has ended"):
         env.step(0)
@@ -133,10 +133,10 @@ def test_episode_ends_after_the_last_step(tmp_path):
 
 def test_episode_ends_with_the_tenth_invalid_action_unusable_answers_counted(tmp_path):
     env = eb.environment(tmp_path)
-    eb.say(env, *["find a Pen"] * (MOST_INVALID - 1))
+    eb.say(env, *["find a Pen"] * (EB_ALFRED.most_invalid - 1))
     env.count_unusable()
     assert env.end == "invalid actions"
-    assert len(env.steps) == MOST_INVALID - 1
+    assert len(env.steps) == EB_ALFRED.most_invalid - 1
 
 
 def test_step_refuses_a_number_that_no_action_has(tmp_path):
@@ -172,7 +172,7 @@ def test_episode_any_actions_end_within_the_limits(tmp_path_factory, numbers, st
         if env.end:
             break
         env.step(number)
-    assert len(env.steps) <= MOST_STEPS
-    assert env.invalid == sum(not step.ok for step in env.steps) <= MOST_INVALID
+    assert len(env.steps) <= EB_ALFRED.most_steps
+    assert env.invalid == sum(not step.ok for step in env.steps) <= EB_ALFRED.most_invalid
     met = env.conditions
     assert (met.met == met.of) == (env.end == "goal met")

@@ -18,7 +18,8 @@ from karma.infer.scripted import ScriptedModel
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import read_trials
 from karma.world.eb_alfred.actions import PUT, read_types
-from karma.world.eb_alfred.environment import MOST_INVALID, MOST_STEPS, Environment
+from karma.world.eb_alfred.environment import Environment
+from karma.world.eb_alfred.protocol import EB_ALFRED
 
 OPTIONS = PromptOptions()
 
@@ -209,7 +210,7 @@ def test_planner_that_gives_no_json_is_told_so_unless_strict(tmp_path):
 
 
 def test_planner_that_never_gives_json_ends_with_the_tenth_answer_and_no_step(tmp_path):
-    record, _ = played(tmp_path, *["no"] * MOST_INVALID)
+    record, _ = played(tmp_path, *["no"] * EB_ALFRED.most_invalid)
     assert (record.end, record.calls, record.no_json) == ("invalid actions", 10, 10)
     assert record.steps == ()
 
@@ -223,7 +224,7 @@ def test_planner_with_ten_megabytes_of_text_is_counted_and_cut_in_the_record(tmp
 
 def test_planner_with_a_plan_of_500_actions_is_stopped_by_the_limit_of_steps(tmp_path):
     record, _ = played(tmp_path, plan_text(*[3] * 500))
-    assert (record.end, len(record.steps), record.calls) == ("steps", MOST_STEPS, 1)
+    assert (record.end, len(record.steps), record.calls) == ("steps", EB_ALFRED.most_steps, 1)
 
 
 def test_planner_that_acts_on_a_thing_that_is_gone_is_told(tmp_path):

@@ -6,7 +6,6 @@ in one answer, with SMART-LLM's skills. Object types are the fixed list of `karm
 nothing of a scene.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +17,7 @@ from karma.agent.inspector import objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import compact, template
 from karma.contracts import END, PlanRequest, Prompt, SeenObject, SkillCall, SkillSignature
-from karma.household.types import object_types
+from karma.household.types import in_words, object_types
 from karma.household.uses import has_a_switch
 
 Form = Literal["words", "compact"]
@@ -85,15 +84,6 @@ def steps_in_lines() -> Mapping[str, SkillCall | None]:
         if not objection([put := _call("PutObject", name, place)], held=name)
     ]
     return MappingProxyType({END: None, **{f"{call}\n": call for call in calls}})
-
-
-def in_words(object_type: str) -> str:
-    """Return a type as a person writes it.
-
-    >>> in_words("CellPhone"), in_words("TVStand"), in_words("CD")
-    ('cell phone', 'tv stand', 'cd')
-    """
-    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", object_type).lower()
 
 
 def _call(skill: str, *objects: str) -> SkillCall:

@@ -1,4 +1,5 @@
-"""EB-ALFRED's rooms: ALFRED's trials with the benchmark's list of actions, its limits, its score.
+"""ALFRED's trials with the actions, limits and score of EB-ALFRED, and of LoTa-Bench, its ancestor.
 
-Source: EmbodiedBench (arXiv 2502.09560); docs/alfred-benchmarks.md says what equals it.
+Source: EmbodiedBench (arXiv 2502.09560), LoTa-Bench (2402.08178);
+docs/alfred-benchmarks.md says what equals them.
 """

@@ -18,7 +18,9 @@ import msgspec
 from karma.files import read_json
 from karma.household.ids import type_of
 
-Verb = Literal["find", "pick up", "put", "drop", "open", "close", "turn on", "turn off", "slice"]
+Verb = Literal[
+    "find", "pick up", "put", "drop", "open", "close", "turn on", "turn off", "slice", "done",
+]  # fmt: skip
 Thing = Mapping[str, Any]  # one object of the metadata
 PUT, DROP = "put down the object in hand", "drop the object in hand"
 
@@ -40,9 +42,12 @@ class NumberedAction:
     verb: Verb
     noun: str = ""  # a type, or one of several: "Cabinet_2"
     object_id: str = ""  # where it means one object and no other
+    written: str = ""  # how, where not as EB-ALFRED writes it
 
     def __str__(self) -> str:
         """Return how it is written in the list."""
+        if self.written:
+            return self.written
         if self.verb == "put":
             return PUT
         if self.verb == "drop":

@@ -13,11 +13,11 @@ from karma.world.alfred.goal import Deeds, noteworthy
 from karma.world.eb_alfred.actions import NumberedAction
 from karma.world.eb_alfred.choosing import Thing, by_id, nearest
 from karma.world.eb_alfred.going import go_to
+from karma.world.eb_alfred.protocol import EB_ALFRED, RoomProtocol
 from karma.world.eb_alfred.putting import is_basin, put_at
 from karma.world.event import WorldEvent
 from karma.world.sim import EmbeddedWorld
 
-_PATIENCE = 3  # puts at one target, from which on a failed one lets go
 _OPENINGS = (("MoveBack",), ("MoveBack", "MoveRight"), ("MoveLeft", "MoveLeft"), ())
 
 
@@ -28,12 +28,14 @@ class Body:
     Args:
         world: at the start of the trial.
         names: what objects are called of which there are several.
+        protocol: of the benchmark.
         strict: follow the source where it is odd.
         puts: how often was put at which target; in the source it outlives the episode.
     """
 
     world: EmbeddedWorld
     names: Mapping[str, str]
+    protocol: RoomProtocol = EB_ALFRED
     strict: bool = False
     puts: dict[str, int] = field(default_factory=dict)
     deeds: Deeds = field(default_factory=lambda: Deeds(agreeing=False))
@@ -90,6 +92,8 @@ class Body:
             thing = by_id(self._things, action.object_id)
         if thing is None:
             return f"no {action.noun} was found; this room may have none, so try other instances"
+        if thing["visible"] and thing["distance"] < self.protocol.stays_within_m:
+            return ""
         if not go_to(self.world, thing, strict=self.strict):
             return f"there is no free place at the {action.noun}"
         return ""
@@ -117,7 +121,9 @@ class Body:
         if self._held is None:
             return _EMPTY
         event = self.world.step("DropHeldObject", forceAction=True)
-        return "" if event.success else "letting go failed"
+        if not event.success:
+            return "letting go failed"
+        return "" if self.protocol.drop_counts else _DROPPED
 
     def _open(self, action: NumberedAction) -> str:
         thing = self._meant(action)
@@ -183,19 +189,23 @@ class Body:
         before = self.world.last_event
         if self._held is None:
             return _EMPTY
-        if put_at(self.world, self.target, strict=self.strict):
+        basin_first = self.protocol.basin_first
+        if put_at(self.world, self.target, basin_first=basin_first, strict=self.strict):
             return ""
         kind = self.names.get(self.target, root_type(self.target))
         message = f"putting it at the {kind} failed; see whether it is open, or try other instances"
         if not self.strict:
             self.world.back_to(before)
-        if self.puts[self.target] >= _PATIENCE:
-            self._drop()
+        if self.puts[self.target] >= self.protocol.patience:
+            dropped = self._drop()
+            if not self.protocol.drop_counts:
+                return dropped
             return f"{message}; it was dropped instead"
         return message
 
 
 _EMPTY = "the hand holds nothing"
+_DROPPED = "putting it down failed, and it was dropped"
 
 
 def _word(action: NumberedAction) -> str:

@@ -12,18 +12,21 @@ from karma.world.alfred.trial import Trial
 from karma.world.eb_alfred.actions import ActionTypes, NumberedAction, actions_in, names_in
 from karma.world.eb_alfred.body import Body
 from karma.world.eb_alfred.choosing import Thing
+from karma.world.eb_alfred.protocol import EB_ALFRED, RoomProtocol
+from karma.world.eb_alfred.skills import skills_of
 from karma.world.sim import EmbeddedWorld
 
-MOST_STEPS, MOST_INVALID = 30, 10
+UNKNOWN = -1  # number of what is no action
 _PICTURE_PX = 500
-End = Literal["", "goal met", "steps", "invalid actions", "empty plan"]
+_LONGEST_NAME = 200  # characters of what is no action, that are kept
+End = Literal["", "goal met", "steps", "invalid actions", "empty plan", "done"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
     """One action that was done."""
 
-    number: int  # in the list
+    number: int  # in the list; -1: it is not there
     name: str
     ok: bool
     feedback: str
@@ -36,6 +39,7 @@ class Environment:
         trial: how the room starts, and what its goal is.
         facts: of its FloorPlan.
         types: the benchmark's lists.
+        protocol: of the benchmark.
         strict: follow the source where it is odd.
         puts: counts of puts; given when they are to outlive episodes, as in the source.
 
@@ -49,10 +53,11 @@ class Environment:
         facts: RoomFacts,
         types: ActionTypes,
         *,
+        protocol: RoomProtocol = EB_ALFRED,
         strict: bool = False,
         puts: dict[str, int] | None = None,
     ) -> None:
-        self.trial, self.strict = trial, strict
+        self.trial, self.protocol, self.strict = trial, protocol, strict
         self.world = EmbeddedWorld(
             fitted(trial, facts),
             visibilityDistance=REACH_M,
@@ -60,10 +65,13 @@ class Environment:
             width=_PICTURE_PX,
             height=_PICTURE_PX,
         )
-        self.actions: Sequence[NumberedAction] = actions_in(types, self.world.last_event.objects)
+        self.actions: Sequence[NumberedAction] = (
+            actions_in(types, self.things) if protocol.numbered else skills_of(types)
+        )
         self.body = Body(
             world=self.world,
             names=names_in(self.actions),
+            protocol=protocol,
             strict=strict,
             puts={} if puts is None else puts,
         )
@@ -87,6 +95,12 @@ class Environment:
         """How many of the goal's conditions are met now."""
         return conditions(self.trial, self.world.last_event.metadata, self.body.deeds)
 
+    @property
+    def goal_met(self) -> bool:
+        """Whether all of them are."""
+        counted = self.conditions
+        return counted.met == counted.of
+
     def pictures(self, number: int) -> tuple[Frame, ...]:
         """Return what the robot saw after its last actions, now last; drawn when asked for."""
         return tuple(event.frame for event in self._seen[-number:] if number > 0)
@@ -102,22 +116,24 @@ class Environment:
             raise ValueError(f"the episode has ended: {self.end}")
         if not 0 <= number < len(self.actions):
             raise IndexError(f"there is no action {number}")
-        message = self.body.act(self.actions[number])
-        feedback = f"Invalid: {message}." if message else "Done."
-        step = Step(
-            number=number, name=str(self.actions[number]), ok=not message, feedback=feedback
-        )
-        self.steps.append(step)
-        self._seen.append(self.world.last_event)
-        self.invalid += bool(message)
-        met = self.conditions
-        if met.met == met.of:
+        action = self.actions[number]
+        message = "" if action.verb == "done" else self.body.act(action)
+        step = self._taken(number, str(action), message)
+        if action.verb == "done":
+            self.end = "done"
+        elif self.protocol.stops_at_goal and self.goal_met:
             self.end = "goal met"
-        elif len(self.steps) >= MOST_STEPS:
-            self.end = "steps"
-        else:
-            self._see_invalid()
         return step
+
+    def refuse(self, said: str) -> Step:
+        """Count what is no action as one that failed.
+
+        Raises:
+            ValueError: the episode has ended.
+        """
+        if self.end:
+            raise ValueError(f"the episode has ended: {self.end}")
+        return self._taken(UNKNOWN, said[:_LONGEST_NAME], "there is no such action")
 
     def count_unusable(self) -> None:
         """Count an answer without a usable plan: an invalid action, but no step."""
@@ -128,6 +144,19 @@ class Environment:
         """End the episode: the plan was empty."""
         self.end = "empty plan"
 
+    def _taken(self, number: int, name: str, message: str) -> Step:
+        feedback = f"Invalid: {message}." if message else "Done."
+        step = Step(number=number, name=name, ok=not message, feedback=feedback)
+        self.steps.append(step)
+        self._seen.append(self.world.last_event)
+        self.invalid += bool(message)
+        if len(self.steps) >= self.protocol.most_steps:
+            self.end = "steps"
+        else:
+            self._see_invalid()
+        return step
+
     def _see_invalid(self) -> None:
-        if self.invalid >= MOST_INVALID:
+        most = self.protocol.most_invalid
+        if most is not None and self.invalid >= most:
             self.end = "invalid actions"

@@ -19,19 +19,21 @@ _BEFORE: tuple[tuple[tuple[str, int], ...], ...] = (
 )
 
 
-def put_at(world: EmbeddedWorld, target: str, *, strict: bool) -> bool:
+def put_at(world: EmbeddedWorld, target: str, *, basin_first: bool = True, strict: bool) -> bool:
     """Put what is held at a target; return whether that was done. The pose stays as tried last.
 
     Args:
         world: of the episode.
         target: id or type.
+        basin_first: whether a basin is tried before what is nearer of it and its sink.
         strict: whether it is tried at another object of the type after that.
     """
     last = ""
+    parts_first = basin_first and root_type(target) in BASIN_OF
     for elsewhere in (False, True) if strict else (False,):
         other_than = last if elsewhere else ""
         for steps in _BEFORE:
-            for place in _places(world, target, elsewhere, other_than, strict):
+            for place in _places(world, target, other_than, parts_first, strict):
                 last = place
                 _shift(world, steps)
                 if _put_there(world, place):
@@ -45,17 +47,17 @@ def is_basin(one: Thing) -> bool:
 
 
 def _places(
-    world: EmbeddedWorld, target: str, elsewhere: bool, other_than: str, strict: bool
+    world: EmbeddedWorld, target: str, other_than: str, parts_first: bool, strict: bool
 ) -> Iterator[str]:
     """Yield what is tried from one pose: the object itself, or the nearest of the type."""
     things = world.last_event.objects
-    if is_id(target) and not elsewhere:
+    if is_id(target) and not other_than:
         basins = (one["objectId"] for one in things if is_basin(one))
         yield from (one for one in basins if is_part(one, of=target))
         yield target
         return
     word = root_type(target)
-    for parts_only in (True, False) if word in BASIN_OF else (False, True):
+    for parts_only in (parts_first, not parts_first):
         found = nearest(things, word, parts_only=parts_only, other_than=other_than, any_lid=strict)
         if found is not None:
             yield found["objectId"]
