@@ -458,14 +458,16 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
-    """One symbolic condition, e.g. INSIDE(Apple, Fridge) (KARMA Table 3)."""
+    """One symbolic condition, e.g. INSIDE(Apple, Fridge) (KARMA Table 3), or 2*ON(Pen, Desk)."""
 
     predicate: str  # ON, INSIDE, STATE, TOGGLEON, TOGGLEOFF, HOLDON
     arguments: tuple[str, ...]
+    count: int = 1  # of how many objects it must hold; ON and INSIDE: with one and the same place
 
     def __str__(self) -> str:
-        """Return the paper's notation."""
-        return f"{self.predicate}({', '.join(self.arguments)}): 1"
+        """Return the paper's notation, a count before it."""
+        times = "" if self.count == 1 else f"{self.count}*"
+        return f"{times}{self.predicate}({', '.join(self.arguments)}): 1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

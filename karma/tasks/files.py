@@ -111,7 +111,7 @@ def _row(task: Task) -> _Task:
     subtasks = (
         _SubTask(
             instruction=sub.instruction,
-            goals=tuple(f"{g.predicate}({', '.join(g.arguments)})" for g in sub.goals),
+            goals=tuple(str(goal).removesuffix(": 1") for goal in sub.goals),
             scene="" if sub.scene in (None, task.scene) else sub.scene.source,
         )
         for sub in task.subtasks

@@ -7,14 +7,20 @@ A goal is existential, but all goals of one sub-task that mention the same name 
 object: INSIDE(Apple, Sink) and STATE(Apple, clean) ask for the same apple. A whole that was cut
 has been replaced by its slices; any one slice may stand for it.
 
+A goal may count: 2*ON(Pen, Desk) asks for two different pens on ONE desk. Then as many objects are
+chosen for the name as its highest count says, and a goal with a lower count, or none, asks it of so
+many of the chosen: with ON(Pen, Box) one of these two pens is to be in a box as well.
+
 ON and INSIDE are the same: the object lies in the receptacle, be it in another that can be carried
 (in a bowl in the fridge). ON a place "(x, y, z)", or ON what holds nothing, is to lie within
 `NEAR_M` of it: the authors' "near".
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
 
 from karma.agent.perceive import truth_of
 from karma.contracts import Event, Goal, TrueObject, Truth, World
@@ -24,6 +30,7 @@ from karma.household.pieces import EGG, is_piece, piece_type
 from karma.household.places import FLOOR
 from karma.household.states import END_STATES, GOAL_STATES, canonical_state
 from karma.household.uses import MOMENTARY, covers
+from karma.tasks.matching import fewest_missed, linked, suited
 
 ARITY = {
     "ON": 2, "INSIDE": 2, "STATE": 2, "HOLDON": 2, "TOGGLEON": 1, "TOGGLEOFF": 1, "OPEN": 1,
@@ -33,6 +40,11 @@ _SAME_PREDICATE = {
     "SWITCHON": "TOGGLEON", "SWITCHOFF": "TOGGLEOFF", "IN": "INSIDE", "CLOSE": "CLOSED",
 }  # fmt: skip
 NEAR_M = 0.5  # the paper names none
+MOST = 20  # that a goal may count
+_FORM = re.compile(
+    r"\s*(?:(?P<count>[0-9]{1,9})\s*\*\s*)?(?P<word>[A-Za-z]+)\s*\((?P<arguments>.*)\)\s*(?::\s*1)?\s*",
+    re.DOTALL,
+)
 
 
 # ----------------------------------------------------------------- reading
@@ -42,18 +54,22 @@ def read_goal(text: str) -> Goal:
     """Return the predicate and arguments as written: predicate canonical, names unchecked.
 
     Raises:
-        KarmaError: it is not of the form PREDICATE(argument, ...) with an optional ": 1".
+        KarmaError: it is not of the form PREDICATE(argument, ...) with an optional ": 1" behind and
+            an optional count before it, as in "2*ON(Pen, Desk)".
     """
-    match = re.fullmatch(r"\s*([A-Za-z]+)\s*\((.*)\)\s*(?::\s*1)?\s*", text, re.DOTALL)
+    match = _FORM.fullmatch(text)
     if match is None:
         raise KarmaError(f"goal {text!r} is not of the form PREDICATE(argument, ...)")
-    word = match[1].upper()
-    arguments = (part.strip() for part in re.split(r",(?![^(]*\))", match[2]))
-    return Goal(predicate=_SAME_PREDICATE.get(word, word), arguments=tuple(arguments))
+    word = match["word"].upper()
+    arguments = (part.strip() for part in re.split(r",(?![^(]*\))", match["arguments"]))
+    count = int(match["count"] or 1)
+    if not 1 <= count <= MOST:
+        raise KarmaError(f"goal {text!r}: the count is {count}; it may be 1 to {MOST}")
+    return Goal(predicate=_SAME_PREDICATE.get(word, word), arguments=tuple(arguments), count=count)
 
 
 def parse_goal(text: str) -> Goal:
-    """Return a goal in the paper's notation, e.g. "INSIDE(Apple, Fridge): 1".
+    """Return a goal in the paper's notation, e.g. "INSIDE(Apple, Fridge): 1", "2*ON(Pen, Desk)".
 
     Predicates are case-insensitive; SWITCHON is TOGGLEON; a STATE word becomes its canonical form.
 
@@ -68,13 +84,15 @@ def parse_goal(text: str) -> Goal:
         raise KarmaError(f"goal {text!r}: {goal.predicate} takes {wanted} argument(s)")
     if goal.predicate == "HOLDON" and goal.arguments[0].lower() not in ("robot", "agent"):
         raise KarmaError(f"goal {text!r}: HOLDON takes robot and an object")
+    if goal.predicate == "HOLDON" and goal.count > 1:
+        raise KarmaError(f"goal {text!r}: the robot holds one thing at a time")
     if goal.predicate != "STATE":
         return goal
     word = canonical_state(goal.arguments[1])
     if word is None:
         known = ", ".join(sorted(GOAL_STATES))
         raise KarmaError(f"goal {text!r}: unknown state; known are {known}")
-    return Goal(predicate="STATE", arguments=(goal.arguments[0], word))
+    return replace(goal, arguments=(goal.arguments[0], word))
 
 
 def object_names(goal: Goal) -> tuple[str, ...]:
@@ -97,7 +115,18 @@ def is_position(argument: str) -> bool:
     return argument.startswith("(")
 
 
+def _names_of(goals: Sequence[Goal]) -> dict[Goal, tuple[str, ...]]:
+    return {goal: object_names(goal) for goal in goals}
+
+
 # ----------------------------------------------------------------- watching
+
+
+class Progress(NamedTuple):
+    """How many of a sub-task's conditions are met."""
+
+    met: int
+    of: int
 
 
 class GoalTracker:
@@ -156,19 +185,43 @@ class GoalTracker:
     def unmet(self, goals: Sequence[Goal], event: Event) -> tuple[Goal, ...]:
         """Return the goals of one sub-task that do not hold, in order; () when it succeeded.
 
-        Of the ways to choose one object per name, the one that meets most goals counts.
+        Of the ways to choose objects for the names, the one that meets most goals counts.
         """
         index = _Index(truth_of(event))
         missed: set[Goal] = set()
-        for group in _linked(goals):
-            missed |= _fewest_missed(group, index, self._true)
+        for group in linked(_names_of(goals)):
+            missed |= self._missed(group, index)
         return tuple(goal for goal in goals if goal in missed)
+
+    def progress(self, goals: Sequence[Goal], event: Event) -> Progress:
+        """Return how many conditions of one sub-task are met, and of how many.
+
+        As ALFRED counts: a goal taken alone is one condition, or as many as it counts; goals that
+        share a name are together one more, which is met when one choice of objects meets them all.
+        So all are met just when `unmet` is empty.
+        """
+        index = _Index(truth_of(event))
+        met = of = 0
+        for group in linked(_names_of(goals)):
+            for goal in group:
+                named = [index.named(name) for name in object_names(goal)]
+                met += min(goal.count, suited(goal, named, partial(self._true, index)))
+                of += goal.count
+            if len(group) > 1:
+                met += not self._missed(group, index)
+                of += 1
+        return Progress(met, of)
+
+    def _missed(self, goals: Sequence[Goal], index: "_Index") -> frozenset[Goal]:
+        names = _names_of(goals)
+        named = {name: index.named(name) for its in names.values() for name in its}
+        return fewest_missed(names, named, partial(self._true, index))
 
     def _mark(self, state: str, instead_of: str, ids: frozenset[str]) -> None:
         self._marks[state] |= ids
         self._marks[instead_of] -= ids
 
-    def _true(self, goal: Goal, things: Sequence[TrueObject], index: "_Index") -> bool:
+    def _true(self, index: "_Index", goal: Goal, things: Sequence[TrueObject]) -> bool:
         first = things[0]
         match goal.predicate:
             case "ON" | "INSIDE" if is_position(goal.arguments[1]):
@@ -253,6 +306,7 @@ class _Index:
         self.held = truth.held_ids
         things = self._by_id.items()
         self._replaced = {whole_id(key) for key, thing in things if is_piece(thing.object_type)}
+        self._holders: dict[str, frozenset[str]] = {}
 
     def named(self, name: str) -> list[TrueObject]:
         """Return the objects that a name covers; a cut whole gives way to its pieces."""
@@ -263,8 +317,13 @@ class _Index:
             if key not in self._replaced and any(_covers(part, thing) for part in wanted)
         ]
 
-    def holders(self, thing: TrueObject) -> set[str]:
+    def holders(self, thing: TrueObject) -> frozenset[str]:
         """Return what a thing is in or on, also through receptacles that can be carried."""
+        if thing.object_id not in self._holders:
+            self._holders[thing.object_id] = frozenset(self._climb(thing))
+        return self._holders[thing.object_id]
+
+    def _climb(self, thing: TrueObject) -> set[str]:
         found: set[str] = set()
         todo = [thing]
         while todo:
@@ -291,53 +350,3 @@ def _cold(truth: Truth) -> frozenset[str]:
 def _near(thing: TrueObject, place: Sequence[float]) -> bool:
     squares = ((a - b) ** 2 for a, b in zip(thing.position_m, place, strict=True))
     return sum(squares) <= NEAR_M**2
-
-
-def _linked(goals: Sequence[Goal]) -> Iterator[list[Goal]]:
-    """Yield the goals in groups; goals of different groups share no name."""
-    groups: list[tuple[set[str], list[Goal]]] = []
-    for goal in goals:
-        names, group = set(object_names(goal)), [goal]
-        for other in [entry for entry in groups if entry[0] & names]:
-            groups.remove(other)
-            names, group = names | other[0], other[1] + group
-        groups.append((names, group))
-    for _, group in groups:
-        yield group
-
-
-def _fewest_missed(
-    goals: Sequence[Goal],
-    index: _Index,
-    true: Callable[[Goal, Sequence[TrueObject], _Index], bool],
-) -> frozenset[Goal]:
-    """Search the choices of one object per name, depth first, for the fewest missed goals."""
-    names = list(dict.fromkeys(name for goal in goals for name in object_names(goal)))
-    named: dict[str, Sequence[TrueObject | None]] = {
-        name: index.named(name) or [None] for name in names
-    }
-    due: dict[str, list[Goal]] = {name: [] for name in names}  # by the name chosen last
-    for goal in goals:
-        due[max(object_names(goal), key=names.index)].append(goal)
-    best = frozenset(goals)
-
-    def choose(depth: int, chosen: dict[str, TrueObject | None], missed: frozenset[Goal]) -> None:
-        nonlocal best
-        if len(missed) >= len(best):
-            return
-        if depth == len(names):
-            best = missed
-            return
-        name = names[depth]
-        for thing in named[name]:
-            now = {**chosen, name: thing}
-            wrong = [goal for goal in due[name] if not meets(goal, now)]
-            choose(depth + 1, now, missed | frozenset(wrong))
-
-    def meets(goal: Goal, chosen: Mapping[str, TrueObject | None]) -> bool:
-        names = object_names(goal)
-        things = [thing for name in names if (thing := chosen[name]) is not None]
-        return len(things) == len(names) and true(goal, things, index)
-
-    choose(0, {}, frozenset())
-    return best
