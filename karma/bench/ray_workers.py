@@ -17,16 +17,11 @@ import msgspec
 
 from karma.bench.experiment import Models, Row
 from karma.bench.experiment_tasks import scene_path
+from karma.bench.pool import JobQueue, WorkerError
 from karma.bench.provenance import model_hashes, prompt_hashes, scene_hashes, versions
 from karma.bench.run_folder import Finished, Header, differences
 from karma.bench.worker_count import worker_mb
-from karma.bench.workers import (
-    Job,
-    JobQueue,
-    Performer,
-    Stage,
-    WorkerError,
-)
+from karma.bench.workers import Job, Performer, Stage, lost_episode
 from karma.contracts import SceneRef
 from karma.errors import KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
@@ -131,7 +126,7 @@ class _RayPool:
         scenes: Mapping[str, bytes],
     ) -> None:
         self.waiting: dict[Any, _RayWorker] = {}  # pending answer -> its worker
-        self._ray, self._queue = ray, JobQueue(jobs)
+        self._ray, self._queue = ray, JobQueue(jobs, lost_episode)
         self._briefing = (stage, header, dict(scenes))
         options = {
             "num_cpus": max(1, stage.models.threads),

@@ -7,16 +7,15 @@ runs, such as times and what a cache held, is in the episode's timing, a line of
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import get_args
 
+from karma.bench.folder import read_lines
 from karma.contracts import Engine, Kind, KvState, Plan, SkillResult, Tour
-from karma.errors import FileError
-from karma.files import append_line, decode_json, read_bytes, to_json
+from karma.files import append_line, to_json
 from karma.infer.hosted.cost import Spent
 
 KINDS: tuple[str, ...] = get_args(Kind)
 Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,25 +203,9 @@ def read_records(path: Path) -> list[EpisodeRecord]:
     Raises:
         FileError: a line before the last is damaged; names it.
     """
-    return _read_lines(path, EpisodeRecord)
+    return read_lines(path, EpisodeRecord)
 
 
 def read_timings(path: Path) -> list[EpisodeTiming]:
     """Read the timings of a run, as `read_records` does; the last of each episode holds."""
-    return _read_lines(path, EpisodeTiming)
-
-
-def _read_lines(path: Path, kind: type[T]) -> list[T]:
-    if not path.exists():
-        return []
-    found = []
-    for number, line in enumerate(read_bytes(path).split(b"\n")[:-1], start=1):
-        try:
-            found.append(decode_json(line, kind, path=path))
-        except FileError as error:
-            fix = (
-                f"take line {number} out; the same karma eval then does that episode again "
-                "(--fresh does all of them)"
-            )
-            raise FileError(path, f"line {number}: {error.reason}", fix=fix) from error
-    return found
+    return read_lines(path, EpisodeTiming)

@@ -9,6 +9,7 @@ import msgspec
 
 from karma.bench.experiment import Experiment, read_experiment
 from karma.bench.experiment_tasks import load, scene_path
+from karma.bench.folder import locked
 from karma.bench.precision import Precision, takes_another
 from karma.bench.provenance import header_of
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
@@ -85,7 +86,7 @@ class Run:
         self.header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
         self.records: list[EpisodeRecord] = []
         self.timings: dict[Key, EpisodeTiming] = {}
-        with self._files.locked():
+        with locked(self.folder):
             if fresh:
                 self._files.clear()
             self._claim()
@@ -147,7 +148,7 @@ class Run:
         """
         if workers > 1 or ray:
             self._check_workers(ray)
-        with self._files.locked():
+        with locked(self.folder):
             self._claim()
             self._go_on()
             if self.left:

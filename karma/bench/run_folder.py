@@ -5,16 +5,15 @@ whole or not at all, then a line of `timings.jsonl`, and last a line of `episode
 killed run left half done is not counted and is written again, so the files end up the same.
 """
 
-import fcntl
-import os
-import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
+
 from karma.bench.figures import figures, plain
+from karma.bench.folder import brief, changed, refuse_other, replace_file, sweep
 from karma.bench.records import (
     EpisodeRecord,
     EpisodeTiming,
@@ -25,7 +24,7 @@ from karma.bench.records import (
 )
 from karma.bench.steps import FOLDER as STEPS
 from karma.bench.steps import packed, steps_path
-from karma.errors import FileError, KarmaError
+from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 
 FORMAT = 5  # of the folder; 1 had times among the records, 2 no methods or rooms, 3 no tours,
@@ -34,7 +33,6 @@ HEADER, EPISODES, TIMINGS, RESULTS = (
     "header.json", "episodes.jsonl", "timings.jsonl", "results.json",
 )  # fmt: skip
 _OURS = (EPISODES, TIMINGS, RESULTS, STEPS, "short_term", "maps", "scenes", HEADER)
-_TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}")  # what `write_atomic` leaves when it is killed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,10 +106,17 @@ def read_header(path: Path) -> Header:
     """Read what a run depends on.
 
     Raises:
-        FileError: there is none, or it is of an earlier form.
+        FileError: there is none, it is of an earlier form, or a benchmark's.
     """
     if not path.exists():
         raise FileError(path, "there is no run in this folder", fix="karma eval FILE --out FOLDER")
+    if benchmark := benchmark_in(path.parent):
+        raise FileError(
+            path,
+            f"a run of the benchmark {benchmark}, which has records of its own: no page, no"
+            " comparison",
+            fix=f"karma table {path.parent}",
+        )
     fix = "run it again: karma eval FILE --fresh, or --out another folder"
     try:
         header = read_json(path, Header)
@@ -123,10 +128,22 @@ def read_header(path: Path) -> Header:
     return header
 
 
+class _Headed(msgspec.Struct, frozen=True):
+    benchmark: str = ""
+
+
+def benchmark_in(folder: Path) -> str:
+    """Return the benchmark that a folder holds a run of; "" where it holds none, or another run."""
+    try:
+        return read_json(folder / HEADER, _Headed).benchmark
+    except FileError:
+        return ""
+
+
 def differences(old: Header, new: Header) -> list[str]:
     """Return what tells two headers apart, in words."""
     found = [
-        f"{what}: {_brief(str(one))} became {_brief(str(other))}"
+        f"{what}: {brief(str(one))} became {brief(str(other))}"
         for what, one, other in (
             ("name", old.name, new.name),
             ("experiment file", old.experiment, new.experiment),
@@ -137,18 +154,8 @@ def differences(old: Header, new: Header) -> list[str]:
         if one != other
     ]
     for what in ("versions", "models", "prompts", "scenes"):
-        before, after = getattr(old, what), getattr(new, what)
-        found += [
-            f"{what}: {name}: {_brief(before.get(name))} became {_brief(after.get(name))}"
-            for name in sorted({*before, *after})
-            if before.get(name) != after.get(name)
-        ]
+        found += changed(what, getattr(old, what), getattr(new, what))
     return found
-
-
-def _brief(text: str | None) -> str:
-    """Return a name with a hash short enough to be read."""
-    return "none" if text is None else re.sub(r"\b([0-9a-f]{12})[0-9a-f]{52}\b", r"\1", text)
 
 
 class RunFolder:
@@ -161,32 +168,6 @@ class RunFolder:
 
     def __init__(self, path: Path, *, steps: bool) -> None:
         self.path, self._steps = path, steps
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Keep every other run out of the folder; a run that dies gives it free.
-
-        Raises:
-            KarmaError: another run is at work in it.
-        """
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            handle = os.open(self.path, os.O_RDONLY)
-        except OSError as error:
-            reason = f"cannot be used as a run folder: {error.strerror}"
-            raise FileError(self.path, reason, fix="--out another folder") from error
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            os.close(handle)
-            raise KarmaError(
-                f"{self.path}: another run is at work in this folder\n"
-                "  To fix: wait for it, or --out another folder"
-            ) from error
-        try:
-            yield
-        finally:
-            os.close(handle)
 
     def clear(self) -> None:
         """Throw away what an earlier run left."""
@@ -212,9 +193,8 @@ class RunFolder:
             self.clear()
         if not path.exists() and not begun:
             write_atomic(path, to_json(header, indent=2))
-        elif found:
-            reason = "this folder holds a run of something else:\n  " + "\n  ".join(found)
-            raise FileError(path, reason, fix=fix)
+        else:
+            refuse_other(path, found, fix=fix)
 
     def done(self) -> tuple[list[EpisodeRecord], dict[Key, EpisodeTiming]]:
         """Return the episodes that are done; traces of those that are not are swept away.
@@ -222,9 +202,7 @@ class RunFolder:
         Raises:
             FileError: a line that is not the last is damaged.
         """
-        for place in self.path.rglob(".*"):
-            if _TEMPORARY.fullmatch(place.name):
-                place.unlink(missing_ok=True)
+        sweep(self.path)
         timings = {timing.key: timing for timing in read_timings(self.path / TIMINGS)}
         found = {record.key: record for record in read_records(self.path / EPISODES)}
         kept = {key: found[key] for key in found if key in timings and self._has_steps(key)}
@@ -262,7 +240,7 @@ class RunFolder:
         by_key = {record.key: record for record in records}
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
         lines = figures([by_key[key] for key in order])  # without seconds: no run repeats them
-        _replace(self.path / RESULTS, to_json(plain(lines), indent=2))
+        replace_file(self.path / RESULTS, to_json(plain(lines), indent=2))
 
     # ------------------------------------------------------------- parts
 
@@ -275,10 +253,4 @@ class RunFolder:
         for name, lines in ((TIMINGS, timings), (EPISODES, records)):
             data = b"".join(to_json(line) for line in lines.values())
             if data or (self.path / name).exists():
-                _replace(self.path / name, data)
-
-
-def _replace(path: Path, data: bytes) -> None:
-    """Write a file unless that is what it holds."""
-    if not path.exists() or path.read_bytes() != data:
-        write_atomic(path, data)
+                replace_file(self.path / name, data)

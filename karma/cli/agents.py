@@ -237,7 +237,7 @@ def eval_command(
     from karma.bench.precision import reached
     from karma.bench.records import spent_by
     from karma.bench.run import Run
-    from karma.benchmarks.eb_alfred.experiment import is_benchmark
+    from karma.benchmarks.run import is_benchmark
     from karma.cli import show
     from karma.lab.figure import is_figure
 
@@ -247,7 +247,7 @@ def eval_command(
         refuse_options(file, ray=ray, steps=steps, states=states, half_width=seeded)
         tape = _cassette(cassette, cassette_mode)
         opened = {"fresh": fresh, "cassette": tape, "base_url": base_url, "computed": computed}
-        do_benchmark(file, folder, workers=workers, opened=opened)
+        do_benchmark(file, folder, workers=workers, json=json, opened=opened)
         return
     if is_figure(file):
         refuse_options(file, half_width=seeded)

@@ -1,6 +1,5 @@
-"""`karma eval` of others' benchmarks."""
+"""`karma eval` and `karma table` of others' benchmarks."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from rich.markup import escape
 
 from karma.cli.shared import console
 from karma.errors import KarmaError
+from karma.files import to_json, write_atomic
 
 
 def refuse_options(file: Path, **given: object) -> None:
@@ -24,29 +24,61 @@ def refuse_options(file: Path, **given: object) -> None:
         )
 
 
-def do_benchmark(file: Path, folder: Path, *, workers: int, opened: Mapping[str, Any]) -> None:
+def do_benchmark(
+    file: Path, folder: Path, *, workers: int, json: Path | None, opened: Mapping[str, Any]
+) -> None:
     """Do a benchmark's episodes that are missing, and print its tables.
 
     Args:
         file: the experiment.
         folder: of the run.
-        workers: processes; 0 = one per core where the players are local.
+        workers: processes; 0 = as many as cores, memory and hosted models allow.
+        json: takes the figures.
         opened: the other arguments of `BenchmarkRun`.
 
     Raises:
         KarmaError: see `BenchmarkRun`.
     """
     from karma.bench.sheet import to_markdown
-    from karma.benchmarks.eb_alfred.run import TABLE, BenchmarkRun
-    from karma.benchmarks.eb_alfred.table import detail_sheet, results_of
+    from karma.benchmarks.run import TABLE, BenchmarkRun
 
     with console.status(escape(f"reading {file} ...")):
         run = BenchmarkRun(file, folder, **opened)
-    number = workers or (1 if run.alone else len(os.sched_getaffinity(0)))
+    if run.left and not workers:
+        suggested = run.suggest()
+        workers = suggested.number
+        console.print(escape(f"workers: {workers} ({suggested.reason})"), soft_wrap=True)
     with console.status(""):
-        for record in run.episodes(number):
+        for record in run.episodes(workers):
             mark = "done" if record.success else record.end
             done = f"{len(run.records)} of {run.total}"
             console.print(escape(f"{done}: {record.row}, {record.task}: {mark}"), soft_wrap=True)
-    console.print(escape(to_markdown([detail_sheet(results_of(run.records))])), soft_wrap=True)
+    results = run.results()
+    console.print(escape(to_markdown(results.behind)), soft_wrap=True)
     console.print(escape(f"beside the published scores: {folder / TABLE}"), soft_wrap=True)
+    if json is not None:
+        write_atomic(json, to_json(results.figures, indent=2))
+
+
+def write_table(run: Path, folder: Path, json: Path | None) -> None:
+    """Write the tables of a benchmark's run as Markdown, and print what is its own.
+
+    Args:
+        run: its folder.
+        folder: takes table.md.
+        json: takes the figures.
+
+    Raises:
+        KarmaError: the run has no episodes yet; or see `read_results`.
+    """
+    from karma.bench.sheet import to_markdown
+    from karma.benchmarks.run import TABLE, read_results, written
+
+    results = read_results(run)
+    if not results.figures:
+        raise KarmaError(f"{run}: the run has no episodes yet\n  To fix: karma eval FILE")
+    write_atomic(folder / TABLE, written(results))
+    console.print(escape(to_markdown(results.behind)), soft_wrap=True)
+    console.print(escape(f"beside the published scores: {folder / TABLE}"), soft_wrap=True)
+    if json is not None:
+        write_atomic(json, to_json(results.figures, indent=2))

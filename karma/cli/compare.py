@@ -8,6 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from karma.cli.benchmarks import write_table
 from karma.cli.shared import SHOWN, Json, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
@@ -77,9 +78,12 @@ def table_command(
     from karma.bench.margins import margin_sheet, margins
     from karma.bench.published import load_published
     from karma.bench.results import result_of, unfinished
-    from karma.bench.run_folder import read_run
+    from karma.bench.run_folder import benchmark_in, read_run
     from karma.bench.sheet import to_latex, to_markdown
 
+    if benchmark_in(run):
+        write_table(run, out or run, json)
+        return
     data = read_run(run)
     if not data.records:
         raise KarmaError(f"{run}: the run has no episodes yet\n  To fix: karma eval FILE")

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from karma import registry
 from karma.bench.experiment import Models, Row, for_row, read_experiment
 from karma.bench.presets import PRESETS
-from karma.benchmarks.eb_alfred.experiment import is_benchmark
+from karma.benchmarks.run import is_benchmark
 from karma.cli import app
 from karma.cli.agents import run_command
 from karma.contracts import Resources

@@ -17,6 +17,7 @@ from support.run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started,
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.bench.folder import locked
 from karma.bench.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
 from karma.bench.run import Run
 from karma.bench.run_folder import (
@@ -357,7 +358,7 @@ ORDER = [("r", f"t{number}", 0) for number in range(4)]
 def complete(folder, order=range(4)):
     """Do what is missing."""
     files = RunFolder(folder, steps=True)
-    with files.locked():
+    with locked(files.path):
         done = {record.key for record in files.done()[0]}
         for number in order:
             if ORDER[number] not in done:

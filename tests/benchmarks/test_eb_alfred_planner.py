@@ -10,10 +10,10 @@ from support import eb_alfred as eb
 from support.paths import SHARED
 
 from karma.benchmarks.eb_alfred.answers import LONGEST, read_answer
-from karma.benchmarks.eb_alfred.experiment import BenchmarkRow
-from karma.benchmarks.eb_alfred.play import BenchmarkStage, play
+from karma.benchmarks.eb_alfred.experiment import EbRow
+from karma.benchmarks.eb_alfred.play import EbStage, play
 from karma.benchmarks.eb_alfred.prompt import PromptOptions, examples, render_prompt
-from karma.benchmarks.eb_alfred.tasks import BenchmarkTask
+from karma.benchmarks.eb_alfred.tasks import EbTask
 from karma.infer.scripted import ScriptedModel
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import read_trials
@@ -176,9 +176,9 @@ def test_examples_reach_the_goals_of_their_training_trials(tmp_path):
 
 def played(tmp_path, *answers, strict=False, options=OPTIONS, trial="ours_1", task=""):
     model = ScriptedModel(answers)
-    stage = BenchmarkStage(rooms=eb.rooms(tmp_path, task=task), types=eb.TYPES, model=model)
-    row = BenchmarkRow(name="r", strict=strict, prompt=options)
-    asked = BenchmarkTask(
+    stage = EbStage(rooms=eb.rooms(tmp_path, task=task), types=eb.TYPES, model=model)
+    row = EbRow(name="r", strict=strict, prompt=options)
+    asked = EbTask(
         subset="base", position=0, folder="", trial=trial, repeat=0, instruction="Put fruit away."
     )
     return play(stage, row, asked, 0, {}), model

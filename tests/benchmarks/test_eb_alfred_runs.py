@@ -1,88 +1,20 @@
-"""Whole runs of EB-ALFRED: resumed, with workers, with a hosted model, and with bad files."""
+"""Whole runs of EB-ALFRED: resumed, with workers, and with bad files."""
 
-import json
 import re
 
 import pytest
-from support import alfred_kitchen as ours
-from support import eb_alfred as eb
-from support.hosted_server import plant_key, wire_server
+from support.eb_alfred import run_files
 from typer.testing import CliRunner
 
-from karma.benchmarks.eb_alfred.run import EPISODES, RESULTS, TABLE, BenchmarkRun
 from karma.benchmarks.eb_alfred.table import results_of
+from karma.benchmarks.run import EPISODES, TABLE, BenchmarkRun
 from karma.cli import app
-from karma.errors import FileError, KarmaError
-from karma.infer.hosted.cassette import Cassette
-from karma.world.eb_alfred.actions import PUT
-
-ROWS = """
-[[rows]]
-name = "expert"
-player = "expert"
-[[rows]]
-name = "expert (strict)"
-player = "expert"
-strict = true
-[[rows]]
-name = "chance"
-player = "chance"
-"""
-HOSTED = """
-[[rows]]
-name = "hosted"
-[models]
-planner = "openai"
-[models.hosted.planner]
-base_url = "{url}"
-model = "m"
-dialect = "plain"
-"""
-
-
-@pytest.fixture
-def experiment(tmp_path, monkeypatch):
-    """A function that writes an experiment over our kitchen and returns its path."""
-    shared = tmp_path / "ref"
-    (shared / "data/alfred").mkdir(parents=True)
-    (shared / "data/thor5").mkdir()
-    ours.write(shared / "data/thor5/scenes.jsonl.gz", ours.dump())
-    ours.write(shared / "data/alfred/layouts.json.gz", ours.layout())
-    monkeypatch.setenv("KARMA_SHARED", str(shared))
-    types, trials = eb.types_file(tmp_path), ours.write(tmp_path / "trials.jsonl", ours.trial())
-    published = tmp_path / "published.csv"
-    published.write_text("model,subset,score\nDeep Thought,average,42\nDeep Thought,base,41.5\n")
-
-    def write(rows=ROWS, *, tasks=None, **changed):
-        lists = {
-            "base": [("ours_1", "Put the apple into the fridge."), ("ours_1", "Cool some fruit.")],
-            "spatial": [("ours_1", "The apple goes into the fridge."), ("lost", "Find it.")],
-        }
-        given = {
-            name: [
-                {"task": f"x/{one}", "repeat_idx": 0, "instruction": text} for one, text in found
-            ]
-            for name, found in (tasks or lists).items()
-        }
-        (tmp_path / "splits.json").write_text(json.dumps(given))
-        fields = {
-            "name": "x", "benchmark": "eb_alfred", "tasks": str(tmp_path / "splits.json"),
-            "types": str(types), "trials": str(trials), "published": str(published), **changed,
-        }  # fmt: skip
-        path = tmp_path / "x.toml"
-        path.write_text("".join(f"{k} = {json.dumps(v)}\n" for k, v in fields.items()) + rows)
-        return path
-
-    return write
-
-
-def contents(folder):
-    return {name: (folder / name).read_bytes() for name in (EPISODES, RESULTS, TABLE)}
+from karma.errors import FileError
 
 
 def finished(path, folder, workers=1, **more):
     run = BenchmarkRun(path, folder, **more)
-    return list(run.episodes(workers)), contents(folder)
+    return list(run.episodes(workers)), run_files(folder)
 
 
 def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):
@@ -151,66 +83,30 @@ def test_command_prints_the_table_and_refuses_what_a_benchmark_does_not_know(exp
     assert "has no --half-width" in wrong.output
 
 
-# ----------------------------------------------------------------- hosted
-
-
-@pytest.fixture
-def answering():
-    """A server that opens the fridge first where it was told that it is shut."""
-
-    def answer(path, body, headers):
-        said = [message["content"] for message in body["messages"]]
-        prompt = "\n".join(one if isinstance(one, str) else one[-1]["text"] for one in said)
-        numbers = dict(reversed(one) for one in re.findall(r"^(\d+): (.+)$", prompt, re.MULTILINE))
-        names = ["find a Apple", "pick up the Apple", "find a Fridge", PUT]
-        if "putting it at" in prompt:
-            names = ["find a Fridge", "open the Fridge", PUT]
-        plan = [{"action_id": int(numbers[name]), "action_name": name} for name in names]
-        said = {"role": "assistant", "content": json.dumps({"executable_plan": plan})}
-        choice = {"index": 0, "message": said, "finish_reason": "stop"}
-        usage = {"prompt_tokens": 9, "completion_tokens": 9, "total_tokens": 18}
-        return 200, {}, json.dumps({"choices": [choice], "usage": usage}).encode()
-
-    with wire_server(answer) as found:
-        yield found
-
-
-def test_hosted_run_is_recorded_and_replayed_to_the_byte(
-    experiment, tmp_path, answering, monkeypatch
+def test_table_command_writes_the_table_of_a_run_also_of_one_that_is_not_finished(
+    experiment, tmp_path
 ):
-    plant_key(monkeypatch)
-    url, seen = answering
-    path = experiment(HOSTED.format(url=url), only=["base/0", "spatial/0"])
-    tape = Cassette(tmp_path / "tape", "record")
-    records, first = finished(path, tmp_path / "a", cassette=tape)
-    assert [(record.success, record.calls) for record in records] == [(True, 2), (True, 2)]
-    asked = len(seen)
-    tape = Cassette(tmp_path / "tape", "replay")
-    assert finished(path, tmp_path / "b", cassette=tape)[1] == first
-    assert len(seen) == asked == 4
+    path, out = experiment(), tmp_path / "run"
+    steps = BenchmarkRun(path, out).episodes()
+    next(steps)
+    steps.close()
+    done = CliRunner().invoke(app, ["table", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "| expert | 1/1 |" in done.output
+    finished(path, out)
+    whole = (out / TABLE).read_bytes()
+    (out / TABLE).unlink()
+    assert CliRunner().invoke(app, ["table", str(out)]).exit_code == 0
+    assert (out / TABLE).read_bytes() == whole
 
 
-def test_hosted_run_with_pictures_sends_them_and_the_cassette_keeps_their_names(
-    experiment, tmp_path, answering, monkeypatch
-):
-    plant_key(monkeypatch)
-    url, seen = answering
-    rows = HOSTED.format(url=url).replace("[models]", "prompt = { pictures = 1 }\n[models]", 1)
-    path = experiment(rows, only=["base/0"])
-    tape = Cassette(tmp_path / "tape", "record")
-    records, first = finished(path, tmp_path / "a", cassette=tape)
-    assert records[0].success
-    picture = seen[0][1]["messages"][1]["content"][0]
-    assert picture["image_url"]["url"].startswith("data:image/png;base64,")
-    kept = (tmp_path / "tape" / "exchanges.jsonl").read_text()
-    assert "500x500 " in kept
-    assert "base64" not in kept
-    tape = Cassette(tmp_path / "tape", "replay")
-    assert finished(path, tmp_path / "b", cassette=tape)[1] == first
-
-
-def test_hosted_run_with_workers_is_refused(experiment, tmp_path, answering, monkeypatch):
-    plant_key(monkeypatch)
-    path = experiment(HOSTED.format(url=answering[0]))
-    with pytest.raises(KarmaError, match="one process only"):
-        finished(path, tmp_path / "a", workers=2)
+@pytest.mark.parametrize("command", ["report", "compare"])
+def test_commands_that_cannot_read_a_benchmarks_run_say_what_to_do(experiment, tmp_path, command):
+    finished(experiment(), tmp_path / "run")
+    folder = str(tmp_path / "run")
+    more = [folder] if command == "compare" else []
+    done = CliRunner().invoke(app, [command, folder, *more])
+    assert done.exit_code == 1
+    said = " ".join(done.output.split())
+    assert "a run of the benchmark eb_alfred" in said
+    assert f"karma table {folder}" in said

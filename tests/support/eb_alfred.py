@@ -5,7 +5,9 @@ import json
 import pytest
 
 from karma.benchmarks.eb_alfred.players import ExpertPlayer
-from karma.benchmarks.eb_alfred.tasks import TrialRooms, read_rooms, read_tasks
+from karma.benchmarks.eb_alfred.tasks import read_tasks
+from karma.benchmarks.run import EPISODES, RESULTS, TABLE
+from karma.benchmarks.trial_rooms import TrialRooms, read_rooms
 from karma.world.alfred.facts import gather
 from karma.world.eb_alfred.actions import ActionTypes, read_types
 from karma.world.eb_alfred.environment import Environment
@@ -19,6 +21,20 @@ TYPES = ActionTypes(
     toggle_obj=("Faucet",),
     slice_obj=("Apple",),
 )
+
+
+ROWS = """
+[[rows]]
+name = "expert"
+player = "expert"
+[[rows]]
+name = "expert (strict)"
+player = "expert"
+strict = true
+[[rows]]
+name = "chance"
+player = "chance"
+"""
 
 
 def types_file(folder):
@@ -77,3 +93,8 @@ def expert_result(trial, facts, types, *, strict=False):
     """Whether the demonstration's plan reaches the goal, and what was refused on the way."""
     env = played(ExpertPlayer(), Environment(trial, facts, types, strict=strict))
     return env.end == "goal met", [(step.name, step.feedback) for step in env.steps if not step.ok]
+
+
+def run_files(folder):
+    """All that must be the same in every run."""
+    return {name: (folder / name).read_bytes() for name in (EPISODES, RESULTS, TABLE)}

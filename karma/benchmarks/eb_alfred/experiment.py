@@ -8,14 +8,11 @@ import msgspec
 from karma.bench.experiment import Models
 from karma.bench.experiment_tasks import beside
 from karma.benchmarks.eb_alfred.prompt import PromptOptions
-from karma.benchmarks.eb_alfred.tasks import BenchmarkTask, read_tasks
+from karma.benchmarks.eb_alfred.tasks import EbTask, read_tasks
 from karma.errors import FileError
-from karma.files import read_toml
-
-NAME = "eb_alfred"
 
 
-class BenchmarkRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class EbRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One row of the table."""
 
     name: str
@@ -24,7 +21,7 @@ class BenchmarkRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     prompt: PromptOptions = PromptOptions()
 
 
-class BenchmarkExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class EbExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Every row on every task with every seed."""
 
     name: str
@@ -32,7 +29,7 @@ class BenchmarkExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     tasks: str  # EB-ALFRED's lists
     types: str  # its lists of types, in the order of the actions' numbers
     trials: str  # ALFRED's demonstrations of valid_seen
-    rows: tuple[BenchmarkRow, ...]
+    rows: tuple[EbRow, ...]
     published: str = ""  # scores to print beside ours
     subsets: tuple[str, ...] = ()  # () = all
     only: tuple[str, ...] = ()  # ids of tasks; () = all
@@ -53,28 +50,7 @@ class BenchmarkExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
         return any(row.player == "planner" for row in self.rows)
 
 
-class _Headed(msgspec.Struct, frozen=True):
-    benchmark: str = ""
-
-
-def is_benchmark(path: Path) -> bool:
-    """Return whether a file is an experiment of this form; False where it cannot be read."""
-    try:
-        return read_toml(path, _Headed).benchmark == NAME
-    except FileError:
-        return False
-
-
-def read_benchmark(path: Path) -> BenchmarkExperiment:
-    """Read an experiment; paths in it with "../shared/" are looked for in $KARMA_SHARED.
-
-    Raises:
-        FileError: it is damaged, or a key in it is unknown.
-    """
-    return read_toml(path, BenchmarkExperiment)
-
-
-def tasks_of(experiment: BenchmarkExperiment, path: Path) -> tuple[BenchmarkTask, ...]:
+def tasks_of(experiment: EbExperiment, path: Path) -> tuple[EbTask, ...]:
     """Return the tasks that an experiment selects.
 
     Raises:

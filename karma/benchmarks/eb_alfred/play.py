@@ -2,21 +2,21 @@
 
 from dataclasses import dataclass
 
-from karma.benchmarks.eb_alfred.experiment import BenchmarkRow
+from karma.bench.pool import LIVES
+from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.planner import PlannerAnswer, PlannerPlayer
-from karma.benchmarks.eb_alfred.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
-from karma.benchmarks.eb_alfred.tasks import BenchmarkTask, TrialRooms
+from karma.benchmarks.eb_alfred.players import ChancePlayer, EbPlayer, ExpertPlayer
+from karma.benchmarks.eb_alfred.tasks import EbTask
+from karma.benchmarks.trial_rooms import TrialRooms
 from karma.contracts import LanguageModel
-from karma.errors import KarmaError
+from karma.errors import KarmaError, ServerLost, UnwritableError
 from karma.infer.hosted.cassette import CassetteError
 from karma.world.eb_alfred.actions import ActionTypes
 from karma.world.eb_alfred.environment import Environment, Step
 
-EpisodeKey = tuple[str, str, int]  # row, task, seed
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchmarkRecord:
+class EbRecord:
     """What an episode leaves behind; the same in every run of the same experiment."""
 
     row: str
@@ -35,18 +35,13 @@ class BenchmarkRecord:
     error: str = ""  # what ended the episode from outside
 
     @property
-    def key(self) -> EpisodeKey:
-        """What names the episode."""
-        return self.row, self.task, self.seed
-
-    @property
     def no_json(self) -> int:
         """Answers that were no JSON of the form that was asked for."""
         return sum(answer.no_json for answer in self.answers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchmarkStage:
+class EbStage:
     """What all episodes share."""
 
     rooms: TrialRooms
@@ -54,9 +49,7 @@ class BenchmarkStage:
     model: LanguageModel | None  # None where no row asks one
 
 
-def play(
-    stage: BenchmarkStage, row: BenchmarkRow, task: BenchmarkTask, seed: int, puts: dict[str, int]
-) -> BenchmarkRecord:
+def play(stage: EbStage, row: EbRow, task: EbTask, seed: int, puts: dict[str, int]) -> EbRecord:
     """Play an episode; what is wrong with it or its model is in the record.
 
     Args:
@@ -67,7 +60,8 @@ def play(
         puts: counts of puts, which a strict row's next episode goes on with.
 
     Raises:
-        CassetteError: a recording does not hold what was asked for.
+        CassetteError: a recording does not hold what was asked for, or cannot be written.
+        ServerLost: a hosted model cannot answer now.
     """
     environment: Environment | None = None
     player = _player(stage, row, task, seed)
@@ -85,17 +79,34 @@ def play(
             while not environment.end:
                 calls += 1
                 _take_turn(environment, player)
-    except CassetteError:
-        raise
+    except (CassetteError, ServerLost, UnwritableError):
+        raise  # nothing that the player did
     except KarmaError as problem:
         error = str(problem)
     answers = tuple(player.answers) if isinstance(player, PlannerPlayer) else ()
     return _record(row, task, seed, environment, calls=calls, answers=answers, error=error)
 
 
-def _player(
-    stage: BenchmarkStage, row: BenchmarkRow, task: BenchmarkTask, seed: int
-) -> BenchmarkPlayer:
+def lost_episode(row: str, task: EbTask, seed: int, cause: str) -> EbRecord:
+    """Return the record of an episode that ends every process which plays it."""
+    return EbRecord(
+        row=row,
+        task=task.id,
+        subset=task.subset,
+        seed=seed,
+        trial=task.trial,
+        instruction=task.instruction,
+        success=False,
+        progress=0.0,
+        end="error",
+        invalid=0,
+        calls=0,
+        steps=(),
+        error=f"WorkerLost: {LIVES} workers died of it, the last was {cause}",
+    )
+
+
+def _player(stage: EbStage, row: EbRow, task: EbTask, seed: int) -> EbPlayer:
     if row.player == "expert":
         return ExpertPlayer()
     if row.player == "chance" or stage.model is None:
@@ -105,7 +116,7 @@ def _player(
     )
 
 
-def _take_turn(environment: Environment, player: BenchmarkPlayer) -> None:
+def _take_turn(environment: Environment, player: EbPlayer) -> None:
     """Ask for a plan and carry it out up to the first action that fails."""
     plan = player.plan(environment)
     if plan is None:
@@ -119,15 +130,15 @@ def _take_turn(environment: Environment, player: BenchmarkPlayer) -> None:
 
 
 def _record(
-    row: BenchmarkRow,
-    task: BenchmarkTask,
+    row: EbRow,
+    task: EbTask,
     seed: int,
     environment: Environment | None,
     *,
     calls: int,
     answers: tuple[PlannerAnswer, ...],
     error: str,
-) -> BenchmarkRecord:
+) -> EbRecord:
     progress, end, invalid = 0.0, "", 0
     steps: tuple[Step, ...] = ()
     if environment is not None:
@@ -137,7 +148,7 @@ def _record(
         unplayed = end == "empty plan" or bool(answers and answers[-1].error)
         if row.strict and unplayed:  # the source loses the progress when a plan ends it
             progress = 0.0
-    return BenchmarkRecord(
+    return EbRecord(
         row=row.name,
         task=task.id,
         subset=task.subset,

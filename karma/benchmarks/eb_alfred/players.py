@@ -19,7 +19,7 @@ from karma.world.eb_alfred.environment import Environment
 _Said = tuple[Verb, str]  # verb, and the id or type that it is about
 
 
-class BenchmarkPlayer(Protocol):
+class EbPlayer(Protocol):
     """Plays one episode."""
 
     def plan(self, environment: Environment) -> Sequence[int] | None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from karma.bench.formats import UNKNOWN, figure_text
-from karma.bench.sheet import Sheet, to_markdown
+from karma.bench.sheet import Sheet
 from karma.bench.statistics import wilson
-from karma.benchmarks.eb_alfred.play import BenchmarkRecord
+from karma.benchmarks.eb_alfred.play import EbRecord
 from karma.benchmarks.eb_alfred.tasks import SUBSETS
 from karma.errors import FileError
 from karma.files import read_bytes
@@ -30,7 +30,7 @@ _CAPTION = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchmarkFigures:
+class EbFigures:
     """What a row's episodes of one subset, or of all, come to; means are over episodes."""
 
     row: str
@@ -48,7 +48,7 @@ class BenchmarkFigures:
     errors: int  # episodes that something outside ended; they count as failed
 
 
-def results_of(records: Sequence[BenchmarkRecord]) -> list[BenchmarkFigures]:
+def results_of(records: Sequence[EbRecord]) -> list[EbFigures]:
     """Return the figures of each row: the average, then the subsets."""
     found = []
     for row in dict.fromkeys(record.row for record in records):
@@ -64,18 +64,16 @@ def results_of(records: Sequence[BenchmarkRecord]) -> list[BenchmarkFigures]:
     return found
 
 
-def _present(records: Sequence[BenchmarkRecord]) -> list[str]:
+def _present(records: Sequence[EbRecord]) -> list[str]:
     there = {record.subset for record in records}
     return [one for one in SUBSETS if one in there] + sorted(there - {*SUBSETS})
 
 
-def _figures(
-    row: str, subset: str, records: Sequence[BenchmarkRecord], **means: float
-) -> BenchmarkFigures:
+def _figures(row: str, subset: str, records: Sequence[EbRecord], **means: float) -> EbFigures:
     number, successes = len(records), sum(record.success for record in records)
     interval = wilson(successes, number)
 
-    def mean(value: Callable[[BenchmarkRecord], float]) -> float:
+    def mean(value: Callable[[EbRecord], float]) -> float:
         return sum(map(value, records)) / number
 
     measured = {
@@ -86,7 +84,7 @@ def _figures(
         "invalid": mean(lambda record: record.invalid),
         "no_json": mean(lambda record: record.no_json),
     }
-    return BenchmarkFigures(
+    return EbFigures(
         row=row,
         subset=subset,
         episodes=number,
@@ -98,7 +96,7 @@ def _figures(
     )
 
 
-def success_sheet(results: Sequence[BenchmarkFigures], published: Path | None) -> Sheet:
+def success_sheet(results: Sequence[EbFigures], published: Path | None) -> Sheet:
     """Return success rates by subset, ours first, then the published ones.
 
     Raises:
@@ -120,7 +118,7 @@ def success_sheet(results: Sequence[BenchmarkFigures], published: Path | None) -
     )
 
 
-def detail_sheet(results: Sequence[BenchmarkFigures]) -> Sheet:
+def detail_sheet(results: Sequence[EbFigures]) -> Sheet:
     """Return what lies behind the average of each of our rows."""
     return Sheet(
         title="Behind the averages",
@@ -145,11 +143,6 @@ def detail_sheet(results: Sequence[BenchmarkFigures]) -> Sheet:
             if one.subset == AVERAGE
         ),
     )  # fmt: skip
-
-
-def written(results: Sequence[BenchmarkFigures], published: Path | None) -> str:
-    """Return the tables as Markdown; errors as in `success_sheet`."""
-    return to_markdown([success_sheet(results, published), detail_sheet(results)])
 
 
 def _cell(value: float | None) -> str:

@@ -1,6 +1,5 @@
-"""Read EB-ALFRED's lists of tasks, and the demonstrations that they begin like."""
+"""Read EB-ALFRED's lists of tasks."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,8 +7,6 @@ import msgspec
 
 from karma.errors import FileError
 from karma.files import read_json
-from karma.world.alfred.facts import RoomFacts, gather, side_files
-from karma.world.alfred.trial import Trial, read_trials
 
 SUBSETS = (
     "base", "common_sense", "complex_instruction", "visual_appearance", "spatial", "long_horizon",
@@ -25,7 +22,7 @@ class _Entry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BenchmarkTask:
+class EbTask:
     """One task: an instruction in the room of a trial."""
 
     subset: str
@@ -41,23 +38,7 @@ class BenchmarkTask:
         return f"{self.subset}/{self.position}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrialRooms:
-    """The demonstrations by id, and what is known of their rooms."""
-
-    trials: Mapping[str, Trial]
-    facts: Mapping[str, RoomFacts]
-
-    def missing(self, trial: str) -> str:
-        """Return why a trial cannot be begun; "" if it can."""
-        if trial not in self.trials:
-            return f"there is no trial {trial}"
-        if not self.facts[self.trials[trial].scene.floor_plan].cells:
-            return f"there is nothing to stand on in {self.trials[trial].scene.floor_plan}"
-        return ""
-
-
-def read_tasks(path: Path, subsets: tuple[str, ...] = ()) -> tuple[BenchmarkTask, ...]:
+def read_tasks(path: Path, subsets: tuple[str, ...] = ()) -> tuple[EbTask, ...]:
     """Read the tasks of a list of lists, in the order of `SUBSETS`.
 
     Args:
@@ -78,11 +59,11 @@ def read_tasks(path: Path, subsets: tuple[str, ...] = ()) -> tuple[BenchmarkTask
     )
 
 
-def _task(path: Path, subset: str, number: int, entry: _Entry) -> BenchmarkTask:
+def _task(path: Path, subset: str, number: int, entry: _Entry) -> EbTask:
     folder, _, trial = entry.task.partition("/")
     if not trial:
         raise FileError(path, f"{entry.task!r} is not folder/trial - at `$.{subset}[{number}]`")
-    return BenchmarkTask(
+    return EbTask(
         subset=subset,
         position=number,
         folder=folder,
@@ -90,13 +71,3 @@ def _task(path: Path, subset: str, number: int, entry: _Entry) -> BenchmarkTask:
         repeat=entry.repeat_idx,
         instruction=entry.instruction,
     )
-
-
-def read_rooms(path: Path) -> TrialRooms:
-    """Read the demonstrations of a file, and what is known of their rooms.
-
-    Raises:
-        FileError: a file is missing, torn or of another form.
-    """
-    trials = {trial.id: trial for trial in read_trials(path)}
-    return TrialRooms(trials=trials, facts=gather(trials.values(), side_files()))

@@ -1,0 +1,105 @@
+"""What a benchmark of others is to a run: its experiment, its chains of episodes, its records."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+import msgspec
+
+from karma.bench.experiment import Models, language_model
+from karma.bench.records import Key
+from karma.bench.sheet import Sheet
+from karma.contracts import LanguageModel
+from karma.infer.hosted.session import Session
+
+
+class ExperimentFile(Protocol):
+    """What every benchmark's experiment says; `benchmark` is the name that it is registered by."""
+
+    name: str
+    benchmark: str
+    models: Models
+    seeds: tuple[int, ...]
+
+    @property
+    def plans(self) -> bool:
+        """Whether a row asks the planner's model."""
+
+
+class PlayedEpisode(Protocol):
+    """What every benchmark's record says; the same in every run of the same experiment."""
+
+    row: str
+    task: str
+    seed: int
+    success: bool
+    end: str  # why it ended, e.g. "steps"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chain:
+    """Episodes that one process does in their order: what one leaves may be the next one's."""
+
+    row: str
+    tasks: tuple[str, ...]  # ids, one or more
+    seed: int
+
+    @property
+    def key(self) -> Key:
+        """What names it."""
+        return self.keys[0]
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """What names its episodes."""
+        return tuple((self.row, task, self.seed) for task in self.tasks)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchmarkResults:
+    """What records add up to."""
+
+    figures: Any  # a list of dataclasses, as results.json keeps it
+    table: Sheet  # beside the published scores
+    behind: tuple[Sheet, ...] = ()  # what lies behind ours
+
+
+Play = Callable[[Chain], Iterator[Any]]  # yields a record per key, playing it when asked for it
+
+
+class Benchmark(Protocol):
+    """A benchmark by its own protocol, over one experiment; an entry point of karma.benchmarks.
+
+    It is made with the experiment, of `experiment_kind`, and the path that it was read from.
+    """
+
+    experiment_kind: ClassVar[type[msgspec.Struct]]  # an `ExperimentFile`
+    record_kind: ClassVar[type]  # a `PlayedEpisode`, a dataclass
+
+    def chains(self) -> Sequence[Chain]:
+        """Return all episodes in their final order; FileError where lists are damaged."""
+
+    def files(self) -> Sequence[Path]:
+        """Return the files that records depend on, beside the experiment and the models."""
+
+    def begin(self, session: Session) -> Play:
+        """Load what episodes need, in the process that plays them; KarmaError if that fails."""
+
+    def lost(self, chain: Chain, cause: str) -> Sequence[Any]:
+        """Return the records of a chain that kills every process which plays it."""
+
+    def results(self, records: Sequence[Any]) -> BenchmarkResults:
+        """Return what records come to, finished or not; FileError for damaged published scores."""
+
+
+def planner_of(models: Models, session: Session, seed: int) -> LanguageModel:
+    """Return the model that plans; it is not held to programs, which no benchmark asks for.
+
+    Raises:
+        ModelError: see `language_model`.
+    """
+    model, _ = language_model(
+        msgspec.structs.replace(models, constrained=False), session, None, seed
+    )
+    return model

@@ -1,0 +1,85 @@
+"""EB-ALFRED as a run plays it: its chains, its files, its records, its tables."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from karma.bench.experiment_tasks import beside
+from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
+from karma.benchmarks.eb_alfred.experiment import EbExperiment, tasks_of
+from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, lost_episode, play
+from karma.benchmarks.eb_alfred.table import detail_sheet, results_of, success_sheet
+from karma.benchmarks.trial_rooms import read_rooms
+from karma.infer.hosted.session import Session
+from karma.world.eb_alfred.actions import read_types
+
+_HERE = Path(__file__).parent
+
+
+class EbAlfred:
+    """EB-ALFRED over an experiment, see `Benchmark`.
+
+    Args:
+        experiment: what is played.
+        path: that it was read from.
+    """
+
+    experiment_kind: ClassVar[type[Any]] = EbExperiment
+    record_kind: ClassVar[type[Any]] = EbRecord
+
+    def __init__(self, experiment: EbExperiment, path: Path) -> None:
+        self._experiment, self._path = experiment, path
+
+    def chains(self) -> list[Chain]:
+        """Return all episodes: in strict rows those of a list are one chain, as puts count on."""
+        one = self._experiment
+        tasks = tasks_of(one, self._path)
+        lists: dict[str, list[str]] = {}
+        for task in tasks:
+            lists.setdefault(task.subset, []).append(task.id)
+        together, apart = [*lists.values()], [[task.id] for task in tasks]
+        return [
+            Chain(row=row.name, tasks=tuple(ids), seed=seed)
+            for seed in one.seeds
+            for row in one.rows
+            for ids in (together if row.strict else apart)
+        ]
+
+    def files(self) -> list[Path]:
+        """Return the prompt's and the benchmark's files."""
+        one = self._experiment
+        theirs = [beside(path) for path in (one.tasks, one.types, one.trials)]
+        return [_HERE / "prompt.toml", _HERE / "examples.toml", *theirs]
+
+    def begin(self, session: Session) -> Play:
+        """Load rooms, lists of types and, where a row asks it, the planner."""
+        one = self._experiment
+        stage = EbStage(
+            rooms=read_rooms(beside(one.trials)),
+            types=read_types(beside(one.types)),
+            model=planner_of(one.models, session, one.seeds[0]) if one.plans else None,
+        )
+        rows = {row.name: row for row in one.rows}
+        tasks = {task.id: task for task in tasks_of(one, self._path)}
+
+        def played(chain: Chain) -> Iterator[EbRecord]:
+            puts: dict[str, int] = {}
+            for task in chain.tasks:
+                yield play(stage, rows[chain.row], tasks[task], chain.seed, puts)
+
+        return played
+
+    def lost(self, chain: Chain, cause: str) -> list[EbRecord]:
+        """Return records of episodes that end every process that plays them."""
+        tasks = {task.id: task for task in tasks_of(self._experiment, self._path)}
+        return [lost_episode(chain.row, tasks[one], chain.seed, cause) for one in chain.tasks]
+
+    def results(self, records: Sequence[EbRecord]) -> BenchmarkResults:
+        """Return success rates by list, and what lies behind them."""
+        figures = results_of(records)
+        published = self._experiment.published
+        return BenchmarkResults(
+            figures=figures,
+            table=success_sheet(figures, beside(published) if published else None),
+            behind=(detail_sheet(figures),),
+        )

@@ -1,0 +1,336 @@
+"""A run of any benchmark in its folder: begun, gone on with, and finished.
+
+The folder holds `header.json` (what the records depend on), `episodes.jsonl`, `timings.jsonl` and,
+once it is finished, `results.json` and `table.md`. A killed run goes on where it was.
+"""
+
+import hashlib
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from karma import registry
+from karma.bench.experiment import Models
+from karma.bench.folder import changed, locked, read_lines, refuse_other, replace_file, sweep
+from karma.bench.pool import Workshop, in_processes
+from karma.bench.provenance import model_hashes, versions
+from karma.bench.records import Key
+from karma.bench.run_folder import EPISODES, HEADER, RESULTS, TIMINGS
+from karma.bench.sheet import to_markdown
+from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
+from karma.bench.workers import imported
+from karma.benchmarks.benchmark import (
+    Benchmark,
+    BenchmarkResults,
+    Chain,
+    ExperimentFile,
+    Play,
+    PlayedEpisode,
+)
+from karma.errors import FileError, KarmaError, UnknownNameError
+from karma.files import append_line, read_bytes, read_json, read_toml, to_json, write_atomic
+from karma.infer.hosted.cassette import Cassette, Tape
+from karma.infer.hosted.server import slots_of
+from karma.infer.hosted.session import Session
+from karma.offline import go_offline, network_allowed
+
+TABLE = "table.md"
+_OURS = (HEADER, EPISODES, TIMINGS, RESULTS, TABLE)
+_WAITING = ("timeout_s", "retries")  # of an endpoint: a request that is given up leaves no record
+
+
+class BenchmarkHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a run's records depend on."""
+
+    benchmark: str
+    name: str  # of the experiment
+    experiment: dict[str, Any]  # all that it says
+    files: dict[str, str]  # of the benchmark and the prompt: name -> SHA-256
+    versions: dict[str, str]
+    models: dict[str, str]
+    network: bool = False  # started with --allow-network
+
+
+class _Benchmarked(msgspec.Struct, frozen=True):
+    benchmark: str = ""
+
+
+class _Timing(msgspec.Struct, frozen=True, kw_only=True):
+    row: str
+    task: str
+    seed: int
+    seconds: float
+
+
+def is_benchmark(path: Path) -> bool:
+    """Return whether a file is an experiment of a benchmark; False where it cannot be read."""
+    try:
+        return bool(read_toml(path, _Benchmarked).benchmark)
+    except FileError:
+        return False
+
+
+def kind_of(name: str, path: Path) -> Any:
+    """Return the class of a benchmark.
+
+    Raises:
+        FileError: there is no such benchmark; `path` names it.
+    """
+    try:
+        return registry.load("benchmarks", name)
+    except UnknownNameError as error:
+        raise FileError(path, f"benchmark: {error}") from error
+
+
+class BenchmarkRun:
+    """An experiment in its folder.
+
+    Args:
+        path: the TOML file.
+        folder: of the run.
+        fresh: throw away what an earlier run left there.
+        cassette: records hosted models or stands for them.
+        base_url: of hosted models, in place of the experiment's.
+        computed: keys of its [models] that say how they are computed, in place of its own.
+
+    Raises:
+        FileError: a file is damaged, a key in it is unknown, or the folder holds a run of
+            something else.
+        KarmaError: another run is at work in the folder.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        folder: Path,
+        *,
+        fresh: bool = False,
+        cassette: Cassette | None = None,
+        base_url: str = "",
+        computed: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.path, self.folder = path, folder
+        self._kind = kind_of(read_toml(path, _Benchmarked).benchmark, path)
+        read = read_toml(path, self._kind.experiment_kind)
+        said = read.models.computed_by(computed or {})
+        self.experiment: ExperimentFile = msgspec.structs.replace(read, models=said)
+        models = said
+        if base_url:  # where it is asked is no part of what a run depends on
+            models = msgspec.structs.replace(said, hosted=said.hosted.at(base_url))
+        self._asked = msgspec.structs.replace(read, models=models)
+        self.benchmark: Benchmark = self._kind(self._asked, path)
+        self.chains = tuple(self.benchmark.chains())
+        self._session = Session(cassette)
+        with locked(folder):
+            if fresh:
+                for name in _OURS:
+                    (folder / name).unlink(missing_ok=True)
+            self._claim()
+            self.records = self._read()
+
+    @property
+    def total(self) -> int:
+        """How many episodes there are."""
+        return sum(len(chain.tasks) for chain in self.chains)
+
+    @property
+    def left(self) -> int:
+        """How many of them are not done yet."""
+        return self.total - len(self.records)
+
+    def results(self) -> BenchmarkResults:
+        """Return what the records so far come to; errors as `Benchmark.results`."""
+        return self.benchmark.results(self.records)
+
+    def suggest(self) -> Suggestion:
+        """Return how many workers to use unless a number is given.
+
+        Raises:
+            KarmaError: a hosted planner may not or cannot be reached.
+        """
+        models = self._asked.models
+        if not self.experiment.plans:  # no model is loaded
+            return suggest_workers(Models(planner="", embedder=""), self.left)
+        in_flight = None
+        if models.hosted.planner is not None and self._session.cassette.mode != "replay":
+            in_flight = slots_of(models.hosted.planner) or IN_FLIGHT
+        return suggest_workers(models, self.left, in_flight=in_flight)
+
+    def episodes(self, workers: int = 1) -> Iterator[PlayedEpisode]:
+        """Do what is missing; each record is on the disk before it is yielded.
+
+        When the last is done, all lines are put in the order of the chains, in whatever order
+        they were done.
+
+        Args:
+            workers: processes to use, each with models of its own.
+
+        Raises:
+            KarmaError: a model cannot be loaded or a hosted one not reached, or another run is at
+                work in the folder.
+        """
+        if workers > 1 and self._asked.models.rpc:
+            raise KarmaError(
+                "llama.cpp's rpc-server serves one process only\n  To fix: leave out --workers"
+            )
+        with locked(self.folder):
+            self._claim()
+            self.records = self._read()
+            done = {_key(record) for record in self.records}
+            left = [chain for chain in self.chains if not done.issuperset(chain.keys)]
+            for record, seconds in self._perform(left, workers):
+                row, task, seed = _key(record)
+                timing = _Timing(row=row, task=task, seed=seed, seconds=seconds)
+                append_line(self.folder / TIMINGS, to_json(timing))
+                append_line(self.folder / EPISODES, to_json(record))
+                self.records.append(record)
+                yield record
+            self._finish()
+
+    # ------------------------------------------------------------- parts
+
+    def _perform(self, chains: Sequence[Chain], workers: int) -> Iterator[tuple[Any, float]]:
+        """Play chains; yield records with their seconds."""
+        if not chains:
+            return
+        if workers <= 1:
+            play = self.benchmark.begin(self._session)
+            for chain in chains:
+                yield from _played(play, chain, self._session)
+            return
+        models = self._asked.models
+        shop: Workshop[Chain, list[tuple[Any, float]]] = Workshop(
+            begin=partial(
+                _begun, self._asked, self.path, self._session.cassette.tape, network_allowed()
+            ),
+            lost=lambda chain, cause: [(one, 0.0) for one in self.benchmark.lost(chain, cause)],
+            imports=(__name__, *(imported(models) if self.experiment.plans else ())),
+        )
+        for found in in_processes(shop, chains, workers):
+            yield from found
+
+    def _claim(self) -> None:
+        """Make the folder this run's, or see that it is.
+
+        Raises:
+            FileError: it holds a run of something else.
+        """
+        place, header = self.folder / HEADER, self._header()
+        if place.exists():
+            fix = f"--out another folder, or karma eval {self.path} --fresh"
+            refuse_other(place, _differences(read_header(self.folder), header), fix=fix)
+        else:
+            write_atomic(place, to_json(header, indent=2))
+
+    def _header(self) -> BenchmarkHeader:
+        models = self.experiment.models
+        files = self.benchmark.files()
+        return BenchmarkHeader(
+            benchmark=self.experiment.benchmark,
+            name=self.experiment.name,
+            experiment=msgspec.to_builtins(self.experiment),
+            files={file.name: hashlib.sha256(read_bytes(file)).hexdigest() for file in files},
+            versions=versions(),
+            models=dict(model_hashes(models)) if self.experiment.plans else {},
+            network=network_allowed(),
+        )
+
+    def _read(self) -> list[Any]:
+        """Return the records of chains that are whole; lines of others are dropped."""
+        sweep(self.folder)
+        place = self.folder / EPISODES
+        found = {_key(one): one for one in read_lines(place, self._kind.record_kind)}
+        whole = [chain.keys for chain in self.chains if found.keys() >= {*chain.keys}]
+        records = [found[key] for keys in whole for key in keys]
+        if place.exists():
+            replace_file(place, b"".join(map(to_json, records)))
+        return records
+
+    def _finish(self) -> None:
+        found = {_key(record): record for record in self.records}
+        self.records = [found[key] for chain in self.chains for key in chain.keys]
+        replace_file(self.folder / EPISODES, b"".join(map(to_json, self.records)))
+        results = self.results()
+        replace_file(self.folder / RESULTS, to_json(results.figures, indent=2))
+        replace_file(self.folder / TABLE, written(results))
+
+
+def read_header(folder: Path) -> BenchmarkHeader:
+    """Read what a run depends on.
+
+    Raises:
+        FileError: it is damaged, or of a run that is no benchmark's.
+    """
+    fix = "karma eval FILE --fresh, or --out another folder"
+    return read_json(folder / HEADER, BenchmarkHeader, fix=fix)
+
+
+def read_results(folder: Path) -> BenchmarkResults:
+    """Return what the records in a folder come to, finished or not.
+
+    Raises:
+        FileError: the folder holds no run of a benchmark, or a line of it is damaged.
+    """
+    header = read_header(folder)
+    kind = kind_of(header.benchmark, folder / HEADER)
+    experiment = msgspec.convert(header.experiment, kind.experiment_kind)
+    benchmark: Benchmark = kind(experiment, folder / HEADER)
+    return benchmark.results(read_lines(folder / EPISODES, kind.record_kind))
+
+
+def written(results: BenchmarkResults) -> bytes:
+    """Return the tables as Markdown."""
+    return to_markdown([results.table, *results.behind]).encode()
+
+
+def _key(record: PlayedEpisode) -> Key:
+    return record.row, record.task, record.seed
+
+
+def _differences(old: BenchmarkHeader, new: BenchmarkHeader) -> list[str]:
+    """Return what tells two headers apart, in words."""
+    found = []
+    for what in ("benchmark", "name", "network"):
+        found += changed("run", {what: str(getattr(old, what))}, {what: str(getattr(new, what))})
+    found += changed("experiment", _lines(old.experiment), _lines(new.experiment))
+    for what in ("files", "versions", "models"):
+        found += changed(what, getattr(old, what), getattr(new, what))
+    return found
+
+
+def _lines(experiment: Mapping[str, Any]) -> dict[str, str]:
+    """Return an experiment as text by key, without what decides nothing."""
+    plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(experiment))
+    for endpoint in filter(None, plain["models"]["hosted"].values()):
+        for name in _WAITING:
+            del endpoint[name]
+    return {key: to_json(value).decode().strip() for key, value in plain.items()}
+
+
+# ----------------------------------------------------------------- at work
+
+
+def _begun(
+    experiment: Any, path: Path, tape: Tape, network: bool
+) -> Callable[[Chain], list[tuple[Any, float]]]:
+    """Load what a worker process needs."""
+    go_offline(allow_network=network)
+    session = Session(Cassette.of(tape))
+    benchmark: Benchmark = kind_of(experiment.benchmark, path)(experiment, path)
+    play = benchmark.begin(session)
+    return lambda chain: list(_played(play, chain, session))
+
+
+def _played(play: Play, chain: Chain, session: Session) -> Iterator[tuple[Any, float]]:
+    """Play a chain; yield records with their seconds."""
+    records = play(chain)
+    for key in chain.keys:
+        session.cassette.begin("/".join(map(str, key)))
+        begun = time.perf_counter()
+        record = next(records)
+        session.ledger.take()
+        yield record, time.perf_counter() - begun
