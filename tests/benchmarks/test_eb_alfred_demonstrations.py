@@ -9,13 +9,7 @@ from karma.world.eb_alfred.environment import Environment
 pytestmark = pytest.mark.shared
 
 # why a demonstration's plan fails today, by trial
-BEHIND_THE_COUNTER = "what lies in a basin, or the basin, is hidden by the counter around it"
 FAILS = {
-    "trial_T20190906_205421_980666": BEHIND_THE_COUNTER,
-    "trial_T20190907_233056_022802": BEHIND_THE_COUNTER,
-    "trial_T20190908_191330_157502": BEHIND_THE_COUNTER,
-    "trial_T20190909_001852_804129": BEHIND_THE_COUNTER,
-    "trial_T20190909_051630_092360": BEHIND_THE_COUNTER,
     "trial_T20190909_002804_564168": "the spatula is not seen from the cell nearest to it",
 }
 

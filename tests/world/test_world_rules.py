@@ -14,6 +14,7 @@ from support.household import bring, find, kitchen, look, on, reach, thing
 from karma.contracts import Pose
 from karma.errors import FileError
 from karma.world.core import scene
+from karma.world.core.holes import holes
 from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.view import sight
@@ -371,6 +372,20 @@ def test_put_never_overlaps_what_lies_there(world):
                 assert (gaps >= np.add(one.size, other.size) / 2 - 1e-6).any()
 
 
+@pytest.mark.parametrize("horizon", [0, 30, 60])
+def test_put_prefers_places_that_the_agent_has_in_its_picture(world, horizon):
+    fridge = world.state.objects[find(world, "Fridge")]
+    high = [on(fridge, "Potato", -1.6, z, level=1.5) for z in (-0.5, 0.1)]  # a board much in use
+    world = with_extra(*high)
+    bread = find(world, "Bread")
+    world.step("PickupObject", objectId=bread, forceAction=True)
+    world.step("OpenObject", objectId=fridge.id, forceAction=True)
+    place = {"x": -0.75, "y": 0.9, "z": -0.25}
+    world.step("TeleportFull", **place, rotation=270, horizon=horizon, standing=True)
+    assert world.step("PutObject", objectId=fridge.id)
+    assert look(world, bread)["visible"]
+
+
 def test_put_into_a_full_bowl_is_refused(world):
     bowl = find(world, "Bowl")
     apples = [thing("Apple", (0.0, 0.5 + i, 0.0), (0.1, 0.1, 0.1)) for i in range(12)]
@@ -475,6 +490,29 @@ def test_object_behind_the_agent_or_behind_a_wall_of_fridge_is_not_visible():
     assert look(world, hidden.id)["visible"]
     world.step("RotateRight", degrees=180)
     assert not look(world, hidden.id)["visible"]
+
+
+def test_thing_in_a_basin_is_seen_through_the_worktops_hole_and_one_under_it_is_not():
+    room = kitchen()
+    basin = "SinkBasin|+00.00|+00.85|+01.15"
+    top = thing("CounterTop", (0.0, 0.89, 1.2), (3.4, 0.02, 0.6))
+    soap = thing("SoapBar", (0.1, 0.8, 1.2), (0.08, 0.03, 0.05), parents=(basin,))
+    under = thing("DishSponge", (0.45, 0.8, 1.2), (0.08, 0.03, 0.05))
+    rest = [t for t in room.objects if t.type in ("SinkBasin", "Floor")]
+    world = EmbeddedWorld(msgspec.structs.replace(room, objects=(*rest, top, soap, under)))
+    world.step("TeleportFull", x=0.25, y=0.9, z=0.25, rotation=0, horizon=45, standing=True)
+    assert look(world, soap.id)["visible"]
+    assert look(world, basin)["visible"]
+    assert not look(world, under.id)["visible"]
+
+
+def test_holes_are_of_basins_that_lie_in_a_worktop():
+    above = thing("SinkBasin", (-1.5, 1.5, 1.2), (0.4, 0.14, 0.4))
+    beside = thing("BathtubBasin", (-1.0, 0.3, 0.3), (0.6, 0.4, 0.6))
+    objects = EmbeddedWorld(kitchen((above, beside))).state.objects
+    (counter,) = objects.by_type["CounterTop"]
+    (hole,) = holes(objects)[counter]
+    assert hole.center == pytest.approx((0.0, 0.85, 1.15))
 
 
 def test_object_behind_glass_is_visible_but_not_interactable():

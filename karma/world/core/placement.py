@@ -12,13 +12,14 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
-from karma.world.core.arrays import Floats
+from karma.world.core.arrays import Flags, Floats
 from karma.world.core.hiding import blocking, inert_rows, solid_boxes
 from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Room, WorldState
 from karma.world.core.thing import bottom, is_inert, is_shut, top
+from karma.world.core.view import camera, camera_axes, in_picture
 
 _LIFT_M = 0.002  # above what it rests on
 _STEP_M = 0.06  # between the places tried
@@ -55,7 +56,8 @@ def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -
         receptacle: open, and of a type that takes the thing.
 
     Returns:
-        The free place nearest to the agent; None when the receptacle is full or too small.
+        The free place nearest to the agent, one in its picture if there is one; None when the
+        receptacle is full or too small.
     """
     if object_types()[receptacle.type].accepts_only:
         return _attach(state, thing, receptacle)
@@ -66,13 +68,23 @@ def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -
     agent = np.array(state.pose.position_m)[[0, 2]]
     far = np.round(np.linalg.norm(places - agent, axis=1), 4)
     places = places[np.lexsort((places[:, 1], places[:, 0], far))]
+    shown = [_in_picture(state, places, _rest(thing, level)) for level in levels]
+    tries = [(level, places[inside]) for level, inside in zip(levels, shown, strict=True)]
+    tries += [(level, places[~inside]) for level, inside in zip(levels, shown, strict=True)]
     for attempt in _ROUNDS:
         barred = _obstacles(state, receptacle, strangers=attempt.strangers)
-        for level in levels:
-            found = _first_free(state, thing, receptacle, places, level, attempt, barred)
+        for level, some in tries:
+            found = _first_free(state, thing, receptacle, some, level, attempt, barred)
             if found is not None:
                 return (round(found[0], 5), _rest(thing, level), round(found[1], 5))
     return None
+
+
+def _in_picture(state: WorldState, places: Floats, height: float) -> Flags:
+    """Return which places, shape (n, 2), at a height the agent has in its picture."""
+    points = np.insert(places, 1, height, axis=1) - np.array(camera(state.pose))
+    axes = camera_axes(state.pose.yaw_deg, state.pose.horizon_deg)
+    return in_picture(points, axes, state.settings.fov_deg, state.settings.aspect)
 
 
 def _attach(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> Vec3 | None:

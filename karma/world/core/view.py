@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from karma.contracts import Pose, Vec3
 from karma.world.core.arrays import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
+from karma.world.core.holes import holes_by_row
 from karma.world.core.objects import Change, Derived, Objects
 from karma.world.core.rules import rules
 from karma.world.core.thing import ground, heading
@@ -272,11 +273,29 @@ def _blocked(
     near = perhaps_cut(eye, ends, low[rows], high[rows]) & blocking(objects)[targets][:, rows]
     ray, box = np.nonzero(near)
     hits = cut(eye, ends[ray], low[rows[box]], high[rows[box]])
-    ray, clear = ray[hits], glass[rows[box[hits]]]
+    ray, row = ray[hits], rows[box[hits]]
+    through = _through_holes(objects, eye, ends[ray], row)
+    ray, clear = ray[~through], glass[row[~through]]
     solid, through_glass = np.zeros((2, len(ends)), dtype=bool)
     solid[ray[~clear]] = True
     through_glass[ray[clear]] = True
     return solid, through_glass
+
+
+def _through_holes(objects: Objects, eye: Floats, ends: Floats, rows: np.ndarray) -> Flags:
+    """Return which rays pass their boxes where a basin is let in, shape (n,)."""
+    found: Flags = np.zeros(len(rows), dtype=bool)
+    low, high = solid_boxes(objects)
+    for row, grounds in holes_by_row(objects).items():
+        mine = np.flatnonzero(rows == row)
+        along = ends[mine] - eye
+        parts = crossing(eye, along, low[row], high[row])
+        inside = np.ones((len(mine), len(grounds)), dtype=bool)
+        for part in parts:
+            place = (eye + along * np.clip(part, 0.0, 1.0)[:, None])[:, None, [0, 2]]
+            inside &= np.all((place >= grounds[:, :2]) & (place <= grounds[:, 2:]), axis=2)
+        found[mine] = inside.any(axis=1)
+    return found
 
 
 def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:

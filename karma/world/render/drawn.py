@@ -8,9 +8,10 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
-from karma.household.uses import BASIN_OF, BURNER, SINK, with_basin
+from karma.household.uses import BURNER, SINK
 from karma.world.core.boxes import Box
 from karma.world.core.hiding import hidden_rows
+from karma.world.core.holes import WORKTOP, holes
 from karma.world.core.objects import Objects
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import bottom, is_inert, is_shut
@@ -62,14 +63,14 @@ def tasks(objects: Objects, cells: Floats) -> Iterator[DrawingTask]:
     """Yield a task for each object that shows: not the floor, not what is shut in or in pieces."""
     slides = _slides(objects, cells)
     lifts: dict[str, float] = {}
-    hidden = hidden_rows(objects)
+    hidden, let_in = hidden_rows(objects), holes(objects)
     for row, (object_id, thing) in enumerate(objects.items()):
         unseen = hidden[row] and thing.type != "TargetCircle" and not _lies_about(objects, thing)
         if thing.type == FLOOR or unseen:
             continue
         x, y, z = slides.get(object_id, (0.0, 0.0, 0.0))
         shift = (x, y + _lift(objects, object_id, lifts), z)
-        yield DrawingTask(thing, _holes(objects, thing), shift)
+        yield DrawingTask(thing, let_in.get(object_id, ()), shift)
 
 
 def _lift(objects: Objects, object_id: str, known: dict[str, float]) -> float:
@@ -99,20 +100,6 @@ def _lies_about(objects: Objects, thing: SceneObject) -> bool:
     for one in around:
         around += [objects[parent] for parent in one.parents[:1] if objects[parent] not in around]
     return not any(map(is_shut, around))
-
-
-def _holes(objects: Objects, thing: SceneObject) -> tuple[Box, ...]:
-    """Return the basins let into a worktop or a sink."""
-    within = {"CounterTop": with_basin(SINK), SINK: (BASIN_OF[SINK],)}.get(thing.type, ())
-    own = Box.around(thing.center, thing.size)
-    found = []
-    for kind in within:
-        for object_id in objects.by_type.get(kind, ()):
-            other = Box.around(objects[object_id].center, objects[object_id].size)
-            level = own.y0 - 0.3 < other.y1 and other.y0 < own.y1
-            if level and own.overlaps(other._replace(y0=own.y0, y1=own.y1)):
-                found.append(other)
-    return tuple(found)
 
 
 def _slides(objects: Objects, cells: Floats) -> dict[str, Vec3]:
@@ -191,7 +178,7 @@ def supports(objects: Objects, floor_y: float) -> tuple[Box, ...]:
     ]
     found = [_stove(group, floor_y) for group in _burners(objects)]
     found = [stove for stove in found if not any(_under(stove, box) for box in fixed)]
-    for object_id in objects.by_type.get("CounterTop", ()):
+    for object_id in objects.by_type.get(WORKTOP, ()):
         found += _legs(
             Box.around(objects[object_id].center, objects[object_id].size), fixed, floor_y
         )
@@ -263,11 +250,11 @@ def _ground(
     thing: SceneObject, stand: ObjectFrame, holes: tuple[Box, ...], cells: Floats
 ) -> tuple[Rectangle, ...]:
     """Return the parts of a worktop's or sink's box that it fills, in its own frame."""
-    if thing.type not in ("CounterTop", SINK):
+    if thing.type not in (WORKTOP, SINK):
         return ()
     own = Box.around(thing.center, thing.size)
     free = [(box.x0, box.z0, box.x1, box.z1) for box in holes]
-    if thing.type == "CounterTop" and min(thing.size[0], thing.size[2]) > STRAIGHT_M:
+    if thing.type == WORKTOP and min(thing.size[0], thing.size[2]) > STRAIGHT_M:
         r = AGENT_M
         free += [(float(x - r), float(z - r), float(x + r), float(z + r)) for x, z in cells]
     if not free:
