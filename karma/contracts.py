@@ -476,6 +476,7 @@ class SubTask:
 
     instruction: str
     goals: tuple[Goal, ...] = ()
+    passing: tuple[Goal, ...] = ()  # of the goals; these need only have held since it began
     whole: str = ""  # the user's whole text, of which this is a part
     scene: SceneRef | None = None  # the room it plays in; None: the task's
 

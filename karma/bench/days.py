@@ -170,7 +170,7 @@ def faults(world: World, task: Task) -> Faults:
     tracker.start(world.last_event)
     found = {("done", number) for number in _done_already(task, tracker, world.last_event)}
     for number, subtask in enumerate(task.subtasks):
-        tracker.begin_subtask()
+        tracker.begin_subtask(subtask, world.last_event)
         for _ in expert.do(subtask):
             pass
         if tracker.unmet(subtask.goals, world.last_event):

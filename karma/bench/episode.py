@@ -180,7 +180,7 @@ class _Part:
 
     def run(self, number: int, subtask: SubTask, room: str) -> SubTaskRecord:
         """Carry out one instruction."""
-        self.tracker.begin_subtask()
+        self.tracker.begin_subtask(subtask, self.world.last_event)
         self.steps.instruction(number, subtask)
         plans: list[Plan] = []
         results: list[SkillResult] = []

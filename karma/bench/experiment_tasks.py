@@ -87,7 +87,7 @@ def _in_scene(task: Task, scenes: Mapping[str, Scene], folder: Path) -> Task:
     scene = scenes.get(name)
     if scene is None:
         return replace(task, notes=(*task.notes, f"no dump of {name}"))
-    found = resolve(task, sorted({thing.type for thing in scene.objects}))
+    found = resolve(task, [thing.type for thing in scene.objects])
     return replace(found, scene=SceneRef(name=name, path=str(scene_path(folder, name))))
 
 

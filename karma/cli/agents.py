@@ -194,7 +194,7 @@ def _preset(name: str) -> "Preset":
 
 def _clauses(instruction: str) -> list[str]:
     """Return the sub-tasks of an instruction; one without words is refused."""
-    from karma.tasks.splitting import split_instruction
+    from karma.tasks.clauses import split_instruction
 
     if not instruction.strip():
         raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')

@@ -82,7 +82,7 @@ class ExpertEpisode:
         """Act until all goals hold, writing at most `ATTEMPTS` programs."""
         if subtask.is_whole:
             self._tracker.start(self._world.last_event)
-        self._tracker.begin_subtask()
+        self._tracker.begin_subtask(subtask, self._world.last_event)
         skills = Skills(self._world, _AllKnowing(self._world))
         handled: list[str] = []
         unmet = self._tracker.unmet(subtask.goals, self._world.last_event)

@@ -7,7 +7,8 @@ dropped, "read GOAL as GOAL" for one that could only be taken in another sense.
 """
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -17,29 +18,16 @@ import msgspec
 from karma.contracts import Goal, SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_json
-from karma.household.pieces import base_type
-from karma.household.states import END_STATES, NEEDS, canonical_state
-from karma.household.types import Capability, object_type
-from karma.household.uses import BURNER, LAMPS
-from karma.tasks.goals import ARITY, is_position, object_names, read_goal
-from karma.tasks.splitting import (
-    assign,
-    exclude,
-    key_of,
-    meaning,
-    split_instruction,
-    tiers_of,
-    words_of,
-)
+from karma.household.states import canonical_state
+from karma.tasks.clauses import split_instruction
+from karma.tasks.goals import ARITY, object_names, read_goal
+from karma.tasks.loose_goals import Room
+from karma.tasks.loose_names import is_plural, names, state_of, tiers_of
+from karma.tasks.splitting import assign
 
 _KINDS: Mapping[str, Literal["simple", "composite", "complex"]] = {
     "SimpleTasks": "simple", "CompositeTasks": "composite", "ComplexTasks": "complex",
 }  # fmt: skip
-_NEEDS: Mapping[str, Capability] = {
-    **NEEDS,
-    **{goal: NEEDS[state] for goal, state in END_STATES.items()},
-    "HOLDON": "pickupable",
-}  # of states and predicates
 
 
 class _AuthorsRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -79,9 +67,9 @@ def _load(path: str | Path) -> Iterable[Task]:
 def read_goals(text: str) -> tuple[tuple[Goal, ...], tuple[str, ...]]:
     """Return the goals of one "Goal Condition", and notes on what in it is none."""
     goals, notes = [], []
-    form = r"[A-Za-z]+\s*\((?:[^()]|\([^()]*\))*\)(?:\s*:\s*1\b)?"
+    form = r"(?:\d+\s*\*\s*)?[A-Za-z]+\s*\((?:[^()]|\([^()]*\))*\)(?:\s*:\s*1\b)?"
     for part in re.findall(form, text):
-        goal = read_goal(part)
+        goal = _usual(read_goal(part))
         arity = ARITY.get(goal.predicate)
         if arity is None:
             notes.append(_unresolved(goal, "unknown predicate"))
@@ -94,10 +82,23 @@ def read_goals(text: str) -> tuple[tuple[Goal, ...], tuple[str, ...]]:
     return tuple(goals), tuple(notes)
 
 
+def _usual(goal: Goal) -> Goal:
+    """Return a goal with the paper's predicate for a loose one: HOLD(cup), SLICED(apple)."""
+    word = names().predicates.get(goal.predicate, goal.predicate)
+    if len(goal.arguments) != 1:
+        return replace(goal, predicate=word)
+    if word == "HOLDON":
+        return replace(goal, predicate=word, arguments=("robot", *goal.arguments))
+    state = state_of(word)
+    if word not in ARITY and state is not None:
+        return replace(goal, predicate="STATE", arguments=(*goal.arguments, state))
+    return replace(goal, predicate=word)
+
+
 # ----------------------------------------------------------------- resolving
 
 
-def resolve(task: Task, scene_object_types: Collection[str]) -> Task:
+def resolve(task: Task, scene_object_types: Iterable[str]) -> Task:
     """Return the task with AI2-THOR types of one scene for its loose names.
 
     A name that leaves several types open keeps them all ("DiningTable/SideTable"). What cannot be
@@ -106,131 +107,39 @@ def resolve(task: Task, scene_object_types: Collection[str]) -> Task:
 
     Args:
         task: of `load_authors_tasks`.
-        scene_object_types: the types that the scene holds at reset.
+        scene_object_types: the type of each object that the scene holds at reset.
     """
     notes = list(task.notes)
+    room = Room(Counter(scene_object_types))
+    whole = ". ".join(sub.instruction for sub in task.subtasks)
     subtasks = []
     for subtask in task.subtasks:
-        goals: list[Goal] = []
+        read: dict[Goal, Goal] = {}
         for goal in subtask.goals:
             try:
-                read = _resolve_goal(goal, frozenset(scene_object_types))
+                read[goal] = room.read(goal, (subtask.instruction, whole))
             except KarmaError as error:
                 notes.append(_unresolved(goal, str(error)))
                 continue
-            if any(exclude(read, other) and read != other for other in goals):
-                notes.append(_unresolved(goal, "excluded by another goal of its clause"))
-                continue
-            if not _plain(goal, read):
-                notes.append(f"read {_brief(goal)} as {_brief(read)}")
-            goals.append(read)
-        subtasks.append(replace(subtask, goals=tuple(dict.fromkeys(goals))))
-    return replace(task, subtasks=tuple(subtasks), notes=tuple(notes))
-
-
-def _resolve_goal(goal: Goal, present: frozenset[str]) -> Goal:
-    """Return one goal with types for names; KarmaError says why that cannot be."""
-    if goal.predicate in ("ON", "INSIDE"):
-        return _resolve_placement(goal, present)
-    kinds = _present(object_names(goal)[0], present)
-    if goal.predicate == "STATE":
-        word = canonical_state(goal.arguments[1])
-        if word is not None:
-            return _resolve_state(kinds, word)
-        if not meaning(goal.arguments[1]):
-            raise KarmaError(f"{goal.arguments[1]!r} is neither a state nor an object")
-        return _resolve_placement(Goal(predicate="ON", arguments=goal.arguments), present)
-    kinds = _able(kinds, _NEEDS[goal.predicate])
-    arguments = ("robot", "/".join(kinds)) if goal.predicate == "HOLDON" else ("/".join(kinds),)
-    return Goal(predicate=goal.predicate, arguments=arguments)
-
-
-def _resolve_state(kinds: Sequence[str], word: str) -> Goal:
-    """Return a STATE goal; what AI2-THOR cannot cook must be heated instead."""
-    try:
-        able = _able(kinds, _NEEDS[word]) if word in _NEEDS else kinds
-    except KarmaError:
-        if word != "cooked":
-            raise
-        able, word = _able(kinds, "pickupable"), "heated"
-    return Goal(predicate="STATE", arguments=("/".join(able), word))
-
-
-def _resolve_placement(goal: Goal, present: frozenset[str]) -> Goal:
-    """Return a placement whose object can be carried to its place.
-
-    What is "on" a thing that holds nothing is beside it; what a lamp is "on" is held in its light.
-    """
-    moved = _present(goal.arguments[0], present)
-    if is_position(goal.arguments[1]):
-        place = "(" + ", ".join(_numbers(goal.arguments[1])) + ")"
-        return Goal(predicate="ON", arguments=("/".join(_able(moved, "pickupable")), place))
-    places = _present(goal.arguments[1], present)
-    if all(kind in LAMPS for kind in moved) and object_type(places[0]).can("pickupable"):
-        return Goal(predicate="HOLDON", arguments=("robot", "/".join(places)))
-    moved = _able(moved, "pickupable")
-    beside = not any(object_type(place).can("receptacle") for place in places)
-    if beside and all(object_type(place).can("pickupable") for place in places):
-        return Goal(predicate="ON", arguments=("/".join(moved), "/".join(places)))
-    places = _able(places, "receptacle")
-    pairs = [
-        (one, place)
-        for one in moved
-        for place in places
-        if object_type(one).fits(object_type(place))
-    ]
-    if not pairs:
-        raise KarmaError(f"AI2-THOR lets no {'/'.join(moved)} into {'/'.join(places)}")
-    both = ("/".join(dict.fromkeys(names)) for names in zip(*pairs, strict=True))
-    return Goal(predicate=goal.predicate, arguments=tuple(both))
-
-
-def _present(name: str, present: frozenset[str]) -> tuple[str, ...]:
-    """Return the scene's types of the first tier of a name that it has any of."""
-    tiers = tiers_of(name)
-    if not tiers:
-        raise KarmaError(f"no object type is called {name!r}")
-    for tier in tiers:
-        here = tuple(k for k in tier if k in present or base_type(k) in present)
-        if here:
-            return here
-    raise KarmaError(f"the scene has no {'/'.join(k for tier in tiers for k in tier)}")
-
-
-def _able(kinds: Sequence[str], capability: Capability) -> tuple[str, ...]:
-    """Return the types with a capability, their slices' included."""
-    able = tuple(
-        kind
-        for kind in kinds
-        if any(
-            object_type(one).can(capability)
-            for one in (kind, object_type(kind).slices_into)
-            if one is not None
+            if not _plain(goal, read[goal]):
+                notes.append(f"read {_brief(goal)} as {_brief(read[goal])}")
+        passing = {read[goal] for goal in subtask.passing if goal in read}
+        goals = tuple(dict.fromkeys(read.values()))
+        subtasks.append(
+            replace(subtask, goals=goals, passing=tuple(g for g in goals if g in passing))
         )
-        or (capability == "toggleable" and kind == BURNER)
-    )
-    if not able:
-        raise KarmaError(f"{'/'.join(kinds)} is not {capability}")
-    return able
-
-
-def _numbers(place: str) -> list[str]:
-    numbers = re.findall(r"-?\d+(?:\.\d+)?", place)
-    if len(numbers) != 3:
-        raise KarmaError(f"{place} is no position (x, y, z)")
-    return numbers
+    return replace(task, subtasks=tuple(subtasks), notes=tuple(notes))
 
 
 def _plain(goal: Goal, read: Goal) -> bool:
     """Return whether nothing but spelling was changed: same predicate, first tier, one object."""
-    if goal.predicate != read.predicate:
+    if goal.predicate != read.predicate or goal.count != read.count:
         return False
     if goal.predicate == "STATE" and canonical_state(goal.arguments[1]) != read.arguments[1]:
         return False
     for name, kinds in zip(object_names(goal), object_names(read), strict=True):
-        first = tiers_of(name)[0]
-        plural = key_of(name) != "".join(words_of(name))
-        if plural or not set(kinds.split("/")) <= set(first):
+        first = (*tiers_of(name), ())[0]
+        if is_plural(name) or not set(kinds.split("/")) <= set(first):
             return False
     return True
 

@@ -16,6 +16,7 @@ from karma.contracts import Goal, Kind, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, to_json, write_atomic
 from karma.household.ids import root_type
+from karma.household.pieces import fits_whole_or_cut
 from karma.household.types import object_type, types_with
 from karma.tasks.goals import alternatives, is_position, object_names, parse_goal
 from karma.world.core import scene
@@ -169,8 +170,10 @@ def check_goal(goal: Goal) -> None:
 
 def check_placement(goal: Goal) -> None:
     """Raise KarmaError unless some named type may be put into some named receptacle type."""
-    moved, places = (
-        [object_type(root_type(part)) for part in alternatives(name)] for name in goal.arguments
-    )
-    if not any(one.can("pickupable") and one.fits(place) for one in moved for place in places):
+    moved, places = ([root_type(part) for part in alternatives(name)] for name in goal.arguments)
+    if not any(
+        object_type(one).can("pickupable") and fits_whole_or_cut(one, place)
+        for one in moved
+        for place in places
+    ):
         raise KarmaError(f"{goal}: AI2-THOR lets no {goal.arguments[0]} into {goal.arguments[1]}")

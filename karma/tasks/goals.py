@@ -20,10 +20,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import Any, NamedTuple
 
 from karma.agent.perceive import truth_of
-from karma.contracts import Event, Goal, TrueObject, Truth, World
+from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
 from karma.errors import KarmaError
 from karma.household.ids import is_id, is_part, whole_id
 from karma.household.pieces import EGG, is_piece, piece_type
@@ -31,6 +32,7 @@ from karma.household.places import FLOOR
 from karma.household.states import END_STATES, GOAL_STATES, canonical_state
 from karma.household.uses import MOMENTARY, covers
 from karma.tasks.matching import fewest_missed, linked, suited
+from karma.tasks.standing import Standing
 
 ARITY = {
     "ON": 2, "INSIDE": 2, "STATE": 2, "HOLDON": 2, "TOGGLEON": 1, "TOGGLEOFF": 1, "OPEN": 1,
@@ -140,8 +142,11 @@ class GoalTracker:
     * heated / cooled: Hot / Cold now, or once in a running microwave or on a burner / in a closed
       fridge; the later of the two counts.
 
-    Slices inherit all three. TOGGLEON of a momentary appliance (`MOMENTARY`) asks that it ran at
-    some moment of the sub-task; of anything else, that it is on when asked.
+    Slices inherit all three. A placement counts when it holds at the end of its sub-task, or held
+    at some moment of it and nobody undid it on purpose: see `karma.tasks.standing`.
+
+    TOGGLEON of a momentary appliance (`MOMENTARY`) asks that it ran at some moment of the sub-task;
+    of anything else, that it is on when asked.
     """
 
     def __init__(self) -> None:
@@ -152,15 +157,18 @@ class GoalTracker:
         self._ids: set[str] = set()
         self._on: frozenset[str] = frozenset()
         self._ran: set[str] = set()
+        self._standing = Standing()
 
     def start(self, event: Event) -> None:
         """Forget everything and take the first event of a task; also begins its first sub-task."""
         self._forget()
         self.update(event)
 
-    def begin_subtask(self) -> None:
+    def begin_subtask(self, subtask: SubTask, event: Event) -> None:
         """Begin the next sub-task: what still runs counts as running in it, the rest is over."""
         self._ran = set(self._on)
+        self._standing = Standing.of(subtask)
+        self._look(truth_of(event))
 
     def update(self, event: Event) -> None:
         """Take in one event, in order."""
@@ -177,6 +185,20 @@ class GoalTracker:
         self._mark("cooled", "heated", truth.cooled | _cold(truth))
         self._on = frozenset(t.object_id for t in truth.objects if "on" in t.states)
         self._ran |= self._on
+        self._look(truth)
+
+    def _look(self, truth: Truth) -> None:
+        """See which goals of the sub-task hold, of which things."""
+        if not self._standing.goals:
+            return
+        index = _Index(truth)
+        now = [
+            (goal, _ids(things))
+            for goal in self._standing.goals
+            for things in product(*map(index.named, object_names(goal)))
+            if self._true_now(index, goal, things)
+        ]
+        self._standing.look(now, index.is_carried)
 
     def holds(self, goal: Goal, event: Event) -> bool:
         """Return whether one goal holds, taken alone."""
@@ -222,6 +244,9 @@ class GoalTracker:
         self._marks[instead_of] -= ids
 
     def _true(self, index: "_Index", goal: Goal, things: Sequence[TrueObject]) -> bool:
+        return self._standing.has(goal, _ids(things)) or self._true_now(index, goal, things)
+
+    def _true_now(self, index: "_Index", goal: Goal, things: Sequence[TrueObject]) -> bool:
         first = things[0]
         match goal.predicate:
             case "ON" | "INSIDE" if is_position(goal.arguments[1]):
@@ -323,6 +348,11 @@ class _Index:
             self._holders[thing.object_id] = frozenset(self._climb(thing))
         return self._holders[thing.object_id]
 
+    def is_carried(self, object_id: str) -> bool:
+        """Return whether something is in the hand, or in what is there."""
+        thing = self._by_id.get(object_id)
+        return thing is not None and bool(self.held & {object_id, *self.holders(thing)})
+
     def _climb(self, thing: TrueObject) -> set[str]:
         found: set[str] = set()
         todo = [thing]
@@ -334,6 +364,10 @@ class _Index:
                 if parent in self._by_id and self._by_id[parent].pickupable:
                     todo.append(self._by_id[parent])
         return found
+
+
+def _ids(things: Sequence[TrueObject]) -> tuple[str, ...]:
+    return tuple(thing.object_id for thing in things)
 
 
 def _covers(name: str, thing: TrueObject) -> bool:

@@ -35,9 +35,10 @@ from karma.bench.run_folder import (
 )
 from karma.bench.steps import Action, Ended, Instruction, Start, read_steps, slug, steps_path
 from karma.cli import app
+from karma.contracts import SubTask
 from karma.errors import FileError, KarmaError
 from karma.seeds import stream
-from karma.tasks.goals import GoalTracker, WatchedWorld
+from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.world.sim import EmbeddedWorld
 
 
@@ -124,7 +125,9 @@ def test_step_log_leads_the_world_through_the_episode_again(whole):
                 if not begun:
                     tracker.start(world.last_event)
                 begun = True
-                tracker.begin_subtask()
+                goals = tuple(map(parse_goal, record.subtasks[step.number].goals))
+                asked = SubTask(instruction=step.instruction, goals=goals)
+                tracker.begin_subtask(asked, world.last_event)
             elif isinstance(step, Action):
                 event = watched.step(step.action, **step.arguments)
                 assert bool(event) == step.ok, (record.key, step)

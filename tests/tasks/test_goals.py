@@ -3,6 +3,7 @@
 import pytest
 
 from karma import registry
+from karma.contracts import SubTask
 from karma.errors import KarmaError
 from karma.household.states import canonical_state
 from karma.tasks.goals import (
@@ -231,7 +232,7 @@ def test_appliance_must_run_during_the_subtask_and_a_lamp_at_its_end():
     assert tracker.unmet((faucet, lamp), on) == ()
     tracker.update(off)
     assert tracker.unmet((faucet, lamp), off) == (lamp,)
-    tracker.begin_subtask()
+    tracker.begin_subtask(SubTask(instruction="next"), off)
     assert not tracker.holds(faucet, off)
     assert tracker.holds(parse_goal("TOGGLEOFF(DeskLamp)"), off)
 
@@ -286,7 +287,7 @@ def test_tracker_on_the_embedded_world_follows_an_apple_from_sink_to_plate(world
     do("ToggleObjectOff", objectId=faucet)
     assert tracker.unmet(wash, world.last_event) == ()
 
-    tracker.begin_subtask()
+    tracker.begin_subtask(SubTask(instruction="next"), world.last_event)
     assert tracker.unmet(wash, world.last_event) == (wash[1],)
     do("SliceObject", objectId=apple)
     piece = a(world.last_event, "AppleSliced")
