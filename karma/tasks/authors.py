@@ -21,7 +21,7 @@ from karma.files import read_json
 from karma.household.states import canonical_state
 from karma.tasks.clauses import split_instruction
 from karma.tasks.goals import ARITY, object_names, read_goal
-from karma.tasks.loose_goals import Room
+from karma.tasks.loose_goals import GoalReader
 from karma.tasks.loose_names import is_plural, names, state_of, tiers_of
 from karma.tasks.splitting import assign
 
@@ -110,14 +110,14 @@ def resolve(task: Task, scene_object_types: Iterable[str]) -> Task:
         scene_object_types: the type of each object that the scene holds at reset.
     """
     notes = list(task.notes)
-    room = Room(Counter(scene_object_types))
+    reader = GoalReader(Counter(scene_object_types))
     whole = ". ".join(sub.instruction for sub in task.subtasks)
     subtasks = []
     for subtask in task.subtasks:
         read: dict[Goal, Goal] = {}
         for goal in subtask.goals:
             try:
-                read[goal] = room.read(goal, (subtask.instruction, whole))
+                read[goal] = reader.read(goal, (subtask.instruction, whole))
             except KarmaError as error:
                 notes.append(_unresolved(goal, str(error)))
                 continue

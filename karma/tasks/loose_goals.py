@@ -34,8 +34,8 @@ _Kinds = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
-    """What a room holds at reset."""
+class GoalReader:
+    """Reads goals for a room, by what that holds at reset."""
 
     numbers: Counter[str]  # by type
 
@@ -94,14 +94,9 @@ class Room:
             moved = self._first(name, lambda kinds: _able(kinds, "pickupable"))
             place = "(" + ", ".join(_numbers(where)) + ")"
             return Goal(predicate="ON", arguments=(_any(moved), place))
-        shone_on = [kind for tier in tiers_of(where) for kind in self._here(tier)]
-        lights = [kind for tier in tiers_of(name) for kind in self._here(tier)]
-        if (
-            lights
-            and set(lights) <= set(LAMPS)
-            and object_type((*shone_on, "Floor")[0]).can("pickupable")
-        ):
-            return Goal(predicate="HOLDON", arguments=("robot", _any(shone_on)))
+        lights, lit = self._some(name), self._some(where)
+        if lights and set(lights) <= set(LAMPS) and any(map(_is_carried, lit)):
+            return Goal(predicate="HOLDON", arguments=("robot", _any(lit)))
         return self._lying(goal.predicate, name, where)
 
     def _lying(self, predicate: str, name: str, where: str) -> Goal:
@@ -149,6 +144,10 @@ class Room:
         if found := [here for tier in tiers if (here := self._here(tier))]:
             return found
         raise KarmaError(f"the scene has no {_any(tuple(k for tier in tiers for k in tier))}")
+
+    def _some(self, name: str) -> _Kinds:
+        """Return what the room has of the first tier of a name that it has any of; () for none."""
+        return next((here for tier in tiers_of(name) if (here := self._here(tier))), ())
 
     def _first(self, name: str, chosen: Callable[[_Kinds], _Kinds]) -> _Kinds:
         """Return what is chosen of the first tier of a name of which anything can be."""
@@ -218,8 +217,12 @@ def _in_state(kinds: _Kinds, word: str) -> _Kinds:
     return able
 
 
+def _is_carried(kind: str) -> bool:
+    return object_type(kind).can("pickupable")
+
+
 def _is_vessel(kind: str) -> bool:
-    return object_type(kind).can("pickupable") and object_type(kind).can("receptacle")
+    return _is_carried(kind) and object_type(kind).can("receptacle")
 
 
 def _numbers(place: str) -> list[str]:

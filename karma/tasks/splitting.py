@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from karma.contracts import Goal, SubTask
+from karma.household.places import HAND
 from karma.household.states import END_STATES, OPPOSITES
 from karma.household.types import object_type
 from karma.tasks.clauses import Phrase, halves, read_clauses
@@ -177,7 +178,7 @@ def exclude(one: Goal, other: Goal) -> bool:
 def _outcome(goal: Goal) -> tuple[str, str]:
     """Return what a goal decides about its object, and how; ("", ...) where nothing excludes it."""
     if goal.predicate == "HOLDON":
-        return "place", "hand"
+        return "place", HAND
     if is_placement(goal):
         place = goal.arguments[1]
         return "place", place if is_position(place) else key_of(place)
