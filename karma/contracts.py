@@ -498,6 +498,13 @@ class Task:
     scene: SceneRef
     subtasks: tuple[SubTask, ...]
     notes: tuple[str, ...] = field(default=())  # what a loader could not resolve
+    group: str = ""  # in a benchmark of others: a list or type that is counted apart
+    trained: bool | None = None  # it stands word for word in training data; None: not known
+
+    @property
+    def counted_as(self) -> str:
+        """The group or kind that figures count it in."""
+        return self.group or self.kind
 
     @property
     def scenes(self) -> tuple[SceneRef, ...]:

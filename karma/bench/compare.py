@@ -7,7 +7,7 @@ import numpy as np
 
 from karma.bench.counterfactual import Pair, paired
 from karma.bench.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task, measure
-from karma.bench.records import KINDS, EpisodeRecord
+from karma.bench.records import ALL, EpisodeRecord, is_of, kinds_of
 from karma.bench.statistics import (
     Estimate,
     Resampled,
@@ -82,7 +82,7 @@ class Comparison:
 
 
 def compare(
-    first: Arm, second: Arm, *, kind: str = "all", half_width: float = HALF_WIDTH
+    first: Arm, second: Arm, *, kind: str = ALL, half_width: float = HALF_WIDTH
 ) -> Comparison:
     """Compare two arms over the pairs that both have.
 
@@ -91,9 +91,7 @@ def compare(
     """
     check_same_tasks(first, second)
     pairs = [
-        pair
-        for pair in paired(first.episodes, second.episodes)
-        if kind in (pair[0].record.kind, "all")
+        pair for pair in paired(first.episodes, second.episodes) if is_of(pair[0].record, kind)
     ]
     if not pairs:
         raise KarmaError(
@@ -135,10 +133,9 @@ def compare_kinds(
     Raises:
         KarmaError: as `compare` does.
     """
-    common = {a.record.kind for a, _ in paired(first.episodes, second.episodes)}
-    kinds = [kind for kind in KINDS if kind in common]
+    kinds = list(kinds_of(a.record for a, _ in paired(first.episodes, second.episodes)))
     if len(kinds) != 1:
-        kinds.insert(0, "all")
+        kinds.insert(0, ALL)
     return tuple(compare(first, second, kind=kind, half_width=half_width) for kind in kinds)
 
 

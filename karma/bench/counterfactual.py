@@ -19,7 +19,7 @@ from karma.bench.metrics import (
     explorations_related,
     seconds,
 )
-from karma.bench.records import KINDS
+from karma.bench.records import ALL, is_of, kinds_of
 from karma.bench.statistics import Estimate, bootstrap
 from karma.contracts import Tour
 
@@ -174,8 +174,8 @@ def reductions(
     lines = []
     for row in dict.fromkeys(one.record.row for one in episodes) if twins else ():
         mine = [one for one in episodes if one.record.row == row]
-        for kind in (*KINDS, "all"):
-            some = [one for one in mine if kind in (one.record.kind, "all")]
+        for kind in (*kinds_of(one.record for one in episodes), ALL):
+            some = [one for one in mine if is_of(one.record, kind)]
             if row != reference and (pairs := paired(some, twins)):
                 lines.append(_reduction(row, reference, kind, pairs))
     return tuple(lines)

@@ -5,13 +5,23 @@ The terminal, `results.json`, the tables, the report and comparisons all take th
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from karma.bench.counterfactual import OFF_ROW, SAVINGS, Reduction, Saving, reductions
 from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of, measure
-from karma.bench.records import KINDS, EpisodeRecord, EpisodeTiming, Key
+from karma.bench.records import (
+    ALL,
+    NOT_TRAINED,
+    TRAINED,
+    EpisodeRecord,
+    EpisodeTiming,
+    Key,
+    is_of,
+    kinds_of,
+)
 from karma.bench.statistics import Estimate
 
+Counted = TypeVar("Counted", "Figures", Reduction)
 _LISTED: tuple[Metric | Saving, ...] = (*METRICS, *SAVINGS)
 COLUMNS = {one.key: one for one in _LISTED}  # of `Figures.values`
 
@@ -21,7 +31,7 @@ class Figures:
     """All figures of one row and kind of task."""
 
     row: str
-    kind: str  # or "all"
+    kind: str  # or one of "all", "in training", "not in training"
     episodes: int
     tasks: int
     seeds: int
@@ -39,7 +49,7 @@ def figures(
     *,
     reference: str = OFF_ROW,
 ) -> tuple[Figures, ...]:
-    """Return every figure of every row and kind, and of all kinds together.
+    """Return every figure of every row and kind, of all, and of what is in training data and not.
 
     Rows stand in the order of the records, kinds in the paper's. What is measured against a
     reference row is undefined in a run without it, what is measured in seconds without timings.
@@ -54,10 +64,11 @@ def figures_of(
     """Return the figures of some episodes with what they save, see `figures`."""
     saved = {(one.row, one.kind): one.values for one in reductions}
     lines = []
+    kinds = (*kinds_of(one.record for one in episodes), ALL, TRAINED, NOT_TRAINED)
     for row in dict.fromkeys(one.record.row for one in episodes):
         mine = [one for one in episodes if one.record.row == row]
-        for kind in (*KINDS, "all"):
-            if some := [one for one in mine if kind in (one.record.kind, "all")]:
+        for kind in kinds:
+            if some := [one for one in mine if is_of(one.record, kind)]:
                 lines.append(_figures(row, kind, some, saved.get((row, kind), {})))
     return tuple(lines)
 
@@ -74,6 +85,12 @@ def _figures(
         values={metric.key: measure(metric, episodes) for metric in METRICS}
         | {one.key: saved.get(one.key, Estimate(value=None)) for one in SAVINGS},
     )
+
+
+def without_repeats(lines: Sequence[Counted]) -> list[Counted]:
+    """Return lines without those over all kinds where there is only one kind."""
+    alone = len({line.kind for line in lines} - {ALL, TRAINED, NOT_TRAINED}) == 1
+    return [line for line in lines if not (alone and line.kind == ALL)]
 
 
 def plain(lines: Sequence[Figures]) -> list[dict[str, Any]]:

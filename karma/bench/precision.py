@@ -7,7 +7,7 @@ workers, begins the same seeds as one that was not.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from karma.bench.records import KINDS, EpisodeRecord
+from karma.bench.records import EpisodeRecord, kinds_of
 from karma.bench.statistics import Estimate, more_seeds, rate
 
 MAX_SEEDS = 20
@@ -65,7 +65,7 @@ def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reache
     return tuple(
         _reached(row, kind, list(groups[row, kind].values()), wanted.half_width)
         for row in rows
-        for kind in KINDS
+        for kind in kinds_of(records)
         if (row, kind) in groups
     )
 

@@ -15,6 +15,7 @@ from karma.files import append_line, to_json
 from karma.infer.hosted.cost import Spent
 
 KINDS: tuple[str, ...] = get_args(Kind)
+ALL, TRAINED, NOT_TRAINED = "all", "in training", "not in training"  # beside kinds
 Key = tuple[str, str, int]  # row, task, seed: what names an episode of a run
 
 
@@ -102,10 +103,11 @@ class EpisodeRecord:
     row: str
     method: str = ""  # its own name, which tells its form too; "" where none came to act
     task: str
-    kind: str
+    kind: str  # of the task, or its group in a benchmark of others
     scene: str
     seed: int
     notes: tuple[str, ...]  # what the task's loader could not resolve
+    trained: bool | None = None  # its sentences stand in training data; None: not known
     subtasks: tuple[SubTaskRecord, ...]
     error: str = ""  # why it ended early; errors stay in the denominator
     hosted: tuple[Spent, ...] = ()  # by the instruction that the error ended, see `SubTaskRecord`
@@ -130,6 +132,19 @@ class EpisodeRecord:
     def spent(self) -> tuple[Spent, ...]:
         """Return what hosted models cost in it, also where it ended early."""
         return (*(one for sub in self.subtasks for one in sub.hosted), *self.hosted)
+
+
+def kinds_of(records: Iterable[EpisodeRecord]) -> tuple[str, ...]:
+    """Return the kinds and groups of some records: the paper's in its order, then as they come."""
+    there = dict.fromkeys(record.kind for record in records)
+    return (*(one for one in KINDS if one in there), *(one for one in there if one not in KINDS))
+
+
+def is_of(record: EpisodeRecord, kind: str) -> bool:
+    """Return whether an episode counts for a kind, for all, or for what is in training or not."""
+    if kind in (TRAINED, NOT_TRAINED):
+        return record.trained is (kind == TRAINED)
+    return kind in (record.kind, ALL)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,19 +7,18 @@ import csv
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 from karma.bench.compare import Comparison
 from karma.bench.counterfactual import SAVINGS, Reduction
 from karma.bench.failures import CAUSES, Failure, count
-from karma.bench.figures import COLUMNS, Figures
+from karma.bench.figures import COLUMNS, Counted, Figures, without_repeats
 from karma.bench.formats import UNKNOWN, figure_text, interval_text, plural
-from karma.bench.metrics import METRICS
+from karma.bench.metrics import METRICS, SUCCESS
 from karma.bench.published import COLUMNS as PUBLISHED_COLUMNS
 from karma.bench.published import PublishedFigures
+from karma.bench.records import ALL, KINDS, NOT_TRAINED, TRAINED
 from karma.bench.sheet import Sheet
 
-Listed = TypeVar("Listed", Figures, Reduction)
 _OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
 _TOURED = tuple(one for one in SAVINGS if "_toured" in one.key)
 
@@ -39,7 +38,7 @@ class Result:
 
 def sheets(result: Result) -> list[Sheet]:
     """Return all tables of a run: the paper's by kind, then what stands behind them."""
-    found = [_main(result, kind) for kind in kinds(result)]
+    found = main_sheets(result)
     found.append(_costs(result))
     for lines, words in (
         (result.reductions, "the same task and seed without memory"),
@@ -66,9 +65,12 @@ def size_words(lines: Sequence[Figures]) -> str:
     return " or ".join(words)
 
 
-def kinds(result: Result) -> list[str]:
-    """Return the kinds of task, in order; their sheets come first."""
-    return list(dict.fromkeys(line.kind for line in result.figures if line.kind != "all"))
+def main_sheets(result: Result) -> list[Sheet]:
+    """Return the sheets that come first: one per kind of the paper's, one for others' tasks."""
+    there = dict.fromkeys(line.kind for line in result.figures)
+    found = [_main(result, kind) for kind in KINDS if kind in there]
+    groups = [one for one in there if one not in (*KINDS, ALL, TRAINED, NOT_TRAINED)]
+    return [*found, *([_of_others(result, groups)] if groups else [])]
 
 
 def _main(result: Result, kind: str) -> Sheet:
@@ -98,6 +100,47 @@ def _main(result: Result, kind: str) -> Sheet:
     )
 
 
+def _of_others(result: Result, groups: Sequence[str]) -> Sheet:
+    """Return success on the tasks of a benchmark of others, by its lists or types of task."""
+    rates = {(line.row, line.kind): line.values[SUCCESS.key] for line in result.figures}
+    apart = [one for one in (TRAINED, NOT_TRAINED) if any(kind == one for _, kind in rates)]
+    sizes = {line.kind: line.tasks for line in result.figures}
+    lines = []
+    for row in dict.fromkeys(line.row for line in result.figures):
+        found = [rates.get((row, group)) for group in groups]
+        known = [one.value for one in found if one is not None and one.value is not None]
+        lines.append(
+            (
+                row,
+                interval_text(rates[row, ALL]),
+                figure_text(sum(known) / len(known) if len(known) == len(groups) else None),
+                *(figure_text(one.value if one else None) for one in found),
+                *(interval_text(rates[row, one]) for one in apart),
+            )
+        )
+    return Sheet(
+        title=f"{result.name}: our skills, another protocol",
+        caption=(
+            f"{size_words([line for line in result.figures if line.kind == ALL])}. Success rates "
+            "of agents with this project's skills, prompts and limits, judged by the tasks' own "
+            "conditions. Not to be held against scores measured by the benchmark's own protocol: "
+            "its actions, limits and prompts are others. Mean: of the columns after it. Brackets: "
+            f"95 % intervals that keep a task's seeds together. {_trained_words(apart)}"
+        ),
+        head=("method", ALL, "mean", *groups, *(f"{one} ({sizes[one]})" for one in apart)),
+        lines=tuple(lines),
+    )
+
+
+def _trained_words(apart: Sequence[str]) -> str:
+    if not apart:
+        return "Whether sentences stand in the planner's training data is not known."
+    return (
+        "In training: sentences that stand in the data that the shipped planner was trained on, "
+        "case and punctuation aside; rows that ask no planner show how hard those tasks are."
+    )
+
+
 def _alone(kind: str) -> str:
     if kind != "sequence":
         return ""
@@ -114,7 +157,7 @@ def _saved_words(result: Result) -> str:
     )
 
 
-def _any_measured(lines: Sequence[Listed], key: str) -> bool:
+def _any_measured(lines: Sequence[Counted], key: str) -> bool:
     return any(line.values[key].value is not None for line in lines)
 
 
@@ -132,7 +175,7 @@ def _costs(result: Result) -> Sheet:
     return Sheet(
         title=f"{result.name}: what an episode did and took",
         caption=(
-            f"{size_words([line for line in result.figures if line.kind == 'all'])}; "
+            f"{size_words([line for line in result.figures if line.kind == ALL])}; "
             "sub-tasks, goals, MHR: shares; the rest: means per episode."
         ),
         head=("method", "tasks", *(metric.title for metric in metrics)),
@@ -140,10 +183,9 @@ def _costs(result: Result) -> Sheet:
     )
 
 
-def _by_kind(lines: Sequence[Listed]) -> list[Listed]:
-    """Return lines without those over all kinds where there is only one kind."""
-    alone = len({line.kind for line in lines}) == 2
-    return [line for line in lines if not (alone and line.kind == "all")]
+def _by_kind(lines: Sequence[Counted]) -> list[Counted]:
+    """Return a line per kind, and one over all where there are several kinds."""
+    return [one for one in without_repeats(lines) if one.kind not in (TRAINED, NOT_TRAINED)]
 
 
 def _savings(lines: Sequence[Reduction], words: str) -> Sheet:
@@ -229,7 +271,7 @@ def _causes(result: Result, *, first_only: bool) -> Sheet:
     rows = []
     for line in _by_kind(result.figures):
         mine = [
-            one for one in result.failures if one.row == line.row and line.kind in (one.kind, "all")
+            one for one in result.failures if one.row == line.row and line.kind in (one.kind, ALL)
         ]
         counts = count(mine, first_only=first_only)
         rows.append((line.row, line.kind, str(sum(counts.values())), *map(str, counts.values())))

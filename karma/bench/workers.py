@@ -210,10 +210,11 @@ def lost_episode(job: Job, cause: str) -> Finished:
     record = EpisodeRecord(
         row=job.row,
         task=job.task.id,
-        kind=job.task.kind,
+        kind=job.task.counted_as,
         scene=job.task.scenes[0].name,
         seed=job.seed,
         notes=job.task.notes,
+        trained=job.task.trained,
         subtasks=(),
         error=f"WorkerLost: {LIVES} workers died of it, the last was {cause}",
     )

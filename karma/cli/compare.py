@@ -99,7 +99,7 @@ def table_command(
     )
     margin = [sheet for sheet in (margin_sheet(result),) if sheet is not None]
     sheets = [*tables.sheets(result), *margin]
-    for sheet in (*sheets[: len(tables.kinds(result))], *margin):
+    for sheet in (*tables.main_sheets(result), *margin):
         console.print(_rich(sheet))
     for words in unfinished([str(run)]):
         console.print(escape(words), soft_wrap=True, highlight=False)

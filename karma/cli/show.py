@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from karma.agent.planner import grounded
-from karma.bench.figures import COLUMNS, Figures
+from karma.bench.figures import COLUMNS, Figures, without_repeats
 from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.precision import Precision, Reached
 from karma.bench.records import EpisodeRecord
@@ -135,8 +135,7 @@ def summary_table(lines: Sequence[Figures], title: str) -> Table:
     for name in ("success", *_SHOWN.values()):
         table.add_column(name, justify="right", no_wrap=True)
     for row in dict.fromkeys(line.row for line in lines):
-        group = [line for line in lines if line.row == row]
-        group = group[:1] if len(group) == 2 else group  # one kind of task is all there are
+        group = without_repeats([line for line in lines if line.row == row])
         for line, words in zip(group, _spread(row, len(group)), strict=True):
             table.add_row(
                 escape(words),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from karma.bench.failures import CAUSES, Cause
 from karma.bench.formats import figure_text
-from karma.bench.records import KINDS
+from karma.bench.records import ALL, KINDS
 
 LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is
 TOP = 12.0
@@ -80,7 +80,7 @@ class Plot:
 def success_plot(rates: Sequence[Rate]) -> Plot:
     """Return success rates with their intervals, a line of dots per kind under each row's name."""
     rows = list(dict.fromkeys(rate.row for rate in rates))
-    kinds = [kind for kind in KINDS if any(rate.kind == kind for rate in rates)]
+    kinds = [kind for kind in KINDS if any(rate.kind == kind for rate in rates)] or [ALL]
     band = 11.0 * len(kinds) + 12.0
     dots = [
         Dot(

@@ -1,10 +1,9 @@
 """The table of results: a line per row and kind, in words."""
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from karma.bench.figures import COLUMNS, Figures
+from karma.bench.figures import COLUMNS, Figures, without_repeats
 from karma.bench.formats import figure_text
 from karma.bench.statistics import Estimate
 from karma.bench.tables import Result
@@ -65,10 +64,7 @@ def result_lines(result: Result) -> tuple[ResultLine, ...]:
 
 def _lines(result: Result) -> Iterator[ResultLine]:
     keys, last = _keys(result), ""
-    kinds = Counter(line.row for line in result.figures)  # "all" among them
-    for line in result.figures:
-        if line.kind == "all" and kinds[line.row] == 2:
-            continue  # it says the same again
+    for line in without_repeats(result.figures):
         yield ResultLine(
             row=line.row,
             kind=line.kind,
