@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from karma.benchmarks.eb_alfred.players import ExpertPlayer
 from karma.benchmarks.eb_alfred.tasks import read_tasks
+from karma.benchmarks.players import ExpertPlayer
 from karma.benchmarks.run import EPISODES, RESULTS, TABLE
 from karma.benchmarks.trial_rooms import TrialRooms, read_rooms
 from karma.world.alfred.facts import gather

@@ -1,8 +1,27 @@
 """LoTa-Bench's ALFRED over the kitchen of tests/support/alfred_kitchen.py."""
 
+from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.environment import Environment
 from karma.world.eb_alfred.protocol import LOTA_ALFRED
+from support import alfred_kitchen as ours
 from support import eb_alfred as eb
+
+SAID = "put some fruit into the fridge"
+FETCH = ("find an apple", "pick up the apple")
+STOW = ("find a fridge", "open the fridge", "put down the apple")
+
+
+def trial():
+    """Our demonstration, and what someone said of it."""
+    return ours.trial() | {"turk_annotations": [{"task_desc": SAID, "high_descs": []}]}
+
+
+def listed(name="ours_1", *, instruction="", repeat=0):
+    folder = "pick_and_place_simple-Apple-None-Fridge-7"
+    return ListedTask(
+        list="valid_seen", position=0, folder=folder, trial=name, repeat=repeat,
+        instruction=instruction,
+    )  # fmt: skip
 
 
 def environment(folder, *, more=(), task="", strict=False):

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from karma.bench.pool import LIVES
 from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.planner import PlannerAnswer, PlannerPlayer
-from karma.benchmarks.eb_alfred.players import ChancePlayer, EbPlayer, ExpertPlayer
 from karma.benchmarks.eb_alfred.tasks import EbTask
+from karma.benchmarks.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
 from karma.benchmarks.trial_rooms import TrialRooms
 from karma.contracts import LanguageModel
 from karma.errors import KarmaError, ServerLost, UnwritableError
@@ -106,17 +106,17 @@ def lost_episode(row: str, task: EbTask, seed: int, cause: str) -> EbRecord:
     )
 
 
-def _player(stage: EbStage, row: EbRow, task: EbTask, seed: int) -> EbPlayer:
+def _player(stage: EbStage, row: EbRow, task: EbTask, seed: int) -> BenchmarkPlayer:
     if row.player == "expert":
         return ExpertPlayer()
     if row.player == "chance" or stage.model is None:
-        return ChancePlayer(seed, task.id)
+        return ChancePlayer(seed, "eb_alfred", task.id)
     return PlannerPlayer(
         stage.model, row.prompt, instruction=task.instruction, subset=task.subset, seed=seed
     )
 
 
-def _take_turn(environment: Environment, player: EbPlayer) -> None:
+def _take_turn(environment: Environment, player: BenchmarkPlayer) -> None:
     """Ask for a plan and carry it out up to the first action that fails."""
     plan = player.plan(environment)
     if plan is None:

@@ -286,8 +286,15 @@ class _Floor:
         return self._areas
 
 
-def chooser_of(model: LanguageModel) -> ScoringModel:
+def chooser_of(
+    model: LanguageModel, wanted_by: str = "lota.score", instead: str = "lota.generate"
+) -> ScoringModel:
     """Return what scores steps with a model.
+
+    Args:
+        model: any.
+        wanted_by: the row that steps are scored in.
+        instead: a row in which they are not.
 
     Raises:
         ModelError: the model tells no log-probabilities.
@@ -295,8 +302,8 @@ def chooser_of(model: LanguageModel) -> ScoringModel:
     if isinstance(model, ScoringModel):
         return model
     raise ModelError(
-        f"{model.name}: lota.score needs log-probabilities of whole steps, which this model does"
-        " not tell; take a GGUF file, or the row lota.generate"
+        f"{model.name}: {wanted_by} needs log-probabilities of whole steps, which this model does"
+        f" not tell; take a GGUF file, or the row {instead}"
     )
 
 

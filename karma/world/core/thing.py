@@ -97,10 +97,10 @@ def _turn(point: Vec3, degrees: float, about: Vec3) -> Vec3:
 def heading(yaw_deg: float) -> tuple[float, float]:
     """Return (x, z) of the direction a yaw points to; exact for multiples of 90.
 
-    >>> heading(90)
-    (1.0, 0.0)
+    >>> heading(90), heading(-1e-15)
+    ((1.0, 0.0), (0.0, 1.0))
     """
     quarter, rest = divmod(yaw_deg % 360, 90)
     if rest == 0:
-        return [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)][int(quarter)]
+        return [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)][int(quarter) % 4]
     return math.sin(math.radians(yaw_deg)), math.cos(math.radians(yaw_deg))

@@ -107,10 +107,11 @@ class Body:
         if not thing["visible"] and thing["parentReceptacles"]:
             place = thing["parentReceptacles"][0]
             shown = self.names.get(place, root_type(place))
-            return (
-                f"the {noun} is out of sight, it is in {shown} (there may be more than one "
-                f"{root_type(place)}); go there to pick it up"
-            )
+            message = f"the {noun} is out of sight, it is in {shown}"
+            if not self.protocol.numbered:
+                return message
+            several = f"there may be more than one {root_type(place)}"
+            return f"{message} ({several}); go there to pick it up"
         if self._held is not None:
             return f"the hand already holds {type_of(self._held)}"
         if self.strict:

@@ -19,7 +19,7 @@ from karma.world.sim import EmbeddedWorld
 UNKNOWN = -1  # number of what is no action
 _PICTURE_PX = 500
 _LONGEST_NAME = 200  # characters of what is no action, that are kept
-End = Literal["", "goal met", "steps", "invalid actions", "empty plan", "done"]
+End = Literal["", "goal met", "steps", "invalid actions", "empty plan", "plan over", "done"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,9 +140,9 @@ class Environment:
         self.invalid += 1
         self._see_invalid()
 
-    def give_up(self) -> None:
-        """End the episode: the plan was empty."""
-        self.end = "empty plan"
+    def give_up(self, end: End = "empty plan") -> None:
+        """End the episode: there is nothing more to do."""
+        self.end = end
 
     def _taken(self, number: int, name: str, message: str) -> Step:
         feedback = f"Invalid: {message}." if message else "Done."

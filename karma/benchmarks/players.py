@@ -19,7 +19,7 @@ from karma.world.eb_alfred.environment import Environment
 _Said = tuple[Verb, str]  # verb, and the id or type that it is about
 
 
-class EbPlayer(Protocol):
+class BenchmarkPlayer(Protocol):
     """Plays one episode."""
 
     def plan(self, environment: Environment) -> Sequence[int] | None:
@@ -31,11 +31,11 @@ class ChancePlayer:
 
     Args:
         seed: of the run.
-        use: names the episode.
+        use: names the benchmark and the episode.
     """
 
-    def __init__(self, seed: int, use: str) -> None:
-        self._draws = stream(seed, "eb_alfred", use)
+    def __init__(self, seed: int, *use: str) -> None:
+        self._draws = stream(seed, *use)
 
     def plan(self, environment: Environment) -> Sequence[int]:
         """Return one action."""
@@ -74,7 +74,7 @@ def _number(environment: Environment, verb: Verb, about: str) -> int | None:
         if verb in ("find", "open", "close") and (verb, object_id) in named:
             return named[verb, object_id]
     for place, one in enumerate(environment.actions):
-        if one.verb == verb and one.noun == root_type(about):
+        if one.verb == verb and one.noun in ("", root_type(about)):
             return place
     return None
 
@@ -94,6 +94,7 @@ class _Script:
     def lines(self) -> Iterator[_Said]:
         for goal in self._environment.trial.plan.high_pddl:
             yield from self._sub_goal(goal.planner_action)
+        yield "done", ""
 
     def _sub_goal(self, step: PlannerAction) -> Iterator[_Said]:
         thing = step.object_id or ""
@@ -138,8 +139,14 @@ class _Script:
         thing = self._swapped.get(thing, thing)
         for place in self._parents(thing):
             if self._is_shut(place):
-                yield from (("find", place), ("open", place))
+                yield from self._open(place, thing)
         yield "find", thing
+
+    def _open(self, place: str, thing: str) -> Iterator[_Said]:
+        """Open what an object is shut in; a nameless one of several from where the object is."""
+        for near in (place,) if self._environment.protocol.numbered else (thing, place):
+            if self._is_shut(place):
+                yield from (("find", near), ("open", place))
 
     def _take(self, thing: str) -> Iterator[_Said]:
         yield from self._reach(thing)
@@ -155,10 +162,16 @@ class _Script:
 
     def _put(self, place: str) -> Iterator[_Said]:
         place = self._swapped.get(place, place)
+        yield from self._lay(place)
+        if not self._done() and self._environment.held is None:  # it fell
+            yield from self._take(self._held)
+            yield from self._lay(place)
+
+    def _lay(self, place: str) -> Iterator[_Said]:
         yield from self._reach(place)
         if self._is_shut(place):
             yield "open", place
-        yield "put", ""
+        yield "put", self._held
 
     def _is_shut(self, place: str) -> bool:
         known = self._known(place)

@@ -1,0 +1,1 @@
+"""LoTa-Bench's ALFRED: its tasks and draws, its two planners, its prompt, its table."""

@@ -1,0 +1,73 @@
+"""A run of LoTa-Bench's ALFRED is a TOML file: a draw of tasks, rows, and the model that plans."""
+
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from karma.bench.experiment import Models
+from karma.bench.experiment_tasks import beside
+from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions
+from karma.benchmarks.lota_alfred.tasks import draw_tasks
+from karma.contracts import Scoring
+from karma.errors import FileError
+from karma.tasks.alfred_lists import ListedTask
+
+
+class LotaRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One row of the table."""
+
+    name: str
+    player: Literal["scored", "generated", "expert", "chance"] = "scored"
+    scoring: Scoring = "sum"
+    strict: bool = False  # follow the source where it is odd
+    prompt: LotaPromptOptions = LotaPromptOptions()
+
+
+class LotaExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Every row on every task of a draw with every seed."""
+
+    name: str
+    benchmark: Literal["lota_alfred"]
+    tasks: str  # ALFRED's lists, such as its oct21.json
+    types: str  # EB-ALFRED's lists of types, which are LoTa-Bench's
+    trials: str  # ALFRED's demonstrations of the lists
+    rows: tuple[LotaRow, ...]
+    lists: tuple[str, ...] = ()  # () = all
+    percent: int = 100  # of them, drawn
+    draw_seed: int = 1  # the source's
+    only: tuple[str, ...] = ()  # ids of tasks that were drawn; () = all
+    models: Models = Models()
+    seeds: tuple[int, ...] = (0,)
+
+    def __post_init__(self) -> None:
+        """Refuse what there is nothing to do for, or what would be done twice."""
+        names = [row.name for row in self.rows]
+        if not names or len(set(names)) < len(names):
+            raise ValueError("rows: one or more, each with a name of its own")
+        if not self.seeds or min(self.seeds) < 0 or len(set(self.seeds)) < len(self.seeds):
+            raise ValueError(f"seeds = {list(self.seeds)}: one or more, each 0 or above, once")
+        if not 1 <= self.percent <= 100:
+            raise ValueError(f"percent = {self.percent}: 1 to 100")
+
+    @property
+    def plans(self) -> bool:
+        """Whether a model is needed."""
+        return any(row.player in ("scored", "generated") for row in self.rows)
+
+
+def tasks_of(experiment: LotaExperiment, path: Path) -> tuple[ListedTask, ...]:
+    """Return the tasks that an experiment draws.
+
+    Raises:
+        FileError: the lists are damaged, none is drawn, or a task of `only` is not drawn.
+    """
+    lists = beside(experiment.tasks)
+    seed, percent = experiment.draw_seed, experiment.percent
+    tasks = draw_tasks(lists, experiment.lists, percent=percent, seed=seed)
+    if not tasks:
+        raise FileError(path, f"percent = {percent}: no task is drawn from {lists.name}")
+    known = {task.id for task in tasks}
+    if missing := [one for one in experiment.only if one not in known]:
+        raise FileError(path, f"only: no task {missing[0]!r}; they are named like {tasks[0].id!r}")
+    return tuple(task for task in tasks if not experiment.only or task.id in experiment.only)

@@ -1,0 +1,148 @@
+"""Play one episode of LoTa-Bench's ALFRED, and say what it came to."""
+
+from dataclasses import dataclass
+
+from karma.bench.pool import LIVES
+from karma.benchmarks.lota_alfred.experiment import LotaRow
+from karma.benchmarks.lota_alfred.planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
+from karma.benchmarks.lota_alfred.tasks import type_of_task
+from karma.benchmarks.players import ChancePlayer, ExpertPlayer
+from karma.benchmarks.trial_rooms import TrialRooms
+from karma.contracts import LanguageModel, ScoringModel
+from karma.errors import KarmaError, ServerLost, UnwritableError
+from karma.infer.hosted.cassette import CassetteError
+from karma.tasks.alfred_lists import ListedTask
+from karma.world.eb_alfred.actions import ActionTypes
+from karma.world.eb_alfred.environment import UNKNOWN, Environment, Step
+from karma.world.eb_alfred.protocol import LOTA_ALFRED
+
+LotaPlayer = ScoredPlayer | GeneratedPlayer | ExpertPlayer | ChancePlayer
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LotaRecord:
+    """What an episode leaves behind; the same in every run of the same experiment."""
+
+    row: str
+    task: str
+    kind: str  # type of task
+    seed: int
+    trial: str
+    instruction: str
+    success: bool  # the goal is met at the end
+    end: str  # "done", "steps", "plan over", "empty plan", "error"
+    failed: int  # skills, those that there are not counted
+    unknown: int  # skills that there are not
+    calls: int  # of the player
+    steps: tuple[Step, ...]
+    answers: tuple[LotaAnswer, ...] = ()
+    error: str = ""  # what ended the episode from outside
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LotaStage:
+    """What all episodes share."""
+
+    rooms: TrialRooms
+    types: ActionTypes
+    model: LanguageModel | None  # None where no row asks one
+    scorer: ScoringModel | None  # the same, where a row has skills scored
+
+
+def play(stage: LotaStage, row: LotaRow, task: ListedTask, seed: int) -> LotaRecord:
+    """Play an episode; what is wrong with it or its model is in the record.
+
+    Raises:
+        CassetteError: a recording does not hold what was asked for, or cannot be written.
+        ServerLost: a hosted model cannot answer now.
+    """
+    environment: Environment | None = None
+    instruction, error = _asked(stage.rooms, task)
+    player = _player(stage, row, task, instruction, seed)
+    calls = 0
+    try:
+        if not error:
+            trial = stage.rooms.trials[task.trial]
+            facts = stage.rooms.facts[trial.scene.floor_plan]
+            environment = Environment(
+                trial, facts, stage.types, protocol=LOTA_ALFRED, strict=row.strict
+            )
+            while not environment.end:
+                calls += 1
+                _take_turn(environment, player)
+    except (CassetteError, ServerLost, UnwritableError):
+        raise  # nothing that the player did
+    except KarmaError as problem:
+        error = str(problem)
+    answers = () if isinstance(player, ExpertPlayer | ChancePlayer) else tuple(player.answers)
+    steps = () if environment is None else tuple(environment.steps)
+    met = environment is not None and not error and environment.goal_met
+    return LotaRecord(
+        row=row.name,
+        task=task.id,
+        kind=type_of_task(task),
+        seed=seed,
+        trial=task.trial,
+        instruction=instruction,
+        success=met,
+        end="error" if environment is None or error else environment.end,
+        failed=sum(not step.ok for step in steps),
+        unknown=sum(step.number == UNKNOWN for step in steps),
+        calls=calls,
+        steps=steps,
+        answers=answers,
+        error=error,
+    )
+
+
+def lost_episode(row: str, task: ListedTask, seed: int, cause: str) -> LotaRecord:
+    """Return the record of an episode that ends every process which plays it."""
+    return LotaRecord(
+        row=row,
+        task=task.id,
+        kind=type_of_task(task),
+        seed=seed,
+        trial=task.trial,
+        instruction=task.instruction,
+        success=False,
+        end="error",
+        failed=0,
+        unknown=0,
+        calls=0,
+        steps=(),
+        error=f"WorkerLost: {LIVES} workers died of it, the last was {cause}",
+    )
+
+
+def _asked(rooms: TrialRooms, task: ListedTask) -> tuple[str, str]:
+    """Return a task's sentence, and why it cannot be begun."""
+    if missing := rooms.missing(task.trial):
+        return task.instruction, missing
+    said = rooms.trials[task.trial].annotations
+    if not task.instruction and not 0 <= task.repeat < len(said):
+        return "", f"trial {task.trial} has no annotation {task.repeat}"
+    return task.instruction or said[task.repeat].task_desc, ""
+
+
+def _player(
+    stage: LotaStage, row: LotaRow, task: ListedTask, instruction: str, seed: int
+) -> LotaPlayer:
+    if row.player == "scored" and stage.scorer is not None:
+        return ScoredPlayer(stage.scorer, row.prompt, instruction=instruction, scoring=row.scoring)
+    if row.player == "generated" and stage.model is not None:
+        return GeneratedPlayer(stage.model, row.prompt, instruction=instruction, seed=seed)
+    return ExpertPlayer() if row.player == "expert" else ChancePlayer(seed, "lota_alfred", task.id)
+
+
+def _take_turn(environment: Environment, player: LotaPlayer) -> None:
+    """Ask for skills and carry them out, whether or not they fail."""
+    plan = player.plan(environment)
+    for said in plan:
+        if isinstance(said, str):
+            environment.refuse(said)
+        else:
+            environment.step(said)
+        if environment.end:
+            return
+    if not plan:
+        environment.give_up("plan over" if environment.steps else "empty plan")
