@@ -1,4 +1,8 @@
-"""State words: how goals write them, what they ask of a type, which end one another."""
+"""State words: how goals write them, what they ask of a type, which end one another.
+
+Deeds and states are two things. "cleaned", "heated" and "cooled" say what was done to a thing, for
+ever, as ALFRED judges it; "clean", "hot" and "cold" how it is now.
+"""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -8,9 +12,12 @@ from karma.household.types import Capability
 GOAL_STATES = frozenset(
     (
         "dirty", "cooked", "broken", "filled", "used up", "on", "off", "opened", "closed",
-        "cleaned", "sliced", "heated", "cooled", "empty",
+        "cleaned", "sliced", "heated", "cooled", "empty", "clean", "hot", "cold", "shining",
     )
 )  # fmt: skip
+DONE_BY: Mapping[str, str] = MappingProxyType(
+    {"clean": "cleaned", "hot": "heated", "cold": "cooled", "shining": "on"}
+)  # what is to be done to a thing for it to be so; "shining" is on and in view
 NEEDS: Mapping[str, Capability] = MappingProxyType(
     {
         "sliced": "sliceable", "cooked": "cookable", "filled": "canFillWithLiquid",
@@ -34,9 +41,9 @@ STATE_WORDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )  # what people say when they mean a thing by its state; wider than what goals may say
 _SYNONYMS = {
-    "clean": "cleaned", "washed": "cleaned", "rinsed": "cleaned", "chopped": "sliced",
-    "cut": "sliced", "hot": "heated", "warm": "heated", "cold": "cooled", "chilled": "cooled",
-    "open": "opened", "close": "closed", "usedup": "used up",
+    "washed": "cleaned", "rinsed": "cleaned", "chopped": "sliced", "cut": "sliced", "warm": "hot",
+    "warmed": "heated", "chilled": "cooled", "open": "opened", "close": "closed",
+    "usedup": "used up",
 }  # fmt: skip
 
 
@@ -49,6 +56,16 @@ def canonical_state(word: str) -> str | None:
     word = " ".join(word.lower().split())
     word = _SYNONYMS.get(word, word)
     return word if word in GOAL_STATES else None
+
+
+def deed_for(word: str) -> str | None:
+    """Return what is to be done for a goal's word to hold; None if it means no state.
+
+    >>> deed_for("hot"), deed_for("warmed"), deed_for("open"), deed_for("sofa")
+    ('heated', 'heated', 'opened', None)
+    """
+    state = canonical_state(word)
+    return DONE_BY.get(state, state) if state else None
 
 
 _PAIRS = (("opened", "closed"), ("on", "off"), ("dirty", "cleaned"))

@@ -13,7 +13,7 @@ from karma.contracts import Area, Goal, SkillCall
 from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import STAND_CLOSED, SURFACES
-from karma.household.states import END_STATES, canonical_state
+from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
 
 _PREDICATES = {state: predicate for predicate, state in END_STATES.items()}
@@ -168,7 +168,7 @@ def _subject(goal: Goal) -> str:
 
 
 def _wants(goals: Sequence[Goal], *states: str) -> bool:
-    return any(g.predicate == "STATE" and canonical_state(g.arguments[1]) in states for g in goals)
+    return any(g.predicate == "STATE" and deed_for(g.arguments[1]) in states for g in goals)
 
 
 def _helps(goal: Goal, mine: Sequence[Goal]) -> bool:
@@ -190,7 +190,7 @@ def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
     done_in = ""
     for goal in goals:
         if goal.predicate == "STATE":
-            state = canonical_state(goal.arguments[1]) or ""
+            state = deed_for(goal.arguments[1]) or ""
             done_in = _change(draft, thing, state, goals) or done_in
         elif goal not in placed and goal.predicate != "HOLDON" and not _helps(goal, goals):
             _switch(draft, goal)

@@ -26,12 +26,12 @@ from typing import Any, NamedTuple
 from karma.agent.perceive import truth_of
 from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
 from karma.errors import KarmaError
-from karma.household.ids import is_id, is_part, whole_id
 from karma.household.pieces import EGG, is_piece, piece_type
-from karma.household.places import FLOOR
 from karma.household.states import END_STATES, GOAL_STATES, canonical_state
-from karma.household.uses import MOMENTARY, covers
+from karma.household.uses import MOMENTARY
+from karma.tasks.deeds import DEEDS, TEMPERATURES, RememberedDeeds
 from karma.tasks.matching import fewest_missed, linked, suited
+from karma.tasks.objects import ObjectIndex
 from karma.tasks.standing import Standing
 
 ARITY = {
@@ -135,15 +135,17 @@ class GoalTracker:
     """Watches the events of one task and says which goals hold.
 
     Placements, HOLDON, OPEN and CLOSED are read off the event asked about. What a world does not
-    keep, the tracker remembers over all sub-tasks of the task:
+    keep, the tracker remembers over all sub-tasks of the task: deeds (cleaned, heated, cooled) and
+    temperatures, as `RememberedDeeds` tells them. Of the other states:
 
-    * cleaned: it was in a basin under running water (ALFRED's rule, `Truth.washed`); a dirtyable
-      object is cleaned when it is not dirty, however that came about.
-    * heated / cooled: Hot / Cold now, or once in a running microwave or on a burner / in a closed
-      fridge; the later of the two counts.
+    * clean: not dirty, however that came about; of what is never dirty, as food, once cleaned.
+    * shining: on and in view.
 
-    Slices inherit all three. A placement counts when it holds at the end of its sub-task, or held
-    at some moment of it and nobody undid it on purpose: see `karma.tasks.standing`.
+    Slices have what was done to the whole. Only where a goal names the type of the pieces, as in
+    STATE(AppleSliced, heated), is it to be done to a slice itself: so it is in ALFRED.
+
+    A placement counts when it holds at the end of its sub-task, or held at some moment of it and
+    nobody undid it on purpose: see `karma.tasks.standing`.
 
     TOGGLEON of a momentary appliance (`MOMENTARY`) asks that it ran at some moment of the sub-task;
     of anything else, that it is on when asked.
@@ -153,8 +155,7 @@ class GoalTracker:
         self._forget()
 
     def _forget(self) -> None:
-        self._marks: dict[str, set[str]] = {"cleaned": set(), "heated": set(), "cooled": set()}
-        self._ids: set[str] = set()
+        self._deeds = RememberedDeeds()
         self._on: frozenset[str] = frozenset()
         self._ran: set[str] = set()
         self._standing = Standing()
@@ -173,16 +174,7 @@ class GoalTracker:
     def update(self, event: Event) -> None:
         """Take in one event, in order."""
         truth = truth_of(event)
-        ids = {thing.object_id for thing in truth.objects}
-        for new in ids - self._ids:
-            whole = whole_id(new)
-            for marked in self._marks.values():
-                if whole in marked:
-                    marked.add(new)
-        self._ids = ids
-        self._marks["cleaned"] |= truth.washed
-        self._mark("heated", "cooled", truth.heated)
-        self._mark("cooled", "heated", truth.cooled | _cold(truth))
+        self._deeds.update(truth)
         self._on = frozenset(t.object_id for t in truth.objects if "on" in t.states)
         self._ran |= self._on
         self._look(truth)
@@ -191,11 +183,11 @@ class GoalTracker:
         """See which goals of the sub-task hold, of which things."""
         if not self._standing.goals:
             return
-        index = _Index(truth)
+        index = ObjectIndex(truth)
         now = [
             (goal, _ids(things))
             for goal in self._standing.goals
-            for things in product(*map(index.named, object_names(goal)))
+            for things in product(*_named(goal, index))
             if self._true_now(index, goal, things)
         ]
         self._standing.look(now, index.is_carried)
@@ -209,7 +201,7 @@ class GoalTracker:
 
         Of the ways to choose objects for the names, the one that meets most goals counts.
         """
-        index = _Index(truth_of(event))
+        index = ObjectIndex(truth_of(event))
         missed: set[Goal] = set()
         for group in linked(_names_of(goals)):
             missed |= self._missed(group, index)
@@ -222,11 +214,11 @@ class GoalTracker:
         share a name are together one more, which is met when one choice of objects meets them all.
         So all are met just when `unmet` is empty.
         """
-        index = _Index(truth_of(event))
+        index = ObjectIndex(truth_of(event))
         met = of = 0
         for group in linked(_names_of(goals)):
             for goal in group:
-                named = [index.named(name) for name in object_names(goal)]
+                named = _named(goal, index)
                 met += min(goal.count, suited(goal, named, partial(self._true, index)))
                 of += goal.count
             if len(group) > 1:
@@ -234,19 +226,15 @@ class GoalTracker:
                 of += 1
         return Progress(met, of)
 
-    def _missed(self, goals: Sequence[Goal], index: "_Index") -> frozenset[Goal]:
+    def _missed(self, goals: Sequence[Goal], index: ObjectIndex) -> frozenset[Goal]:
         names = _names_of(goals)
-        named = {name: index.named(name) for its in names.values() for name in its}
+        named = {name: index.named(alternatives(name)) for its in names.values() for name in its}
         return fewest_missed(names, named, partial(self._true, index))
 
-    def _mark(self, state: str, instead_of: str, ids: frozenset[str]) -> None:
-        self._marks[state] |= ids
-        self._marks[instead_of] -= ids
-
-    def _true(self, index: "_Index", goal: Goal, things: Sequence[TrueObject]) -> bool:
+    def _true(self, index: ObjectIndex, goal: Goal, things: Sequence[TrueObject]) -> bool:
         return self._standing.has(goal, _ids(things)) or self._true_now(index, goal, things)
 
-    def _true_now(self, index: "_Index", goal: Goal, things: Sequence[TrueObject]) -> bool:
+    def _true_now(self, index: ObjectIndex, goal: Goal, things: Sequence[TrueObject]) -> bool:
         first = things[0]
         match goal.predicate:
             case "ON" | "INSIDE" if is_position(goal.arguments[1]):
@@ -260,23 +248,30 @@ class GoalTracker:
             case "HOLDON":
                 return first.object_id in index.held
             case "STATE":
-                return self._in_state(first, goal.arguments[1])
+                return self._in_state(first, *goal.arguments)
             case "TOGGLEON" if first.object_type in MOMENTARY:
                 return first.object_id in self._ran
             case _:
-                return self._in_state(first, END_STATES[goal.predicate])
+                return self._in_state(first, goal.arguments[0], END_STATES[goal.predicate])
 
-    def _in_state(self, thing: TrueObject, word: str) -> bool:
+    def _in_state(self, thing: TrueObject, name: str, word: str) -> bool:
         state = canonical_state(word) or word
-        if state == "cleaned" and thing.dirtyable:
+        if state == "clean" and thing.dirtyable:
             return "dirty" not in thing.states
-        if state in self._marks:
-            return thing.object_id in self._marks[state]
+        if state in DEEDS:
+            pieces = all(map(is_piece, alternatives(name)))
+            return self._deeds.done(thing.object_id, state, itself=pieces)
+        if state in TEMPERATURES:
+            return self._deeds.is_now(thing.object_id, state)
         match state:
             case "empty":
                 return "filled" not in thing.states and not thing.child_ids
             case "broken":
                 return thing.broken or thing.object_type == piece_type(EGG)
+            case "clean":
+                return self._deeds.done(thing.object_id, "cleaned")
+            case "shining":
+                return "on" in thing.states and thing.visible
             case "off":
                 return "on" not in thing.states
             case _:
@@ -323,62 +318,12 @@ _CHANGE_NO_GOAL = frozenset(
 )  # fmt: skip
 
 
-class _Index:
-    """One moment's objects, by id and by name."""
-
-    def __init__(self, truth: Truth) -> None:
-        self._by_id = {thing.object_id: thing for thing in truth.objects}
-        self.held = truth.held_ids
-        things = self._by_id.items()
-        self._replaced = {whole_id(key) for key, thing in things if is_piece(thing.object_type)}
-        self._holders: dict[str, frozenset[str]] = {}
-
-    def named(self, name: str) -> list[TrueObject]:
-        """Return the objects that a name covers; a cut whole gives way to its pieces."""
-        wanted = alternatives(name)
-        return [
-            thing
-            for key, thing in self._by_id.items()
-            if key not in self._replaced and any(_covers(part, thing) for part in wanted)
-        ]
-
-    def holders(self, thing: TrueObject) -> frozenset[str]:
-        """Return what a thing is in or on, also through receptacles that can be carried."""
-        if thing.object_id not in self._holders:
-            self._holders[thing.object_id] = frozenset(self._climb(thing))
-        return self._holders[thing.object_id]
-
-    def is_carried(self, object_id: str) -> bool:
-        """Return whether something is in the hand, or in what is there."""
-        thing = self._by_id.get(object_id)
-        return thing is not None and bool(self.held & {object_id, *self.holders(thing)})
-
-    def _climb(self, thing: TrueObject) -> set[str]:
-        found: set[str] = set()
-        todo = [thing]
-        while todo:
-            for parent in todo.pop().parent_ids:
-                if parent in found:
-                    continue
-                found.add(parent)
-                if parent in self._by_id and self._by_id[parent].pickupable:
-                    todo.append(self._by_id[parent])
-        return found
+def _named(goal: Goal, index: ObjectIndex) -> list[list[TrueObject]]:
+    return [index.named(alternatives(name)) for name in object_names(goal)]
 
 
 def _ids(things: Sequence[TrueObject]) -> tuple[str, ...]:
     return tuple(thing.object_id for thing in things)
-
-
-def _covers(name: str, thing: TrueObject) -> bool:
-    if is_id(name):
-        return thing.object_id == name or is_part(thing.object_id, of=name)
-    return covers(name, thing.object_type)
-
-
-def _cold(truth: Truth) -> frozenset[str]:
-    cold = (thing for thing in truth.objects if thing.temperature == "Cold")
-    return frozenset(thing.object_id for thing in cold if thing.object_type != FLOOR)
 
 
 def _near(thing: TrueObject, place: Sequence[float]) -> bool:

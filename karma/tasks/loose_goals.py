@@ -73,7 +73,7 @@ class GoalReader:
         return Goal(predicate=goal.predicate, arguments=(_any(kinds),))
 
     def _state(self, name: str, word: str) -> Goal:
-        """Return a STATE goal; what AI2-THOR cannot cook must be heated instead."""
+        """Return a STATE goal; what cannot be cooked must be heated, what not be rinsed be clean."""
         try:
             kinds = self._first(name, lambda kinds: _in_state(kinds, word))
         except KarmaError:
@@ -81,6 +81,8 @@ class GoalReader:
                 raise
             word = "heated"
             kinds = self._first(name, lambda kinds: _in_state(kinds, word))
+        if word == "cleaned" and not any(map(_is_carried, kinds)):
+            word = "clean"
         return Goal(predicate="STATE", arguments=(_any(kinds), word))
 
     def _placement(self, goal: Goal) -> Goal:
@@ -207,7 +209,7 @@ def _in_state(kinds: _Kinds, word: str) -> _Kinds:
     if word in NEEDS:
         return _able(kinds, NEEDS[word])
     flags: Sequence[Capability] = ("pickupable",)
-    if word == "cleaned":
+    if word in ("clean", "cleaned"):
         flags = ("dirtyable", "pickupable")
     elif word == "empty":
         flags = ("receptacle", "canFillWithLiquid")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from karma.contracts import Goal, SubTask
 from karma.household.places import HAND
-from karma.household.states import END_STATES, OPPOSITES
+from karma.household.states import DONE_BY, END_STATES, OPPOSITES
 from karma.household.types import object_type
 from karma.tasks.clauses import Phrase, halves, read_clauses
 from karma.tasks.goals import is_position, object_names
@@ -183,6 +183,7 @@ def _outcome(goal: Goal) -> tuple[str, str]:
         place = goal.arguments[1]
         return "place", place if is_position(place) else key_of(place)
     state = END_STATES.get(goal.predicate) or state_of(goal.arguments[-1]) or ""
+    state = DONE_BY.get(state, state)
     return (min(state, OPPOSITES[state]), state) if state in OPPOSITES else ("", state)
 
 

@@ -182,7 +182,7 @@ def test_resolve_reads_cooking_what_cannot_be_cooked_as_heating(tmp_path):
         ("ON(unicorn, sofa)", "no object type is called 'unicorn'"),
         ("ON(vase, sofa)", "the scene has no Vase"),
         ("ON(sofa, table)", "Sofa is not pickupable"),
-        ("STATE(sofa, clean)", "Sofa is never cleaned"),
+        ("STATE(sofa, clean)", "Sofa is never clean"),
         ("STATE(book, hot and sticky)", "is neither a state nor an object"),
         ("STATE(sofa, sliced)", "Sofa is not sliceable"),
         ("STATE(book, mauve)", "'mauve' is neither a state nor an object"),

@@ -5,6 +5,7 @@ from itertools import combinations, product
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.made_events import event, goals, thing, unmet
 
 from karma.contracts import Goal
 from karma.errors import KarmaError
@@ -17,7 +18,6 @@ from karma.tasks.goals import (
     parse_goal,
     read_goal,
 )
-from tests.support.made_events import event, goals, thing, unmet
 
 DESKS = [thing(f"Desk|{i}", receptacle=True) for i in (1, 2)]
 

@@ -28,7 +28,7 @@ _TYPES = {
 }  # fmt: skip
 _BY_LOWER = {name.lower(): name for name in object_types()}
 _DEPENDS = frozenset(("other", "second", "another", "same", "slice", "slices", "piece", "off"))
-_STATES = {"clean": "clean", "heat": "heated", "cool": "cold"}
+_STATES = {"clean": "cleaned", "heat": "heated", "cool": "cooled"}  # deeds, as ALFRED judges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -259,7 +259,7 @@ def _goal(text: str, meant: str, place: str) -> Goal:
     if "{r}" in text:
         return Goal(predicate="ON", arguments=(meant, place))
     if "wash" in text:
-        return Goal(predicate="STATE", arguments=(meant, "cleaned"))
+        return Goal(predicate="STATE", arguments=(meant, "clean"))
     if "throw" in text:
         return Goal(predicate="INSIDE", arguments=(meant, BIN))
     return Goal(predicate="HOLDON", arguments=("robot", meant))

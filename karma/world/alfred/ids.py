@@ -59,6 +59,11 @@ def spelt_out(name: str) -> str:
     return object_id(kind, (x, y, z)) if at else name
 
 
+def names_then() -> frozenset[str]:
+    """Return the types that ALFRED's ids may begin with: ours, and those renamed since."""
+    return frozenset((*object_types(), *_RENAMED))
+
+
 def type_now(kind: str) -> str | None:
     """Return the name that AI2-THOR 5.0.0 has for a type of ALFRED; None if it has none.
 
