@@ -73,7 +73,7 @@ class GoalReader:
         return Goal(predicate=goal.predicate, arguments=(_any(kinds),))
 
     def _state(self, name: str, word: str) -> Goal:
-        """Return a STATE goal; what cannot be cooked must be heated, what not be rinsed be clean."""
+        """Return a STATE goal; what cannot be cooked must be heated, what no tap reaches clean."""
         try:
             kinds = self._first(name, lambda kinds: _in_state(kinds, word))
         except KarmaError:
