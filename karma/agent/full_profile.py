@@ -10,7 +10,7 @@ from karma.contracts import Area, FailedProgram, PlanRequest, SeenObject, Vec3
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR, HAND
 from karma.household.types import object_types, types_with
-from karma.household.uses import KNIVES, KNOB, WHOLE_OF
+from karma.household.uses import KNIVES, KNOB, WHOLE_OF, with_wholes
 
 _UNSAID = (FLOOR, KNOB)  # no program names them
 _LINES = 40  # of a failed program that are shown
@@ -40,7 +40,7 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
         for one in area.fixtures
         if one.object_id in name_of
     ]
-    spoken = {one.object_type for one in area.fixtures if one.object_id in name_of}
+    spoken = {*with_wholes(one.object_type for one in area.fixtures if one.object_id in name_of)}
     spoken |= {*_UNSAID, *(basin for basin, whole in WHOLE_OF.items() if whole in area.contains)}
     rest = [kind for kind in area.contains if kind not in spoken]
     return AreaLine(

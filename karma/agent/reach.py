@@ -13,7 +13,7 @@ from karma.agent.walk import Stance, Target, Walker
 from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Vec3, World
 from karma.household.pieces import base_type
 from karma.household.types import object_types
-from karma.household.uses import BASIN_OF
+from karma.household.uses import BASIN_OF, with_wholes
 
 _ROOM_MATTERS = re.compile(
     r"block|collid|collision|in the way|no valid position|not found within|visib|interact|reach",
@@ -180,7 +180,7 @@ class Reach:
         """Return the types of immovable things that the agent knows of."""
         mapped = {kind for area in self.knowledge.areas() for kind in area.contains}
         seen = {one.object_type for one in self.log.seen.values() if not one.pickupable}
-        return frozenset(mapped | seen)
+        return with_wholes(mapped | seen)
 
     def next_stance(
         self,

@@ -8,7 +8,7 @@ from karma.contracts import Area, MemoryUnit, SeenObject
 from karma.household.ids import root_id, type_of, whole_id
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import FLOOR, HAND
-from karma.household.uses import BASINS, FOUND_BY_SKILL
+from karma.household.uses import BASINS, FOUND_BY_SKILL, without_basin
 
 _ID = re.compile(r"\b[A-Z]\w*\|[\w|+.\-]*\w")
 
@@ -57,18 +57,21 @@ def _free(base: str, names: Mapping[str, str]) -> str:
 def fixture_names(areas: Iterable[Area]) -> dict[str, str]:
     """Name the furniture of a map: `Fridge`, but `Cabinet_1`, `Cabinet_2`, ... in order of areas.
 
-    The bare type of what there are several of is no name: it means any of them. Floors, basins and
-    what a skill finds by itself (taps, knobs, burners) have no names of their own.
+    The bare type of what there are several of is no name: it means any of them. Floors, the
+    basins of sinks and what a skill finds by itself (taps, knobs, burners) have no names of their
+    own; where there is only a basin, it is the sink.
 
     Returns:
         name -> object id.
     """
-    unnamed = {FLOOR, *BASINS, *FOUND_BY_SKILL}
-    things = [one for area in areas for one in area.fixtures if one.object_type not in unnamed]
-    several = Counter(one.object_type for one in things)
+    things = [one for area in areas for one in area.fixtures]
+    kinds = {one.object_type for one in things}
+    unnamed = {FLOOR, *FOUND_BY_SKILL, *(one for one in BASINS if without_basin(one) in kinds)}
+    things = [one for one in things if one.object_type not in unnamed]
+    several = Counter(without_basin(one.object_type) for one in things)
     names, count = dict[str, str](), Counter[str]()
     for one in things:
-        kind = one.object_type
+        kind = without_basin(one.object_type)
         count[kind] += 1
         names[kind if several[kind] == 1 else f"{kind}_{count[kind]}"] = one.object_id
     return names

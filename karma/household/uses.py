@@ -1,6 +1,6 @@
 """What in a home is used for what: basins and taps, knives, burners, lamps, appliances."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
 from karma.household.pieces import EGG, base_type
@@ -36,6 +36,16 @@ def with_basin(object_type: str) -> tuple[str, ...]:
     """
     basin = BASIN_OF.get(object_type)
     return (object_type, basin) if basin else (object_type,)
+
+
+def with_wholes(object_types: Iterable[str]) -> frozenset[str]:
+    """Return types, and the sinks and bathtubs whose basins are among them: one place, two names.
+
+    >>> sorted(with_wholes(["Mug", "SinkBasin"]))
+    ['Mug', 'Sink', 'SinkBasin']
+    """
+    known = frozenset(object_types)
+    return known | {without_basin(kind) for kind in known}
 
 
 def covers(name: str, object_type: str) -> bool:

@@ -13,6 +13,7 @@ import msgspec
 from karma.contracts import Area, Fixture, Known, SeenObject, Tour, Vec3
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
+from karma.household.uses import with_wholes
 from karma.memory.areas import spread_areas
 
 VERSION = 1
@@ -140,7 +141,7 @@ class SceneGraph:
             Area(
                 name=name,
                 position_m=area.position_m,
-                contains=tuple(sorted({node.type for node in self.objects(name)})),
+                contains=tuple(sorted(with_wholes(node.type for node in self.objects(name)))),
                 adjacent=area.adjacent,
                 fixtures=tuple(
                     Fixture(object_id=node.id, object_type=node.type, position_m=node.position_m)

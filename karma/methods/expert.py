@@ -29,7 +29,7 @@ from karma.contracts import (
 from karma.household.ids import whole_id
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import SURFACES
-from karma.household.uses import SINK
+from karma.household.uses import SINK, with_wholes
 from karma.methods.options import settings_of
 from karma.tasks.expert import ExpertView, NamedThing, solve
 from karma.tasks.goals import GoalTracker, WatchedWorld, alternatives, is_position, object_names
@@ -142,7 +142,7 @@ def _view(truth: Truth, used: list[str]) -> tuple[ExpertView, Mapping[str, TrueO
         (t for t in things.values() if t.object_id not in pieces),
         key=lambda t: (-rank.get(t.object_id, -1), t.distance_m, t.object_id),
     )
-    fixed = tuple(sorted({t.object_type for t in things.values()}))
+    fixed = tuple(sorted(with_wholes(t.object_type for t in things.values())))
     view = ExpertView(
         things=tuple(_thing(t, things) for t in order),
         areas=(Area(name="everywhere", position_m=(0.0, 0.0, 0.0), contains=fixed),),

@@ -14,6 +14,7 @@ from karma.errors import UnknownNameError
 from karma.household.pieces import base_type
 from karma.household.places import landmark_types
 from karma.household.types import object_types
+from karma.household.uses import with_wholes
 
 AREAS = (
     Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("Chair", "CounterTop", "Fridge")),
@@ -229,13 +230,21 @@ def test_map_says_each_thing_once_with_its_place():
 
 @pytest.mark.parametrize(
     ("there", "told"),
-    [(("Sink", "SinkBasin"), "Sink(1.0,1.0,0.0)"), (("SinkBasin", "StoveKnob"), "SinkBasin")],
+    [
+        (("Sink", "SinkBasin"), "Sink|1"),
+        (("SinkBasin", "StoveKnob"), "SinkBasin|1"),
+        (("Floor", "SinkBasin"), "SinkBasin|1"),
+    ],
 )
-def test_basin_is_told_only_where_its_sink_is_not(there, told):
+def test_basin_is_told_as_a_sink_where_its_sink_is_not(there, told):
     fixtures = tuple(fixture(f"{kind}|1", 1.0) for kind in there)
-    area = Area(name="node_1", position_m=(0, 0, 0), contains=there, fixtures=fixtures)
-    stable = parts("full", PlanRequest(instruction="go", areas=(area,)))[0]
-    assert stable.endswith(f"node_1 (0.0,0.0) : {told}\n")
+    contains = tuple(sorted(with_wholes(there)))
+    area = Area(name="node_1", position_m=(0, 0, 0), contains=contains, fixtures=fixtures)
+    facts = PlanRequest(instruction="go", areas=(area,))
+    stable, _, names = parts("full", facts)
+    assert stable.endswith("node_1 (0.0,0.0) : Sink(1.0,1.0,0.0)\n")
+    assert names["Sink"] == told
+    assert parts("compact", facts)[0].endswith("node_1 Sink\n")
 
 
 def test_things_in_sight_have_names_after_those_of_memory_by_what_they_lie_on():

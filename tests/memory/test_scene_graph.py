@@ -194,6 +194,11 @@ def test_each_immovable_object_in_reach_belongs_to_its_nearest_area(seen):
     )
 
 
+def test_basin_without_its_sink_counts_as_a_sink():
+    graph = furnished([thing("SinkBasin", 1.0, 1.0)])
+    assert {kind for area in graph.areas() for kind in area.contains} == {"Sink", "SinkBasin"}
+
+
 def test_moved_object_is_found_where_it_is_now():
     graph = SceneGraph.over(room())
     graph.observe([thing("ArmChair", 0.0, 1.0)])

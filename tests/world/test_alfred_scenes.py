@@ -9,6 +9,7 @@ from karma.world.alfred.build import build
 from karma.world.alfred.contents import contained
 from karma.world.alfred.facts import Files, gather
 from karma.world.alfred.steps import visited
+from karma.world.core.boxes import Box
 
 APPLE, FRIDGE, TABLE = ours.APPLE, ours.FRIDGE, ours.TABLE
 
@@ -74,6 +75,39 @@ def test_build_without_a_dump_stands_things_on_the_floor_and_round_what_lay_ther
     assert fridge.center[1] - fridge.size[1] / 2 >= 0.0
     assert table.center[1] + table.size[1] / 2 == pytest.approx(0.81)
     assert any(thing.type == "Floor" for thing in by_id.values())
+
+
+@pytest.mark.parametrize(("types", "inferred"), [((), True), (("Sink",), True), (("Mug",), False)])
+def test_build_a_sink_is_inferred_from_its_basin_unless_the_rooms_types_lack_it(
+    tmp_path, types, inferred
+):
+    sink = "Sink|+00.10|+00.90|+01.15"
+    trial = ours.trial()
+    trial["plan"]["low_actions"] += ours.low(4, ours.put(APPLE, f"{sink}|SinkBasin"))
+    layouts = tmp_path / "layouts.json"
+    layouts.write_text(json.dumps({ours.PLAN: {"reachable": [], "object_types": types}}))
+    by_id = scene_of(tmp_path, trial, Files(layouts=layouts))
+    assert (sink in by_id) == inferred
+    if inferred:
+        whole, basin = Box.around(by_id[sink].center, by_id[sink].size), by_id[f"{sink}|SinkBasin"]
+        assert by_id[sink].inferred
+        assert by_id[sink].type == "Sink"
+        assert not basin.inferred
+        assert whole.grown(0.01, 0.01, 0.01).overlaps(Box.around(basin.center, basin.size))
+
+
+def test_build_a_recorded_sink_is_not_inferred_again(tmp_path, side):
+    row, sink = ours.dump(), "Sink|+00.10|+00.90|+01.15"
+    basin = next(one for one in row["objects"] if one["objectType"] == "SinkBasin")
+    whole = {**basin, "objectId": sink, "objectType": "Sink", "name": "Sink_1"}
+    basin["objectId"] = f"{sink}|SinkBasin"
+    files = Files(
+        dumps=ours.write(tmp_path / "with.jsonl", {**row, "objects": [*row["objects"], whole]})
+    )
+    trial = ours.trial()
+    trial["plan"]["low_actions"] += ours.low(4, ours.put(APPLE, f"{sink}|SinkBasin"))
+    sinks = [one for one in scene_of(tmp_path, trial, files).values() if one.type == "Sink"]
+    assert [one.inferred for one in sinks] == [False]
 
 
 def test_build_dirty_and_empty_and_toggles_are_the_trials(tmp_path, side):

@@ -82,6 +82,7 @@ class RoomFacts:
     fixed: Mapping[str, Vec3]  # id -> where its origin is, metres
     spots: tuple[LabelledSpot, ...]
     dump: Scene | None
+    types: frozenset[str] = frozenset()  # that the room has; empty = not known
     models: Mapping[str, SceneObject] = field(default_factory=dict)  # one of each type, of any dump
 
 
@@ -113,6 +114,7 @@ def gather(trials: Iterable[Trial], files: Files) -> dict[str, RoomFacts]:
             fixed=places,
             spots=_distinct((*spots.get(name, ()), *own)),
             dump=dumps.get(name),
+            types=frozenset(layout.object_types),
             models=models,
         )
     return found

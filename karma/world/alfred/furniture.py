@@ -8,7 +8,8 @@ moved or dropped. An id of ALFRED's takes, of what the dump has left:
 3. the shape of an object of its type elsewhere in the room: a moved one,
 4. the shape of its type in other rooms, or the typical one of `types.toml`, widened by what is
    known to have lain there.
-What the dump has beyond that (windows, chairs, the floor) is there as it is.
+What the dump has beyond that (windows, chairs, the floor) is there as it is. A sink or bathtub of
+which only the basin is recorded is inferred from it.
 """
 
 import math
@@ -18,12 +19,14 @@ from typing import NamedTuple
 import msgspec
 
 from karma.contracts import Vec3
-from karma.household.ids import type_of
+from karma.household.ids import is_part, root_id, root_type, type_of
 from karma.household.places import FLOOR
 from karma.household.types import object_types
+from karma.household.uses import BASIN_OF, BASINS
 from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.ids import place_of, type_now
 from karma.world.alfred.trial import LabelledSpot
+from karma.world.core.boxes import Box
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import bottom, moved, top
@@ -36,6 +39,7 @@ _ONE_M = 0.05  # two ids of one object
 _MARGIN_M = 0.1  # round what lay on a surface
 _ON_FLOOR_M = 0.15
 _FOOT_M = 0.02
+_RIM_M = 0.05  # of a sink or bathtub, round its basin
 
 
 class _Match(NamedTuple):
@@ -74,6 +78,7 @@ def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[S
             ids.setdefault(match.thing.id, one)
         found.append(made)
     found += [o for o in rest if o.id not in ids and o.id not in places]
+    found += _wholes(found, facts)
     found = _with_floor(found, facts, floor_y)
     return _related(found, ids)
 
@@ -218,6 +223,28 @@ def _typical(one: str, place: Vec3, facts: RoomFacts, floor_y: float) -> SceneOb
         materials=row.materials,
     )
     return _round(made, [spot for spot in facts.spots if spot.receptacle == one])
+
+
+def _wholes(things: Sequence[SceneObject], facts: RoomFacts) -> Iterator[SceneObject]:
+    """Yield the sinks and bathtubs whose basins tell of them, by their ids, and nothing else does.
+
+    Each is a rim round its basin, which takes what is put there. Where the room's types are known,
+    they have to list it.
+    """
+    for basin in things:
+        whole = root_id(basin.id)
+        kind, place = root_type(whole), place_of(whole)
+        if basin.type not in BASINS or not is_part(basin.id, of=whole) or place is None:
+            continue
+        ground = Box.around(basin.center, basin.size).grown(_RIM_M, 0.0, _RIM_M)
+        alike = [Box.around(one.center, one.size) for one in things if one.type == kind]
+        seen = any(ground.overlaps(one._replace(y0=ground.y0, y1=ground.y1)) for one in alike)
+        if seen or kind not in (facts.types or BASIN_OF):
+            continue
+        yield SceneObject(
+            id=whole, type=kind, name=whole, position=place, center=ground.center,
+            size=ground.size, inferred=True,
+        )  # fmt: skip
 
 
 def _round(thing: SceneObject, spots: Sequence[LabelledSpot]) -> SceneObject:

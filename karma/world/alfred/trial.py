@@ -200,9 +200,10 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RoomLayout(msgspec.Struct, frozen=True, kw_only=True):
-    """What ALFRED's layouts tell of a room: cells (x, z), and poses to see receptacles from."""
+    """What ALFRED's layouts tell of a room: cells (x, z), types, poses to see receptacles from."""
 
     reachable: tuple[tuple[float, float], ...] = ()
+    object_types: tuple[str, ...] = ()
     receptacle_points: dict[str, tuple[float, ...]] = {}
 
 

@@ -49,6 +49,7 @@ class SceneObject(
     is_picked_up: bool = False
     temperature: Temperature = "RoomTemp"
     heat_left_s: float = 0.0  # until Hot or Cold returns to RoomTemp
+    inferred: bool = False  # no record of the room shows it; another object's id tells of it
 
 
 class AgentPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
