@@ -8,13 +8,8 @@ from karma.world.eb_alfred.environment import Environment
 
 pytestmark = pytest.mark.shared
 
-# why a demonstration's plan fails today, by trial
-FAILS = {
-    "trial_T20190909_002804_564168": "the spatula is not seen from the cell nearest to it",
-}
 
-
-def test_expert_plans_of_the_half_succeed_but_for_those_explained():
+def test_expert_plans_of_the_half_all_succeed():
     tasks, rooms, types = shared_half()
     failed = {}
     for one in sorted({task.trial for task in tasks}):
@@ -22,7 +17,7 @@ def test_expert_plans_of_the_half_succeed_but_for_those_explained():
         met, refused = expert_result(trial, rooms.facts[trial.scene.floor_plan], types)
         if not met:
             failed[one] = refused
-    assert failed.keys() == FAILS.keys(), failed
+    assert failed == {}
 
 
 def test_actions_of_every_room_begin_with_the_same_162():

@@ -77,6 +77,17 @@ def test_build_without_a_dump_stands_things_on_the_floor_and_round_what_lay_ther
     assert any(thing.type == "Floor" for thing in by_id.values())
 
 
+def test_build_turns_a_models_box_as_the_trial_has_it_also_on_end(tmp_path, side):
+    trial = ours.trial()
+    (knife,) = [t for t in trial["scene"]["object_poses"] if t["objectName"] == "Knife_1"]
+    flat = scene_of(tmp_path, trial, side)[ours.KNIFE]
+    knife["rotation"]["x"] = 90
+    stood = scene_of(tmp_path, trial, side)[ours.KNIFE]
+    assert flat.size == pytest.approx((0.05, 0.02, 0.2))
+    assert stood.size == pytest.approx((0.05, 0.2, 0.02))
+    assert stood.position == flat.position
+
+
 @pytest.mark.parametrize(("types", "inferred"), [((), True), (("Sink",), True), (("Mug",), False)])
 def test_build_a_sink_is_inferred_from_its_basin_unless_the_rooms_types_lack_it(
     tmp_path, types, inferred

@@ -400,6 +400,26 @@ def test_put_into_a_full_bowl_is_refused(world):
     assert messages[-1] == "No valid positions to place object found"
 
 
+def test_put_into_a_cup_that_holds_a_knife_lays_a_spoon_on_it():
+    cup = thing("Cup", (1.5, 0.85, -0.4), (0.09, 0.1, 0.09))
+    knife = on(cup, "Knife", 1.5, -0.4, level=0.0, size=(0.05, 0.02, 0.25))
+    forks = [thing("Fork", (0.0, 0.5 + i, 0.0), (0.03, 0.02, 0.2)) for i in range(9)]
+    world, levels = with_extra(cup, knife, *forks), []
+    for fork in forks:
+        world.step("PickupObject", objectId=fork.id, forceAction=True)
+        if not world.step("PutObject", objectId=cup.id, forceAction=True):
+            assert world.last_event.message == "No valid positions to place object found"
+            break
+        there = world.state.objects[fork.id]
+        assert there.parents[0] == cup.id
+        levels.append(there.center[1] - there.size[1] / 2)
+    else:
+        pytest.fail("no end of what goes into a cup")
+    assert levels[0] == pytest.approx(0.82, abs=0.01)  # on the knife
+    assert levels == sorted(levels)
+    assert levels[-1] < 0.9  # below the rim
+
+
 def test_put_into_a_closed_fridge_is_refused_even_by_force(world):
     world.step("PickupObject", objectId=reach(world, "Apple"))
     event = world.step("PutObject", objectId=find(world, "Fridge"), forceAction=True)

@@ -14,8 +14,9 @@ from karma.world.alfred.ids import type_now
 from karma.world.alfred.steps import STEP_M
 from karma.world.alfred.trial import SpawnPose, Trial
 from karma.world.core.boxes import AGENT_RADIUS_M, Box
+from karma.world.core.posing import posed
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
-from karma.world.core.thing import difference, moved, turned
+from karma.world.core.thing import turned
 from karma.world.importing.scenes import ORIGIN_M, room_by_name, room_by_things
 
 
@@ -79,8 +80,7 @@ def _movable(pose: SpawnPose, facts: RoomFacts) -> SceneObject:
         )  # fmt: skip
         made = turned(made, turn[1], place)
     else:
-        made = turned(model, turn[1] - model.rotation[1], model.position)
-        made = moved(made, difference(place, model.position))
+        made = posed(model, place, turn)
     return msgspec.structs.replace(
         made,
         id=pose.id,

@@ -119,7 +119,7 @@ def _levels(objects: Objects, thing: SceneObject, receptacle: SceneObject) -> li
     own = [low + height * share for share in _BOARDS] if height > _TALL_M else [low]
     found = used + own
     if receptacle.type in put.open_top:
-        return found
+        return found + _piled(objects, receptacle)
     fits = [level for level in found if level + thing.size[1] <= high + 0.02]
     return fits or [low]
 
@@ -133,6 +133,13 @@ def _in_use(objects: Objects, receptacle: SceneObject) -> list[float]:
         if "pickupable" in objects[child].capabilities and not is_inert(objects[child])
     ]
     return _common([level for level in used if low - 0.05 <= level <= high + 0.05])
+
+
+def _piled(objects: Objects, receptacle: SceneObject) -> list[float]:
+    """Return the heights on top of what lies in a receptacle, below its rim, the lowest first."""
+    inside = (objects[child] for child in objects.containment.children.get(receptacle.id, ()))
+    tops = {top(one) for one in inside if "pickupable" in one.capabilities and not is_inert(one)}
+    return sorted(level for level in tops if level < top(receptacle))
 
 
 def _common(levels: Sequence[float]) -> list[float]:
