@@ -27,8 +27,11 @@ from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.processes import train_in_processes
 from karma.training.planner.reading import read_goals, tell
 from karma.training.planner.sources import Sources, held_out_packs
-from karma.training.planner.task_files import draw_tasks
+from karma.training.planner.task_files import draw_tasks, fresh_rooms
 from karma.training.planner.train import exact_by_kind
+from karma.world.core.scene import Scene
+from karma.world.importing.dump import read_layouts
+from karma.world.importing.scenes import import_dump
 
 ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
@@ -135,11 +138,27 @@ def tasks(
     seed: int = 0,
     homes: Annotated[int, typer.Option(help="Rooms, half of them kitchens.")] = 24,
     disjoint: Disjoint = False,
+    dumps: Annotated[
+        bool, typer.Option(help="In AI2-THOR's floor plans that have a layout, not in homes.")
+    ] = False,
+    unfiltered: Annotated[
+        bool, typer.Option(help="Also what the expert does not do; the tasks are not run.")
+    ] = False,
 ) -> None:
     """Draw tasks of rooms and phrasings that training never sees, each done once by the expert."""
     book = disjoint_book() if disjoint else our_book().part(held_out=True)
-    drawn = draw_tasks(folder, book, each=each, seed=seed, homes=homes)
+    scenes = _floor_plans() if dumps else list(fresh_rooms(homes, seed))
+    drawn = draw_tasks(folder, book, scenes=scenes, each=each, seed=seed, filtered=not unfiltered)
     say(f"{drawn.tasks} tasks in {drawn.rooms} rooms, of {drawn.tried} drawn: {folder}/tasks.jsonl")
+    for reason, count in drawn.left_out.items():
+        say(f"  {count} left out: {reason}")
+
+
+def _floor_plans() -> list[Scene]:
+    """Return the rooms of the dumps of which it is known where one can stand."""
+    dumps, layouts = sources(FOLDER).floor_plans
+    known = read_layouts(layouts)
+    return [scene for scene in import_dump(dumps, layouts=layouts) if scene.name in known]
 
 
 if __name__ == "__main__":

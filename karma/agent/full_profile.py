@@ -125,7 +125,7 @@ def skill_needs() -> Mapping[str, str]:
     picky = [k for k in kinds if k.accepts_only and not k.name.startswith(k.accepts_only)]
     only = [f"{kind.name} {_or(kind.accepts_only)}" for kind in picky]
     return {
-        "GoToObject": "Go to a thing whose place is known.",
+        "GoToObject": "Go to a known thing.",
         "PickupObject": "The hand must be empty, and open what the thing is in.",
         "PutObject": "Put what is held (first) into or onto a receptacle (second). Open a "
         f"{_or(shut)} first. These take nothing else: {'; '.join(only)}.",
@@ -133,15 +133,16 @@ def skill_needs() -> Mapping[str, str]:
         "SwitchOff": "As ToggleOff.",
         "OpenObject": "A Microwave must be off.",
         "CloseObject": "Close it.",
-        "BreakObject": f"Break it. A broken {EGG} is cracked, and still named {EGG}.",
+        "BreakObject": f"A broken {EGG} is cracked, and still named {EGG}.",
         "SliceObject": f"Hold a {_or(KNIVES)}. Cuts {_or(sorted(types_with('sliceable')))}; "
         "then its name means a slice.",
-        "ThrowObject": "Throw away what is held.",
+        "ThrowObject": "Throw it away.",
         "Explore": "Go to a thing if its place is known; else search these positions, then all "
-        "others. Opens what the thing may be in, and leaves it open.",
+        "others. What it opens stays open.",
         "ToggleOn": "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.",
         "ToggleOff": "Switch it off.",
-        "EmptyObject": "Pour out what a vessel is filled with.",
+        "EmptyObject": "Pour it out.",
+        "PutNear": "The same near a thing.",
     }
 
 

@@ -1,13 +1,16 @@
 """What the hand does: pick up, put down, throw, pour out, slice, open, close, break."""
 
+import math
 from contextlib import suppress
 
 from karma.agent.reach import Reach
 from karma.agent.refusals import RefusedError, hand_full, put_refused
 from karma.agent.sightings import known, means
-from karma.contracts import Known, SeenObject
+from karma.agent.walk import Stance
+from karma.contracts import Known, SeenObject, Vec3
 from karma.household.ids import part_id
 from karma.household.pieces import is_piece
+from karma.household.places import NEAR_M
 from karma.household.states import DOOR_AFTER, OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF
@@ -63,6 +66,65 @@ class Handling:
             raise RefusedError(str(refusal), detail or refusal.detail) from None
         return ""
 
+    def put_near(self, thing: str, name: str) -> str:
+        """Put what is held near another thing, or near a place "(x, y, z)" in metres.
+
+        It goes on what that lies on, or on what is nearest to it; where it comes to lie too far
+        away it is taken up again, and put down from elsewhere.
+        """
+        held = self._held(thing)
+        other = self._spot(name)
+        tried: list[Stance] = []
+        while len(tried) < self._reach.limits.views:
+            if not self._reach.next_stance(other, tried, nearest=True):
+                break
+            if any(self._is_put_near(held, place, other) for place in self._under(other, held)):
+                return ""
+        raise RefusedError(f"there is no room for {held.object_type} near {name}")
+
+    def _is_put_near(self, held: SeenObject, place: Known, other: Known) -> bool:
+        """Put what is held into a receptacle, and take it up again if it lies too far away."""
+        try:
+            self._reach.act(place, "PutObject", also=held.object_id, from_here=True)
+        except RefusedError:
+            return False
+        lies = self._log.seen[held.object_id]
+        if math.dist(lies.position_m, other.position_m) <= NEAR_M:
+            return True
+        self._reach.act(known(lies, "seen"), "PickupObject")
+        return False
+
+    def _spot(self, name: str) -> Known:
+        """Return what a thing is to be near; a place is as good as a thing.
+
+        Raises:
+            RefusedError: it is not known, or no place.
+        """
+        if not name.startswith("("):
+            other = self._reach.resolve(name, held=False)
+            self._reach.approach(other)
+            return other
+        try:
+            x, y, z = (float(part) for part in name.strip("() ").split(","))
+        except ValueError:
+            raise RefusedError(f"{name} is no place (x, y, z) in metres") from None
+        return Known(object_id=name, object_type=name, position_m=(x, y, z))
+
+    def _under(self, other: Known, held: SeenObject) -> list[Known]:
+        """Return what is within reach and may take a thing near another one, the likeliest first.
+
+        What the other lies on, then what is nearest to it.
+        """
+        on = self._log.seen.get(other.object_id)
+        ranked = []
+        for one in self._log.in_view.values():
+            gap, kind = _off_m(other.position_m, one), object_types()[one.object_type]
+            takes = gap <= NEAR_M and kind.can("receptacle") and _takes(one.object_type, held)
+            if takes and one.object_id in self._log.within_reach:
+                is_under = on is not None and one.object_id in on.parent_ids
+                ranked.append((not is_under, gap, one.object_id))
+        return [known(self._log.in_view[name], "seen") for _, _, name in sorted(ranked)]
+
     def throw(self, name: str) -> str:
         """Throw away what is held."""
         held = self._held(name)
@@ -117,18 +179,32 @@ class Handling:
 
     def _put_into(self, held: SeenObject, target: Known) -> None:
         """Put down where the basin, if the target has one, has come into view."""
-        self._reach.approach(self._basin(target) or target)
+        self._reach.approach(self._basin(target, held) or target)
         tried = [self._walker.stance()]
-        while (place := self._basin(target)) is None:
+        while (place := self._basin(target, held)) is None:
             if len(tried) > self._reach.limits.views or not self._reach.next_stance(target, tried):
                 place = target
                 break
         self._reach.act(place, "PutObject", also=held.object_id)
 
-    def _basin(self, target: Known) -> Known | None:
+    def _basin(self, target: Known, held: SeenObject) -> Known | None:
         """Return where things are put: a sink's basin, None while it is not known."""
         basin = BASIN_OF.get(target.object_type)
+        if basin and not _takes(basin, held) and _takes(target.object_type, held):
+            return target  # a plunger stands in a bathtub, says the table, and not in its basin
         return self._reach.names.find(part_id(target.object_id, basin)) if basin else target
+
+
+def _takes(receptacle_type: str, thing: SeenObject) -> bool:
+    """Return whether a type of receptacle takes a thing."""
+    kinds = object_types()
+    return kinds[thing.object_type].fits(kinds[receptacle_type])
+
+
+def _off_m(point: Vec3, thing: SeenObject) -> float:
+    """Return the distance of a point from a thing's box."""
+    box = zip(point, thing.box_center_m, thing.box_size_m, strict=True)
+    return math.hypot(*(max(abs(at - mid) - size / 2, 0.0) for at, mid, size in box))
 
 
 def _is_one_of(name: str, target: Known) -> bool:

@@ -10,6 +10,7 @@ Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from karma.agent.program import PUTS
 from karma.contracts import Area, SkillCall
 from karma.household.ids import short_type
 from karma.household.places import LIKELY, SURFACES
@@ -65,7 +66,7 @@ def mend(
         name = call.objects[-1]
         if hand == name and call.skill in ("GoToObject", "Explore", "PickupObject"):
             continue
-        if call.skill == "PutObject":
+        if call.skill in PUTS:
             if len(call.objects) == 2 and hand is not None and hand == held:
                 call = replace(call, objects=(hand, name))
             found.add(call.objects[0])
@@ -94,7 +95,7 @@ def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[
     kept = [c for c in calls if not (c.skill == "SliceObject" and c.objects[0] in again)]
     if len(kept) == len(calls) or any(c.skill == "SliceObject" for c in kept):
         return kept
-    put = {c.objects[0] for c in kept if c.skill == "PutObject"}
+    put = {c.objects[0] for c in kept if c.skill in PUTS}
     idle = {name for name in KNIVES if name not in put}
     fetching = ("Explore", "GoToObject", "PickupObject")
     return [c for c in kept if c.skill not in fetching or short_type(c.objects[0]) not in idle]
@@ -188,7 +189,7 @@ def _refused(call: SkillCall, hand: _Hand) -> str:
         if hand.held is not None and hand.held != name:
             return f"the hand holds {hand.held}; put it down first"
         hand.held = name
-    elif call.skill == "PutObject":
+    elif call.skill in PUTS:
         return _put(call, hand)
     return ""
 
@@ -201,7 +202,8 @@ def _put(call: SkillCall, hand: _Hand) -> str:
     if short_type(hand.held) != short_type(name):
         return f"the hand holds {hand.held}, not {name}"
     thing, receptacle = object_types().get(short_type(name)), object_types().get(short_type(place))
-    if thing is not None and receptacle is not None and not fits(thing, receptacle):
+    into = call.skill == "PutObject"
+    if into and thing is not None and receptacle is not None and not fits(thing, receptacle):
         return f"{name} cannot be placed in {place}"
     if name == place:
         return f"{name} cannot be placed in itself"

@@ -53,8 +53,17 @@ SKILLS: tuple[SkillSignature, ...] = (
 )
 """The 13 functions of Listing 2. `PutObject` with one object means the receptacle."""
 
-EMPTY_OBJECT = _skill("EmptyObject", "Pour out what the object is filled with.")
-"""A 14th of ours: nothing in Listing 2 gets the water out of a mug."""
+OUR_SKILLS: tuple[SkillSignature, ...] = (
+    _skill("EmptyObject", "Pour out what the object is filled with."),
+    SkillSignature(
+        name="PutNear",
+        arguments=("object", "object"),
+        doc="Put the held object (first) near another thing (second), on what that lies on.",
+    ),
+)
+"""Two more of ours: nothing in Listing 2 gets the water out of a mug, or one thing near another."""
+
+PUTS = ("PutObject", "PutNear")  # skills that empty the hand, by what they say first
 
 _NAME = re.compile(r"[\w|+\-.,()/& ]+")
 _FENCE = re.compile(r"\s*```[ \t]*[A-Za-z0-9_+-]*[ \t]*")

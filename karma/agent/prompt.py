@@ -23,7 +23,7 @@ from karma.agent.full_profile import (
     place_name,
     skill_needs,
 )
-from karma.agent.program import EMPTY_OBJECT, SKILLS
+from karma.agent.program import OUR_SKILLS, SKILLS
 from karma.agent.short_names import fixture_names, name_for, one_of_each, short_names
 from karma.contracts import Area, MemoryUnit, PlanRequest, Prompt, SkillSignature, Vec3
 from karma.errors import UnknownNameError
@@ -31,7 +31,7 @@ from karma.household.pieces import base_type
 from karma.household.places import landmark_types
 
 PROFILES: Mapping[str, tuple[SkillSignature, ...]] = MappingProxyType(
-    {"compact": SKILLS, "full": (*SKILLS, EMPTY_OBJECT)}
+    {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS)}
 )  # and the skills that each offers; the nano planner has learnt 13
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
 _TEMPLATES = Path(__file__).parent / "prompts"

@@ -189,6 +189,7 @@ class Reach:
         *,
         least_gap_m: float = 0.0,
         past: Vec3 | None = None,
+        nearest: bool = False,
     ) -> bool:
         """Go to the best place not yet tried to see a thing from, and look.
 
@@ -198,11 +199,13 @@ class Reach:
             least_gap_m: nearer places come later.
             past: a point; places from which it lies in the direction that it had from one before,
                 or nearly so, come later.
+            nearest: whether the places nearest to the thing come first, however far the way.
 
         Returns:
             False when there is no such place left; otherwise `tried` has one more.
         """
-        for view in self._untried(target, tried, least_gap_m, past):
+        views = self._untried(target, tried, least_gap_m, past)
+        for view in sorted(views, key=lambda view: view.gap_m) if nearest else views:
             tried.append(view)
             if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
                 self.look()
@@ -232,7 +235,13 @@ class Reach:
         return fresh
 
     def act(
-        self, target: Known, action: str, *, also: str | None = None, in_passing: bool = False
+        self,
+        target: Known,
+        action: str,
+        *,
+        also: str | None = None,
+        in_passing: bool = False,
+        from_here: bool = False,
     ) -> Observation:
         """Do one action on a thing, going there first, and again from elsewhere if that may help.
 
@@ -241,6 +250,7 @@ class Reach:
             action: AI2-THOR's action with an objectId.
             also: another thing that it handles.
             in_passing: not worth remembering.
+            from_here: it is within reach, and the agent stays where it is.
 
         Raises:
             RefusedError: the world's own words.
@@ -249,7 +259,7 @@ class Reach:
         event = self.walker.do(action, **self._eyes.aim(target.object_id))
         tried: list[Stance] = []
         opens = action in ("OpenObject", "CloseObject")
-        while _ROOM_MATTERS.search(_plain(refusal(event))):
+        while not from_here and _ROOM_MATTERS.search(_plain(refusal(event))):
             if len(tried) == self.limits.retries:
                 break
             if not self.next_stance(target, tried, least_gap_m=0.75 if opens else 0.0):

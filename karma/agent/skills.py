@@ -1,4 +1,4 @@
-"""The 13 skills of KARMA's Listing 2 and one of ours, carried out with AI2-THOR's actions.
+"""The 13 skills of KARMA's Listing 2 and two of ours, carried out with AI2-THOR's actions.
 
 A skill acts on what the agent believes (its memory, and what it has seen since it began); when a
 belief proves wrong it says so. A refusal is a value whose reason a planner can act on. `walk` moves
@@ -6,11 +6,11 @@ the body, `sightings` keeps the log, `naming` knows what a name means, `reach` b
 reach and acts on it, `search` looks for things, `handling` and `switching` are the skills proper.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from karma.agent.eyes import Eyes, MetadataEyes
 from karma.agent.handling import Handling
-from karma.agent.program import EMPTY_OBJECT, SKILLS
+from karma.agent.program import OUR_SKILLS, SKILLS
 from karma.agent.reach import Reach, SkillLimits
 from karma.agent.refusals import RefusedError
 from karma.agent.search import Search
@@ -28,7 +28,7 @@ from karma.contracts import (
 )
 
 _SHUT_IN = "it is in a closed container; open that first"
-_ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in (*SKILLS, EMPTY_OBJECT)}
+_ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in (*SKILLS, *OUR_SKILLS)}
 
 
 class Skills:
@@ -56,6 +56,12 @@ class Skills:
         )
         self._search = Search(reach)
         self._hand, self._switches = Handling(reach), Switching(reach, self._search)
+        self._by_hand: Mapping[str, Callable[[str], str]] = {
+            "PickupObject": self._hand.pick_up,
+            "SliceObject": self._hand.slice,
+            "ThrowObject": self._hand.throw,
+            "EmptyObject": self._hand.empty,
+        }
 
     @property
     def experience(self) -> Experience:
@@ -135,24 +141,20 @@ class Skills:
         match call.skill:
             case "GoToObject":
                 return self._go_to(name)
-            case "PickupObject":
-                return self._hand.pick_up(name)
             case "PutObject":
                 thing = call.objects[0] if call.objects[1:] else None
                 return self._hand.put(thing, name, exact=call.exact)
+            case "PutNear":
+                return self._hand.put_near(call.objects[0], name)
             case "SwitchOn" | "ToggleOn":
                 return self._switches.toggle(name, "on")
             case "SwitchOff" | "ToggleOff":
                 return self._switches.toggle(name, "off")
-            case "SliceObject":
-                return self._hand.slice(name)
-            case "ThrowObject":
-                return self._hand.throw(name)
-            case "EmptyObject":
-                return self._hand.empty(name)
             case "Explore":
                 self._search.explore(name, call.positions)
                 return ""
+            case skill if skill in self._by_hand:
+                return self._by_hand[skill](name)
             case _:
                 return self._hand.act(call.skill, name)
 

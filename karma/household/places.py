@@ -20,6 +20,7 @@ from karma.household.uses import (
 ROOMS = ("kitchen", "living", "bedroom", "bathroom")  # kinds of rooms, as scenes are named
 HAND = "hand"  # the place of what the agent holds
 FLOOR = "Floor"
+NEAR_M = 0.5  # "near", between the origins of two things; the paper names none
 SURFACES = (
     "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
     "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Toilet", "Bathtub",

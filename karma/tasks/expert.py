@@ -2,20 +2,24 @@
 
 The nano planner learns from them, and the `expert` row (`karma.methods.expert`) acts on them,
 which shows that every task can be solved. It knows the skill API and household sense, not the
-world: the view it is given may be one agent's memory or the whole truth.
+world: the view it is given may be one agent's memory or the whole truth. What the world refused
+stands in the view too, so that the next program goes another way.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from karma.agent.inspector import likely_areas
 from karma.contracts import Area, Goal, SkillCall
 from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
-from karma.household.places import STAND_CLOSED, SURFACES
+from karma.household.places import LIKELY, STAND_CLOSED, SURFACES
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
+from karma.tasks.goals import is_position
 
+_Errand = tuple[str, list[Goal]]  # a subject and the goals about it
+_PLACED = ("ON", "INSIDE")
 _PREDICATES = {state: predicate for predicate, state in END_STATES.items()}
 
 
@@ -28,15 +32,22 @@ class NamedThing:
     states: tuple[str, ...] = ()
     place: str | None = None  # name of the receptacle it is in or on
     place_type: str | None = None
+    holds: bool = True  # False: it takes nothing, so things are put near it
+    contents: tuple[str, ...] = ()  # names of what can be carried and lies in or on it
+    now: tuple[str, ...] = ()  # true states of the moment, where they are known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExpertView:
-    """What is known when the program is written."""
+    """What is known when the program is written, and what was learned when one was refused."""
 
     things: tuple[NamedThing, ...] = ()  # the last used first
     areas: tuple[Area, ...] = ()
     held: NamedThing | None = None
+    refused: frozenset[tuple[str, str]] = frozenset()  # a thing, and a receptacle that took it not
+    shunned: frozenset[str] = frozenset()  # names of what is not to be used: out of reach, hidden
+    in_the_way: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # what to move first
+    awkward: frozenset[str] = frozenset()  # names of what cannot be cut where it lies
 
 
 @dataclass(slots=True)
@@ -48,6 +59,7 @@ class _Draft:
     calls: list[SkillCall] = field(default_factory=list)
     places: dict[str, tuple[str, str]] = field(default_factory=dict)  # name -> place, its type
     found: set[str] = field(default_factory=set)
+    freed: set[str] = field(default_factory=set)
 
     def say(self, skill: str, *objects: str, positions: tuple[str, ...] = ()) -> None:
         """Append one call, leaving out a walk to where the robot already is."""
@@ -61,15 +73,17 @@ class _Draft:
         for candidate in known:
             if word == candidate.name:
                 return candidate
-        for candidate in known:
-            if word == base_type(candidate.object_type):
-                return candidate
+        for kind_of in (base_type, uses.without_basin):
+            ones = (one for one in known if word == kind_of(one.object_type))
+            if found := next((o for o in ones if o.name not in self.view.shunned), None):
+                return found
         return NamedThing(name=word, object_type=word)
 
     def place_of(self, thing: NamedThing) -> tuple[str, str] | None:
-        """Return name and type of the receptacle that holds a thing, if known."""
+        """Return name and type of the receptacle that holds a thing, the outer of two, if known."""
         if thing.name in self.places:
-            return self.places[thing.name]
+            holder = self.thing(self.places[thing.name][0])
+            return self.place_of(holder) or self.places[thing.name]
         if thing.place is None or thing.place_type is None:
             return None
         return thing.place, thing.place_type
@@ -91,9 +105,9 @@ class _Draft:
         if self.held is not None and thing.name == self.held.name:
             return None
         place = self.place_of(thing)
-        if place is not None and place[1] in STAND_CLOSED:
+        if place is not None and self._is_shut(self.thing(place[0]), place[1]):
             self.say("GoToObject", place[0])
-            self.say("OpenObject", place[0])
+            self.open(self.thing(place[0]))
             return place[0]
         if not self.knows(thing):
             self.say(
@@ -103,10 +117,29 @@ class _Draft:
         self.say("GoToObject", thing.name)
         return None
 
+    def _is_shut(self, place: NamedThing, kind: str) -> bool:
+        """Return whether a receptacle has to be opened: those that stand closed are, to be sure."""
+        return kind in STAND_CLOSED or "closed" in place.now
+
+    def open(self, place: NamedThing) -> None:
+        """Write the lines that open a receptacle where the robot stands before it."""
+        if "on" in place.now:
+            self.say("ToggleOff", place.name)
+        self.say("OpenObject", place.name)
+
+    def free(self, name: str) -> None:
+        """Write the lines that put elsewhere what is in the way of a thing."""
+        if name not in self.freed:
+            self.freed.add(name)
+            for other in self.view.in_the_way.get(name, ()):
+                self.take(self.thing(other))
+                self.put_down()
+
     def take(self, thing: NamedThing) -> None:
         """Write the lines that take a thing into the hand."""
         if self.held is not None and thing.name == self.held.name:
             return
+        self.free(thing.name)
         if self.held is not None:
             self.put_down()
         opened = self.reach(thing)
@@ -122,16 +155,37 @@ class _Draft:
         kind = object_types().get(self.held.object_type)
         fits = kind.goes_in if kind is not None else None
         allowed = [name for name in SURFACES if fits is None or name in fits] or list(SURFACES)
-        known = [name for name in allowed if self.has_landmark(name)]
-        surface = (known or allowed)[0]
-        self.put(self.held, NamedThing(name=surface, object_type=surface))
+        others = [name for name in LIKELY if name not in allowed and (not fits or name in fits)]
+        known = [name for name in (*allowed, *others) if self.has_landmark(name)]
+        surfaces = [one for name in known for one in self._surfaces(self.held, name)]
+        first = NamedThing(name=allowed[0], object_type=allowed[0])
+        self.put(self.held, next(iter(surfaces), first))
+
+    def _surfaces(self, thing: NamedThing, kind: str) -> Iterator[NamedThing]:
+        """Yield a type to put a thing on; once that was refused, those of it that were not."""
+        ones = [one for one in self.view.things if one.object_type == kind]
+        names = {one.name for one in ones}
+        bad = {place for held, place in self.view.refused if held == thing.name} | self.view.shunned
+        if bad.isdisjoint((kind, *names)):
+            yield NamedThing(name=kind, object_type=kind)
+        else:
+            yield from (one for one in ones if one.name not in bad and one.holds)
 
     def put(self, thing: NamedThing, receptacle: NamedThing, *, close: bool = True) -> None:
         """Write the lines that put a thing into a receptacle, opening and closing what must be."""
+        if not receptacle.holds:
+            self.take(thing)
+            opened = None if is_position(receptacle.name) else self.reach(receptacle)
+            self.say("PutNear", thing.name, receptacle.name)
+            if opened is not None:
+                self.say("CloseObject", opened)
+            self.held = None
+            return
+        self.free(receptacle.name)
         self.take(thing)
         opened = self.reach(receptacle)
-        if receptacle.object_type in STAND_CLOSED:
-            self.say("OpenObject", receptacle.name)
+        if self._is_shut(receptacle, receptacle.object_type):
+            self.open(receptacle)
             opened = receptacle.name
         self.say("PutObject", thing.name, receptacle.name)
         if opened is not None and close:
@@ -153,14 +207,41 @@ def solve(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:
         The calls; () when there is nothing to do.
     """
     draft = _Draft(view=view, held=view.held)
+    for subject, mine in _in_order(list(_by_subject(goals))):
+        _satisfy(draft, subject, mine)
+    return tuple(draft.calls)
+
+
+def _by_subject(goals: Sequence[Goal]) -> Iterator[_Errand]:
+    """Yield what each goal is about, with all goals about it and those that only help with them."""
     rest = list(goals)
     while rest:
         subject = _subject(rest[0])
         mine = [goal for goal in rest if _subject(goal) == subject]
         mine += [goal for goal in rest if goal not in mine and _helps(goal, mine)]
-        _satisfy(draft, subject, mine)
+        yield subject, mine
         rest = [goal for goal in rest if goal not in mine]
-    return tuple(draft.calls)
+
+
+def _in_order(errands: Sequence[_Errand]) -> list[_Errand]:
+    """Return errands so that none undoes another.
+
+    A dish is filled before it goes to its place, and what is to be held at the end is taken last,
+    unless the hand is not needed any more.
+    """
+    filled = {g.arguments[1] for _, mine in errands for g in mine if g.predicate in _PLACED}
+    first: list[_Errand] = []
+    placed: list[_Errand] = []
+    held: list[_Errand] = []
+    for subject, mine in errands:
+        holding = [goal for goal in mine if goal.predicate == "HOLDON"]
+        placing = [goal for goal in mine if goal.predicate in _PLACED and subject in filled]
+        rest = [goal for goal in mine if goal not in holding and goal not in placing]
+        for kind, goals in ((first, rest), (placed, placing), (held, holding)):
+            if goals:
+                kind.append((subject, goals))
+    busy = any(goal.predicate in (*_PLACED, "STATE") for _, mine in first for goal in mine)
+    return [*first, *placed, *held] if busy or placed else list(errands)
 
 
 def _subject(goal: Goal) -> str:
@@ -186,7 +267,7 @@ def _helps(goal: Goal, mine: Sequence[Goal]) -> bool:
 def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
     """Write the lines for all goals about one object: change it, then place it."""
     thing = draft.thing(subject)
-    placed = [g for g in goals if g.predicate in ("ON", "INSIDE")]
+    placed = [g for g in goals if g.predicate in _PLACED]
     done_in = ""
     for goal in goals:
         if goal.predicate == "STATE":
@@ -210,11 +291,13 @@ def _change(draft: _Draft, thing: NamedThing, state: str, goals: Sequence[Goal])
     elif state == "filled":
         coffee = any(uses.COFFEE_MACHINE in g.arguments for g in goals)
         return _coffee(draft, thing) if coffee else _rinse(draft, thing)
-    elif state in ("cooked", "heated"):
+    elif state in ("cooked", "heated", "hot"):
         return _heat(draft, thing, state)
-    elif state == "cooled":
+    elif state in ("cooled", "cold"):
         draft.put(thing, draft.thing(uses.FRIDGE))
         return uses.FRIDGE
+    elif state == "empty":
+        _empty(draft, thing)
     elif state == "broken":
         if draft.held is not None and draft.held.name == thing.name:
             draft.put_down()
@@ -227,6 +310,9 @@ def _change(draft: _Draft, thing: NamedThing, state: str, goals: Sequence[Goal])
 
 def _slice(draft: _Draft, thing: NamedThing) -> None:
     """Write the lines that fetch a knife, as Listing 2 does, and slice."""
+    if thing.name in draft.view.awkward:
+        draft.take(thing)
+        draft.put_down()
     knives = [draft.thing(kind) for kind in uses.KNIVES]
     held_knife = draft.held is not None and draft.held.object_type in uses.KNIVES
     if not held_knife:
@@ -235,6 +321,20 @@ def _slice(draft: _Draft, thing: NamedThing) -> None:
     draft.say("SliceObject", thing.name)
     if opened is not None:
         draft.say("CloseObject", opened)
+
+
+def _empty(draft: _Draft, thing: NamedThing) -> None:
+    """Write the lines that take everything out of a thing and pour out what it is filled with."""
+    for name in thing.contents:
+        draft.take(draft.thing(name))
+        draft.put_down()
+    kind = object_types().get(thing.object_type)
+    vessel = kind is not None and kind.can("canFillWithLiquid")
+    if vessel and (not thing.now or "filled" in thing.now):
+        opened = draft.reach(thing)
+        draft.say("EmptyObject", thing.name)
+        if opened is not None:
+            draft.say("CloseObject", opened)
 
 
 def _rinse(draft: _Draft, thing: NamedThing) -> str:

@@ -17,7 +17,7 @@ ON and INSIDE are the same: the object lies in the receptacle, be it in another 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -27,6 +27,7 @@ from karma.agent.perceive import truth_of
 from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
 from karma.errors import KarmaError
 from karma.household.pieces import EGG, is_piece, piece_type
+from karma.household.places import NEAR_M
 from karma.household.states import END_STATES, GOAL_STATES, canonical_state
 from karma.household.uses import MOMENTARY
 from karma.tasks.deeds import DEEDS, TEMPERATURES, RememberedDeeds
@@ -41,7 +42,6 @@ ARITY = {
 _SAME_PREDICATE = {
     "SWITCHON": "TOGGLEON", "SWITCHOFF": "TOGGLEOFF", "IN": "INSIDE", "CLOSE": "CLOSED",
 }  # fmt: skip
-NEAR_M = 0.5  # the paper names none
 MOST = 20  # that a goal may count
 _FORM = re.compile(
     r"\s*(?:(?P<count>[0-9]{1,9})\s*\*\s*)?(?P<word>[A-Za-z]+)\s*\((?P<arguments>.*)\)\s*(?::\s*1)?\s*",
@@ -129,6 +129,13 @@ class Progress(NamedTuple):
 
     met: int
     of: int
+
+
+class Meanings(NamedTuple):
+    """One moment of a world: what names mean in it, and what is true."""
+
+    named: Callable[[str], list[TrueObject]]  # a name -> the objects that it covers
+    true: Callable[[Goal, Sequence[TrueObject]], bool]  # of one object for each of a goal's names
 
 
 class GoalTracker:
@@ -225,6 +232,11 @@ class GoalTracker:
                 met += not self._missed(group, index)
                 of += 1
         return Progress(met, of)
+
+    def meanings(self, event: Event) -> Meanings:
+        """Return what names mean at an event, and which goals hold of which objects."""
+        index = ObjectIndex(truth_of(event))
+        return Meanings(lambda name: index.named(alternatives(name)), partial(self._true, index))
 
     def _missed(self, goals: Sequence[Goal], index: ObjectIndex) -> frozenset[Goal]:
         names = _names_of(goals)

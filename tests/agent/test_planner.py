@@ -84,12 +84,12 @@ def test_planner_gives_a_spec_only_when_constrained():
     assert plans([GOOD], constrained=False)[0].specs == [None]
 
 
-def test_full_profile_alone_offers_to_empty_a_vessel():
-    empty = "EmptyObject(robot, 'Mug')\n"
-    model, (plan,) = plans([empty], profile="full")
-    assert [skill.name for skill in model.specs[0].skills][-1] == "EmptyObject"
+def test_full_profile_alone_offers_the_skills_that_are_ours():
+    line = "EmptyObject(robot, 'Mug')\n"
+    model, (plan,) = plans([line], profile="full")
+    assert [s.name for s in model.specs[0].skills][-2:] == ["EmptyObject", "PutNear"]
     assert plan.error == ""
-    _, (refused,) = plans([empty], attempts=1)
+    _, (refused,) = plans([line], attempts=1)
     assert "there is no skill EmptyObject" in refused.error
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from support.paths import GOLDEN
 
 from karma.agent.full_profile import skill_needs
-from karma.agent.program import EMPTY_OBJECT, SKILLS, parse_program
+from karma.agent.program import OUR_SKILLS, SKILLS, parse_program
 from karma.agent.prompt import PROFILES, render
 from karma.agent.short_names import fixture_names, in_names, short_names
 from karma.contracts import Area, FailedProgram, Fixture, MemoryUnit, PlanRequest, SeenObject
@@ -115,7 +115,7 @@ def test_full_profile_s_examples_are_programs():
     stable, _, _ = parts("full", FACTS)
     examples = stable.partition("# Examples\n")[2].partition("# Names")[0]
     assert len(parse_program(examples)) == 10
-    for skill in (*SKILLS, EMPTY_OBJECT):
+    for skill in (*SKILLS, *OUR_SKILLS):
         assert f"\n{skill.name}(robot" in stable
 
 

@@ -15,7 +15,7 @@ from karma.tasks.drawing.rooms import room_of
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
 from karma.training.planner.lived_memories import live_memory
-from karma.training.planner.task_files import draw_tasks
+from karma.training.planner.task_files import draw_tasks, fresh_rooms
 from karma.world.core import scene
 
 BOOK = our_book().part(held_out=True)
@@ -121,7 +121,10 @@ def test_expand_gives_every_choice_once():
 
 def test_tasks_are_written_as_an_experiment_reads_them_and_twice_the_same(tmp_path):
     for name in ("one", "other"):
-        draw_tasks(tmp_path / name, BOOK, each=1, seed=3, homes=2)
+        homes = list(fresh_rooms(2, 3))
+        drawn = draw_tasks(tmp_path / name, BOOK, scenes=homes, each=1, seed=3, filtered=True)
+        assert (drawn.tasks, drawn.rooms) == (3, 2)
+        assert drawn.tried == 3 + sum(drawn.left_out.values())
     tasks = load_tasks(tmp_path / "one" / "tasks.jsonl")
     assert [task.kind for task in tasks] == ["simple", "composite", "complex"]
     assert all(Path(task.scene.path).exists() for task in tasks)

@@ -1,6 +1,11 @@
-"""Task files drawn afresh: rooms that training never sees, each task done once by the expert."""
+"""Task files drawn afresh, in rooms that training never sees or in AI2-THOR's floor plans.
 
-from collections.abc import Iterator, Sequence
+Each task is done once by the expert, or none is: then all that the types allow are kept. What is
+left out is counted by its reason.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -13,12 +18,15 @@ from karma.methods.expert import ExpertMethod
 from karma.seeds import stream
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
-from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.files import load_tasks
+from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
 
 ORDER = ("kitchen", "living", "kitchen", "bedroom", "kitchen", "bathroom")
+NO_REQUEST = "the room offers no such request"
+NOT_ALLOWED = "AI2-THOR's table lets nothing of the kind in there"
+NOT_DONE = "the expert did not do it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,46 +35,57 @@ class Drawing:
 
     tasks: int
     rooms: int
-    tried: int  # drawn, those included that nobody could do
+    left_out: Mapping[str, int]  # reason -> how many were drawn and not kept
+
+    @property
+    def tried(self) -> int:
+        """How many were drawn, those included that were not kept."""
+        return self.tasks + sum(self.left_out.values())
 
 
-def draw_tasks(folder: Path, book: Book, *, each: int, seed: int, homes: int) -> Drawing:
+def draw_tasks(
+    folder: Path, book: Book, *, scenes: Sequence[Scene], each: int, seed: int, filtered: bool
+) -> Drawing:
     """Draw tasks of every kind; writes tasks.jsonl and scenes/ into a folder.
 
     Args:
         folder: takes them.
         book: phrases to ask with.
+        scenes: the rooms, one after the other.
         each: tasks of each kind.
-        seed: of rooms and tasks.
-        homes: rooms, half of them kitchens.
+        seed: of the tasks.
+        filtered: whether only what the expert does in the world is kept.
     """
     world = registry.load("worlds", "embedded")()
-    drawn = list(_draw_homes(folder, seed, homes))
+    known = [rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes]
+    paths = [folder / "scenes" / f"{scene.name}.json" for scene in scenes]
+    for path, scene in zip(paths, scenes, strict=True):
+        write_atomic(path, to_json(scene))
     lines: list[dict[str, Any]] = []
+    left_out: Counter[str] = Counter()
     tried = 0
     for kind in get_args(Kind):
         found = 0
         while found < each:
             rng = stream(seed, "tasks", kind, str(tried))
-            path, room = drawn[tried % len(drawn)]
+            at = tried % len(scenes)
             tried += 1
-            steps = draw_task(rng, room, book, kind)
-            line = _task_line(f"{kind}-{found + 1:03}", kind, path, steps) if steps else None
-            if line is not None and _can_be_done(line, world, folder):
-                lines.append(line)
-                found += 1
+            steps = draw_task(rng, known[at], book, kind)
+            line = _task_line(f"{kind}-{found + 1:03}", kind, paths[at], steps or ())
+            reason = _reason(line, world, folder, filtered=filtered) if steps else NO_REQUEST
+            if reason:
+                left_out[reason] += 1
+                continue
+            lines.append(line)
+            found += 1
     write_atomic(folder / "tasks.jsonl", b"".join(to_json(line) + b"\n" for line in lines))
-    return Drawing(tasks=len(lines), rooms=len(drawn), tried=tried)
+    return Drawing(tasks=len(lines), rooms=len(scenes), left_out=left_out)
 
 
-def _draw_homes(folder: Path, seed: int, homes: int) -> Iterator[tuple[Path, KnownRoom]]:
-    """Yield rooms of seeds of their own, each written as a scene file."""
-    for number in range(homes):
-        kind = ORDER[number % len(ORDER)]
-        scene = build_scene(kind, 5000 + number, seed + 79)
-        path = folder / "scenes" / f"{scene.name}.json"
-        write_atomic(path, to_json(scene))
-        yield path, rooms.room_of(scene, scene.name, keep=1.0)
+def fresh_rooms(count: int, seed: int) -> Iterator[Scene]:
+    """Yield rooms of seeds of their own, half of them kitchens."""
+    for number in range(count):
+        yield build_scene(ORDER[number % len(ORDER)], 5000 + number, seed + 79)
 
 
 def _task_line(name: str, kind: str, scene: Path, steps: Sequence[DrawnRequest]) -> dict[str, Any]:
@@ -80,15 +99,17 @@ def _task_line(name: str, kind: str, scene: Path, steps: Sequence[DrawnRequest])
     return {"id": name, "kind": kind, "scene": str(scene), "subtasks": subtasks}
 
 
-def _can_be_done(line: dict[str, Any], world: Any, folder: Path) -> bool:
-    """Return whether the expert, knowing everything, does it in the world."""
+def _reason(line: dict[str, Any], world: Any, folder: Path, *, filtered: bool) -> str:
+    """Return why a task is left out, "" if it is kept."""
     path = folder / "one.jsonl"
     write_atomic(path, to_json(line))
     try:
         (task,) = load_tasks(path)
     except FileError:
-        return False  # the type table lets nothing of the kind in there
+        return NOT_ALLOWED
     finally:
         path.unlink()
+    if not filtered:
+        return ""
     record = run_episode(ExpertMethod(), world, task, row="expert", seed=0, folder=folder)
-    return not record.error and not any(sub.unmet for sub in record.subtasks)
+    return NOT_DONE if record.error or any(sub.unmet for sub in record.subtasks) else ""
