@@ -27,7 +27,7 @@ from karma.world.event import WorldEvent
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 
-NO_GOALS = "two of a kind to one place"
+NO_GOALS = "nobody says what is to be done"
 NO_ROOM = "its room is not there"
 NO_SENSE = "AI2-THOR 5.0.0 does not allow it"  # to put such a thing there, or has no such type
 NOT_THERE = "not in its room"
@@ -292,7 +292,15 @@ class _HomeRoom:
 
 
 def _has(room: Scene, goals: Sequence[Goal]) -> bool:
-    """Return whether a room had everything that goals name when it began."""
-    types = {thing.type for thing in room.objects}
-    names = (name for goal in goals for name in object_names(goal))
-    return all(types.intersection(alternatives(name)) for name in names)
+    """Return whether a room had everything that goals name when it began, as often as they count.
+
+    Of what is cut one is enough.
+    """
+    types = Counter(thing.type for thing in room.objects)
+    cut = {goal.arguments[0] for goal in goals if goal.arguments[-1] == "sliced"}
+    wanted = [
+        (name, goal.count if not place and name not in cut else 1)
+        for goal in goals
+        for place, name in enumerate(object_names(goal))
+    ]
+    return all(sum(types[one] for one in alternatives(name)) >= count for name, count in wanted)

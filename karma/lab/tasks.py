@@ -56,7 +56,7 @@ class Errand:
         subjects: the object and the movable receptacle.
         kind: what sort of task it is.
         sentences: ways to ask for it.
-        goals: what is to hold then; () where goals of ours cannot say it.
+        goals: what is to hold then.
     """
 
     scene: str
@@ -247,7 +247,7 @@ def _errand(trial: _Trial, path: Path) -> Errand:
 
 
 def _asked(trial: _Trial) -> tuple[str, tuple[Goal, ...]]:
-    """Return the kind of task and its goals; none for two things of a type, which ours cannot say.
+    """Return the kind of task and its goals.
 
     As in ALFRED, "heat" is met by heat, be the sentence about cooking.
     """
@@ -258,7 +258,7 @@ def _asked(trial: _Trial) -> tuple[str, tuple[Goal, ...]]:
     facts = truth_of(
         {"task_type": trial.task_type, "pddl_params": msgspec.structs.asdict(trial.pddl_params)}
     )
-    goals = () if facts.task == "two" else goals_of(facts, facts.thing, "")
+    goals = goals_of(facts, facts.thing, "")
     return facts.task, tuple(parse_goal(str(goal)) for goal in goals)
 
 

@@ -269,7 +269,10 @@ ALFREDS = [
            parent_target="CounterTop"), "ON(Fork, Pan) ON(Pan, CounterTop)"),
     (trial("pick_heat_then_place_in_recep", object_target="Potato", parent_target="Fridge",
            object_sliced=True), "STATE(Potato, sliced) STATE(Potato, heated) ON(Potato, Fridge)"),
-    (trial("pick_two_obj_and_place", object_target="Apple", parent_target="Fridge"), ""),
+    (trial("pick_two_obj_and_place", object_target="Apple", parent_target="Fridge"),
+     "2*ON(Apple, Fridge)"),
+    (trial("pick_two_obj_and_place", object_target="Apple", parent_target="Fridge",
+           object_sliced=True), "2*STATE(Apple, sliced) 2*ON(Apple, Fridge)"),
 ]  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from karma.household.types import object_types
 from karma.seeds import stream
 from karma.tasks.drawing.drawn_tasks import draw_task
 from karma.tasks.drawing.phrases import expand, our_book
+from karma.tasks.drawing.requests import PAIR, WITH_PAIRS
 from karma.tasks.drawing.rooms import room_of
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
@@ -82,6 +83,27 @@ def test_stories_have_goals_that_parse_and_name_what_the_room_has(rooms):
             assert step.goals
             for goal in step.goals:
                 assert parse_goal(str(goal)).predicate == goal.predicate
+
+
+def test_stories_with_pairs_ask_for_two_of_what_the_room_has_two_of(rooms):
+    asked = set()
+    for number in range(300):
+        room = rooms[number % 3]
+        story = draw_task(stream(7, "pairs", str(number)), room, BOOK, "simple", WITH_PAIRS)
+        for step in story or ():
+            goals = [goal for goal in step.goals if goal.count > 1]
+            assert bool(goals) is (step.kind == PAIR)
+            for goal in goals:
+                assert goal == parse_goal(str(goal))
+                assert (goal.predicate, goal.count) == ("ON", 2)
+                assert goal.arguments[0] in room.several
+                asked.add(step.text)
+    assert len(asked) > 5
+
+
+def test_stories_ask_for_pairs_only_where_they_are_wanted(rooms):
+    kinds = {step.kind for story in stories(rooms, "complex", 60) for step in story}
+    assert PAIR not in kinds
 
 
 def test_stories_of_equal_streams_are_equal(rooms):

@@ -11,13 +11,14 @@ from karma.tasks.drawing.alfred import (
     GoalFacts,
     Sentence,
     facts_of,
+    goals_of,
     program_of,
     read_sentences,
     read_steps,
     truth_of,
 )
 from karma.tasks.drawing.rooms import room_of
-from karma.tasks.expert import ExpertView
+from karma.tasks.expert import ExpertView, NamedThing
 from karma.training.planner.samples import draw_alfred, draw_step
 from karma.world.core import scene
 
@@ -38,6 +39,23 @@ def facts():
 def test_facts_of_a_program_are_those_it_was_written_for(wanted):
     calls = program_of(Sentence(text="a sentence", facts=wanted), ExpertView())
     assert facts_of(calls) == wanted
+
+
+def test_two_of_a_kind_are_one_goal_that_counts():
+    wanted = GoalFacts(task="two", thing="Apple", movable="", place="Fridge", sliced=True)
+    goals = [str(goal).removesuffix(": 1") for goal in goals_of(wanted, "Apple", "")]
+    assert goals == ["2*STATE(Apple, sliced)", "2*ON(Apple, Fridge)"]
+    calls = [str(call) for call in program_of(Sentence(text="two", facts=wanted), ExpertView())]
+    assert sum("SliceObject" in call for call in calls) == 1
+    assert sum("PutObject(robot, 'Apple', 'Fridge')" in call for call in calls) == 2
+
+
+def test_second_of_two_goes_by_its_own_name_where_it_is_known():
+    things = tuple(NamedThing(name=name, object_type="Mug") for name in ("Mug", "Mug_2"))
+    wanted = GoalFacts(task="two", thing="Mug", movable="", place="Desk", sliced=False)
+    calls = program_of(Sentence(text="two", facts=wanted), ExpertView(things=things))
+    puts = [call.objects for call in calls if call.skill == "PutObject"]
+    assert puts == [("Mug", "Desk"), ("Mug_2", "Desk")]
 
 
 def test_facts_of_a_text_survive_being_written_and_read():

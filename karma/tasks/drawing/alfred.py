@@ -7,7 +7,7 @@ like any other: its answer is a program, and `facts_of` reads the facts off any 
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -141,7 +141,8 @@ def goals_of(facts: GoalFacts, thing: str, text: str) -> tuple[Goal, ...]:
         thing: the short name of the object, if memory holds it, else its type.
         text: the sentence; what is to be cooked is cooked, not only heated.
     """
-    goals = [_goal("STATE", thing, "sliced")] if facts.sliced else []
+    count = 2 if facts.task == "two" else 1
+    goals = [replace(_goal("STATE", thing, "sliced"), count=count)] if facts.sliced else []
     if facts.task == "look":
         return (*goals, _goal("HOLDON", "robot", thing), _goal("TOGGLEON", facts.place))
     if facts.task in _STATES:
@@ -151,16 +152,13 @@ def goals_of(facts: GoalFacts, thing: str, text: str) -> tuple[Goal, ...]:
     if facts.task == "stack":
         goals.append(_goal("ON", thing, facts.movable))
         top = facts.movable
-    return (*goals, _goal("ON", top, facts.place))
+    return (*goals, replace(_goal("ON", top, facts.place), count=count))
 
 
 def program_of(sentence: Sentence, view: ExpertView) -> tuple[SkillCall, ...]:
     """Return the plain program; for two things the second follows the first."""
     facts = sentence.facts
-    calls = plain_program(goals_of(facts, facts.thing, sentence.text.lower()), view)
-    if facts.task != "two":
-        return calls
-    return (*calls, *plain_program((_goal("ON", facts.thing, facts.place),), view))
+    return plain_program(goals_of(facts, facts.thing, sentence.text.lower()), view)
 
 
 def _goal(predicate: str, *arguments: str) -> Goal:

@@ -9,7 +9,7 @@ What a request leaves behind is written down by rule; whether a task can be done
 expert to show in the world.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -48,10 +48,13 @@ class TaskDraft:
         rng: of the task.
         room: where.
         book: phrases.
+        kinds: of requests about new things, with their weights.
     """
 
-    def __init__(self, rng: Rng, room: KnownRoom, book: Book) -> None:
-        self._rng, self._room, self._book = rng, room, book
+    def __init__(
+        self, rng: Rng, room: KnownRoom, book: Book, kinds: Mapping[str, float] = KINDS
+    ) -> None:
+        self._rng, self._room, self._book, self._kinds = rng, room, book, kinds
         self._units: list[MemoryUnit] = []
         self.steps: list[DrawnRequest] = []
 
@@ -63,7 +66,7 @@ class TaskDraft:
             about_known: whether it must be about a thing that was handled before.
         """
         for _ in range(TRIES):
-            kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng)
+            kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng, self._kinds)
             ask = one_ask(self._rng, self._situation(vague=vague), kind)
             if ask is None or self._pointless(ask) or about_known != self._knows(ask):
                 continue
@@ -124,10 +127,10 @@ class TaskDraft:
                 yield Goal(predicate="STATE", arguments=(base_type(unit.object_type), word))
 
     def _do(self, ask: Ask) -> None:
-        """Write down what the request leaves behind."""
+        """Write down what the request leaves behind; of two of a kind nothing can be said apart."""
         for goal in ask.goals:
             name = _subject(goal)
-            if "pickupable" not in object_types()[name].capabilities:
+            if goal.count > 1 or "pickupable" not in object_types()[name].capabilities:
                 continue
             self._change(name, goal)
 
@@ -174,10 +177,7 @@ def _subject(goal: Goal) -> str:
 
 def _by_type(goal: Goal) -> Goal:
     """Return a goal with types for the expert's `Apple_2`; Sinks hold in their basins."""
-    return Goal(
-        predicate=goal.predicate,
-        arguments=tuple(short_type(word) for word in goal.arguments),
-    )
+    return replace(goal, arguments=tuple(short_type(word) for word in goal.arguments))
 
 
 def _after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
@@ -203,7 +203,9 @@ def _after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
     )
 
 
-def draw_task(rng: Rng, room: KnownRoom, book: Book, kind: Kind) -> Sequence[DrawnRequest] | None:
+def draw_task(
+    rng: Rng, room: KnownRoom, book: Book, kind: Kind, kinds: Mapping[str, float] = KINDS
+) -> Sequence[DrawnRequest] | None:
     """Draw one task; None when the room gave out.
 
     Args:
@@ -211,8 +213,9 @@ def draw_task(rng: Rng, room: KnownRoom, book: Book, kind: Kind) -> Sequence[Dra
         room: what is there.
         book: phrases to ask with.
         kind: see above.
+        kinds: of requests, with their weights; `WITH_PAIRS` has two of a kind among them.
     """
-    story = TaskDraft(rng, room, book)
+    story = TaskDraft(rng, room, book, kinds)
     if kind == "simple":
         plan = [(False, False)]
     elif kind == "composite":

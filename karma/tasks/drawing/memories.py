@@ -35,6 +35,7 @@ class KnownRoom:
     name: str
     areas: tuple[Area, ...]
     movables: tuple[str, ...]
+    several: tuple[str, ...] = ()  # those of which there are two or more
 
     @property
     def landmarks(self) -> tuple[str, ...]:

@@ -6,10 +6,12 @@ is about to run. So the programs to learn from say none of that: no searches, no
 closed container, no freeing of the hand.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from karma.contracts import Area, Goal, SkillCall
+from karma.household.ids import short_type
+from karma.household.pieces import base_type
 from karma.household.places import SURFACES, landmark_types
 from karma.tasks.expert import ExpertView, solve
 
@@ -23,8 +25,10 @@ def plain_program(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, .
     """
     things = tuple(replace(thing, place=None, place_type=None) for thing in view.things)
     home = Area(name="home", position_m=(0.0, 0.0, 0.0), contains=tuple(sorted(landmark_types())))
-    calls = solve(goals, ExpertView(things=things, areas=(home,)))
-    wanted = {goal.arguments for goal in goals}
+    known = ExpertView(things=things, areas=(home,))
+    rounds = list(_rounds(goals, known))
+    calls = [call for some in rounds for call in solve(some, known)]
+    wanted = {goal.arguments for some in rounds for goal in some}
     kept: list[SkillCall] = []
     for call in calls:
         if call.skill == "Explore":
@@ -34,3 +38,27 @@ def plain_program(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, .
             continue
         kept.append(call)
     return tuple(kept)
+
+
+def _rounds(goals: Sequence[Goal], view: ExpertView) -> Iterator[list[Goal]]:
+    """Yield the goals for one thing after the other where they count, else as they are.
+
+    The second thing goes by its own name where it is known, else by its type as the first. What is
+    cut once gives slices enough.
+    """
+    for number in range(max((goal.count for goal in goals), default=0)):
+        due = [goal for goal in goals if goal.count > number]
+        if number:
+            due = [goal for goal in due if goal.arguments[-1] != "sliced"]
+        yield [_about(goal, number, view) for goal in due]
+
+
+def _about(goal: Goal, number: int, view: ExpertView) -> Goal:
+    if not number:
+        return replace(goal, count=1)
+    name, *others = goal.arguments
+    same = [one.name for one in view.things if base_type(one.object_type) == short_type(name)]
+    names = [name, *(other for other in same if other != name)]
+    return replace(
+        goal, arguments=(names[number] if number < len(names) else name, *others), count=1
+    )

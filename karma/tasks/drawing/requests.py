@@ -1,5 +1,6 @@
 """Requests: which things one is about, the goals it means, and its sentence."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -12,7 +13,13 @@ from karma.household.places import landmark_types
 from karma.household.types import ObjectType, object_types, types_with
 from karma.tasks.drawing.memories import Rng, pick
 from karma.tasks.drawing.phrases import Book, lexicon
-from karma.tasks.drawing.referring_expressions import Ref, Situation, refer, with_article
+from karma.tasks.drawing.referring_expressions import (
+    Ref,
+    Situation,
+    plural,
+    refer,
+    with_article,
+)
 
 ENDS_IN = {
     "clean_place": (uses.SINK,), "heat_place": (uses.MICROWAVE,), "cook_place": (uses.MICROWAVE,),
@@ -29,6 +36,8 @@ KINDS = {
     "fill": 4, "coffee": 2.5, "switch_on": 6, "switch_off": 4, "open": 4, "close": 4, "hold": 15,
     "look": 4, "break": 2, "stack": 4,
 }  # fmt: skip
+PAIR = "pair"  # two of a kind to one place; drawn only where it is asked for
+WITH_PAIRS = {**KINDS, PAIR: 5}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,16 +58,21 @@ def wrapped(rng: Rng, book: Book, text: str) -> str:
     return text
 
 
-def pick_kind(rng: Rng) -> str:
+def pick_kind(rng: Rng, kinds: Mapping[str, float] = KINDS) -> str:
     """Draw a kind of request by its weight."""
-    weights = np.array(list(KINDS.values()))
-    return tuple(KINDS)[int(np.searchsorted(np.cumsum(weights), rng.random() * weights.sum()))]
+    weights = np.array(list(kinds.values()))
+    return tuple(kinds)[int(np.searchsorted(np.cumsum(weights), rng.random() * weights.sum()))]
 
 
 def one_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
     """Draw the objects for a kind of request and its sentence; None if the room offers none."""
     if kind in ("switch_on", "switch_off", "open", "close"):
         return _switch_ask(rng, scene, kind)
+    return _pair_ask(rng, scene) if kind == PAIR else _thing_ask(rng, scene, kind)
+
+
+def _thing_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
+    """Ask for something to be done with one thing that can be carried."""
     needed = NEEDS.get(kind.removesuffix("_place"))
     if scene.mapped and needed is not None and needed not in scene.room.landmarks:
         return None
@@ -86,6 +100,29 @@ def one_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
         goals += placed
     text = _fill(scene.book.pick(rng, kind), slots)
     return Ask(kind=kind, text=text, goals=tuple(goals)) if text else None
+
+
+def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
+    """Ask for two things of a type that memory holds none of, in one place."""
+    here = set(scene.room.several if scene.strict else scene.room.movables) - _remembered(scene)
+    pool = [name for name in sorted(here) if name in lexicon()]
+    if not pool:
+        return None
+    name = pick(rng, pool)
+    word = pick(rng, lexicon()[name].names)
+    x = Ref(name=name, object_type=name, words=with_article(rng, word, "a"), bare=word)
+    r = _draw_receptacle(rng, scene, x, movable=False)
+    if r is None:
+        return None
+    slots = {**_slots("x", x), **_slots("r", r), "xs": plural(word)}
+    text = _fill(scene.book.pick(rng, PAIR), slots)
+    goal = Goal(predicate="ON", arguments=(x.name, r.name), count=2)
+    return Ask(kind=PAIR, text=text, goals=(goal,)) if text else None
+
+
+def _remembered(scene: Situation) -> set[str]:
+    held = base_type(scene.facts.held_type or "")
+    return {held, *(base_type(unit.object_type) for unit in scene.units)}
 
 
 def _slots(slot: str, ref: Ref) -> dict[str, str]:
@@ -165,8 +202,7 @@ def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
 
 def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
     """Return types that can be carried, and opened or switched, of which memory holds none."""
-    remembered = {base_type(unit.object_type) for unit in scene.units}
-    remembered.add(base_type(scene.facts.held_type or ""))
+    remembered = _remembered(scene)
     return tuple(
         name
         for name in sorted(_movable_types() - remembered)
@@ -180,8 +216,7 @@ def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
     known = [u for u in scene.units if _suits(kind, u.object_type)]
     if known and rng.random() < 0.75:
         return refer(rng, scene, known[int(rng.integers(len(known)))])
-    remembered = {base_type(unit.object_type) for unit in scene.units}
-    remembered.add(base_type(scene.facts.held_type or ""))
+    remembered = _remembered(scene)
     here = scene.strict or rng.random() < 0.85
     pool = scene.room.movables if here else tuple(sorted(_movable_types()))
     away = [k for k in pool if k in lexicon() and k not in remembered and _suits(kind, k)]

@@ -1,5 +1,6 @@
 """Rooms to draw training examples from: generated ones and imported floor plans."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -42,10 +43,15 @@ def room_of(scene: Scene, name: str, *, keep: float = 0.93, seed: int = 0) -> Kn
         for thing in scene.objects
         if "pickupable" not in thing.capabilities and rng.random() < keep
     )
-    movables = sorted(
-        {base_type(thing.type) for thing in scene.objects if "pickupable" in thing.capabilities}
+    movables = Counter(
+        base_type(thing.type) for thing in scene.objects if "pickupable" in thing.capabilities
     )
-    return KnownRoom(name=name, areas=graph.areas(), movables=tuple(movables))
+    return KnownRoom(
+        name=name,
+        areas=graph.areas(),
+        movables=tuple(sorted(movables)),
+        several=tuple(sorted(kind for kind, count in movables.items() if count > 1)),
+    )
 
 
 def generated_rooms(count: int, seed: int) -> Iterator[KnownRoom]:

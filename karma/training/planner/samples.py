@@ -17,7 +17,7 @@ from karma.tasks.drawing.memories import KnownRoom, Rng, draw_units, pick, place
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.programs import plain_program
 from karma.tasks.drawing.referring_expressions import Situation
-from karma.tasks.drawing.requests import Ask, one_ask, pick_kind, wrapped
+from karma.tasks.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
 from karma.tasks.expert import ExpertView, NamedThing
 from karma.training.planner.lived_memories import live_memory
 
@@ -272,7 +272,7 @@ def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
 
 def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
     """Draw one request, or two in one sentence."""
-    first = one_ask(rng, scene, pick_kind(rng))
+    first = one_ask(rng, scene, pick_kind(rng, WITH_PAIRS))
     if first is None:
         return None
     if rng.random() > TWO:
