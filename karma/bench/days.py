@@ -2,8 +2,8 @@
 
 At temperature 0 the same start gives the same episode, so a seed has to change something real: half
 of what can be carried lies elsewhere, and the agent stands somewhere else. All rows of a task and
-seed begin alike. A start is drawn again while the expert cannot do in it what it can do
-in the scene as it is, or while something is done in it before it was asked for.
+seed begin alike. Nobody is asked whether a start is easy enough. One is drawn again only while
+something is done in it before it was asked for, and records say how often that was.
 """
 
 from collections.abc import Iterable
@@ -15,16 +15,13 @@ from karma.agent.perceive import cells_of, pose_of, refusal, truth_of
 from karma.contracts import Event, Task, World
 from karma.errors import KarmaError
 from karma.household.uses import BIN
-from karma.methods.expert import ExpertEpisode
 from karma.seeds import stream
-from karma.tasks.goals import GoalTracker, WatchedWorld, object_names
+from karma.tasks.goals import GoalTracker, object_names
 
-_DRAWS = 20  # starts tried; then the one with the fewest faults is taken
+_DRAWS = 20  # starts tried; then the one in which the least is done is taken
 _SHARE = 2  # one in so many of the things that can be carried is moved
 _SPARED = (BIN,)  # no day begins with things in the bin
 _TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
-
-Faults = frozenset[tuple[str, int]]  # what is wrong with a start, and in which sub-task
 
 
 def check_seeds(tasks: Iterable[Task], seeds: Iterable[int]) -> None:
@@ -48,7 +45,7 @@ class Days:
 
     def __init__(self) -> None:
         self._draws: dict[tuple[Task, int], int] = {}
-        self._usual: dict[Task, Faults] = {}
+        self._usual: dict[Task, frozenset[int]] = {}
 
     def of(self, world: World, task: Task, seed: int) -> World:
         """Return a world in which every reset to the task's scene leads to the seed's start."""
@@ -62,20 +59,25 @@ class Days:
         """
         if not seed:
             return world.reset(task.scene.source)
-        if (task, seed) not in self._draws:
+        return drawn(world, task, seed, self.draw(world, task, seed))
+
+    def draw(self, world: World, task: Task, seed: int) -> int:
+        """Return which draw the start of a seed is, from 0; where it is not known, search for it.
+
+        The world is left in some draw.
+        """
+        if seed and (task, seed) not in self._draws:
             self._draws[task, seed] = self._search(world, task, seed)
-        return drawn(world, task, seed, self._draws[task, seed])
+        return self._draws.get((task, seed), 0)
 
     def _search(self, world: World, task: Task, seed: int) -> int:
-        """Return the first draw whose faults the unchanged scene has too, else the best draw."""
+        """Return the first draw in which no more is done than in the scene itself, or the best."""
         if task not in self._usual:
-            world.reset(task.scene.source)
-            self._usual[task] = faults(world, task)
-        usual = self._usual[task]
+            self._usual[task] = done_already(task, world.reset(task.scene.source))
         counts = []
         for draw in range(_DRAWS):
-            drawn(world, task, seed, draw)
-            counts.append(len(faults(world, task) - usual))
+            event = drawn(world, task, seed, draw)
+            counts.append(len(done_already(task, event) - self._usual[task]))
             if not counts[-1]:
                 break
         return counts.index(min(counts))
@@ -158,27 +160,10 @@ def _stand(world: World, rng: np.random.Generator) -> Event:
     return world.last_event
 
 
-def faults(world: World, task: Task) -> Faults:
-    """Return what is wrong with the moment as a start of a task; the world is used up by it.
-
-    "done": a sub-task that is the first to speak of its things is met already. "hard": the
-    expert did not solve it.
-    """
+def done_already(task: Task, event: Event) -> frozenset[int]:
+    """Return the sub-tasks, by number, that are met before anybody speaks of their things."""
     tracker = GoalTracker()
-    watched = WatchedWorld(world, tracker)
-    expert = ExpertEpisode(watched, task.scene)
-    tracker.start(world.last_event)
-    found = {("done", number) for number in _done_already(task, tracker, world.last_event)}
-    for number, subtask in enumerate(task.subtasks):
-        tracker.begin_subtask(subtask, world.last_event)
-        for _ in expert.do(subtask):
-            pass
-        if tracker.unmet(subtask.goals, world.last_event):
-            found.add(("hard", number))
-    return frozenset(found)
-
-
-def _done_already(task: Task, tracker: GoalTracker, event: Event) -> set[int]:
+    tracker.start(event)
     spoken: set[str] = set()
     found = set()
     for number, subtask in enumerate(task.subtasks):
@@ -186,4 +171,4 @@ def _done_already(task: Task, tracker: GoalTracker, event: Event) -> set[int]:
         if subtask.goals and not names & spoken and not tracker.unmet(subtask.goals, event):
             found.add(number)
         spoken |= names
-    return found
+    return frozenset(found)

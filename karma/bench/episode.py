@@ -18,6 +18,7 @@ from karma.bench.records import (
 from karma.bench.steps import Enter, LoggedWorld, StepLog
 from karma.contracts import (
     Episode,
+    Event,
     MemoryUnit,
     Method,
     Outcome,
@@ -103,19 +104,24 @@ def run_episode(
     tracker = GoalTracker()
     done: list[SubTaskRecord] = []
     tours: dict[str, Tour] = {}
-    error = ""
+    error, draw = "", 0
     try:
-        world = (days or Days()).of(LoggedWorld(world, steps), task, seed)
+        days = days or Days()
+        draw = days.draw(world, task, seed)
+        world = days.of(LoggedWorld(world, steps), task, seed)
         watched = WatchedWorld(world, tracker)
         episode = _begun(method, watched, task.scenes, seed=seed, folder=folder)
         steps.start(first, seed)
         tracker.start(world.last_event)
+        alone = task.kind == "sequence"  # every sub-task is a task by itself
+        met = [] if alone else [_met(tracker, sub, world.last_event) for sub in task.subtasks]
         part = _Part(method.name, episode, watched, tracker, ledger, cassette, steps, times, tours)
         for number, subtask in enumerate(task.subtasks):
             scene = subtask.scene or task.scene
-            if task.kind == "sequence":
+            if alone:
                 part.go(home, scene)
-            one = part.run(number, subtask, scene.name)
+                met.append(_met(tracker, subtask, world.last_event))
+            one = replace(part.run(number, subtask, scene.name), at_start=met[number])
             done.append(one if scene.name == first else replace(one, scene=scene.name))
     except (CassetteError, ServerLost, UnwritableError):
         raise  # nothing that the agent did
@@ -134,9 +140,24 @@ def run_episode(
         trained=task.trained,
         subtasks=tuple(done),
         error=error,
+        unjudged=_unjudged(task),
+        draw=draw,
         hosted=untimed(spent),
         tours=tuple(tours.values()),
     )
+
+
+def _unjudged(task: Task) -> str:
+    """Return why nobody can be judged by a task; "" when it has a goal."""
+    if any(subtask.goals for subtask in task.subtasks):
+        return ""
+    return "; ".join(task.notes) or "it has no goals"
+
+
+def _met(tracker: GoalTracker, subtask: SubTask, event: Event) -> tuple[str, ...]:
+    """Return the goals of a sub-task that hold."""
+    unmet = tracker.unmet(subtask.goals, event)
+    return tuple(str(goal) for goal in subtask.goals if goal not in unmet)
 
 
 def _begun(

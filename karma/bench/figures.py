@@ -4,11 +4,11 @@ The terminal, `results.json`, the tables, the report and comparisons all take th
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from karma.bench.counterfactual import OFF_ROW, SAVINGS, Reduction, Saving, reductions
-from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of, measure
+from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of, measure, unjudged
 from karma.bench.records import (
     ALL,
     NOT_TRAINED,
@@ -36,6 +36,7 @@ class Figures:
     tasks: int
     seeds: int
     values: Mapping[str, Estimate]  # by the keys of `COLUMNS`
+    unjudged: Mapping[str, str] = field(default_factory=dict)  # tasks left out of it, and why
 
     @property
     def successes(self) -> int:
@@ -55,13 +56,15 @@ def figures(
     reference row is undefined in a run without it, what is measured in seconds without timings.
     """
     episodes = episodes_of(records, timings)
-    return figures_of(episodes, reductions(episodes, reference=reference))
+    return figures_of(records, episodes, reductions(episodes, reference=reference))
 
 
 def figures_of(
-    episodes: Sequence[TimedEpisode], reductions: Sequence[Reduction]
+    records: Sequence[EpisodeRecord],
+    episodes: Sequence[TimedEpisode],
+    reductions: Sequence[Reduction],
 ) -> tuple[Figures, ...]:
-    """Return the figures of some episodes with what they save, see `figures`."""
+    """Return the figures of the episodes of some records with what they save, see `figures`."""
     saved = {(one.row, one.kind): one.values for one in reductions}
     lines = []
     kinds = (*kinds_of(one.record for one in episodes), ALL, TRAINED, NOT_TRAINED)
@@ -69,7 +72,9 @@ def figures_of(
         mine = [one for one in episodes if one.record.row == row]
         for kind in kinds:
             if some := [one for one in mine if is_of(one.record, kind)]:
-                lines.append(_figures(row, kind, some, saved.get((row, kind), {})))
+                line = _figures(row, kind, some, saved.get((row, kind), {}))
+                told = (one for one in records if one.row == row and is_of(one, kind))
+                lines.append(replace(line, unjudged=unjudged(told)))
     return tuple(lines)
 
 
@@ -107,6 +112,7 @@ def plain(lines: Sequence[Figures]) -> list[dict[str, Any]]:
             "tasks": one.tasks,
             "seeds": one.seeds,
             "values": {key: _plain(one.values[key]) for key in measured},
+            **({"unjudged": dict(one.unjudged)} if one.unjudged else {}),
         }
         for one in lines
     ]

@@ -69,6 +69,11 @@ def plans(record: EpisodeRecord) -> bool:
     return any(sub.answers for sub in record.subtasks)
 
 
+def is_done_before(record: EpisodeRecord) -> bool:
+    """Return whether all goals held when the task began."""
+    return not record.to_do
+
+
 def is_hosted(record: EpisodeRecord) -> bool:
     """Return whether hosted models were asked."""
     return bool(record.spent())
@@ -80,6 +85,11 @@ def is_hosted(record: EpisodeRecord) -> bool:
 def success(episode: TimedEpisode) -> Observations:
     """Return whether the task was solved; an error is a failure."""
     return [float(episode.record.success)]
+
+
+def success_to_do(episode: TimedEpisode) -> Observations:
+    """Return the same for a task of which something was still to be done when it began."""
+    return success(episode) if episode.record.to_do else []
 
 
 def subtasks_done(episode: TimedEpisode) -> Observations:
@@ -250,6 +260,10 @@ SECONDS = Metric(key="seconds", title="s", of=seconds, says="seconds by the cloc
 METRICS = (
     SUCCESS,
     Metric(
+        key="success_to_do", title="SR to do", of=success_to_do, only=is_done_before, is_rate=True,
+        says="the same of the tasks whose goals did not all hold when they began",
+    ),
+    Metric(
         key="subtasks_done", title="sub-tasks", of=subtasks_done, is_rate=True,
         says="instructions all of whose goals held at their end",
     ),
@@ -342,13 +356,22 @@ def by_task(metric: Metric, episodes: Iterable[TimedEpisode]) -> dict[str, list[
 def episodes_of(
     records: Sequence[EpisodeRecord], timings: Mapping[Key, EpisodeTiming] | None = None
 ) -> list[TimedEpisode]:
-    """Return episodes to be measured; what an error kept from being tried is in them as missed."""
+    """Return episodes to be measured; what an error kept from being tried is in them as missed.
+
+    Tasks that nobody can be judged by are not among them.
+    """
     timings, complete = timings or {}, _completed(records)
     tours = {row: _tours_of(complete, row) for row in dict.fromkeys(one.row for one in records)}
     return [
         TimedEpisode(record=one, timing=timings.get(one.key), tours=tours[one.row])
         for one in complete
+        if not one.unjudged
     ]
+
+
+def unjudged(records: Iterable[EpisodeRecord]) -> dict[str, str]:
+    """Return the tasks that are in no figure, and why nobody can be judged by them."""
+    return {one.task: one.unjudged for one in records if one.unjudged}
 
 
 def _tours_of(records: Sequence[EpisodeRecord], row: str) -> dict[str, tuple[Tour, int]]:

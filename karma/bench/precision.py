@@ -58,6 +58,7 @@ def reached(records: Sequence[EpisodeRecord], wanted: Precision) -> tuple[Reache
         wanted: what they are held against.
     """
     groups: dict[tuple[str, str], dict[str, list[float]]] = {}
+    records = [record for record in records if not record.unjudged]
     for one in sorted(records, key=lambda record: record.key):
         tasks = groups.setdefault((one.row, one.kind), {})
         tasks.setdefault(one.task, []).append(float(one.success))

@@ -87,6 +87,7 @@ class SubTaskRecord:
     recalled: tuple[str, ...]  # object ids in the prompt
     queries: int  # things that can be carried which the goals mention
     hits: int  # of those, in short-term memory when the instruction came
+    at_start: tuple[str, ...] = ()  # goals that held already when the task began
     scene: str = ""  # name of the room; "" is the episode's
     hosted: tuple[Spent, ...] = ()  # what hosted models of all roles cost, without its seconds
 
@@ -110,6 +111,8 @@ class EpisodeRecord:
     trained: bool | None = None  # its sentences stand in training data; None: not known
     subtasks: tuple[SubTaskRecord, ...]
     error: str = ""  # why it ended early; errors stay in the denominator
+    unjudged: str = ""  # why no goal of the task can be met by anybody: it is in no figure
+    draw: int = 0  # starts of the seed that were passed over, as something was done in them
     hosted: tuple[Spent, ...] = ()  # by the instruction that the error ended, see `SubTaskRecord`
     tours: tuple[Tour, ...] = ()  # that made the maps it used, one a room; no part of its calls
 
@@ -123,6 +126,11 @@ class EpisodeRecord:
         """Whether every sub-task succeeded (KARMA §4.2); a task without goals cannot."""
         asked = any(sub.goals for sub in self.subtasks)
         return asked and not self.error and all(sub.success for sub in self.subtasks)
+
+    @property
+    def to_do(self) -> bool:
+        """Whether any goal was still to be met when the task began."""
+        return not self.subtasks or any(set(sub.goals) - set(sub.at_start) for sub in self.subtasks)
 
     @property
     def rooms(self) -> tuple[str, ...]:

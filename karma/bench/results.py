@@ -33,7 +33,7 @@ def result_of(
     saved = reductions(episodes, reference=off_row)
     return Result(
         name=run.header.name,
-        figures=figures_of(episodes, saved),
+        figures=figures_of(run.records, episodes, saved),
         reductions=saved,
         paper_reductions=reductions(episodes, reference=lota_row),
         comparisons=_comparisons(run, episodes),

@@ -27,8 +27,8 @@ from karma.bench.steps import packed, steps_path
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
 
-FORMAT = 5  # of the folder; 1 had times among the records, 2 no methods or rooms, 3 no tours,
-# 4 no engine and no refused prompts
+FORMAT = 6  # of the folder; 1 had times among the records, 2 no methods or rooms, 3 no tours,
+# 4 no engine and no refused prompts, 5 no goals met at the start and no tasks left unjudged
 HEADER, EPISODES, TIMINGS, RESULTS = (
     "header.json", "episodes.jsonl", "timings.jsonl", "results.json",
 )  # fmt: skip

@@ -5,7 +5,7 @@ A table is a `Sheet`, written as Markdown or LaTeX; the CSV has the numbers them
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.bench.compare import Comparison
@@ -40,6 +40,8 @@ def sheets(result: Result) -> list[Sheet]:
     """Return all tables of a run: the paper's by kind, then what stands behind them."""
     found = main_sheets(result)
     found.append(_costs(result))
+    if left_out := left_out_of(result.figures):
+        found.append(_unjudged(result, left_out))
     for lines, words in (
         (result.reductions, "the same task and seed without memory"),
         (result.paper_reductions, "the LoTa-Bench row, as the paper's figures seem to be"),
@@ -71,6 +73,23 @@ def main_sheets(result: Result) -> list[Sheet]:
     found = [_main(result, kind) for kind in KINDS if kind in there]
     groups = [one for one in there if one not in (*KINDS, ALL, TRAINED, NOT_TRAINED)]
     return [*found, *([_of_others(result, groups)] if groups else [])]
+
+
+def left_out_of(lines: Sequence[Figures]) -> dict[str, str]:
+    """Return the tasks that are in no figure, and why."""
+    return {task: why for line in lines for task, why in line.unjudged.items()}
+
+
+def _unjudged(result: Result, left_out: Mapping[str, str]) -> Sheet:
+    return Sheet(
+        title=f"{result.name}: tasks that nobody is judged by",
+        caption=(
+            "No goal of these can be met in its room, whatever anybody does there. They were asked "
+            "all the same, and are in no figure."
+        ),
+        head=("task", "why"),
+        lines=tuple(left_out.items()),
+    )
 
 
 def _main(result: Result, kind: str) -> Sheet:

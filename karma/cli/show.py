@@ -1,6 +1,6 @@
 """What a person sees in the terminal: an instruction being carried out, and tables of figures."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from textwrap import wrap
 
 from rich.box import HORIZONTALS
@@ -15,6 +15,7 @@ from karma.bench.figures import COLUMNS, Figures, without_repeats
 from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.precision import Precision, Reached
 from karma.bench.records import EpisodeRecord
+from karma.bench.tables import left_out_of
 from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
 from karma.household.ids import root_type
 from karma.infer.hosted.cost import Ledger, Spent
@@ -147,8 +148,18 @@ def summary_table(lines: Sequence[Figures], title: str) -> Table:
     table.caption = (
         "per episode: places searched, world steps, planner calls, seconds; "
         "hits: needed things found in short-term memory, cold start counted"
+        + "".join(f"\n{escape(words)}" for words in _apart(lines))
     )
     return table
+
+
+def _apart(lines: Sequence[Figures]) -> Iterator[str]:
+    """Yield what is said of tasks that nobody is judged by, and of those that had nothing to do."""
+    if left_out := left_out_of(lines):
+        yield f"in no figure, as no goal can be met: {', '.join(left_out)}"
+    rates = {line.row: line.values["success_to_do"].value for line in lines if line.kind == "all"}
+    if told := [f"{row} {figure_text(rate)}" for row, rate in rates.items() if rate is not None]:
+        yield f"rate of those with something to do when they began: {', '.join(told)}"
 
 
 def _spread(name: str, lines: int) -> list[str]:
@@ -203,7 +214,10 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
     table = Table(title="per task", title_justify="left")
     for name in ("task", "scene", "goals", *rows):
         table.add_column(name)
-    table.caption = "goals: resolved of all; a task is judged by those that could be resolved"
+    table.caption = (
+        "goals: resolved of all; a task is judged by those that could be resolved, and by none "
+        "where there are none; at start: all of them held when it began"
+    )
     table.add_column("notes", overflow="fold")
     by_task: dict[str, dict[str, EpisodeRecord]] = {}  # of each row the last seed
     for record in records:
@@ -222,9 +236,9 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
 
 
 def _mark(record: EpisodeRecord | None) -> str:
-    if record is None:
+    if record is None or record.unjudged:
         return UNKNOWN
     if record.success:
-        return "[green]✓[/]"
+        return "[green]✓[/]" if record.to_do else "[green]✓[/] at start"
     good = sum(sub.success for sub in record.subtasks)
     return f"[red]✗[/] {good}/{len(record.subtasks)}"

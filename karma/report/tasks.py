@@ -38,6 +38,7 @@ class TaskLine:
     scene: str
     instructions: tuple[str, ...]
     cells: tuple[TaskCell, ...]  # one a row
+    unjudged: str = ""  # why nobody can be judged by it
 
     @property
     def is_long(self) -> bool:
@@ -75,11 +76,13 @@ def _task_line(task: str, mine: Sequence[EpisodeRecord], rows: Sequence[str]) ->
         kind=longest.kind,
         scene=longest.scene,
         instructions=tuple(part.instruction for part in longest.subtasks),
+        unjudged=longest.unjudged,
         cells=tuple(_cell(row, [r for r in mine if r.row == row]) for row in rows),
     )
 
 
 def _cell(row: str, mine: Sequence[EpisodeRecord]) -> TaskCell:
+    mine = [record for record in mine if not record.unjudged]
     failed = [record for record in mine if not record.success]
     shown = next(iter(failed or mine), None)
     cell = TaskCell(row=row, episodes=len(mine), successes=len(mine) - len(failed), shown=shown)

@@ -195,3 +195,20 @@ def test_expert_s_record_has_calls_but_no_answers(tmp_path):
     )
     assert record.success
     assert all(sub.calls and not sub.answers for sub in record.subtasks)
+
+
+def test_record_tells_goals_that_held_when_the_task_began(run):
+    done = task(("Keep it shut.", "CLOSED(Fridge)"), ("Fetch it.", "HOLDON(robot, Apple)"))
+    record = run(["", BACK], task=done, attempts=0)
+    assert [sub.at_start for sub in record.subtasks] == [("CLOSED(Fridge): 1",), ()]
+    assert record.to_do
+    idle = run([AWAY], task=task(("Keep it shut.", "CLOSED(Fridge)")))
+    assert idle.success
+    assert not idle.to_do
+
+
+def test_record_of_a_task_without_goals_says_why_nobody_is_judged_by_it(run):
+    record = run([AWAY], task=task(("Put it away.",)))
+    assert record.unjudged == "a note"
+    assert not record.success
+    assert run([AWAY, BACK]).unjudged == ""

@@ -22,6 +22,7 @@ from support.made_records import (
 from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, paired, reduced, reductions
 from karma.bench.failures import CAUSES, count, failures
 from karma.bench.figures import figures
+from karma.bench.figures import plain as plain_figures
 from karma.bench.metrics import METRICS, actions, episodes_of, explorations
 from karma.bench.needs import needs, related_needs
 from karma.bench.records import AnswerTiming, EpisodeTiming, SubTaskTiming
@@ -485,3 +486,34 @@ def test_every_failed_sub_task_has_one_cause(records):
         assert tuple(counts) == CAUSES
         assert sum(counts.values()) == len(found)
         assert sum(count(found, first_only=True).values()) == bool(found)
+
+
+# ----------------------------------------------------------------- tasks apart
+
+
+def apart():
+    """Return a solved task, one with nothing to do, and one that nobody is judged by."""
+    goal = "CLOSED(Fridge): 1"
+    idle = replace(sub(goal), at_start=(goal,))
+    return [
+        plain(True, task="t1"),
+        plain(False, task="t2"),
+        episode(idle, task="t3"),
+        replace(episode(sub(), task="t4"), unjudged="the scene has no Book"),
+    ]
+
+
+def test_tasks_that_nobody_is_judged_by_are_in_no_figure_but_named():
+    for line in figures(apart()):
+        assert (line.episodes, line.tasks, line.successes) == (3, 3, 2)
+        assert line.unjudged == {"t4": "the scene has no Book"}
+    assert plain_figures(figures(apart()))[0]["unjudged"] == {"t4": "the scene has no Book"}
+    assert "unjudged" not in plain_figures(figures(apart()[:3]))[0]
+
+
+def test_success_is_told_apart_for_tasks_with_something_to_do():
+    (line, _) = figures(apart())
+    assert line.values["success"].value == pytest.approx(2 / 3)
+    assert line.values["success_to_do"].value == 0.5
+    (line, _) = figures(apart()[:2])
+    assert line.values["success_to_do"].value is None

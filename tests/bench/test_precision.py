@@ -209,7 +209,7 @@ def test_run_adds_seeds_until_it_is_sure_enough(whole):
     coin, expert = reached(run.records, run.precision)
     assert coin.reached
     assert coin.success.interval.half_width <= WIDTH
-    assert expert.success.value == 1
+    assert expert.success.value > 0.9  # starts are not chosen for it
     earlier = [record for record in run.records if record.seed < len(seeds) - 1]
     assert not reached(earlier, run.precision)[0].reached
     assert [record.seed for record in run.records] == sorted(r.seed for r in run.records)

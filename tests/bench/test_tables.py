@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from dataclasses import replace
 
 import pytest
 from support.made_records import plain, write_run
@@ -287,3 +288,12 @@ def test_one_kind_of_task_has_no_line_over_all_kinds(tmp_path):
 
 def test_several_kinds_of_task_have_a_line_over_all_kinds(result):
     assert "| KARMA | all |" in to_markdown(sheets(result))
+
+
+def test_tables_name_the_tasks_that_nobody_is_judged_by(tmp_path):
+    left_out = replace(plain(False, task="t9"), unjudged="the scene has no Book")
+    run = read_run(write_run(tmp_path / "run", [plain(True), left_out], name="apart"))
+    text = to_markdown(sheets(result_of(run, PUBLISHED)))
+    (line,) = rows_of(text, "apart: tasks that nobody is judged by")
+    assert line == [("task", "t9"), ("why", "the scene has no Book")]
+    assert "1 episode a row (1 task" in text
