@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from statistics import mean
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import msgspec
@@ -12,7 +13,7 @@ from rich.table import Table
 
 from karma.bench.formats import figure_text, percent_text
 from karma.cli.shared import Json, clear_errors, console
-from karma.errors import KarmaError
+from karma.errors import FileError, KarmaError
 from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
@@ -103,6 +104,34 @@ def world_import(
         write_atomic(json, to_json(rows, indent=2))
 
 
+@app.command("floors")
+@clear_errors
+def world_floors(
+    dump: Annotated[Path, typer.Argument(help="AI2-THOR's rooms at reset, also gzipped.")],
+    layouts: Annotated[Path, typer.Option(help="ALFRED's reachable cells.")],
+    json: Json = None,
+) -> None:
+    """Hold the floor that importing works out from boxes against recorded cells."""
+    from karma.world.importing.scenes import floor_scores
+
+    scores = list(_shown(floor_scores(dump, layouts), "rooms"))
+    table = Table("scene", "computed", "recorded", "both", "precision", "recall")
+    for one in scores:
+        shares = (figure_text(one.precision), figure_text(one.recall))
+        table.add_row(one.scene, *map(str, (one.computed, one.recorded, one.both)), *shares)
+    console.print(table)
+    if not scores:
+        raise FileError(dump, f"no room has cells in {layouts}", fix="give it other layouts")
+    precision, recall = (mean(getattr(one, n) for one in scores) for n in ("precision", "recall"))
+    worst = min(scores, key=lambda one: one.precision * one.recall)
+    console.print(
+        f"{len(scores)} rooms: precision {precision:.3f}, recall {recall:.3f}; worst: {worst.scene}"
+        f" ({worst.precision:.2f}, {worst.recall:.2f})"
+    )
+    if json is not None:
+        write_atomic(json, to_json(scores, indent=2))
+
+
 def _import_dump(
     dump: Path, layouts: str | None, only: list[str] | None, out: Path
 ) -> list[dict[str, Any]]:
@@ -113,7 +142,10 @@ def _import_dump(
     for scene in _shown(import_dump(dump, layouts=cells, only=only), f"importing {dump.name}"):
         path = out / f"{scene.name}.json"
         write_atomic(path, to_json(scene))
-        rows.append({"scene": scene.name, "objects": len(scene.objects), "path": str(path)})
+        row = {"scene": scene.name, "objects": len(scene.objects), "path": str(path)}
+        rows.append({**row, "source": scene.source})
+        if "parts" in scene.source:
+            console.print(escape(f"{scene.name}: {scene.source.partition('; ')[2]}"))
     return rows
 
 

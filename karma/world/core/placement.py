@@ -27,6 +27,7 @@ _MOST = 16  # places tried along one side
 _AT_ONCE = 32  # places compared with all boxes at once
 _OVERHANG_IN, _OVERHANG_ON = 1.5, 2.5  # a thing's size over its place's, at most
 _LEVEL_M = 0.03  # heights closer than this are one
+_INSIDE_M = 0.05  # what lies in a drawer lies so far above its lower side, at most
 _TALL_M = 0.8  # a container higher than this has boards at these shares of its height
 _BOARDS = (0.35, 0.6, 0.1)
 
@@ -323,5 +324,5 @@ def floor_reach(objects: Objects, floor: str) -> float:
         ),
         default=float("inf"),
     )
-    usual = level + rules().put.floor_reach_m
+    usual = max(level + rules().put.floor_reach_m, least + _INSIDE_M)
     return max(least, min(usual, most - _LEVEL_M))

@@ -55,6 +55,7 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
     asset_id: str = ""
     position: Xyz
     rotation: Xyz
+    distance: float | None = None  # from the agent's origin to the object's
     axis_aligned_bounding_box: _Box
     object_oriented_bounding_box: _Corners | None = None
     receptacle: bool

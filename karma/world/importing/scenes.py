@@ -1,7 +1,8 @@
 """Make scenes from AI2-THOR metadata: what the genuine simulator reported at reset."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +12,19 @@ from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.places import FLOOR
 from karma.household.types import Capability, RoomType, object_types
-from karma.household.uses import BASINS
 from karma.world.core.boxes import (
     AGENT_RADIUS_M,
     Box,
     Cell,
-    distances,
-    free_parts,
     nearest_to_centre,
 )
 from karma.world.core.scene import AgentPose, Scene, SceneObject, check
 from karma.world.importing.dump import Seen, named, read_layouts, rows, seen_object, stance
+from karma.world.importing.floor import Floor, start_of
 
 ORIGIN_M = 0.9  # the agent's origin above the floor
 FLAGS: tuple[Capability, ...] = Capability.__args__  # type: ignore[attr-defined]
 ROOMS: tuple[RoomType, ...] = ("Kitchen", "LivingRoom", "Bedroom", "Bathroom")  # by hundreds
-REACH_M = 1.5
-STRAIGHT_M = 0.95  # a deeper counter is bent: its box covers free floor
 ROOM_OF_HUNDRED = {0: 0, 2: 1, 3: 2, 4: 3}
 
 
@@ -75,12 +72,51 @@ def import_dump(
         raise FileError(path, reason, fix="leave --only out, or give it other names")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FloorScore:
+    """How well the floor worked out from a room's boxes fits its recorded cells."""
+
+    scene: str
+    computed: int  # cells
+    recorded: int
+    both: int
+
+    @property
+    def precision(self) -> float:
+        """Share of the computed cells that were recorded."""
+        return self.both / self.computed
+
+    @property
+    def recall(self) -> float:
+        """Share of the recorded cells that were computed."""
+        return self.both / self.recorded
+
+
+def floor_scores(path: str | Path, layouts: str | Path) -> Iterator[FloorScore]:
+    """Yield the score of every room of a dump that has recorded cells.
+
+    Raises:
+        FileError: a file is torn or of the wrong form.
+    """
+    known = read_layouts(layouts)
+    for scene in import_dump(path):
+        if cells := {(round(x, 3), round(z, 3)) for x, z in known.get(scene.name, ())}:
+            found = {(round(x, 3), round(z, 3)) for x, z in scene.reachable}
+            yield FloorScore(
+                scene=scene.name,
+                computed=len(found),
+                recorded=len(cells),
+                both=len(found & cells),
+            )
+
+
 def scene_from_dump(
     scene_name: str,
     objects: Sequence[Mapping[str, Any]],
     *,
     reachable: Sequence[Cell] | None = None,
     agent: AgentPose | None = None,
+    stood: Sequence[Cell] = (),
     grid_m: float = 0.25,
     room: RoomType | None = None,
 ) -> Scene:
@@ -90,8 +126,9 @@ def scene_from_dump(
         scene_name: "FloorPlan1" and so on; its number says which room it is.
         objects: `event.metadata["objects"]`.
         reachable: (x, z) cells; computed from the boxes when None.
-        agent: its start, which is a cell of its own; the cell nearest to the middle of all when
-            None.
+        agent: its start, which is a cell of its own. When None, the place that the objects'
+            distances tell; failing that the cell nearest to the middle of all.
+        stood: cells that somebody stood on, which are free whatever the boxes say.
         grid_m: distance of the cells.
         room: what the scene is; by its name when None, or by what stands in it.
 
@@ -105,9 +142,7 @@ def scene_from_dump(
     floor_y = _floor_y(seen)
     cells = tuple(sorted((float(x), float(z)) for x, z in reachable or ()))
     box = _room_box(seen, floor_y, cells)
-    if agent is not None:
-        cells = _with_start(cells or _cells_round(seen, box, agent.position, grid_m), agent, grid_m)
-    cells = cells or _free_cells(seen, box, grid_m)
+    cells, agent, note = _standing(seen, box, cells, agent, stood, grid_m)
     if not cells:
         raise FileError(scene_name, "nowhere to stand: every cell is blocked")
     x, z = nearest_to_centre(cells)
@@ -115,7 +150,7 @@ def scene_from_dump(
     scene = Scene(
         name=scene_name,
         room=room or room_by_name(scene_name) or room_by_things(objects),
-        source="AI2-THOR metadata at reset",
+        source="; ".join(filter(None, ("AI2-THOR metadata at reset", note))),
         floor_y=floor_y,
         grid_m=grid_m,
         agent=agent or AgentPose(position=(x, round(floor_y + ORIGIN_M, 4), z)),
@@ -173,61 +208,55 @@ def _room_box(seen: Sequence[Seen], floor_y: float, cells: Sequence[Cell]) -> Bo
     )  # fmt: skip
 
 
-def _free_cells(seen: Sequence[Seen], room: Box, grid_m: float) -> tuple[Cell, ...]:
-    solid = _solid(seen)
-    things = [one.box for one in seen if one.pickupable] or solid
-    parts = free_parts(room, solid, grid_m=grid_m)
-    # beside the room there can be larger free ground within the bounds, with nothing in reach
-    return max(parts, key=lambda part: _in_reach(part, things), default=())
+def _standing(
+    seen: Sequence[Seen],
+    box: Box,
+    told: Sequence[Cell],
+    agent: AgentPose | None,
+    stood: Sequence[Cell],
+    grid_m: float,
+) -> tuple[tuple[Cell, ...], AgentPose | None, str]:
+    """Return the cells to stand on, the agent's start, and what had to be done about the cells.
 
-
-def _solid(seen: Sequence[Seen]) -> list[Box]:
-    """Return the boxes that nobody walks through: furniture, and what lies on bent counters."""
-    bent = {one.object_id for one in seen if _is_bent(one)}
-    return [
-        one.box
-        for one in seen
-        if not (_spans(one) or (one.pickupable and bent.isdisjoint(one.parent_receptacles or ())))
-    ]
-
-
-def _cells_round(seen: Sequence[Seen], room: Box, start: Vec3, grid_m: float) -> tuple[Cell, ...]:
-    """Return the cells in steps of the grid from where the agent stands, that it can walk to."""
-    x, _, z = start
-    parts = free_parts(
-        room.shifted(-x, -z), [one.shifted(-x, -z) for one in _solid(seen)], grid_m=grid_m
-    )
-
-    def far(part: tuple[Cell, ...]) -> float:
-        return min(across * across + along * along for across, along in part)
-
-    mine = min(parts, key=far, default=())
-    return tuple((round(x + across, 6), round(z + along, 6)) for across, along in mine)
-
-
-def _with_start(cells: Sequence[Cell], agent: AgentPose, grid_m: float) -> tuple[Cell, ...]:
-    """Return the cells with the one that the agent stands on."""
-    x, _, z = agent.position
-    if any(abs(a - x) < grid_m / 2 and abs(b - z) < grid_m / 2 for a, b in cells):
-        return tuple(cells)
-    return tuple(sorted((*cells, (x, z))))
-
-
-def _in_reach(cells: Sequence[Cell], boxes: Sequence[Box]) -> tuple[int, int]:
-    return int((distances(cells, boxes) <= REACH_M).sum()), len(cells)
-
-
-def _spans(one: Seen) -> bool:
-    """Return whether a box says nothing about where to stand.
-
-    Floors, counters round a corner, and basins: their sinks and tubs stand there already.
+    Args:
+        seen: the objects.
+        box: of the room.
+        told: the cells, if they are known.
+        agent: its start, if it is known.
+        stood: cells that an agent stood on.
+        grid_m: distance of the cells.
     """
-    return _is_bent(one) or one.object_type in (FLOOR, *BASINS)
+    place = agent.position if agent is not None else start_of(seen)
+    if told and agent is None and place is not None and not _on_grid(place, told, grid_m):
+        place = None
+    x, z = (place[0], place[2]) if place else (told[0] if told else (0.0, 0.0))
+    floor = Floor(seen, box, origin=(x, z), grid_m=grid_m)
+    if told:
+        start = None if agent is None else agent.position
+        every = _with_places(told, (*stood, *([(x, z)] if place else [])), grid_m)
+        cells, note = floor.connected(every, start)
+    else:
+        cells, note = floor.walkable(place, stood), "floor computed from the boxes"
+    if agent is None and place is not None and _with_places(cells, [(x, z)], grid_m) == cells:
+        agent = AgentPose(position=place)
+    return cells, agent, note
 
 
-def _is_bent(one: Seen) -> bool:
-    x, _, z = one.box.size
-    return one.object_type == "CounterTop" and min(x, z) > STRAIGHT_M
+def _on_grid(place: Vec3, cells: Sequence[Cell], grid_m: float) -> bool:
+    """Return whether a place is in steps of the grid from the cells, and not far from them."""
+    (x, _, z), (a, b) = place, cells[0]
+    off = [abs(gap / grid_m - round(gap / grid_m)) for gap in (x - a, z - b)]
+    near = min(max(abs(x - a), abs(z - b)) for a, b in cells) < 1.5 * grid_m
+    return max(off) < 0.05 and near
+
+
+def _with_places(cells: Sequence[Cell], places: Iterable[Cell], grid_m: float) -> tuple[Cell, ...]:
+    """Return the cells with those that were stood on."""
+    found = list(cells)
+    for x, z in places:
+        if not any(abs(a - x) < grid_m / 2 and abs(b - z) < grid_m / 2 for a, b in found):
+            found.append((x, z))
+    return tuple(sorted(found))
 
 
 # ----------------------------------------------------------------- containment

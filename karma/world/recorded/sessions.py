@@ -41,6 +41,7 @@ from karma.world.sim import EmbeddedWorld
 _SETTINGS = ("visibilityDistance", "fieldOfView", "rotateStepDegrees", "snapToGrid")
 _OF_THE_CLIENT = ("sequenceId", "raise_for_failure")
 _LAYOUT_M = 0.25  # ALFRED's cells
+_ON_GRID = 0.05  # of a step
 
 # ----------------------------------------------------------------- the report
 
@@ -150,13 +151,20 @@ def read_events(path: str | Path) -> list[tuple[Row, Row]]:
     return steps
 
 
-def scene_of(action: Row, metadata: Row, *, reachable: Sequence[Cell] | None = None) -> Scene:
+def scene_of(
+    action: Row,
+    metadata: Row,
+    *,
+    reachable: Sequence[Cell] | None = None,
+    stood: Sequence[Cell] = (),
+) -> Scene:
     """Return the scene that a recording's first event describes.
 
     Args:
         action: Initialize and its arguments; `gridSize` is the grid.
         metadata: of its event.
         reachable: (x, z) cells; computed from the boxes when None.
+        stood: cells that the recorded agent stood on.
 
     Raises:
         FileError: the metadata is no scene; the path is the scene's name.
@@ -172,6 +180,7 @@ def scene_of(action: Row, metadata: Row, *, reachable: Sequence[Cell] | None = N
         name.removesuffix("_physics"),
         metadata["objects"],
         reachable=reachable,
+        stood=stood,
         agent=pose,
         grid_m=float(action.get("gridSize") or _LAYOUT_M),
     )
@@ -204,7 +213,7 @@ def _replayed(
     world = EmbeddedWorld()
     for number, (action, theirs) in enumerate(steps):
         if number == 0 or action["action"] == "Initialize":
-            world = _begun(f"{path}, step {number}", action, theirs, cells)
+            world = _begun(f"{path}, step {number}", steps[number:], cells)
         else:
             arguments = {k: v for k, v in action.items() if k not in _OF_THE_CLIENT}
             with suppress(ValueError):  # misuse: the world keeps the refusal as its last event
@@ -213,18 +222,34 @@ def _replayed(
 
 
 def _begun(
-    place: str, action: Row, theirs: Row, cells: Mapping[str, Sequence[Cell]]
+    place: str, steps: Sequence[tuple[Row, Row]], cells: Mapping[str, Sequence[Cell]]
 ) -> EmbeddedWorld:
-    """Return a world with the room that an Initialize reported."""
+    """Return a world with the room that an Initialize reported, the first of some steps."""
+    action, theirs = steps[0]
     usual = float(action.get("gridSize") or _LAYOUT_M) == _LAYOUT_M
     known = cells.get(str(theirs["sceneName"]).removesuffix("_physics")) if usual else None
     settings = {key: action[key] for key in _SETTINGS if action.get(key) is not None}
     try:
-        return EmbeddedWorld(scene_of(action, theirs, reachable=known), **settings)
+        scene = scene_of(action, theirs, reachable=known, stood=_stood(steps))
+        return EmbeddedWorld(scene, **settings)
     except FileError as error:
         raise FileError(place, error.reason, fix=error.fix) from error
     except ValueError as error:
         raise FileError(place, f"Initialize: {error}", fix=EXPORT) from error
+
+
+def _stood(steps: Sequence[tuple[Row, Row]]) -> list[Cell]:
+    """Return where the agent stood until the next room: whole steps of the grid from its start."""
+    grid_m = float(steps[0][0].get("gridSize") or _LAYOUT_M)
+    found: dict[Cell, None] = {}
+    for number, (action, metadata) in enumerate(steps):
+        if number and action["action"] == "Initialize":
+            break
+        at = metadata["agent"]["position"]
+        found[float(at["x"]), float(at["z"])] = None
+    x, z = next(iter(found))
+    off = {cell: ((cell[0] - x) / grid_m, (cell[1] - z) / grid_m) for cell in found}
+    return [c for c in found if max(abs(part - round(part)) for part in off[c]) < _ON_GRID]
 
 
 # ----------------------------------------------------------------- comparing
