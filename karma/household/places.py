@@ -9,6 +9,7 @@ from karma.household.uses import (
     BIN,
     BURNER,
     COFFEE_MACHINE,
+    FAUCET,
     FRIDGE,
     KNOB,
     MICROWAVE,
@@ -44,6 +45,16 @@ OVERLOOKED = frozenset(
         "HandTowelHolder", "TowelHolder",
     )
 )  # fixed things so small that a map may lack them  # fmt: skip
+HANG_ON_WALLS = (
+    "Blinds", "Curtains", "HandTowelHolder", "LightSwitch", "Mirror", "Painting", "Poster",
+    "ToiletPaperHanger", "TowelHolder", "Window",
+)  # fmt: skip
+FACE_EITHER_WAY = ("Mirror", "Painting", "Poster", "Window")  # of them: AI2-THOR's headings differ
+BACK_TO_WALLS = (
+    "Bed", "Cabinet", COFFEE_MACHINE, "Drawer", "Dresser", FAUCET, FRIDGE, MICROWAVE, SINK,
+    "Television", TOASTER, "Toilet",
+)  # what stands or is built with its back to a wall  # fmt: skip
+ROUND_A_CORNER = ("CounterTop", "Desk")  # may be bent: then the box covers free floor
 _NOT_WORTH_A_WORD = {FLOOR, "Chair", "Stool", KNOB, *BASINS, "Window"}
 
 

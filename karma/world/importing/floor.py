@@ -10,7 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from karma.contracts import Vec3
-from karma.household.places import FLOOR
+from karma.household.places import (
+    BACK_TO_WALLS,
+    FACE_EITHER_WAY,
+    FLOOR,
+    HANG_ON_WALLS,
+    ROUND_A_CORNER,
+)
 from karma.household.uses import BASINS
 from karma.world.core.arrays import Flags, Floats
 from karma.world.core.boxes import AGENT_HEIGHT_M, AGENT_RADIUS_M, Box, Cell, distances
@@ -27,16 +33,7 @@ _LEAN = 0.3  # the farther behind, the farther the wall goes on
 _SQUEEZE_M = 0.1  # from boxes, to join parts: they are wider than what is in them
 _GAP_CELLS = 6  # of a gap that parts of the floor are joined across
 _SPAN_M = 0.01  # residual of an agent's place, when distances tell one
-_BENT = ("CounterTop", "Desk")  # round a corner, where both sides are long
-_ON_WALLS = (
-    "Blinds", "Curtains", "HandTowelHolder", "LightSwitch", "Mirror", "Painting", "Poster",
-    "ToiletPaperHanger", "TowelHolder", "Window",
-)  # fmt: skip
-_HUNG = ("Mirror", "Painting", "Poster", "Window")  # they face either way
-_BACK_TO_WALLS = (
-    "Bed", "Cabinet", "CoffeeMachine", "Drawer", "Dresser", "Faucet", "Fridge", "Microwave",
-    "Sink", "Television", "Toaster", "Toilet",
-)  # fmt: skip
+_SWITCHES = ("LightSwitch",)
 
 Key = tuple[int, int]  # column and row of the grid
 
@@ -195,7 +192,7 @@ class Floor:
         return [
             one
             for one in self._seen
-            if not one.pickupable and one.object_type not in (FLOOR, *BASINS, *_ON_WALLS)
+            if not one.pickupable and one.object_type not in (FLOOR, *BASINS, *HANG_ON_WALLS)
             and not _is_bent(one)
             and one.box.y0 - self._room.y0 <= AGENT_HEIGHT_M
             and one.box.y1 - self._room.y0 >= _STEP_M
@@ -231,14 +228,14 @@ class Floor:
         of any other such thing.
         """
         found = np.zeros(len(self._points), dtype=bool)
-        for kinds in (("LightSwitch",), _HUNG, _BACK_TO_WALLS):
+        for kinds in (_SWITCHES, FACE_EITHER_WAY, BACK_TO_WALLS):
             back, front = (np.full(len(self._points), np.inf) for _ in range(2))
             for one in self._seen:
                 if one.object_type in kinds:
                     behind, near = self._sides(one, start)
                     back = np.minimum(back, np.where(behind, near, np.inf))
                     front = np.minimum(front, np.where(behind, np.inf, near))
-            least = 1.2 if kinds is _BACK_TO_WALLS else 0.0
+            least = 1.2 if kinds is BACK_TO_WALLS else 0.0
             found |= (back <= _BESIDE_M) & (back < front) & (front > least)
         return found
 
@@ -247,7 +244,7 @@ class Floor:
         middle = np.array((one.box.center[0], one.box.center[2]))
         half = np.array((one.box.size[0], one.box.size[2])) / 2
         ahead = np.array(heading(round(one.rotation.y / 90) * 90.0))
-        if one.object_type in _HUNG and start is not None:
+        if one.object_type in FACE_EITHER_WAY and start is not None:
             ahead = np.eye(2)[int(half[0] >= half[1])]
             ahead = ahead * np.sign((np.array((start[0], start[2])) - middle) @ ahead)
         offset = self._points - middle
@@ -259,7 +256,7 @@ class Floor:
 
 def _is_bent(one: Seen) -> bool:
     x, _, z = one.box.size
-    return one.object_type in _BENT and min(x, z) > _STRAIGHT_M
+    return one.object_type in ROUND_A_CORNER and min(x, z) > _STRAIGHT_M
 
 
 # ----------------------------------------------------------------- parts
