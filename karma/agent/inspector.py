@@ -14,7 +14,7 @@ from karma.agent.program import PUTS
 from karma.contracts import Area, SkillCall
 from karma.household.ids import short_type
 from karma.household.places import LIKELY, SURFACES
-from karma.household.types import ObjectType, object_types
+from karma.household.types import RULES, WIDEST, ObjectType, RuleSet, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART, with_basin
 
 _NEEDS = {
@@ -202,8 +202,7 @@ def _put(call: SkillCall, hand: _Hand) -> str:
     if short_type(hand.held) != short_type(name):
         return f"the hand holds {hand.held}, not {name}"
     thing, receptacle = object_types().get(short_type(name)), object_types().get(short_type(place))
-    into = call.skill == "PutObject"
-    if into and thing is not None and receptacle is not None and not fits(thing, receptacle):
+    if call.skill == "PutObject" and thing and receptacle and not fits(thing, receptacle, WIDEST):
         return f"{name} cannot be placed in {place}"
     if name == place:
         return f"{name} cannot be placed in itself"
@@ -219,14 +218,14 @@ def _can(kind: ObjectType, capability: str) -> bool:
     return capability in kind.capabilities
 
 
-def fits(thing: ObjectType, receptacle: ObjectType) -> bool:
+def fits(thing: ObjectType, receptacle: ObjectType, rules: RuleSet = RULES) -> bool:
     """Return whether the types allow it, whole or sliced, in the receptacle or its basin."""
     kinds = object_types()
     forms = (thing.name, thing.slices_into)
     places = with_basin(receptacle.name)
     if not any("receptacle" in kinds[p].capabilities for p in places):
         return False
-    return any(kinds[f].fits(kinds[p]) for f in forms if f for p in places)
+    return any(kinds[f].fits(kinds[p], rules) for f in forms if f for p in places)
 
 
 def takers(object_type: str, known: Collection[str]) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cache
 
-from karma.household.types import object_types
+from karma.household.types import RULES, RuleSet, object_types
 
 EGG = "Egg"  # what comes to pieces when it breaks, not by a knife
 
@@ -45,14 +45,14 @@ def goes_by(name: str, object_id: str, object_type: str) -> bool:
     return name in (object_id, object_type, base_type(object_type))
 
 
-def fits_whole_or_cut(object_type: str, receptacle_type: str) -> bool:
+def fits_whole_or_cut(object_type: str, receptacle_type: str, rules: RuleSet = RULES) -> bool:
     """Return whether AI2-THOR lets a thing into a receptacle, or the pieces it can be cut into.
 
     >>> fits_whole_or_cut("Bread", "Toaster"), fits_whole_or_cut("Mug", "Toaster")
     (True, False)
     """
     place, kinds = object_types()[receptacle_type], (object_type, piece_type(object_type))
-    return any(object_types()[kind].fits(place) for kind in kinds)
+    return any(object_types()[kind].fits(place, rules) for kind in kinds)
 
 
 @cache

@@ -21,6 +21,10 @@ Capability = Literal[
 ]  # AI2-THOR's flag names  # fmt: skip
 RoomType = Literal["Kitchen", "LivingRoom", "Bedroom", "Bathroom"]
 
+RuleSet = Literal["thor-5.0.0", "thor-2.1.0"]  # whose table says what goes into what
+RULES: RuleSet = "thor-5.0.0"
+WIDEST: RuleSet = "thor-2.1.0"  # lets all that 5.0.0 does, and more
+
 TABLE = Path(__file__).parent / "types.toml"
 
 
@@ -31,6 +35,7 @@ class ObjectType(msgspec.Struct, frozen=True, kw_only=True):
     rooms: tuple[RoomType, ...]
     capabilities: tuple[Capability, ...]
     goes_in: tuple[str, ...] | None  # receptacle types it may be put into; None = unrestricted
+    more_in: Mapping[RuleSet, tuple[str, ...]] = MappingProxyType({})  # beyond it, by rule set
     accepts_only: tuple[str, ...] = ()  # types that this receptacle takes; () = any that go in it
     must_be_open: bool = False  # before something is put into it
     upright: bool = False  # always put down standing
@@ -47,11 +52,17 @@ class ObjectType(msgspec.Struct, frozen=True, kw_only=True):
         """Return whether objects of this type have the capability."""
         return capability in self.capabilities
 
-    def fits(self, receptacle: "ObjectType") -> bool:
-        """Return whether the types allow putting this into that receptacle."""
+    def fits(self, receptacle: "ObjectType", rules: RuleSet = RULES) -> bool:
+        """Return whether the types allow putting this into that receptacle.
+
+        Args:
+            receptacle: its type.
+            rules: of which simulator; who does not know takes the widest.
+        """
         if receptacle.accepts_only:
             return self.name in receptacle.accepts_only
-        return self.goes_in is None or receptacle.name in self.goes_in
+        more = self.more_in.get(rules, ())
+        return self.goes_in is None or receptacle.name in self.goes_in or receptacle.name in more
 
 
 class _Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -74,6 +85,7 @@ class _Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 class _Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     groups: dict[str, tuple[str, ...]]
+    rules: dict[RuleSet, dict[str, tuple[str, ...]]] = {}
     types: dict[str, _Row]
 
 
@@ -122,10 +134,12 @@ def _object_type(name: str, row: _Row, table: _Table, path: Path) -> ObjectType:
     facts = msgspec.structs.asdict(row)
     listed, ours = facts.pop("goes_in"), facts.pop("also_in")
     facts["goes_in"] = None if listed is None else _expand((*listed, *ours), table, name, path)
-    for other in (*(facts["goes_in"] or ()), *row.accepts_only, *filter(None, [row.slices_into])):
+    more = {rules: pairs[name] for rules, pairs in table.rules.items() if name in pairs}
+    named = (*(facts["goes_in"] or ()), *row.accepts_only, *filter(None, [row.slices_into]))
+    for other in (*named, *(place for places in more.values() for place in places)):
         if other not in table.types:
             raise FileError(path, f"types.{name}: names {other!r}, which is not a type")
-    return ObjectType(name=name, **facts)
+    return ObjectType(name=name, more_in=MappingProxyType(more), **facts)
 
 
 def _expand(names: Iterable[str], table: _Table, owner: str, path: Path) -> tuple[str, ...]:

@@ -17,8 +17,9 @@ from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, to_json, write_atomic
 from karma.household.ids import root_type
 from karma.household.pieces import fits_whole_or_cut
-from karma.household.types import object_type, types_with
+from karma.household.types import RULES, WIDEST, RuleSet, object_type, types_with
 from karma.tasks.goals import alternatives, is_position, object_names, parse_goal
+from karma.world.alfred.ids import type_now
 from karma.world.core import scene
 
 
@@ -153,26 +154,32 @@ def _subtask(row: _SubTask, where: str) -> SubTask:
 def _goal(text: str, where: str) -> Goal:
     try:
         goal = parse_goal(text)
-        check_goal(goal)
+        check_goal(goal, WIDEST)  # of whichever rooms
     except KarmaError as error:
         raise KarmaError(f"{where}: {error}") from error
     return goal
 
 
-def check_goal(goal: Goal) -> None:
+def check_goal(goal: Goal, rules: RuleSet = RULES) -> None:
     """Raise KarmaError for a type that is not there, or what AI2-THOR lets nobody put together."""
     for name in object_names(goal):
-        for part in alternatives(name):
-            object_type(root_type(part))
+        for kind in _types(name, rules):
+            object_type(kind)
     if goal.predicate in ("ON", "INSIDE") and not is_position(goal.arguments[1]):
-        check_placement(goal)
+        check_placement(goal, rules)
 
 
-def check_placement(goal: Goal) -> None:
+def _types(name: str, rules: RuleSet) -> list[str]:
+    """Return the types that a name of a goal means; old simulators' names mean today's types."""
+    kinds = [root_type(part) for part in alternatives(name)]
+    return kinds if rules == RULES else [type_now(kind) or kind for kind in kinds]
+
+
+def check_placement(goal: Goal, rules: RuleSet = RULES) -> None:
     """Raise KarmaError unless some named type may be put into some named receptacle type."""
-    moved, places = ([root_type(part) for part in alternatives(name)] for name in goal.arguments)
+    moved, places = (_types(name, rules) for name in goal.arguments)
     if not any(
-        object_type(one).can("pickupable") and fits_whole_or_cut(one, place)
+        object_type(one).can("pickupable") and fits_whole_or_cut(one, place, rules)
         for one in moved
         for place in places
     ):

@@ -6,7 +6,7 @@ import pytest
 from support.paths import SHARED
 
 from karma.errors import FileError, UnknownNameError
-from karma.household.types import TABLE, object_type, object_types, read_types
+from karma.household.types import TABLE, WIDEST, object_type, object_types, read_types
 
 FACTS = SHARED / "data/thor5/object_types.json"
 NEVER_REPORTED = {"canBeUsedUp"}  # 5.0.0's own bug; we keep the documented ability
@@ -88,6 +88,22 @@ def test_receptacle_that_opens_must_be_open_for_putting():
 )  # fmt: skip
 def test_type_household_placements_are_allowed(name, places):
     assert places <= set(object_type(name).goes_in)
+
+
+@pytest.mark.parametrize(
+    ("thing", "place"),
+    [("Watch", "Bowl"), ("Pencil", "Bowl"), ("CreditCard", "Safe"), ("HandTowel", "GarbageCan")],
+)
+def test_type_fits_by_the_rules_of_2_1_0_what_5_0_0_refuses(thing, place):
+    kinds = object_types()
+    assert not kinds[thing].fits(kinds[place])
+    assert kinds[thing].fits(kinds[place], WIDEST)
+
+
+def test_rules_of_2_1_0_refuse_nothing_that_5_0_0_lets_in():
+    kinds = object_types().values()
+    assert all(a.fits(b, WIDEST) for a in kinds for b in kinds if a.fits(b))
+    assert not object_types()["Book"].fits(object_types()["Fridge"], WIDEST)
 
 
 def test_type_unknown_names_the_nearest():

@@ -34,6 +34,7 @@ def test_build_has_the_trials_poses_ids_start_and_cells(tmp_path, side):
     by_id = {thing.id: thing for thing in scene.objects}
     assert by_id[APPLE].position == (1.4, 0.81, -0.5)
     assert by_id[APPLE].parents == (TABLE,)
+    assert scene.rules == "thor-2.1.0"
     assert scene.agent.position == (0.0, 0.9, 0.0)
     assert scene.agent.horizon == 30
     assert set(visited(record)) <= set(scene.reachable)

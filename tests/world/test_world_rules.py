@@ -433,6 +433,15 @@ def test_put_of_the_wrong_type_is_refused_unless_forced(world):
     assert bring(world, "Knife", "Bowl")[0]  # knives may lie anywhere
 
 
+@pytest.mark.parametrize(("rules", "goes"), [(msgspec.UNSET, False), ("thor-2.1.0", True)])
+def test_put_follows_the_table_of_the_scenes_rules(rules, goes):
+    room = msgspec.structs.replace(kitchen(), rules=rules)
+    event, _, _ = bring(EmbeddedWorld(room), "CellPhone", "Bowl")
+    assert bool(event) == goes
+    event, _, _ = bring(EmbeddedWorld(room), "CellPhone", "SinkBasin")
+    assert "cannot be placed in" in event.message
+
+
 def test_put_on_the_agents_own_load_is_refused(world):
     plate = reach(world, "Plate")
     world.step("PickupObject", objectId=plate)

@@ -105,7 +105,7 @@ def _does_not_take(
     kind, place = object_types()[thing.type], object_types()[receptacle.type]
     if place.must_be_open and "openable" in receptacle.capabilities and receptacle.openness <= 0:
         return Refusal("Target openable Receptacle is CLOSED, can't place if target is not open!")
-    fits = kind.fits(place) or (
+    fits = kind.fits(place, state.room.rules) or (
         not place.accepts_only and (force or thing.type in rules().put.anywhere)
     )
     return None if fits else Refusal(f"{thing.name} cannot be placed in {receptacle.name}")

@@ -106,7 +106,8 @@ def _spawned(state: WorldState, thing: SceneObject, draw: _Lot) -> WorldState:
     fitting = [
         place
         for place in draw.places
-        if place not in within and kind.fits(object_types()[state.objects[place].type])
+        if place not in within
+        and kind.fits(object_types()[state.objects[place].type], state.room.rules)
     ]
     order = draw.rng.permutation(len(fitting))[: draw.attempts]
     without = replace(

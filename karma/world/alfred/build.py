@@ -49,6 +49,7 @@ def build(trial: Trial, facts: RoomFacts, *, widened: Mapping[str, float] | None
         room=room_by_name(facts.name)
         or room_by_things([{"objectType": thing.type} for thing in things]),
         source=f"ALFRED {trial.id}",
+        rules="thor-2.1.0",
         floor_y=floor_y,
         grid_m=STEP_M,
         agent=AgentPose(

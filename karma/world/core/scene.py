@@ -13,7 +13,7 @@ import msgspec
 from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.files import read_json
-from karma.household.types import Capability, RoomType, object_types
+from karma.household.types import Capability, RoomType, RuleSet, object_types
 
 Temperature = Literal["RoomTemp", "Hot", "Cold"]
 
@@ -67,6 +67,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     name: str
     room: RoomType
     source: str  # where it comes from, e.g. "scripts/make_scenes.py seed 7"
+    rules: RuleSet | msgspec.UnsetType = msgspec.UNSET  # say what goes into what; unset = 5.0.0's
     floor_y: float = 0.0
     grid_m: float = 0.25
     agent: AgentPose

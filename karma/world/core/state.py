@@ -7,6 +7,7 @@ from typing import Any
 
 from karma.contracts import Pose, Vec3
 from karma.household.places import FLOOR
+from karma.household.types import RULES
 from karma.world.core.camera import Camera
 from karma.world.core.metadata import box
 from karma.world.core.objects import Objects, derived
@@ -68,7 +69,7 @@ class Room:
     """What never changes in a scene: its name, bounds and the cells to stand on."""
 
     def __init__(self, scene: Scene) -> None:
-        self.name = scene.name
+        self.name, self.rules = scene.name, scene.rules or RULES
         self.floor_y = scene.floor_y
         self.grid_m = scene.grid_m
         self.scene_name = scene_name(scene.name)
