@@ -1,6 +1,7 @@
 """What skill scoring costs, and that it is exact: naive scoring against the trie and best-first.
 
     python scripts/bench_scoring.py [--prompts 200] [--skip-parity] [--skip-speed]
+    python scripts/bench_scoring.py --lota-alfred 10
 
 Two models with F16 weights: the shipped planner, and a Llama of random weights made here.
 
@@ -16,6 +17,9 @@ Figures of 2026-11-22 (more in docs/methods-lota.md), the shipped planner and th
 one with `--parity-candidates 50`: scores within 1.1e-6 and 5.3e-7 of naive ones, the argmax equal
 on all 200 prompts; all scores on a warm prompt 461 and 226 times faster, the argmax 18,124 and
 6,898 times. It takes 10 and 17 minutes.
+
+`--lota-alfred` chooses among the 214 skills of LoTa-Bench's ALFRED instead, with the shipped
+planner, at every step of the expert's plans. It needs the reference data and a minute or two.
 """
 
 import argparse
@@ -24,6 +28,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import product
 from pathlib import Path
 from string import ascii_lowercase
@@ -31,7 +36,13 @@ from string import ascii_lowercase
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import END
+from karma.bench.experiment_tasks import beside
+from karma.benchmarks.lota_alfred.planner import followed
+from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, score_prompt
+from karma.benchmarks.lota_alfred.tasks import draw_tasks
+from karma.benchmarks.players import ExpertPlayer
+from karma.benchmarks.trial_rooms import read_rooms
+from karma.contracts import END, Choice
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
@@ -39,12 +50,20 @@ from karma.infer.llama.scoring import Scores, SkillScorer
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.files import load_tasks
+from karma.world.eb_alfred.actions import read_types
+from karma.world.eb_alfred.environment import Environment
+from karma.world.eb_alfred.protocol import LOTA_ALFRED
+from karma.world.eb_alfred.skills import skills_of
 
 NANO = Path("models/nano/planner.gguf")
 TASKS = "eval/alfred_l/tasks.jsonl"
 LONG = 2000  # tokens of the prompt that speed is measured on
 TIMED = 3  # naive candidates
 REPEAT = 5
+TIMED_PROMPTS = 40  # of LoTa-Bench's ALFRED, naive
+LOTA_FILES = (
+    "lota_alfred/splits_even.json", "eb_alfred/action_types.json", "alfred/valid_seen.jsonl.gz",
+)  # fmt: skip
 THINGS = (
     "Apple", "Bread", "Egg", "Lettuce", "Potato", "Tomato", "Mug", "Cup", "Bowl", "Plate", "Pot",
     "Pan", "Knife", "Fork", "Spoon", "Spatula", "DishSponge", "SoapBottle", "SaltShaker", "Book",
@@ -235,6 +254,45 @@ def speed(model: GgufModel, texts: Sequence[str]) -> None:
         print(f"  | {name} | {run} | {taken:.3f} | {whole / taken:.0f} |", flush=True)
 
 
+def lota_alfred(model: GgufModel, count: int) -> None:
+    """Choose at every step of expert plans in LoTa-Bench's ALFRED; time it, and the naive way."""
+    lists, types, trials = (beside(f"../shared/data/{name}") for name in LOTA_FILES)
+    rooms, kinds, scorer = read_rooms(trials), read_types(types), SkillScorer(model)
+    texts = [followed(str(skill), strict=False) for skill in skills_of(kinds)]
+    asked: list[tuple[str, ...]] = []
+    found: list[Choice] = []
+    playing, choosing = 0.0, 0.0
+    for task in draw_tasks(lists, ("valid_seen_5_percent_seed_1",))[:count]:
+        begun = time.process_time()
+        trial, player = rooms.trials[task.trial], ExpertPlayer()
+        facts = rooms.facts[trial.scene.floor_plan]
+        env = Environment(trial, facts, kinds, protocol=LOTA_ALFRED)
+        playing += time.process_time() - begun
+        while not env.end:
+            said = trial.annotations[task.repeat].task_desc
+            asked.append(score_prompt(said, env.steps, LotaPromptOptions()))
+            begun = time.process_time()
+            found.append(scorer.choose(asked[-1], texts))
+            middle = time.process_time()
+            env.step(*player.plan(env))
+            choosing, playing = choosing + middle - begun, playing + time.process_time() - middle
+    naive, timed = Naive(model), asked[:: max(1, len(asked) // TIMED_PROMPTS)]
+    one = statistics.mean(
+        seconds(partial(naive.score, prompt, texts[7 * number % len(texts)]), 1)
+        for number, prompt in enumerate(timed)
+    )
+    tokens = [choice.prompt_tokens for choice in found]
+    print(
+        f"  LoTa-Bench's ALFRED: {count} tasks, {len(asked)} steps, {len(texts)} skills\n"
+        f"    prompts of {min(tokens)} to {max(tokens)} tokens; per step"
+        f" {statistics.mean(choice.run_tokens for choice in found):.1f} tokens of skills run\n"
+        f"    per task: world {playing / count:.2f} s, choosing {choosing / count:.2f} s;"
+        f" naively {len(texts) * one * len(asked) / count:.0f} s ({len(timed)} prompts timed with"
+        " one skill each)",
+        flush=True,
+    )
+
+
 def long_prompt(model: GgufModel) -> tuple[str, ...]:
     """Return a prompt of LONG tokens: a map of many lines, and a task."""
     task = "#task put the apple in the fridge\n#memory\n#program\n"
@@ -258,7 +316,11 @@ def main() -> None:
     parser.add_argument("--skip-speed", action="store_true")
     parser.add_argument("--skip-random", action="store_true")
     parser.add_argument("--skip-nano", action="store_true")
+    parser.add_argument("--lota-alfred", type=int, default=0, metavar="TASKS")
     options = parser.parse_args()
+    if options.lota_alfred:
+        lota_alfred(GgufModel(NANO, LlamaOptions(threads=1)), options.lota_alfred)
+        return
     with tempfile.TemporaryDirectory() as folder:
         models = {} if options.skip_nano else {"karma-nano": NANO}
         if not options.skip_random:
