@@ -25,11 +25,12 @@ def put_at(world: EmbeddedWorld, target: str, *, basin_first: bool = True, stric
     Args:
         world: of the episode.
         target: id or type.
-        basin_first: whether a basin is tried before what is nearer of it and its sink.
+        basin_first: whether a basin is tried before what is nearer of it and its sink; unless
+            strict, it always is, since here what lies on a rim lies in no basin.
         strict: whether it is tried at another object of the type after that.
     """
     last = ""
-    parts_first = basin_first and root_type(target) in BASIN_OF
+    parts_first = (basin_first or not strict) and root_type(target) in BASIN_OF
     for elsewhere in (False, True) if strict else (False,):
         other_than = last if elsewhere else ""
         for steps in _BEFORE:
