@@ -11,6 +11,7 @@ from typing import Any, Literal, Self
 import msgspec
 
 from karma import registry
+from karma.bench.alfred_tasks import AlfredTasks
 from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.presets import PRESETS, preset
 from karma.contracts import (
@@ -150,6 +151,7 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     rows: tuple[Row, ...]
     tasks: str = ""  # our JSONL
     authors: tuple[str, ...] = ()  # or the authors' JSON files
+    alfred: AlfredTasks | None = None  # or ALFRED's trials
     scenes: str = ""  # an AI2-THOR dump that the authors' floor plans come from
     layouts: str = ""  # reachable cells for them
     only: tuple[str, ...] = ()  # task ids; () = all
@@ -224,6 +226,7 @@ def _meant(reason: str) -> str | None:
         None: Experiment,
         "rows": Row,
         "models": Models,
+        "alfred": AlfredTasks,
         "run": RunOptions,
     }
     if found[2] not in kinds:

@@ -1,4 +1,4 @@
-"""The tasks of an experiment, ours or the authors', and the rooms that they bring along."""
+"""The tasks of an experiment, ours, the authors' or ALFRED's, and the rooms that they bring."""
 
 import os
 from collections.abc import Mapping
@@ -6,15 +6,20 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
+import msgspec
+
+from karma.bench.alfred_tasks import AlfredTasks, alfred_tasks
 from karma.bench.days import check_seeds
 from karma.bench.experiment import Experiment
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError
 from karma.files import read_bytes, to_json
 from karma.tasks.authors import load_authors_tasks, resolve
-from karma.tasks.files import load_tasks
+from karma.tasks.files import in_rooms, load_tasks
 from karma.world.core.scene import Scene
 from karma.world.importing.scenes import import_dump
+
+_NAMED = 50  # tasks in an error message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,17 +42,21 @@ def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
         FileError: the task file is damaged, or a task of `only` is not in it.
         KarmaError: a task has no start for one of the seeds.
     """
-    if bool(experiment.tasks) == bool(experiment.authors):
-        raise FileError(path, "give either `tasks` or `authors`")
+    given = (experiment.tasks, experiment.authors, experiment.alfred)
+    if sum(map(bool, given)) != 1:
+        raise FileError(path, "give one of `tasks`, `authors` and `alfred`")
     if experiment.tasks:
         loaded = Loaded(tasks=load_tasks(experiment.tasks), scenes={})
+    elif experiment.alfred:
+        loaded = _alfred_tasks(experiment.alfred, folder)
     else:
         loaded = _authors_tasks(experiment, folder)
     known = [task.id for task in loaded.tasks]
     if missing := [name for name in experiment.only if name not in known]:
         near = get_close_matches(missing[0], known, n=1)
         meant = f"did you mean {near[0]!r}? " if near else ""
-        raise FileError(path, f"only: no task {missing[0]!r}; {meant}there are {known}")
+        there = ", ".join(known[:_NAMED]) + (" ..." if len(known) > _NAMED else "")
+        raise FileError(path, f"only: no task {missing[0]!r}; {meant}there are {there}")
     chosen = tuple(t for t in loaded.tasks if not experiment.only or t.id in experiment.only)
     check_seeds(chosen, experiment.seeds)
     return Loaded(tasks=chosen, scenes=_brought(chosen, loaded.scenes))
@@ -67,6 +76,19 @@ def _brought(tasks: tuple[Task, ...], imported: Mapping[str, bytes]) -> dict[str
 def scene_path(folder: Path, name: str) -> Path:
     """Return where an imported floor plan lies in a run folder."""
     return folder / "scenes" / f"{name}.json"
+
+
+def _alfred_tasks(source: AlfredTasks, folder: Path) -> Loaded:
+    """Load ALFRED's tasks and the rooms of their trials."""
+    paths = {name: getattr(source, name) for name in ("trials", "lists", "training")}
+    found = {name: str(beside(given)) if given else "" for name, given in paths.items()}
+    tasks, scenes = alfred_tasks(msgspec.structs.replace(source, **found))
+
+    def placed(scene: SceneRef) -> SceneRef:
+        known = scene.name in scenes
+        return replace(scene, path=str(scene_path(folder, scene.name))) if known else scene
+
+    return Loaded(tasks=tuple(in_rooms(task, placed) for task in tasks), scenes=scenes)
 
 
 def _authors_tasks(experiment: Experiment, folder: Path) -> Loaded:

@@ -236,7 +236,7 @@ BABBLE = 'name = "babble"\noptions = { attempts = 1 }'
         ("seeds = [-1]", "each 0 or above"),
         ('world = "thorr"', "world: no worlds named 'thorr'. Did you mean 'thor'"),
         ('seeds = "many"', r"Expected `array`, got `str` - at `\$\.seeds`"),
-        ('authors = ["x.json"]', "give either `tasks` or `authors`"),
+        ('authors = ["x.json"]', "give one of `tasks`, `authors` and `alfred`"),
         ("= 1", "Invalid"),
         ('[[rows]]\nname = "x"\nmodel = "y"', r"unknown field `model` - at `\$\.rows\[0\]`"),
         ('[[rows]]\nname = "expert"', "rows: 'expert' stands twice"),
