@@ -1,5 +1,7 @@
 """ALFRED's trials as tasks of ours: their goals beside ALFRED's own conditions."""
 
+import os
+
 import msgspec
 import pytest
 from support.made_events import event, thing
@@ -17,7 +19,7 @@ from karma.world.alfred.trial import TYPES_OF_TASK, Trial, read_trials
 from karma.world.sim import EmbeddedWorld
 
 TRIALS = SHARED / "data/alfred/valid_seen.jsonl.gz"
-SAMPLE = 12  # trials: two of each kind of task, where there are, and some of slices
+SAMPLE = int(os.environ.get("KARMA_SAMPLE", "12"))  # trials; of each kind of task, then of slices
 
 
 def trial(kind, thing_, **targets):
@@ -167,11 +169,12 @@ def disagreements(given, facts):
 
 
 def sample(trials):
-    """Return the trials of the shortest demonstrations: of each kind, and of slices."""
+    """Return the trials of the shortest demonstrations: of each kind, of slices, then others."""
     short = sorted(trials, key=lambda one: (len(one.plan.low_actions), one.id))
-    kinds = [[one for one in short if one.task_type == kind] for kind in TYPES_OF_TASK]
+    first = {one.task_type: one for one in reversed(short)}
     cut = [one for one in short if one.pddl_params.object_sliced]
-    return [*(one for some in kinds for one in some[:1]), *cut[: SAMPLE - len(kinds)]]
+    order = {one.id: one for one in (*(first[kind] for kind in TYPES_OF_TASK), *cut, *short)}
+    return list(order.values())[:SAMPLE]
 
 
 @pytest.mark.shared
