@@ -302,6 +302,22 @@ class ProgramSpec:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PlanSpec:
+    """What a plan in JSON may say: short texts by key, then numbers and names of listed actions."""
+
+    texts: tuple[str, ...]  # keys, in their order
+    plan: str  # key of the list of actions
+    number: str  # key of an action's number
+    name: str  # key of its name
+    actions: tuple[str, ...]  # names, by number
+    max_text: int = 300  # characters of each text
+    max_actions: int = 20
+
+
+AnswerSpec = ProgramSpec | PlanSpec
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SkillCall:
     """One parsed line of a program, e.g. `PutObject(robot, 'Apple', 'Fridge')`."""
 
@@ -621,12 +637,12 @@ class LanguageModel(Protocol):
         self,
         prompt: Prompt,
         *,
-        spec: ProgramSpec | None = None,
+        spec: AnswerSpec | None = None,
         max_tokens: int = 512,
         temperature: float = 0.0,
         seed: int = 0,
     ) -> Completion:
-        """Continue the prompt; with `spec`, only with a program that parses."""
+        """Continue the prompt; with `spec`, only with a program or plan that parses."""
 
 
 @runtime_checkable

@@ -78,6 +78,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     threads: int = 1
     gpu_layers: int | Literal["auto"] = "auto"  # this and the next: see `LlamaOptions`
     n_ctx: int | None = None
+    beyond_training: bool = False
     flash_attention: Switch = "auto"
     kv: KvType = "f16"
     rpc: str = ""
@@ -112,7 +113,15 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     @property
     def llama(self) -> LlamaOptions:
         """How a GGUF is opened."""
-        names = ("threads", "gpu_layers", "n_ctx", "flash_attention", "kv", "rpc")
+        names = (
+            "threads",
+            "gpu_layers",
+            "n_ctx",
+            "beyond_training",
+            "flash_attention",
+            "kv",
+            "rpc",
+        )
         return LlamaOptions(**{name: getattr(self, name) for name in names})
 
     @property

@@ -31,6 +31,10 @@ class _Keyed(Protocol):
     def key(self) -> tuple[Hashable, ...]:
         """What names the job."""
 
+    @property
+    def shares(self) -> str:
+        """Jobs of the same word share what a worker computes; "" for none."""
+
 
 J = TypeVar("J", bound=_Keyed)
 D = TypeVar("D")  # what a job leaves
@@ -76,6 +80,14 @@ class JobQueue(Generic[J, D]):
         self.jobs = deque(jobs)
         self._lost = lost
         self._deaths: Counter[tuple[Hashable, ...]] = Counter()
+
+    def next_after(self, last: J | None) -> J:
+        """Return a job to do next: one that shares something with a worker's last, or the first."""
+        shares = last.shares if last is not None else ""
+        if shares and (near := next((one for one in self.jobs if one.shares == shares), None)):
+            self.jobs.remove(near)
+            return near
+        return self.jobs.popleft()
 
     def died(self, job: J, cause: str) -> Iterator[D]:
         """Put a dead worker's job in front again; yield it as lost if it cost `LIVES` workers.
@@ -167,7 +179,7 @@ class _Pool(Generic[J, D]):
     def _assign(self, worker: _Worker[J]) -> None:
         """Give a worker its next job; tell it to end when none is left."""
         if self._queue.jobs:
-            worker.job = self._queue.jobs.popleft()
+            worker.job = self._queue.next_after(worker.job)
             with suppress(BrokenPipeError):  # it has just died; the next round will tell
                 worker.line.send(worker.job)
         else:

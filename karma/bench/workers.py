@@ -45,6 +45,11 @@ class Job:
         """What names the episode."""
         return self.row, self.task.id, self.seed
 
+    @property
+    def shares(self) -> str:
+        """Nothing that is worth another order."""
+        return ""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:

@@ -44,6 +44,7 @@ class Chain:
     row: str
     tasks: tuple[str, ...]  # ids, one or more
     seed: int
+    shares: str = ""  # in common with others, e.g. how a long prompt begins; "" nothing
 
     @property
     def key(self) -> Key:
@@ -63,6 +64,7 @@ class BenchmarkResults:
     figures: Any  # a list of dataclasses, as results.json keeps it
     table: Sheet  # beside the published scores
     behind: tuple[Sheet, ...] = ()  # what lies behind ours
+    remarks: tuple[str, ...] = ()  # what a reader of the table has to know about its rows
 
 
 Play = Callable[[Chain], Iterator[Any]]  # yields a record per key, playing it when asked for it

@@ -7,6 +7,7 @@ once it is finished, `results.json` and `table.md`. A killed run goes on where i
 import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import msgspec
 from karma import registry
 from karma.bench.experiment import Models
 from karma.bench.folder import changed, locked, read_lines, refuse_other, replace_file, sweep
-from karma.bench.pool import Workshop, in_processes
+from karma.bench.pool import JobQueue, Workshop, in_processes
 from karma.bench.provenance import model_hashes, versions
 from karma.bench.records import Key
 from karma.bench.run_folder import EPISODES, HEADER, RESULTS, TIMINGS
@@ -199,7 +200,9 @@ class BenchmarkRun:
             return
         if workers <= 1:
             play = self.benchmark.begin(self._session)
-            for chain in chains:
+            queue, chain = JobQueue(chains, self._lost), None
+            while queue.jobs:
+                chain = queue.next_after(chain)
                 yield from _played(play, chain, self._session)
             return
         models = self._asked.models
@@ -207,11 +210,14 @@ class BenchmarkRun:
             begin=partial(
                 _begun, self._asked, self.path, self._session.cassette.tape, network_allowed()
             ),
-            lost=lambda chain, cause: [(one, 0.0) for one in self.benchmark.lost(chain, cause)],
+            lost=self._lost,
             imports=(__name__, *(imported(models) if self.experiment.plans else ())),
         )
         for found in in_processes(shop, chains, workers):
             yield from found
+
+    def _lost(self, chain: Chain, cause: str) -> list[tuple[Any, float]]:
+        return [(record, 0.0) for record in self.benchmark.lost(chain, cause)]
 
     def _claim(self) -> None:
         """Make the folder this run's, or see that it is.
@@ -269,22 +275,43 @@ def read_header(folder: Path) -> BenchmarkHeader:
     return read_json(folder / HEADER, BenchmarkHeader, fix=fix)
 
 
-def read_results(folder: Path) -> BenchmarkResults:
-    """Return what the records in a folder come to, finished or not.
+def read_results(folder: Path, *more: Path) -> BenchmarkResults:
+    """Return what the records of one or more runs come to, finished or not.
+
+    Args:
+        folder: of a run.
+        more: of other runs of the same tasks, with rows of their own.
 
     Raises:
-        FileError: the folder holds no run of a benchmark, or a line of it is damaged.
+        FileError: a folder holds no run of a benchmark, or a damaged line; or runs that are to
+            stand in one table have other tasks, or a row of the same name.
     """
-    header = read_header(folder)
+    headers = [read_header(one) for one in (folder, *more)]
+    records: list[Any] = []
+    remarks: list[str] = []
+    for place, header in zip((folder, *more), headers, strict=True):
+        kind, mine = _read_run(place, header)
+        rows = {one.row for one in records} & {one.row for one in mine}
+        if header.files != headers[0].files:
+            raise FileError(place / HEADER, f"its tasks or prompts are not those of {folder}")
+        if rows:
+            raise FileError(place / HEADER, f"row {min(rows)!r} is in another of these runs, too")
+        records += mine
+        remarks += kind.results(mine).remarks
+    return replace(_read_run(folder, headers[0])[0].results(records), remarks=tuple(remarks))
+
+
+def _read_run(folder: Path, header: BenchmarkHeader) -> tuple[Benchmark, list[Any]]:
+    """Return a run's benchmark, and its records."""
     kind = kind_of(header.benchmark, folder / HEADER)
     experiment = msgspec.convert(header.experiment, kind.experiment_kind)
-    benchmark: Benchmark = kind(experiment, folder / HEADER)
-    return benchmark.results(read_lines(folder / EPISODES, kind.record_kind))
+    return kind(experiment, folder / HEADER), read_lines(folder / EPISODES, kind.record_kind)
 
 
 def written(results: BenchmarkResults) -> bytes:
     """Return the tables as Markdown."""
-    return to_markdown([results.table, *results.behind]).encode()
+    caption = " ".join((results.table.caption, *results.remarks))
+    return to_markdown([replace(results.table, caption=caption), *results.behind]).encode()
 
 
 def _key(record: PlayedEpisode) -> Key:

@@ -1,6 +1,6 @@
 """`karma eval` and `karma table` of others' benchmarks."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,11 +60,11 @@ def do_benchmark(
         write_atomic(json, to_json(results.figures, indent=2))
 
 
-def write_table(run: Path, folder: Path, json: Path | None) -> None:
-    """Write the tables of a benchmark's run as Markdown, and print what is its own.
+def write_table(runs: Sequence[Path], folder: Path, json: Path | None) -> None:
+    """Write the tables of a benchmark's runs as Markdown, and print what is their own.
 
     Args:
-        run: its folder.
+        runs: their folders; rows of all stand in one table.
         folder: takes table.md.
         json: takes the figures.
 
@@ -74,9 +74,9 @@ def write_table(run: Path, folder: Path, json: Path | None) -> None:
     from karma.bench.sheet import to_markdown
     from karma.benchmarks.run import TABLE, read_results, written
 
-    results = read_results(run)
+    results = read_results(*runs)
     if not results.figures:
-        raise KarmaError(f"{run}: the run has no episodes yet\n  To fix: karma eval FILE")
+        raise KarmaError(f"{runs[0]}: the run has no episodes yet\n  To fix: karma eval FILE")
     write_atomic(folder / TABLE, written(results))
     console.print(escape(to_markdown(results.behind)), soft_wrap=True)
     console.print(escape(f"beside the published scores: {folder / TABLE}"), soft_wrap=True)

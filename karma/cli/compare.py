@@ -69,6 +69,10 @@ def table_command(
     out: Annotated[
         Path | None, typer.Option(help="Folder for table.md, table.tex and table.csv; default RUN.")
     ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(help="Of others' benchmarks: a run whose rows stand in the same table."),
+    ] = None,
     json: Json = None,
 ) -> None:
     """Write a run's tables as Markdown, LaTeX and CSV, beside the published figures."""
@@ -82,8 +86,12 @@ def table_command(
     from karma.bench.sheet import to_latex, to_markdown
 
     if benchmark_in(run):
-        write_table(run, out or run, json)
+        write_table([run, *(beside or ())], out or run, json)
         return
+    if beside:
+        raise KarmaError(
+            "--beside is for runs of others' benchmarks\n  To fix: karma compare RUN RUN"
+        )
     data = read_run(run)
     if not data.records:
         raise KarmaError(f"{run}: the run has no episodes yet\n  To fix: karma eval FILE")

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from karma.contracts import END, Choice, Completion, ProgramSpec, Prompt, Scoring
+from karma.contracts import END, AnswerSpec, Choice, Completion, Prompt, Scoring
 from karma.errors import ModelError
 
 
@@ -22,14 +22,14 @@ class ScriptedModel:
     def __init__(self, answers: Iterable[str] = ()) -> None:
         self._answers = iter(answers)
         self.prompts: list[Prompt] = []
-        self.specs: list[ProgramSpec | None] = []
+        self.specs: list[AnswerSpec | None] = []
         self._lines: list[str] = []  # of the answer that `choose` is in
 
     def complete(
         self,
         prompt: Prompt,
         *,
-        spec: ProgramSpec | None = None,
+        spec: AnswerSpec | None = None,
         max_tokens: int = 512,
         temperature: float = 0.0,
         seed: int = 0,

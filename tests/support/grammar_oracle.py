@@ -73,11 +73,14 @@ def _valid(schema, value, definitions):
     if "anyOf" in schema:
         return any(_valid(one, value, definitions) for one in schema["anyOf"])
     if schema["type"] == "string":
-        return isinstance(value, str) and value in schema.get("enum", [value])
+        known = isinstance(value, str) and value in schema.get("enum", [value])
+        return known and len(value) <= schema.get("maxLength", len(value))
+    if schema["type"] == "integer":
+        return type(value) is int and schema["minimum"] <= value <= schema["maximum"]
     if schema["type"] == "array":
         return (
             isinstance(value, list)
-            and schema["minItems"] <= len(value) <= schema["maxItems"]
+            and schema.get("minItems", 0) <= len(value) <= schema["maxItems"]
             and all(_valid(schema["items"], one, definitions) for one in value)
         )
     fields = schema["properties"]

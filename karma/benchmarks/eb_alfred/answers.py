@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 LONGEST = 200_000  # characters that are looked at
-_PLAN, _NUMBER = "executable_plan", "action_id"
+PLAN, NUMBER = "executable_plan", "action_id"
 _DIGITS = re.compile(r"\d{1,6}")
 _COMMA = re.compile(r",(\s*[\]}])")
 _CLOSES = {"{": "}", "[": "]"}
@@ -36,14 +36,14 @@ def read_answer(text: str, actions: int, *, mend: bool = True) -> PlanReading:
         mend: whether broken JSON is mended.
     """
     found, mended = _parsed(text, mend=mend)
-    if not isinstance(found, dict) or not isinstance(found.get(_PLAN), list):
-        what = "there is no JSON object" if not isinstance(found, dict) else f"no list {_PLAN!r}"
+    if not isinstance(found, dict) or not isinstance(found.get(PLAN), list):
+        what = "there is no JSON object" if not isinstance(found, dict) else f"no list {PLAN!r}"
         return PlanReading(error=f"{what} in the answer", no_json=True)
     plan: list[int] = []
-    for place, item in enumerate(found[_PLAN]):
+    for place, item in enumerate(found[PLAN]):
         number = _number(item, mend=mend)
         if number is None:
-            error = f"{_PLAN}[{place}] has no whole number {_NUMBER!r}"
+            error = f"{PLAN}[{place}] has no whole number {NUMBER!r}"
             return PlanReading(error=error, no_json=True)
         if not 0 <= number < actions:
             if plan:
@@ -54,7 +54,7 @@ def read_answer(text: str, actions: int, *, mend: bool = True) -> PlanReading:
 
 
 def _number(item: Any, *, mend: bool) -> int | None:
-    said = item.get(_NUMBER) if isinstance(item, dict) else item if mend else None
+    said = item.get(NUMBER) if isinstance(item, dict) else item if mend else None
     if mend and isinstance(said, str) and _DIGITS.fullmatch(said.strip()):
         said = int(said)
     return said if isinstance(said, int) and not isinstance(said, bool) else None

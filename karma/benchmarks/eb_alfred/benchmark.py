@@ -6,9 +6,11 @@ from typing import Any, ClassVar
 
 from karma.bench.experiment_tasks import beside
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
-from karma.benchmarks.eb_alfred.experiment import EbExperiment, tasks_of
+from karma.benchmarks.eb_alfred.experiment import EbExperiment, EbRow, remarks_on, tasks_of
 from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, lost_episode, play
+from karma.benchmarks.eb_alfred.prompt import kind_of
 from karma.benchmarks.eb_alfred.table import detail_sheet, results_of, success_sheet
+from karma.benchmarks.eb_alfred.tasks import EbTask
 from karma.benchmarks.trial_rooms import read_rooms
 from karma.infer.hosted.session import Session
 from karma.world.eb_alfred.actions import read_types
@@ -34,15 +36,20 @@ class EbAlfred:
         """Return all episodes: in strict rows those of a list are one chain, as puts count on."""
         one = self._experiment
         tasks = tasks_of(one, self._path)
-        lists: dict[str, list[str]] = {}
+        lists: dict[str, list[EbTask]] = {}
         for task in tasks:
-            lists.setdefault(task.subset, []).append(task.id)
-        together, apart = [*lists.values()], [[task.id] for task in tasks]
+            lists.setdefault(task.subset, []).append(task)
+        together, apart = [*lists.values()], [[task] for task in tasks]
         return [
-            Chain(row=row.name, tasks=tuple(ids), seed=seed)
+            Chain(
+                row=row.name,
+                tasks=tuple(task.id for task in group),
+                seed=seed,
+                shares=_prompt_of(row, group[0]),
+            )
             for seed in one.seeds
             for row in one.rows
-            for ids in (together if row.strict else apart)
+            for group in (together if row.strict else apart)
         ]
 
     def files(self) -> list[Path]:
@@ -82,4 +89,10 @@ class EbAlfred:
             figures=figures,
             table=success_sheet(figures, beside(published) if published else None),
             behind=(detail_sheet(figures),),
+            remarks=tuple(remarks_on(self._experiment)),
         )
+
+
+def _prompt_of(row: EbRow, task: EbTask) -> str:
+    """Return what names the beginning of a prompt: room with its things, kind of examples."""
+    return f"{task.trial}/{kind_of(task.subset)}" if row.player == "planner" else ""

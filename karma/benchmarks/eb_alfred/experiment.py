@@ -61,3 +61,22 @@ def tasks_of(experiment: EbExperiment, path: Path) -> tuple[EbTask, ...]:
     if missing := [one for one in experiment.only if one not in known]:
         raise FileError(path, f"only: no task {missing[0]!r}; they are named like {tasks[0].id!r}")
     return tuple(task for task in tasks if not experiment.only or task.id in experiment.only)
+
+
+def remarks_on(experiment: EbExperiment) -> list[str]:
+    """Return what a reader of the table has to know about how its planners were asked."""
+    found, models = [], experiment.models
+    planners = [row for row in experiment.rows if row.player == "planner"]
+    if planners and models.beyond_training:
+        found.append(
+            f"The planner's context of {models.n_ctx} tokens may be longer than what it was trained"
+            " for."
+        )
+    held = [row for row in planners if row.prompt.constrained]
+    for row in held:
+        found.append(
+            f"{row.name}: answers are held to the JSON that is asked for, with the room's actions, "
+            f"{row.prompt.most_text} characters a text and {row.prompt.most_actions} actions at "
+            "most."
+        )
+    return found

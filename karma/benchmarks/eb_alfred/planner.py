@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from karma.benchmarks.eb_alfred.answers import read_answer
-from karma.benchmarks.eb_alfred.prompt import PromptOptions, render_prompt
+from karma.benchmarks.eb_alfred.prompt import PromptOptions, plan_spec, render_prompt
 from karma.contracts import Completion, LanguageModel
 from karma.world.eb_alfred.environment import Environment
 
-_KEPT = 20_000  # characters of an answer that a record keeps
+KEPT = 20_000  # characters of an answer that a record keeps
 _AGAIN_TEMPERATURE = 0.6  # once an answer was of no use, the same again will not help
 
 
@@ -26,6 +26,7 @@ class PlannerAnswer:
     mended: bool = False
     no_json: bool = False
     cost: float | None = None
+    constrained: bool | None = None  # a grammar held; None where it is not known
 
 
 class PlannerPlayer:
@@ -76,13 +77,14 @@ class PlannerPlayer:
         again = bool(self._complaint) and not strict
         said = self._model.complete(
             prompt,
+            spec=plan_spec(environment, self._options),
             max_tokens=self._options.max_tokens,
             temperature=_AGAIN_TEMPERATURE if again else self._options.temperature,
             seed=self._seed + len(self.answers),
         )
         found = read_answer(said.text, len(environment.actions), mend=not strict)
         self.answers.append(_answer(said, found.plan, found.error, found.mended, found.no_json))
-        self._texts.append(said.text[:_KEPT])
+        self._texts.append(said.text[:KEPT])
         self._complaint = found.error
         return None if found.error else found.plan
 
@@ -91,7 +93,7 @@ def _answer(
     said: Completion, plan: tuple[int, ...], error: str, mended: bool, no_json: bool
 ) -> PlannerAnswer:
     return PlannerAnswer(
-        text=said.text[:_KEPT],
+        text=said.text[:KEPT],
         characters=len(said.text),
         finish=said.finish,
         prompt_tokens=said.prompt_tokens,
@@ -101,4 +103,5 @@ def _answer(
         mended=mended,
         no_json=no_json,
         cost=said.cost,
+        constrained=said.constrained,
     )

@@ -10,7 +10,8 @@ from typing import Literal
 
 import msgspec
 
-from karma.contracts import Frame, Prompt
+from karma.benchmarks.eb_alfred.answers import NUMBER, PLAN
+from karma.contracts import Frame, PlanSpec, Prompt
 from karma.files import read_toml
 from karma.world.eb_alfred.environment import Environment, Step
 
@@ -50,6 +51,16 @@ class PromptOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     pictures: int = 0  # of what the robot saw last; 0 = text only
     max_tokens: int = 2048
     temperature: float = 0.0
+    constrained: bool = False  # held to the form, by a grammar or schema
+    most_text: int = 300  # then: characters of each text
+    most_actions: int = 20  # and actions of a plan
+
+    def __post_init__(self) -> None:
+        """Refuse bounds that leave nothing."""
+        if min(self.examples, self.pictures, self.most_text) < 0:
+            raise ValueError("examples, pictures and most_text are 0 or more")
+        if self.max_tokens < 1 or self.most_actions < 1:
+            raise ValueError("max_tokens and most_actions are 1 or more")
 
 
 @cache
@@ -63,6 +74,11 @@ def examples(kind: Kind) -> tuple[PlanExample, ...]:
     return tuple(
         one for one in read_toml(_HERE / "examples.toml", _Examples).example if one.kind == kind
     )
+
+
+def kind_of(subset: str) -> Kind:
+    """Return the kind of examples that a list's tasks are shown."""
+    return "long" if subset == "long_horizon" else "short"
 
 
 def render_prompt(
@@ -87,9 +103,8 @@ def render_prompt(
         complaint: what was wrong with the last answer; the source says nothing of it.
     """
     texts = _texts()
-    kind: Kind = "long" if subset == "long_horizon" else "short"
     numbers = {str(one): number for number, one in enumerate(environment.actions)}
-    chosen = examples(kind)[: options.examples]
+    chosen = examples(kind_of(subset))[: options.examples]
     shown = [_example(one, numbers, options) for one in chosen]
     parts = [
         texts.role.strip(),
@@ -113,6 +128,22 @@ def render_prompt(
     return Prompt(stable=stable, changing=changing, pictures=tuple(pictures))
 
 
+def plan_spec(environment: Environment, options: PromptOptions) -> PlanSpec | None:
+    """Return what an answer is held to: this room's actions; None where it is held to nothing."""
+    if not options.constrained:
+        return None
+    seen = ("visual_state_description",) if options.pictures else ()
+    return PlanSpec(
+        texts=(*seen, "reasoning_and_reflection", "language_plan"),
+        plan=PLAN,
+        number=NUMBER,
+        name="action_name",
+        actions=tuple(map(str, environment.actions)),
+        max_text=options.most_text,
+        max_actions=options.most_actions,
+    )
+
+
 def _numbered(lines: Sequence[str]) -> str:
     return "\n".join(f"{number}. {line}" for number, line in enumerate(lines, 1))
 
@@ -124,10 +155,8 @@ def _example(one: PlanExample, numbers: dict[str, int], options: PromptOptions) 
         **seen,
         "reasoning_and_reflection": one.reasoning,
         "language_plan": "; ".join(one.plan),
-        "executable_plan": [
-            {"action_id": numbers[name], "action_name": name}
-            for name in one.plan
-            if name in numbers
+        PLAN: [
+            {NUMBER: numbers[name], "action_name": name} for name in one.plan if name in numbers
         ],
     }
     return f"Instruction: {one.instruction}\n{msgspec.json.encode(answer).decode()}"

@@ -106,12 +106,20 @@ def success_sheet(results: Sequence[EbFigures], published: Path | None) -> Sheet
     rates = {(one.row, one.subset): 100 * one.success for one in results}
     ours = dict.fromkeys(one.row for one in results)
     theirs = {} if published is None else _published(published)
-    lines = [(f"**{row}**", *(_cell(rates.get((row, one))) for one in columns)) for row in ours]
+    most = max((one.episodes for one in results if one.subset == AVERAGE), default=0)
+    fewer = {
+        one.row: f" ({one.episodes} tasks)"
+        for one in results
+        if one.subset == AVERAGE and one.episodes < most
+    }
+    lines = [
+        (f"**{row}**{fewer.get(row, '')}", *(_cell(rates.get((row, one))) for one in columns))
+        for row in ours
+    ]
     models = dict.fromkeys(model for model, _ in theirs)
     lines += [(model, *(_cell(theirs.get((model, one))) for one in columns)) for model in models]
-    number = max((one.episodes for one in results if one.subset == AVERAGE), default=0)
     return Sheet(
-        title=f"EB-ALFRED, {number} tasks",
+        title=f"EB-ALFRED, {most} tasks",
         caption=_CAPTION,
         head=("row", *(_SHORT[one] for one in columns)),
         lines=tuple(lines),

@@ -10,11 +10,12 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
-from karma.contracts import ProgramSpec
+from karma.contracts import AnswerSpec, PlanSpec
 from karma.infer.hosted.session import Constraint, DialectName
 from karma.infer.hosted.thinking import gbnf_after_thought
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.programs.gbnf import gbnf
+from karma.infer.programs.plan_grammars import admits_plan, plan_gbnf, plan_regex, plan_schema
 from karma.infer.programs.regex import regex
 from karma.infer.programs.schema import program_text, schema
 
@@ -31,16 +32,27 @@ class Language:
     read: Callable[[str], str | None] = field(compare=False)  # a JSON answer as the text it means
     admits: Callable[[str], bool] = field(compare=False)
     begins: Callable[[str], bool] = field(compare=False)  # something that is admitted
+    otherwise: Constraint | None = None  # the form for a dialect that is bound by none unless told
 
 
 @lru_cache(maxsize=8)
-def language_of(spec: ProgramSpec) -> Language:
-    """Return the programs of a spec.
+def language_of(spec: AnswerSpec) -> Language:
+    """Return the answers of a spec.
 
     Raises:
         ValueError: it admits none.
     """
     automaton = ProgramAutomaton(spec)
+    if isinstance(spec, PlanSpec):
+        return Language(
+            grammar=plan_gbnf(spec),
+            regex=plan_regex(spec),
+            schema=plan_schema(spec),
+            read=lambda text: text,
+            admits=lambda text: admits_plan(spec, text),
+            begins=lambda text: automaton.advance(automaton.start(), text) is not None,
+            otherwise="schema",
+        )
 
     def admits(text: str) -> bool:
         state = automaton.advance(automaton.start(), text)
@@ -155,14 +167,21 @@ class Manner:
     opens_thought: bool = False  # its template does, not the model
     known: bool = True  # the server has said that it is of this dialect
 
+    def binding(self, language: Language | None) -> Constraint | None:
+        """Return the form in which a request says the language; None: in none."""
+        if language is None or self.constraint is not None:
+            return None if language is None else self.constraint
+        return language.otherwise if language.otherwise in self.dialect.bindings else None
+
     def fields(self, language: Language | None, max_tokens: int) -> tuple[Fields, int]:
         """Return what a request says beside its text, and the tokens that the answer may have."""
         found: Fields = {}
-        if language is not None and self.constraint is not None:
-            if self.thinks and self.dialect.thought_in_grammar and self.constraint == "grammar":
+        bound = self.binding(language)
+        if language is not None and bound is not None:
+            if self.thinks and self.dialect.thought_in_grammar and bound == "grammar":
                 found |= {"grammar": gbnf_after_thought(language.grammar, self.opens_thought)}
             else:
-                found |= self.dialect.bindings[self.constraint](language)
+                found |= self.dialect.bindings[bound](language)
         if self.chat:
             found |= self.dialect.thought if self.thinks else self.dialect.no_thought
         if not self.thinks:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from karma.contracts import Completion, Frame, ProgramSpec, Prompt, Vectors
+from karma.contracts import AnswerSpec, Completion, Frame, PlanSpec, Prompt, Vectors
 from karma.errors import ModelError
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
@@ -65,7 +65,7 @@ class HostedLanguageModel:
         self,
         prompt: Prompt,
         *,
-        spec: ProgramSpec | None = None,
+        spec: AnswerSpec | None = None,
         max_tokens: int = 512,
         temperature: float = 0.0,
         seed: int = 0,
@@ -78,8 +78,10 @@ class HostedLanguageModel:
         Raises:
             ModelError: the endpoint failed, or its answer has another form.
         """
-        bound = spec is not None and self.manner.constraint is not None
-        language = language_of(spec) if spec is not None and bound else None
+        asked = self.manner.constraint is not None or isinstance(spec, PlanSpec)
+        language = language_of(spec) if spec is not None and asked else None
+        if self.manner.binding(language) is None:
+            language = None
         said = self.answer(
             prompt, language, max_tokens=max_tokens, temperature=temperature, seed=seed
         )
@@ -105,7 +107,7 @@ class HostedLanguageModel:
             return False
         if said.finish == "stop":
             return language.admits(said.text)
-        return None if self.manner.constraint == "schema" else language.begins(said.text)
+        return None if self.manner.binding(language) == "schema" else language.begins(said.text)
 
     def answer(
         self,
@@ -136,7 +138,7 @@ class HostedLanguageModel:
         )
         text, finish, reasoning = said_in(exchange.reply.answer or {}, self._endpoint)
         text = text.lstrip("\n")  # that a template leaves between thought and answer
-        if language is not None and self.manner.constraint == "schema" and finish == "stop":
+        if language is not None and self.manner.binding(language) == "schema" and finish == "stop":
             text = language.read(text) or text
         return Said(text=text, finish=finish, reasoning=reasoning, exchange=exchange)
 
@@ -147,7 +149,7 @@ def _fault(said: Said, language: Language | None, tokens: int | None) -> str:
         many = "" if tokens is None else f" after {tokens} tokens"
         return f"the answer was cut off{many}: it must be shorter"
     if language is not None and not language.admits(said.text):
-        return "the answer is not of the form Skill(robot, 'Name'), or names what is not there"
+        return "the answer is not of the form that was asked for, or names what is not there"
     return ""
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import END, Choice, Completion, ProgramSpec, Prompt, Scoring
+from karma.contracts import END, AnswerSpec, Choice, Completion, Prompt, Scoring
 from karma.errors import ModelError
 from karma.infer.choosing.best_first import Race
 from karma.infer.choosing.token_trie import Floats, Node, path_to, trie_of
@@ -44,7 +44,7 @@ class HostedScorer:
         self,
         prompt: Prompt,
         *,
-        spec: ProgramSpec | None = None,
+        spec: AnswerSpec | None = None,
         max_tokens: int = 512,
         temperature: float = 0.0,
         seed: int = 0,

@@ -65,7 +65,8 @@ class GgufModel:
         metadata = check_gguf(path)
         trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
         self.name, self.options = name or path.stem, options
-        self.limit = min(options.n_ctx or trained, trained)
+        wanted = options.n_ctx or trained
+        self.limit = wanted if options.beyond_training else min(wanted, trained)
         self.n_threads = options.threads or min(2, len(os.sched_getaffinity(0)))
         self.n_batch = min(_N_BATCH, self.limit)
         self.n_ctx = self.limit if options.n_ctx else self.n_batch

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from karma.contracts import Choice, Completion, ProgramSpec, Prompt, Scoring, Thinking
+from karma.contracts import AnswerSpec, Choice, Completion, ProgramSpec, Prompt, Scoring, Thinking
 from karma.errors import ModelError
 from karma.infer.llama.chat_template import ChatTemplate
 from karma.infer.llama.constrain import best_token, choose_token, gumbel
@@ -75,12 +75,12 @@ class LlamaModel:
         self,
         prompt: Prompt,
         *,
-        spec: ProgramSpec | None = None,
+        spec: AnswerSpec | None = None,
         max_tokens: int = 512,
         temperature: float = 0.0,
         seed: int = 0,
     ) -> Completion:
-        """Continue the prompt; with `spec`, only with a program that parses.
+        """Continue the prompt; with `spec`, only with a program or plan that parses.
 
         An answer that reaches `max_tokens` or the end of the context has finish "length"; under a
         spec it is cut back to its last whole line. A thought comes before the answer and counts
@@ -102,7 +102,7 @@ class LlamaModel:
         thought = self._think(spare, temperature, rng)
         found = self._decode(automaton, room, temperature, rng, begun)
         said = found.text
-        if found.finish == "length" and automaton is not None:
+        if found.finish == "length" and isinstance(spec, ProgramSpec):
             said = said[: said.rfind(b"\n") + 1]
         reasoning, text = thought.text, said.decode("utf-8", errors="replace")
         if not reasoning and self._template is not None:  # it may think without being asked to
@@ -174,7 +174,7 @@ class LlamaModel:
     def _think(self, spare: int, temperature: float, rng: np.random.Generator | None) -> Thought:
         if not self._closing_tokens:
             return Thought("", 0)
-        return think(self.gguf, spare, lambda: self._next(None, None, temperature, rng)[0])
+        return think(self.gguf, spare, lambda: self._next(None, None, temperature, rng)[0][0])
 
     def _decode(
         self,
@@ -189,16 +189,16 @@ class LlamaModel:
         pieces: list[bytes] = []
         first_token_s = 0.0
         while len(pieces) < room:
-            token, state = self._next(automaton, state, temperature, rng)
+            chosen, state = self._next(automaton, state, temperature, rng)
             if not pieces:
                 first_token_s = time.perf_counter() - begun
-            if token in table.end_tokens:
+            if chosen[0] in table.end_tokens:
                 return _Decoded(b"".join(pieces), "stop", len(pieces), first_token_s)
-            pieces.append(table.pieces[token])
+            pieces += [table.pieces[token] for token in chosen[: room - len(pieces)]]
             if automaton is not None and state is not None and not automaton.next_bytes(state):
                 return _Decoded(b"".join(pieces), "stop", len(pieces), first_token_s)
             if len(pieces) < room:
-                self.gguf.extend([token])
+                self.gguf.extend(chosen)
         return _Decoded(b"".join(pieces), "length", len(pieces), first_token_s)
 
     def _next(
@@ -207,15 +207,22 @@ class LlamaModel:
         state: State | None,
         temperature: float,
         rng: np.random.Generator | None,
-    ) -> tuple[int, State | None]:
+    ) -> tuple[list[int], State | None]:
+        """Return the next token, and what then has to follow; decoded at once, that is quicker."""
         scores = self.gguf.logits()
         if rng is not None:
             scores = gumbel(scores, temperature, rng)
         if automaton is None or state is None:
-            return best_token(scores), None
-        return choose_token(scores, automaton, state, self.gguf.table)
+            return [best_token(scores)], None
+        token, after = choose_token(scores, automaton, state, self.gguf.table)
+        if after is None or not (text := automaton.forced(after)):
+            return [token], after
+        more = self.gguf.tokens(text.decode())
+        if b"".join(self.gguf.table.pieces[one] for one in more) != text:
+            return [token], after  # a tokenizer that cannot go on in the middle of a text
+        return [token, *more], automaton.advance(after, text)
 
 
 @lru_cache(maxsize=8)
-def _automaton(spec: ProgramSpec) -> ProgramAutomaton:
+def _automaton(spec: AnswerSpec) -> ProgramAutomaton:
     return ProgramAutomaton(spec)

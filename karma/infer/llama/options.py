@@ -23,6 +23,7 @@ class LlamaOptions:
 
     gpu_layers: int | Literal["auto"] = "auto"  # all that fit, where there is a GPU
     n_ctx: int | None = None  # tokens; None: grows with the prompts, to what it was trained for
+    beyond_training: bool = False  # n_ctx may be more; what answers are then worth is open
     flash_attention: Switch = "auto"  # on a GPU, and where `kv` needs it
     kv: KvType = "f16"  # of the kept keys and values
     threads: int | None = None  # None: two, or one where there is only one core
@@ -44,6 +45,8 @@ class LlamaOptions:
         ):
             if value not in known:
                 raise ModelError(f"{name} = {value!r}: one of {', '.join(known)}")
+        if self.beyond_training and self.n_ctx is None:
+            raise ModelError("beyond_training = true needs n_ctx, the tokens of the context")
         if self.kv == "q8_0" and self.flash_attention == "off":
             raise ModelError(
                 "kv = 'q8_0' needs flash attention, and flash_attention = 'off'\n"

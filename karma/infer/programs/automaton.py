@@ -1,19 +1,22 @@
-"""Recognise the programs that a `ProgramSpec` admits: an automaton over bytes.
+"""Recognise the answers that a spec admits: an automaton over bytes.
 
-The language is one to `max_calls` lines, each written as `str(SkillCall)` and ended by a newline.
-Names stand in quotes and hold none, so every choice is settled by the bytes read so far: the
-automaton is deterministic and nothing is ever taken back. `forms` says the same language in short;
-the automaton, and the grammars that servers take (`gbnf`, `regex`, `schema`), are made of it.
+The language of a `ProgramSpec` is one to `max_calls` lines, each written as `str(SkillCall)` and
+ended by a newline. Names stand in quotes and hold none, so every choice is settled by the bytes
+read so far: the automaton is deterministic and nothing is ever taken back. `forms` says the same
+language in short; the automaton, and the grammars that servers take (`gbnf`, `regex`, `schema`),
+are made of it. A `PlanSpec` admits one JSON text, see `plans`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from karma.contracts import ProgramSpec
+from karma.contracts import AnswerSpec, PlanSpec, ProgramSpec
+from karma.infer.programs.frames import Frame, followed, trie
+from karma.infer.programs.plans import plan_frame
 
 _MAX_POSITIONS = 100  # entries of one list, as the parser admits
 
@@ -66,39 +69,32 @@ def forms(spec: ProgramSpec) -> tuple[LineForm, ...]:
     )
 
 
-class _Frame(NamedTuple):
-    """A set of prefix-free words, and the frame that follows each.
-
-    nodes[0] is the root; an edge >= 0 leads to a node, an edge < 0 ends word number ~edge.
-    """
-
-    nodes: list[dict[int, int]]
-    words: tuple[str, ...]
-    follow: tuple[Callable[[], "_Frame"], ...]
-    line_start: bool = False
-
-
 class State(NamedTuple):
     """A place in the language: lines completed, and where in which frame."""
 
     lines: int
-    frame: _Frame
+    frame: Frame
     node: int
 
 
 class ProgramAutomaton:
-    """Recognises prefixes of the programs that a spec admits.
+    """Recognises prefixes of the programs, or of the plan in JSON, that a spec admits.
 
     Raises:
         ValueError: a name cannot be quoted, a skill is named twice, or no line is possible.
     """
 
-    def __init__(self, spec: ProgramSpec) -> None:
+    def __init__(self, spec: AnswerSpec) -> None:
+        self._max_lines = 0
+        self._jumps = isinstance(spec, PlanSpec)  # programs are decoded token by token
+        if isinstance(spec, PlanSpec):
+            self._line = plan_frame(spec)
+            return
         self._max_lines = spec.max_calls
         frame_of = {form: self._after(form) for form in forms(spec)}
         after = {name: frame_of[form] for form in frame_of for name in form.skills}
         names = [skill.name for skill in spec.skills if skill.name in after]
-        line = _trie([f"{name}(robot" for name in names])
+        line = trie([f"{name}(robot" for name in names])
         follow = tuple(after[name] for name in names)
         self._line = line._replace(follow=follow, line_start=True)
 
@@ -123,14 +119,28 @@ class ProgramAutomaton:
         return State(lines, frame, node)
 
     def accepts(self, state: State) -> bool:
-        """Return whether the text so far is a whole program."""
-        return state.lines > 0 and state.node == 0 and state.frame.line_start
+        """Return whether the text so far is a whole answer."""
+        frame = state.frame
+        return frame.ends or (state.lines > 0 and state.node == 0 and frame.line_start)
 
     def next_bytes(self, state: State) -> tuple[int, ...]:
         """Return the bytes that may come next; () after the last possible line."""
         if self.accepts(state) and state.lines == self._max_lines:
             return ()
         return tuple(state.frame.nodes[state.node])
+
+    def forced(self, state: State) -> bytes:
+        """Return the bytes of a plan that have to come next, up to a choice or the end."""
+        found = bytearray()
+        while (
+            self._jumps and not self.accepts(state) and len(coming := self.next_bytes(state)) == 1
+        ):
+            found += bytes(coming)
+            after = self.advance(state, bytes(coming))
+            if after is None:
+                break
+            state = after
+        return bytes(found)
 
     def random_program(self, generator: np.random.Generator, lines: int) -> str:
         """Return a program of so many lines, each choice made uniformly."""
@@ -142,55 +152,34 @@ class ProgramAutomaton:
             done += frame.line_start
         return "".join(text)
 
-    def _after(self, form: LineForm, done: int = 0) -> Callable[[], _Frame]:
+    def _after(self, form: LineForm, done: int = 0) -> Callable[[], Frame]:
         """Return the frame after `done` arguments: end of line, or one argument more."""
 
         @cache
-        def build() -> _Frame:
-            words: dict[str, Callable[[], _Frame]] = {}
+        def build() -> Frame:
+            words: dict[str, Callable[[], Frame]] = {}
             if done >= form.needed:
                 words[")\n"] = lambda: self._line
             if done < len(form.arguments):
                 argument, then = form.arguments[done], self._after(form, done + 1)
-                names = _trie([f"{name}'" for name in argument.names])
+                names = trie([f"{name}'" for name in argument.names])
                 if argument.most:
                     words[", ['"] = self._list(names, argument.most, then)
                 else:
-                    words[", '"] = _followed(names, then)
-            return _trie(list(words))._replace(follow=tuple(words.values()))
+                    words[", '"] = followed(names, then)
+            return trie(list(words))._replace(follow=tuple(words.values()))
 
         return build
 
-    def _list(self, names: _Frame, left: int, then: Callable[[], _Frame]) -> Callable[[], _Frame]:
+    def _list(self, names: Frame, left: int, then: Callable[[], Frame]) -> Callable[[], Frame]:
         """Return the frame of a list's entry, when it may have `left` with this one."""
 
         @cache
-        def build() -> _Frame:
+        def build() -> Frame:
             words = {"]": then}
             if left > 1:
                 words[", '"] = self._list(names, left - 1, then)
-            after = _trie(list(words))._replace(follow=tuple(words.values()))
-            return _followed(names, lambda: after)()
+            after = trie(list(words))._replace(follow=tuple(words.values()))
+            return followed(names, lambda: after)()
 
         return build
-
-
-def _followed(frame: _Frame, then: Callable[[], _Frame]) -> Callable[[], _Frame]:
-    """Return `frame` with every word followed by `then`."""
-    whole = frame._replace(follow=(then,) * len(frame.words))
-    return lambda: whole
-
-
-def _trie(words: Sequence[str]) -> _Frame:
-    """Build the frame of prefix-free words, nothing following yet."""
-    nodes: list[dict[int, int]] = [{}]
-    for number, word in enumerate(words):
-        *inner, last = word.encode()
-        node = 0
-        for byte in inner:
-            if byte not in nodes[node]:
-                nodes[node][byte] = len(nodes)
-                nodes.append({})
-            node = nodes[node][byte]
-        nodes[node][last] = ~number
-    return _Frame(nodes, tuple(words), ())
