@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from karma.agent.inspector import likely_areas
 from karma.contracts import Area, Goal, SkillCall
 from karma.household import uses
-from karma.household.pieces import EGG, base_type, is_piece
+from karma.household.pieces import EGG, base_type, brings, fits_whole_or_cut, goes_in, is_piece
 from karma.household.places import LIKELY, STAND_CLOSED, SURFACES
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
@@ -277,9 +277,23 @@ def _satisfy(draft: _Draft, subject: str, goals: Sequence[Goal]) -> None:
             _switch(draft, goal)
     for goal in placed:
         if uses.without_basin(draft.thing(goal.arguments[1]).object_type) != done_in:
-            draft.put(thing, draft.thing(goal.arguments[1]))
+            _place(draft, thing, draft.thing(goal.arguments[1]))
     if any(goal.predicate == "HOLDON" for goal in goals):
         draft.take(thing)
+
+
+def _place(draft: _Draft, thing: NamedThing, place: NamedThing) -> None:
+    """Write the lines that bring a thing to its place: whole, or cut first, or in a vessel."""
+    what, where = thing.object_type, place.object_type
+    if place.holds and {what, where} <= object_types().keys() and not goes_in(what, where):
+        if fits_whole_or_cut(what, where):
+            _slice(draft, thing)
+            return  # the next program has the pieces
+        vessels = (one for one in draft.view.things if brings(one.object_type, what, where))
+        if (vessel := next(vessels, None)) is not None:
+            draft.put(thing, vessel)
+            thing = vessel
+    draft.put(thing, place)
 
 
 def _change(draft: _Draft, thing: NamedThing, state: str, goals: Sequence[Goal]) -> str:

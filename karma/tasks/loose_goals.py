@@ -16,7 +16,7 @@ from itertools import product
 
 from karma.contracts import Goal
 from karma.errors import KarmaError
-from karma.household.pieces import base_type, fits_whole_or_cut, is_piece, piece_type
+from karma.household.pieces import base_type, brings, goes_in, is_piece, piece_type
 from karma.household.states import END_STATES, NEEDS
 from karma.household.types import Capability, object_type
 from karma.household.uses import BURNER, LAMPS
@@ -128,10 +128,11 @@ class GoalReader:
 
     def _goes(self, moved: str, place: str) -> bool:
         """Return whether a thing can be got to a place, whole, cut, or in something it lies in."""
-        if fits_whole_or_cut(moved, place):
-            return True
-        vessels = [kind for kind in self.numbers if _is_vessel(kind) and kind != place]
-        return any(fits_whole_or_cut(moved, v) and fits_whole_or_cut(v, place) for v in vessels)
+        kinds = {moved, piece_type(moved)}
+        return any(
+            goes_in(kind, place) or any(brings(vessel, kind, place) for vessel in self.numbers)
+            for kind in kinds
+        )
 
     # ------------------------------------------------------------- names
 
@@ -206,6 +207,8 @@ def _in_state(kinds: _Kinds, word: str) -> _Kinds:
 
     Clean is what is not dirty or was rinsed; hot and cold things were carried to where they are so.
     """
+    if word == "filled":  # under a tap, or in a coffee machine
+        kinds = _able(kinds, "pickupable")
     if word in NEEDS:
         return _able(kinds, NEEDS[word])
     flags: Sequence[Capability] = ("pickupable",)
@@ -221,10 +224,6 @@ def _in_state(kinds: _Kinds, word: str) -> _Kinds:
 
 def _is_carried(kind: str) -> bool:
     return object_type(kind).can("pickupable")
-
-
-def _is_vessel(kind: str) -> bool:
-    return _is_carried(kind) and object_type(kind).can("receptacle")
 
 
 def _numbers(place: str) -> list[str]:

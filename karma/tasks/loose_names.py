@@ -139,9 +139,12 @@ def _single_keys() -> frozenset[str]:
 
 
 def state_of(word: str) -> str | None:
-    """Return the state that a loose word means ("fried", "switched on"); None if it means none."""
+    """Return the state that a loose word means ("fried", "switched on"); None if it means none.
+
+    "hot" and "cold" are meant as deeds, as nobody is asked to be quicker than things cool down.
+    """
     plain = " ".join(word.lower().split())
-    return canonical_state(plain) or canonical_state(names().states.get(plain, ""))
+    return canonical_state(names().states.get(plain, plain))
 
 
 def number_before(name: str, text: str) -> int:

@@ -8,7 +8,7 @@ from support.paths import ROOT
 from karma import registry
 from karma.agent.program import SKILLS, parse_program
 from karma.bench.episode import run_episode
-from karma.contracts import Area, Goal
+from karma.contracts import Area, Goal, SceneRef, SubTask, Task
 from karma.household.pieces import base_type
 from karma.household.places import STAND_CLOSED
 from karma.household.types import object_types
@@ -17,6 +17,7 @@ from karma.methods.expert import ExpertMethod
 from karma.tasks.expert import ExpertView, NamedThing, solve
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
+from karma.world.sim import EmbeddedWorld
 
 TASKS = load_tasks(ROOT / "eval" / "alfred_l" / "tasks.jsonl")
 KITCHEN = (
@@ -303,3 +304,14 @@ def test_expert_solves_the_task(task, tmp_path):
     wrong = [(sub.instruction, sub.unmet) for sub in record.subtasks if sub.unmet]
     assert (record.error, wrong) == ("", [])
     assert record.success
+
+
+@pytest.mark.parametrize(
+    "goal", ["ON(Egg, StoveBurner)", "INSIDE(Bread, Toaster)", "INSIDE(Spoon, Microwave)"]
+)
+def test_expert_brings_what_fits_nowhere_by_itself_cut_or_in_a_vessel(goal, tmp_path):
+    asked = SubTask(instruction="Bring it there.", goals=(parse_goal(goal),))
+    task = Task(id="t", kind="simple", scene=SceneRef(name="kitchen_1"), subtasks=(asked,))
+    world = EmbeddedWorld()
+    record = run_episode(ExpertMethod(), world, task, row="e", seed=0, folder=tmp_path)
+    assert record.success, record
