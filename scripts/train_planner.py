@@ -22,6 +22,7 @@ from karma.infer.manifest.manifest import resolve_planner
 from karma.offline import go_offline
 from karma.tasks.drawing.alfred import read_sentences
 from karma.tasks.drawing.phrases import disjoint_book, our_book
+from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
 from karma.training.planner.checkpoints import export_gguf, load_weights
 from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.processes import train_in_processes
@@ -144,11 +145,20 @@ def tasks(
     unfiltered: Annotated[
         bool, typer.Option(help="Also what the expert does not do; the tasks are not run.")
     ] = False,
+    pairs: Annotated[bool, typer.Option(help="Ask for two of a kind, too.")] = False,
 ) -> None:
     """Draw tasks of rooms and phrasings that training never sees, each done once by the expert."""
     book = disjoint_book() if disjoint else our_book().part(held_out=True)
     scenes = _floor_plans() if dumps else list(fresh_rooms(homes, seed))
-    drawn = draw_tasks(folder, book, scenes=scenes, each=each, seed=seed, filtered=not unfiltered)
+    drawn = draw_tasks(
+        folder,
+        book,
+        scenes=scenes,
+        each=each,
+        seed=seed,
+        filtered=not unfiltered,
+        kinds=WITH_PAIRS if pairs else KINDS,
+    )
     say(f"{drawn.tasks} tasks in {drawn.rooms} rooms, of {drawn.tried} drawn: {folder}/tasks.jsonl")
     for reason, count in drawn.left_out.items():
         say(f"  {count} left out: {reason}")

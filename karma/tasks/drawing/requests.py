@@ -9,7 +9,7 @@ import numpy as np
 from karma.contracts import Goal
 from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
-from karma.household.places import landmark_types
+from karma.household.places import LIKELY, landmark_types
 from karma.household.types import ObjectType, object_types, types_with
 from karma.tasks.drawing.memories import Rng, pick
 from karma.tasks.drawing.phrases import Book, lexicon
@@ -112,7 +112,7 @@ def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
     word = pick(rng, lexicon()[name].names)
     x = Ref(name=name, object_type=name, words=with_article(rng, word, "a"), bare=word)
     r = _draw_receptacle(rng, scene, x, movable=False)
-    if r is None:
+    if r is None or r.name not in LIKELY:  # what takes one thing only is not among them
         return None
     slots = {**_slots("x", x), **_slots("r", r), "xs": plural(word)}
     text = _fill(scene.book.pick(rng, PAIR), slots)

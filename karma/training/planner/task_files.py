@@ -19,6 +19,7 @@ from karma.seeds import stream
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
 from karma.tasks.drawing.phrases import Book
+from karma.tasks.drawing.requests import KINDS
 from karma.tasks.files import load_tasks
 from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
@@ -44,7 +45,14 @@ class Drawing:
 
 
 def draw_tasks(
-    folder: Path, book: Book, *, scenes: Sequence[Scene], each: int, seed: int, filtered: bool
+    folder: Path,
+    book: Book,
+    *,
+    scenes: Sequence[Scene],
+    each: int,
+    seed: int,
+    filtered: bool,
+    kinds: Mapping[str, float] = KINDS,
 ) -> Drawing:
     """Draw tasks of every kind; writes tasks.jsonl and scenes/ into a folder.
 
@@ -55,6 +63,7 @@ def draw_tasks(
         each: tasks of each kind.
         seed: of the tasks.
         filtered: whether only what the expert does in the world is kept.
+        kinds: of requests, with their weights.
     """
     world = registry.load("worlds", "embedded")()
     known = [rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes]
@@ -70,7 +79,7 @@ def draw_tasks(
             rng = stream(seed, "tasks", kind, str(tried))
             at = tried % len(scenes)
             tried += 1
-            steps = draw_task(rng, known[at], book, kind)
+            steps = draw_task(rng, known[at], book, kind, kinds)
             line = _task_line(f"{kind}-{found + 1:03}", kind, paths[at], steps or ())
             reason = _reason(line, world, folder, filtered=filtered) if steps else NO_REQUEST
             if reason:
