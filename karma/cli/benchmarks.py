@@ -55,7 +55,7 @@ def do_benchmark(
             console.print(escape(f"{done}: {record.row}, {record.task}: {mark}"), soft_wrap=True)
     results = run.results()
     console.print(escape(to_markdown(results.behind)), soft_wrap=True)
-    console.print(escape(f"beside the published scores: {folder / TABLE}"), soft_wrap=True)
+    console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
     if json is not None:
         write_atomic(json, to_json(results.figures, indent=2))
 
@@ -79,6 +79,6 @@ def write_table(runs: Sequence[Path], folder: Path, json: Path | None) -> None:
         raise KarmaError(f"{runs[0]}: the run has no episodes yet\n  To fix: karma eval FILE")
     write_atomic(folder / TABLE, written(results))
     console.print(escape(to_markdown(results.behind)), soft_wrap=True)
-    console.print(escape(f"beside the published scores: {folder / TABLE}"), soft_wrap=True)
+    console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
     if json is not None:
         write_atomic(json, to_json(results.figures, indent=2))

@@ -33,7 +33,7 @@ class LotaRecord:
     end: str  # "done", "steps", "plan over", "empty plan", "error"
     failed: int  # skills, those that there are not counted
     unknown: int  # skills that there are not
-    calls: int  # of the player
+    calls: int  # of the planner, or of another player
     steps: tuple[Step, ...]
     answers: tuple[LotaAnswer, ...] = ()
     error: str = ""  # what ended the episode from outside
@@ -88,7 +88,7 @@ def play(stage: LotaStage, row: LotaRow, task: ListedTask, seed: int) -> LotaRec
         end="error" if environment is None or error else environment.end,
         failed=sum(not step.ok for step in steps),
         unknown=sum(step.number == UNKNOWN for step in steps),
-        calls=calls,
+        calls=len(answers) or calls,
         steps=steps,
         answers=answers,
         error=error,

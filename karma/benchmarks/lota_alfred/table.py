@@ -19,9 +19,9 @@ _SHORT = {
     "pick_and_place_with_movable_recep": "movable",
 }
 _CAPTION = (
-    "Success at the end, %. Failed tasks are those that ended otherwise, crashed ones counted; the"
-    " source leaves crashed ones out. No scores for ALFRED stand in LoTa-Bench's repository. Rooms,"
-    " prompt words and examples are ours: see docs/alfred-benchmarks.md."
+    "Success at the end, %. Crashed episodes count as failed; the source leaves them out. No scores"
+    " of ALFRED stand in LoTa-Bench's repository. Rooms, prompt words and examples are ours: see"
+    " docs/alfred-benchmarks.md."
 )
 
 
