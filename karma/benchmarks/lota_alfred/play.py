@@ -31,7 +31,7 @@ class LotaRecord:
     instruction: str
     success: bool  # the goal is met at the end
     end: str  # "done", "steps", "plan over", "empty plan", "error"
-    failed: int  # skills, those that there are not counted
+    failed: int  # skills, unknown ones too
     unknown: int  # skills that there are not
     calls: int  # of the planner, or of another player
     steps: tuple[Step, ...]

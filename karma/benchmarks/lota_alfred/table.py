@@ -39,7 +39,7 @@ class LotaFigures:
     crashed: int  # episodes that something outside ended; they count as failed
     success_without_crashed: float | None  # as the source counts
     steps: float
-    failed: float  # skills
+    failed: float  # skills, unknown ones too
     unknown: float  # skills that there are not
     calls: float
     prompt_tokens: float | None  # per call
