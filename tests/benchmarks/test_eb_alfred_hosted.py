@@ -11,8 +11,10 @@ import pytest
 from support.eb_alfred import run_files
 from support.hosted_server import plant_key, wire_server
 from support.run_files import lines_in, started
+from typer.testing import CliRunner
 
-from karma.benchmarks.run import EPISODES, BenchmarkRun
+from karma.benchmarks.run import EPISODES, TABLE, BenchmarkRun
+from karma.cli import app
 from karma.errors import KarmaError
 from karma.infer.hosted.cassette import FILE, Cassette
 from karma.world.eb_alfred.actions import PUT
@@ -160,3 +162,33 @@ def test_hosted_run_whose_server_is_lost_ends_by_name_and_goes_on(experiment, tm
     with wire_server(household) as (url, _):
         records, _ = finished(path, tmp_path / "a", base_url=url)
     assert len(records) == 7
+
+
+def test_table_has_rows_of_several_runs_and_the_published_ones(experiment, tmp_path, answering):
+    rows = "".join(f'[[rows]]\nname = "{one}"\nplayer = "{one}"\n' for one in ("expert", "chance"))
+    finished(experiment(rows), tmp_path / "ours")
+    path = experiment(HOSTED.format(url=answering[0]), only=["base/0", "spatial/0"])
+    tape = Cassette(tmp_path / "tape", "record")
+    finished(path, tmp_path / "recorded", cassette=tape)
+    finished(path, tmp_path / "replayed", cassette=Cassette(tmp_path / "tape", "replay"))
+    out = tmp_path / "table"
+    command = ["table", str(tmp_path / "ours"), "--out", str(out), "--beside"]
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "replayed")])
+    assert done.exit_code == 0, done.output
+    table = (out / TABLE).read_text()
+    for row in ("| **expert** | 75.0 |", "| **chance** |", "| Deep Thought | 42.0 |"):
+        assert row in table
+    assert "| **hosted** (2 tasks) | 100.0 |" in table
+    twice = CliRunner().invoke(app, [*command, str(tmp_path / "ours")])
+    assert "row 'chance' is in another of these runs" in " ".join(twice.output.split())
+
+
+def test_table_refuses_runs_of_other_tasks(experiment, tmp_path, answering):
+    rows = '[[rows]]\nname = "expert"\nplayer = "expert"\n'
+    finished(experiment(rows), tmp_path / "ours")
+    path = experiment(HOSTED.format(url=answering[0]), tasks={"base": [("ours_1", "Cool it.")]})
+    finished(path, tmp_path / "other")
+    command = ["table", str(tmp_path / "ours"), "--beside", str(tmp_path / "other")]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 1
+    assert "its tasks or prompts are not those of" in " ".join(done.output.split())

@@ -4,6 +4,7 @@ import re
 
 import pytest
 from support.eb_alfred import run_files
+from support.needs import need_models
 from typer.testing import CliRunner
 
 from karma.benchmarks.eb_alfred.table import results_of
@@ -110,3 +111,31 @@ def test_commands_that_cannot_read_a_benchmarks_run_say_what_to_do(experiment, t
     said = " ".join(done.output.split())
     assert "a run of the benchmark eb_alfred" in said
     assert f"karma table {folder}" in said
+
+
+NANO = """
+[[rows]]
+name = "nano"
+prompt = { constrained = true, most_text = 0, most_actions = 3, examples = 0 }
+[models]
+n_ctx = 4096
+beyond_training = true
+"""
+
+
+@pytest.mark.model
+def test_planner_in_process_under_the_grammar_gives_equal_bytes_and_listed_actions(
+    experiment, tmp_path
+):
+    need_models("karma-nano")
+    path = experiment(NANO, only=["base/0", "base/1", "spatial/0"])
+    records, one = finished(path, tmp_path / "one")
+    assert finished(path, tmp_path / "two", workers=2)[1] == one
+    answers = [answer for record in records for answer in record.answers]
+    assert answers
+    assert {(answer.constrained, answer.no_json, answer.error) for answer in answers} == {
+        (True, False, "")
+    }
+    table = one[TABLE].decode()
+    assert "context of 4096 tokens may be longer than what it was trained for" in table
+    assert "nano: answers are held to the JSON" in table
