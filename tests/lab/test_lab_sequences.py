@@ -169,6 +169,14 @@ def test_reasons_are_told_apart():
     assert walk.refusal(same) == DONE
 
 
+def test_two_of_a_kind_are_asked_for_where_there_are_two():
+    two, one = (errand("bedroom_1", f"2*ON({kind}, Dresser)") for kind in ("CD", "Laptop"))
+    walk = Walk(some(two, one))
+    assert walk.refusal(one) == NOT_THERE
+    assert not walk.refusal(two)
+    assert walk.refusal(two) == DONE
+
+
 # ----------------------------------------------------------------- sequences
 
 
