@@ -100,16 +100,17 @@ def singular(word: str) -> str:
 def tiers_of(name: str) -> tuple[tuple[str, ...], ...]:
     """Return the types that a loose name may stand for, in tiers of preference; () if unknown.
 
-    Numbers and articles before a name and what it is of ("two slices of the bread") are no part.
+    What says which, or what it is of, is no part of a name that the table does not have as a whole.
+
+    >>> tiers_of("two red apples"), tiers_of("cup of tea"), tiers_of("drawer_1")[0]
+    ((('Apple',),), (('Cup',),), ('Drawer',))
     """
-    table = names()
-    words = words_of(name)
-    while words:
-        if found := table.types.get(key_of(" ".join(words))):
-            return found
-        if words[0] not in table.determiners and words[0] not in table.numbers:
-            return ()
-        words = words[1:]
+    words = re.sub(r"\d+\b", " ", " ".join(words_of(name))).split()
+    heads = words[: words.index("of")] if "of" in words else words
+    for part in (words, heads):
+        for start in range(len(part)):
+            if found := names().types.get(key_of(" ".join(part[start:]))):
+                return found
     return ()
 
 
@@ -156,7 +157,7 @@ def number_before(name: str, text: str) -> int:
     1
     """
     table, words = names(), words_of(text)
-    wanted = meaning(name)
+    wanted = set(tiers_of(name))
     for at, word in enumerate(words):
         if word not in table.numbers:
             continue
@@ -164,8 +165,8 @@ def number_before(name: str, text: str) -> int:
             if words[start] in table.destinations or words[start] in table.joints:
                 break
             for length in (3, 2, 1):
-                spoken = " ".join(words[start : start + length])
-                if wanted & meaning(spoken):
+                spoken = key_of(" ".join(words[start : start + length]))
+                if wanted & set(table.types.get(spoken, ())):
                     return table.numbers[word]
     return 1
 

@@ -217,6 +217,8 @@ def test_resolve_keeps_two_places_that_one_clause_asks_for_in_turn(tmp_path):
         ("STATE(bottle, filled)", "STATE(WineBottle, filled)"),
         ("INSIDE(soap, sink)", "INSIDE(SoapBottle, Sink)"),
         ("ON(salad, plate)", "ON(Lettuce, Plate)"),
+        ("ON(dirty red apple, stove_burner)", "ON(Apple, StoveBurner)"),
+        ("INSIDE(cup of tea, left cabinet 2)", "INSIDE(Cup, Cabinet)"),
     ],
 )
 def test_resolve_keeps_what_can_be_done(tmp_path, condition, read):
