@@ -147,7 +147,10 @@ def tasks(
     ] = False,
     pairs: Annotated[bool, typer.Option(help="Ask for two of a kind, too.")] = False,
 ) -> None:
-    """Draw tasks of rooms and phrasings that training never sees, each done once by the expert."""
+    """Draw tasks of rooms and phrasings that training never sees, each done once by the expert.
+
+    With --dumps the rooms are known to training; with --unfiltered the expert is not asked.
+    """
     book = disjoint_book() if disjoint else our_book().part(held_out=True)
     scenes = _floor_plans() if dumps else list(fresh_rooms(homes, seed))
     drawn = draw_tasks(

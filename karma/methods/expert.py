@@ -28,7 +28,7 @@ from karma.contracts import (
     World,
 )
 from karma.household.ids import is_id, type_of
-from karma.methods.expert_choices import Chooser, Lessons
+from karma.methods.expert_choices import Chooser, Lessons, left
 from karma.methods.expert_view import Surroundings
 from karma.methods.options import settings_of
 from karma.tasks.expert import solve
@@ -120,8 +120,8 @@ class ExpertEpisode:
         event = self._world.last_event
         around = Surroundings(truth_of(event), self._used)
         chooser = Chooser(self._tracker.meanings(event), around.rank, around.shut_in, lessons)
-        left = chooser.left(goals)
-        calls = solve(left, around.view(lessons, left))
+        bound = chooser.bound(goals)
+        calls = solve(left(bound), around.view(lessons, [goal for goal, _ in bound]))
         return tuple(replace(call, exact=is_id(call.objects[-1])) for call in calls)
 
 

@@ -13,13 +13,15 @@ from itertools import islice, product
 from karma.contracts import Goal, TrueObject
 from karma.household.ids import whole_id
 from karma.household.pieces import goes_by
+from karma.household.states import deed_for
 from karma.tasks.goals import Meanings, alternatives, object_names
 from karma.tasks.matching import linked
 
 PLACED = ("ON", "INSIDE")
-_CHANGED_ELSEWHERE = ("cleaned", "filled", "heated", "hot", "cooked", "cooled", "cold")
+_CHANGED_ELSEWHERE = ("cleaned", "filled", "heated", "cooked", "cooled")
 _LEFT = 4.0  # cost of a goal that does not hold yet
 _TROUBLE = 100.0  # of every refusal that a choice has met with
+_FULL = 0.25  # of a refusal counts where the place refused another thing
 _ABSURD = 10_000.0  # of a thing in itself
 _LATER = 0.01  # of every object that is thought of before
 _CHOICES = 4000  # of places for a group of names that are compared, the likeliest first
@@ -35,9 +37,14 @@ class Lessons:
     missed: Counter[str] = field(default_factory=Counter)  # names of what was not got at
     awkward: set[str] = field(default_factory=set)  # ids of what cannot be cut where it lies
 
-    def trouble(self, thing: str, place: str = "") -> int:
+    def trouble(self, thing: str, place: str = "") -> float:
         """Return how often it was in vain to get at a thing, or to put it into a place."""
-        return self.missed[place or thing] + (self.refused[thing, place] if place else 0)
+        if not place:
+            return self.missed[thing]
+        others = sum(
+            n for (one, where), n in self.refused.items() if where == place and one != thing
+        )
+        return self.missed[place] + self.refused[thing, place] + _FULL * others
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,29 +63,12 @@ class Chooser:
     shut_in: Mapping[str, str]
     lessons: Lessons
 
-    def left(self, goals: Sequence[Goal]) -> list[Goal]:
-        """Return what is left to do, in the order of the goals, with ids for names.
-
-        What holds is among it where doing the rest would end it: a placement of a thing that has to
-        be changed elsewhere, and what is in the hand.
-        """
+    def bound(self, goals: Sequence[Goal]) -> list[tuple[Goal, bool]]:
+        """Return the goals in their order with ids for names, each with whether it holds."""
         chosen: dict[str, tuple[TrueObject, ...]] = {}
         for group in linked({goal: object_names(goal) for goal in goals}):
             chosen |= self._choose(group)
-        bound = [one for goal in goals for one in self._bound(goal, chosen)]
-        undone = [goal for goal, holds in bound if not holds]
-        moved = {
-            goal.arguments[0]
-            for goal in undone
-            if goal.predicate == "STATE" and goal.arguments[1] in _CHANGED_ELSEWHERE
-        }
-        return [
-            goal
-            for goal, holds in bound
-            if not holds
-            or (goal.predicate in PLACED and goal.arguments[0] in moved)
-            or (goal.predicate == "HOLDON" and undone)
-        ]
+        return [one for goal in goals for one in self._bound(goal, chosen)]
 
     def _choose(self, goals: Sequence[Goal]) -> Chosen:
         """Choose for linked names: the places by comparing all, then the best things for them."""
@@ -133,7 +123,7 @@ class Chooser:
                 cost += _LEFT + _TROUBLE * self._trouble(things)
         return cost
 
-    def _trouble(self, things: Sequence[TrueObject]) -> int:
+    def _trouble(self, things: Sequence[TrueObject]) -> float:
         """Return how often it was in vain to get at things, or to put the first into another."""
         ids = [thing.object_id for thing in things]
         trouble = self.lessons.trouble(ids[0])
@@ -153,6 +143,27 @@ class Chooser:
             ids[first] = one.object_id
             arguments = tuple(ids.get(argument, argument) for argument in goal.arguments)
             yield replace(goal, arguments=arguments, count=1), holds
+
+
+def left(bound: Sequence[tuple[Goal, bool]]) -> list[Goal]:
+    """Return which of the bound goals are left to do.
+
+    What holds is among them where doing the rest would end it: a placement of a thing that has to
+    be changed elsewhere, and what is in the hand.
+    """
+    undone = [goal for goal, holds in bound if not holds]
+    moved = {
+        goal.arguments[0]
+        for goal in undone
+        if goal.predicate == "STATE" and deed_for(goal.arguments[1]) in _CHANGED_ELSEWHERE
+    }
+    return [
+        goal
+        for goal, holds in bound
+        if not holds
+        or (goal.predicate in PLACED and goal.arguments[0] in moved)
+        or (goal.predicate == "HOLDON" and undone)
+    ]
 
 
 def _size(name: str, goals: Sequence[Goal]) -> int:

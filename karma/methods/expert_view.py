@@ -42,7 +42,7 @@ class Surroundings:
         self.shut_in = {name: container for name, container in shut if container}
 
     def view(self, lessons: Lessons, goals: Sequence[Goal]) -> ExpertView:
-        """Return all there is, with what was learned, for a program that is to meet bound goals."""
+        """Return all there is, with what was learned; what bound goals place stays there."""
         points = [g.arguments[1] for g in goals if is_position(g.arguments[-1])]
         spots = tuple(NamedThing(name=at, object_type=at, holds=False) for at in points)
         shunned = frozenset(self._shunned(lessons))

@@ -13,7 +13,7 @@ from karma.agent.inspector import likely_areas
 from karma.contracts import Area, Goal, SkillCall
 from karma.household import uses
 from karma.household.pieces import EGG, base_type, brings, fits_whole_or_cut, goes_in, is_piece
-from karma.household.places import LIKELY, STAND_CLOSED, SURFACES
+from karma.household.places import FLOOR, LIKELY, STAND_CLOSED, SURFACES
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
 from karma.tasks.goals import is_position
@@ -155,7 +155,8 @@ class _Draft:
         kind = object_types().get(self.held.object_type)
         fits = kind.goes_in if kind is not None else None
         allowed = [name for name in SURFACES if fits is None or name in fits] or list(SURFACES)
-        others = [name for name in LIKELY if name not in allowed and (not fits or name in fits)]
+        others = [name for name in (*LIKELY, FLOOR) if name not in allowed]
+        others = [name for name in others if not fits or name in fits]
         known = [name for name in (*allowed, *others) if self.has_landmark(name)]
         surfaces = [one for name in known for one in self._surfaces(self.held, name)]
         first = NamedThing(name=allowed[0], object_type=allowed[0])

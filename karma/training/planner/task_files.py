@@ -12,6 +12,7 @@ from typing import Any, get_args
 
 from karma import registry
 from karma.bench.episode import run_episode
+from karma.contracts import World
 from karma.errors import FileError
 from karma.files import to_json, write_atomic
 from karma.methods.expert import ExpertMethod
@@ -19,6 +20,7 @@ from karma.seeds import stream
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
 from karma.tasks.drawing.phrases import Book
+from karma.tasks.drawing.possible import Possible
 from karma.tasks.drawing.requests import KINDS
 from karma.tasks.files import load_tasks
 from karma.world.core.scene import Scene
@@ -62,11 +64,13 @@ def draw_tasks(
         scenes: the rooms, one after the other.
         each: tasks of each kind.
         seed: of the tasks.
-        filtered: whether only what the expert does in the world is kept.
+        filtered: whether only what the expert does in the world is kept; else all that anybody
+            could do in it, expert or not.
         kinds: of requests, with their weights.
     """
     world = registry.load("worlds", "embedded")()
     known = [rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes]
+    possible = [Possible(scene) for scene in scenes]
     paths = [folder / "scenes" / f"{scene.name}.json" for scene in scenes]
     for path, scene in zip(paths, scenes, strict=True):
         write_atomic(path, to_json(scene))
@@ -81,7 +85,8 @@ def draw_tasks(
             tried += 1
             steps = draw_task(rng, known[at], book, kind, kinds)
             line = _task_line(f"{kind}-{found + 1:03}", kind, paths[at], steps or ())
-            reason = _reason(line, world, folder, filtered=filtered) if steps else NO_REQUEST
+            judge = world if filtered else possible[at]
+            reason = _reason(line, folder, judge) if steps else NO_REQUEST
             if reason:
                 left_out[reason] += 1
                 continue
@@ -108,8 +113,14 @@ def _task_line(name: str, kind: str, scene: Path, steps: Sequence[DrawnRequest])
     return {"id": name, "kind": kind, "scene": str(scene), "subtasks": subtasks}
 
 
-def _reason(line: dict[str, Any], world: Any, folder: Path, *, filtered: bool) -> str:
-    """Return why a task is left out, "" if it is kept."""
+def _reason(line: dict[str, Any], folder: Path, judge: World | Possible) -> str:
+    """Return why a task is left out, "" if it is kept.
+
+    Args:
+        line: the task.
+        folder: takes what is written meanwhile.
+        judge: a world that the expert has to do it in, or what says whether anybody could.
+    """
     path = folder / "one.jsonl"
     write_atomic(path, to_json(line))
     try:
@@ -118,7 +129,7 @@ def _reason(line: dict[str, Any], world: Any, folder: Path, *, filtered: bool) -
         return NOT_ALLOWED
     finally:
         path.unlink()
-    if not filtered:
-        return ""
-    record = run_episode(ExpertMethod(), world, task, row="expert", seed=0, folder=folder)
+    if isinstance(judge, Possible):
+        return judge.refusal(goal for sub in task.subtasks for goal in sub.goals)
+    record = run_episode(ExpertMethod(), judge, task, row="expert", seed=0, folder=folder)
     return NOT_DONE if record.error or any(sub.unmet for sub in record.subtasks) else ""
