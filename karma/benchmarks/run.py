@@ -155,7 +155,7 @@ class BenchmarkRun:
         """
         models = self._asked.models
         if not self.experiment.plans:  # no model is loaded
-            return suggest_workers(Models(planner="", embedder=""), self.left)
+            return suggest_workers(Models(planner="", embedder="", gpu_layers=0), self.left)
         in_flight = None
         if models.hosted.planner is not None and self._session.cassette.mode != "replay":
             in_flight = slots_of(models.hosted.planner) or IN_FLIGHT
