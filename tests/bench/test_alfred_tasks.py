@@ -141,9 +141,11 @@ def test_expert_solves_what_can_be_asked_and_what_cannot_is_named_and_failed(wri
     assert unsaid.notes == ("unresolved bare/2: trial ours_1 has no annotation 7",)
     assert lost.error.startswith("FileError")
     rates = {(one.row, one.kind): one.values["success"].value for one in figures(run.records)}
-    assert rates["expert", "base"] == 1.0
+    assert rates["expert", "base"] == rates["expert", "bare"] == 1.0  # of what can be asked
     shown = CliRunner().invoke(app, ["table", str(tmp_path / "run")], env={"COLUMNS": "200"})
     assert "our skills, another protocol" in shown.output
+    written = (tmp_path / "run" / "table.md").read_text()
+    assert all(name in written for name in ("bare/1", "bare/2"))
 
 
 def test_runs_by_one_and_two_workers_are_equal_to_the_byte(write, tmp_path):
