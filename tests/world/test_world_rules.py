@@ -5,6 +5,7 @@ Every effect of `rules.toml` has a test: `test_table_has_no_effect_without_a_tes
 
 import gzip
 import json
+import math
 
 import msgspec
 import numpy as np
@@ -572,6 +573,33 @@ def test_visibility_agrees_with_the_genuine_simulator_at_reset(shared):
             missing += len(truth - seen)
     assert agree / (agree + missing) > 0.95  # recall
     assert agree / (agree + extra) > 0.80  # precision: boxes are coarser than meshes
+
+
+def test_things_in_basins_of_recorded_rooms_are_seen_from_three_poses_and_more(shared):
+    from karma.world.importing.scenes import scene_from_dump
+
+    with gzip.open(shared / "data/thor5/scenes.jsonl.gz") as lines:
+        rows = [json.loads(line) for line in lines]
+    for row in rows[2:20:3]:  # kitchens
+        room = scene_from_dump(row["scene"], row["objects"])
+        objects = Objects({thing.id: thing for thing in room.objects})
+        for one, center in _in_basins(room):
+            near = [c for c in room.reachable if math.dist(c, (center[0], center[2])) < 1.2]
+            poses = [
+                Pose(position_m=(x, room.floor_y + 0.9, z), yaw_deg=yaw, horizon_deg=60.0)
+                for x, z in near
+                for yaw in (0.0, 90.0, 180.0, 270.0)
+            ]
+            seen = sum(one in sight(objects, pose).visible for pose in poses)
+            assert seen >= 3, (row["scene"], one, seen)
+
+
+def _in_basins(room):
+    return [
+        (thing.id, thing.center)
+        for thing in room.objects
+        if "pickupable" in thing.capabilities and any("Basin" in p for p in thing.parents)
+    ]
 
 
 def _best_view(objects, place, truth):
