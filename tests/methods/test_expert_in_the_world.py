@@ -252,7 +252,7 @@ def test_expert_does_tasks_of_alfreds_trials(shared, tmp_path):
         if not is_done(task, tmp_path):
             failed.append(trial.id)
     assert len(trials) >= 10
-    assert len(failed) <= 1, failed  # pairs that AI2-THOR 5.0.0 forbids and 2.1.0 did not
+    assert failed == []
 
 
 def is_done(task, folder: Path):
