@@ -30,7 +30,7 @@ _ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other thi
 class SkillLimits:
     """How hard a skill tries."""
 
-    max_actions: int = 600  # world actions of one skill
+    max_actions: int = 900  # world actions of one skill
     views: int = 10  # places tried to get an immovable thing into view
     views_of_movable: int = 6  # the same for a thing that may have been moved
     retries: int = 3  # places tried to act from, after a refusal that room may cure

@@ -95,7 +95,7 @@ class Search:
         """Yield where to look next, until everything was looked at."""
         yield from self._nodes(positions)
         yield from self._containers(name, only_likely=True)
-        yield from self._cover(self._reach.limits.look_again_m)
+        yield from self._nearest_next(self._cover(self._reach.limits.look_again_m))
         yield from self._containers(name, only_likely=False)
 
     def _is_searched(self, name: str) -> bool:
@@ -153,6 +153,11 @@ class Search:
         rest = list(areas.values())
         if not self._reach.knowledge.areas():
             rest = self._cover(self._reach.limits.cover_m)
+        yield from self._nearest_next(rest)
+
+    def _nearest_next(self, points: Iterable[Vec3]) -> Iterator[Vec3]:
+        """Yield points, each time the one nearest to where the agent has come to."""
+        rest = list(points)
         while rest:
             rest.sort(key=lambda point: (self._walker.gap(point), point))
             yield rest.pop(0)

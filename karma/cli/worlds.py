@@ -144,7 +144,7 @@ def _import_dump(
         write_atomic(path, to_json(scene))
         row = {"scene": scene.name, "objects": len(scene.objects), "path": str(path)}
         rows.append({**row, "source": scene.source})
-        if "parts" in scene.source:
+        if "cells added" in scene.source:
             console.print(escape(f"{scene.name}: {scene.source.partition('; ')[2]}"))
     return rows
 

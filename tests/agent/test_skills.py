@@ -483,7 +483,7 @@ def test_explore_in_vain_is_bounded_and_changes_nothing(world):
     result = skills.run(SkillCall(skill="Explore", objects=("Basketball",)))
     assert not result.ok
     assert result.reason.startswith(("could not find Basketball", "gave up after"))
-    assert result.actions <= 600
+    assert result.actions <= SkillLimits().max_actions
     assert result.explorations == skills.explorations > 5
     assert skills.experience.handled_ids == ()
     changed = [b["objectId"] for a, b in zip(truth(world), before, strict=True) if a != b]
@@ -554,7 +554,7 @@ def test_any_calls_give_results_and_refusals_leave_objects_as_they_were(program)
         objects = names[: 1 + (skill == "PutObject")]
         result = skills.run(SkillCall(skill=skill, objects=objects))
         assert result.ok or result.reason
-        assert result.actions <= 600
+        assert result.actions <= SkillLimits().max_actions
         if not result.ok and skill != "Explore":
             assert condition(world) == before
 

@@ -133,7 +133,7 @@ def test_scene_from_dump_distances_that_contradict_each_other_tell_no_start():
     assert scene_from_dump("FloorPlan1", objects).agent.position[1] == pytest.approx(0.9)
 
 
-CELLS = [(x / 4, -1.5) for x in range(-5, 6)]
+CELLS = [(x / 4, -0.75) for x in range(-5, 6)]
 
 
 def test_scene_from_dump_parts_with_nothing_between_are_joined_and_told():
@@ -150,6 +150,19 @@ def test_scene_from_dump_parts_with_furniture_between_leave_the_larger_and_start
     assert set(scene.reachable) == {cell for cell in CELLS if cell[0] < 0.25}
     assert (scene.agent.position[0], scene.agent.position[2]) in scene.reachable
     assert scene.source.endswith("4 left out")
+
+
+def test_scene_from_dump_recorded_cells_lead_on_to_what_lies_out_of_reach():
+    cells = [(x, z - 1.25) for x, z in CELLS if x < 0]
+    scene = scene_from_dump("FloorPlan1", room(), reachable=cells)
+    gap = min(max(abs(x - 0.5) - 0.05, 0) + max(abs(z - 0.5) - 0.05, 0)
+              for x, z in scene.reachable)  # fmt: skip
+    assert set(scene.reachable) > set(cells)
+    assert gap < 2.0
+    assert "cells added to reach" in scene.source
+    agent = AgentPose(position=(-0.5, 0.9, -2.0))  # recorded with its cells: they are all
+    alone = scene_from_dump("FloorPlan1", room(), reachable=cells, agent=agent)
+    assert set(alone.reachable) == set(cells)
 
 
 def test_scene_from_dump_what_was_stood_on_is_floor_whatever_the_boxes_say():
@@ -318,9 +331,9 @@ def test_import_dump_reads_lines_arrays_and_single_objects(tmp_path):
 def test_import_dump_takes_cells_from_layouts_and_only_what_is_asked(tmp_path):
     rows = [{"scene": f"FloorPlan{n}", "objects": room()} for n in (1, 2)]
     path = write(tmp_path / "a.jsonl", *rows)
-    layouts = write(tmp_path / "l.json", {"FloorPlan2": {"reachable": [[-1, -1]], "more": 1}})
+    layouts = write(tmp_path / "l.json", {"FloorPlan2": {"reachable": [[-0.5, -0.5]], "more": 1}})
     (scene,) = import_dump(path, layouts=layouts, only=["FloorPlan2"])
-    assert scene.reachable == ((-1.0, -1.0),)
+    assert scene.reachable == ((-0.5, -0.5),)
     with pytest.raises(FileError, match="no scene named 'FloorPlan9'"):
         list(import_dump(path, only=["FloorPlan9"]))
 

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from support.household import find, kitchen
+from support.household import find, kitchen, thing
 
 from karma.world.core.state import BODY_M
 from karma.world.sim import EmbeddedWorld
@@ -75,9 +75,9 @@ def test_free_places_never_have_furniture_within_the_body(fine):
     ]  # fmt: skip
     on_cells = {(round(x, 2), round(z, 2)) for x, z in state.room.cells.values()}
     for spot in fine.step("GetReachablePositions").metadata["actionReturn"]:
-        for thing in fixed:
-            gap_x = max(abs(spot["x"] - thing.center[0]) - thing.size[0] / 2, 0)
-            gap_z = max(abs(spot["z"] - thing.center[2]) - thing.size[2] / 2, 0)
+        for one in fixed:
+            gap_x = max(abs(spot["x"] - one.center[0]) - one.size[0] / 2, 0)
+            gap_z = max(abs(spot["z"] - one.center[2]) - one.size[2] / 2, 0)
             near_cell = any(math.dist((spot["x"], spot["z"]), cell) <= 0.36 for cell in on_cells)
             assert math.hypot(gap_x, gap_z) >= BODY_M - 1e-5 or near_cell
 
@@ -238,6 +238,19 @@ def test_what_was_dropped_on_the_floor_stands_in_the_way_until_it_is_picked_up(w
     assert world.step("PickupObject", objectId=bread, forceAction=True)
     assert len(world.step("GetReachablePositions").metadata["actionReturn"]) == len(before)
     assert world.step("MoveAhead")
+
+
+def test_pushed_thing_lets_the_agent_as_near_as_where_it_stood_at_first():
+    """Cells within a box tell that the box is wider than the thing."""
+    bed = thing("DogBed", (0.5, 0.1, -1.0), (0.6, 0.2, 0.6))
+    world = EmbeddedWorld(kitchen([bed]))
+    world.step("TeleportFull", x=0.0, y=0.9, z=0.0, rotation=180, horizon=30, standing=True)
+    before = len(world.step("GetReachablePositions").metadata["actionReturn"])
+    push = {"objectId": bed.id, "moveMagnitude": 1e5, "pushAngle": 90, "forceAction": True}
+    assert world.step("DirectionalPush", **push)
+    assert world.state.objects[bed.id].center != bed.center
+    after = len(world.step("GetReachablePositions").metadata["actionReturn"])
+    assert after == before
 
 
 def test_a_way_leads_round_what_was_dropped(world):

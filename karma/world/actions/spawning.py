@@ -11,6 +11,7 @@ from karma.household.types import object_types
 from karma.seeds import stream
 from karma.world.actions.teleporting import copied
 from karma.world.core.arguments import TypeCount
+from karma.world.core.navigate import interactable_poses
 from karma.world.core.placement import find_place, parents_in
 from karma.world.core.posing import emptied, let_lie, with_contents
 from karma.world.core.scene import SceneObject
@@ -121,9 +122,24 @@ def _spawned(state: WorldState, thing: SceneObject, draw: _Lot) -> WorldState:
             parents = parents_in(state.objects, there, holder.id)
             there = msgspec.structs.replace(there, parents=parents)
             if thing.id not in state.objects:
-                return replace(state, objects=state.objects.changed({thing.id: there}))
-            return replace(state, objects=with_contents(state.objects, there))
+                placed = replace(state, objects=state.objects.changed({thing.id: there}))
+            else:
+                placed = replace(state, objects=with_contents(state.objects, there))
+            if _can_be_seen(placed, thing.id):
+                return placed
     return state
+
+
+def _can_be_seen(state: WorldState, object_id: str) -> bool:
+    """Return whether a thing is in view from somewhere, once what it is shut in stands open.
+
+    On a deep counter the place next to the agent may lie behind a plant as seen from everywhere.
+    """
+    around = state.objects.containment.around(object_id)
+    if any(is_shut(state.objects[holder]) for holder in around):
+        return True
+    poses = interactable_poses(replace(state, held=None), object_id, standings=(True,), limit=1)
+    return bool(poses)
 
 
 def _from_somewhere(state: WorldState, draw: _Lot) -> WorldState:

@@ -1,5 +1,6 @@
 """Hold one moment of the world, frozen; every action makes the next one."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -79,7 +80,7 @@ class Room:
         self.cells: dict[Cell, Point] = {}
         for x, z in scene.reachable:
             self.cells.setdefault(self.key(x, z), (x, z))
-        self._home = {thing.id: thing.center for thing in scene.objects}
+        self._home = {thing.id: thing for thing in scene.objects}
 
     def key(self, x: float, z: float) -> Cell:
         """Return the cell that a place belongs to, whether or not one can stand there."""
@@ -98,13 +99,28 @@ class Room:
     def _open_cells(self, objects: Objects, in_hand: frozenset[str]) -> Mapping[Cell, Point]:
         found: Mapping[Cell, Point] = self.cells
         for thing in objects.values():
-            if self._home.get(thing.id) == thing.center or thing.id in in_hand:
+            home = self._home.get(thing.id)
+            if (home is not None and home.center == thing.center) or thing.id in in_hand:
                 continue
             if is_inert(thing) or any(objects[parent].type != FLOOR for parent in thing.parents):
                 continue
-            if bottom(thing) < self.floor_y + _ON_FLOOR_M and top(thing) > self.floor_y + SILL_M:
-                found = {key: place for key, place in found.items() if not _beside(thing, place)}
+            if self._on_floor(thing) and top(thing) > self.floor_y + SILL_M:
+                room_m = self._clearance(home)
+                found = {k: at for k, at in found.items() if not _beside(thing, at, room_m)}
         return found
+
+    def _on_floor(self, thing: SceneObject) -> bool:
+        return bottom(thing) < self.floor_y + _ON_FLOOR_M
+
+    def _clearance(self, home: SceneObject | None) -> float:
+        """Return how near the agent may come to a thing's box: at most its own radius.
+
+        Boxes are wider than dog beds and chairs: where the thing stood at first, cells say how near
+        one gets, and that holds wherever it is pushed.
+        """
+        if home is None or not self._on_floor(home):
+            return BODY_M
+        return min((math.hypot(*gaps(home, *at)) for at in self.cells.values()), default=BODY_M)
 
     def stands(self, x: float, z: float, radius_m: float = 0.2) -> bool:
         """Return whether the agent can stand within a radius: nothing rests there but on floor."""
@@ -117,10 +133,9 @@ class Room:
         return False
 
 
-def _beside(thing: SceneObject, place: Point) -> bool:
-    """Return whether the agent's body would touch a thing."""
-    far_x, far_z = gaps(thing, *place)
-    return far_x * far_x + far_z * far_z < (BODY_M - 1e-6) ** 2
+def _beside(thing: SceneObject, place: Point, room_m: float) -> bool:
+    """Return whether the agent's body, which takes so much room, would touch a thing."""
+    return math.hypot(*gaps(thing, *place)) < min(room_m, BODY_M) - 1e-6
 
 
 def scene_name(name: str) -> str:

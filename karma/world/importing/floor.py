@@ -31,7 +31,7 @@ _BORDER_M = 0.45  # from the outermost boxes: what hangs on walls reaches into t
 _BESIDE_M = 0.6  # a wall goes on so far beside what hangs on it
 _LEAN = 0.3  # the farther behind, the farther the wall goes on
 _SQUEEZE_M = 0.1  # from boxes, to join parts: they are wider than what is in them
-_GAP_CELLS = 6  # of a gap that parts of the floor are joined across
+_GAP_CELLS = 6  # at most are added at a time
 _SPAN_M = 0.01  # residual of an agent's place, when distances tell one
 _SWITCHES = ("LightSwitch",)
 
@@ -109,14 +109,22 @@ class Floor:
     Args:
         seen: the room's objects.
         room: what holds them all; its y0 is the floor.
+        start: where the agent stands, if it is known: x, z.
         origin: a point (x, z) of the grid.
         grid_m: of the cells.
     """
 
     def __init__(
-        self, seen: Sequence[Seen], room: Box, *, origin: Cell = (0.0, 0.0), grid_m: float = 0.25
+        self,
+        seen: Sequence[Seen],
+        room: Box,
+        *,
+        start: Cell | None = None,
+        origin: Cell = (0.0, 0.0),
+        grid_m: float = 0.25,
     ) -> None:
         self._seen, self._room, self._origin, self._grid_m = seen, room, origin, grid_m
+        self._start = start
         columns, rows = (
             np.arange(np.ceil((low - at) / grid_m), np.floor((high - at) / grid_m) + 1)
             for low, high, at in zip((room.x0, room.z0), (room.x1, room.z1), origin, strict=True)
@@ -136,19 +144,17 @@ class Floor:
         )
         return (x, z)
 
-    def walkable(self, start: Vec3 | None, stood: Iterable[Cell] = ()) -> tuple[Cell, ...]:
+    def walkable(self, stood: Iterable[Cell] = ()) -> tuple[Cell, ...]:
         """Return the cells that an agent can walk to, sorted.
 
         Args:
-            start: where it stands; without one, the part with most things in reach counts.
-            stood: cells that are known to be free.
+            stood: cells that are known to be free. Without a start, the part with most things in
+                reach counts.
         """
-        free = self._named(
-            self._clear(AGENT_RADIUS_M) & self._inside() & ~self._behind_walls(start)
-        )
+        free = self._named(self._clear(AGENT_RADIUS_M) & self._inside() & ~self._behind_walls())
         free.update(map(self.key, stood))
-        if start is not None:
-            main = self.key((start[0], start[2]))
+        if self._start is not None:
+            main = self.key(self._start)
             free.add(main)
         else:
             loose = [one.box for one in self._seen if one.pickupable]
@@ -156,27 +162,54 @@ class Floor:
             main = max(parts(free), key=lambda part: self._worth(part, things), default=[(0, 0)])[0]
         free = joined(free, self._named(self._clear(_SQUEEZE_M)))
         mine = next((part for part in parts(free) if main in part), [])
-        return tuple(sorted(map(self.cell, mine)))
+        return tuple(sorted(map(self.cell, self._reaching(mine) if mine else mine)))
 
-    def connected(self, cells: Sequence[Cell], start: Vec3 | None) -> tuple[tuple[Cell, ...], str]:
+    def connected(self, cells: Sequence[Cell], *, from_start: bool) -> tuple[tuple[Cell, ...], str]:
         """Return recorded cells that hang together, and a word on what was done to them.
 
-        Parts are joined where a body can pass. Of what stays apart the part that the agent is
-        known to start in counts, else the largest.
+        Parts are joined where a body can pass. ALFRED's cells leave out a ninth of what its
+        demonstrators walk on: where no start comes with them they are led on to what lies out of
+        reach.
+
+        Args:
+            cells: recorded ones.
+            from_start: whether the start was recorded with them: then, of parts that stay apart,
+                the start's counts; else the largest.
         """
         known = {self.key(cell): cell for cell in cells}
         apart = len(parts(known))
-        if apart == 1:
-            return tuple(sorted(cells)), ""
         every = joined(known, self._named(self._clear(_SQUEEZE_M)))
         chosen = parts(every)
         main = max(chosen, key=len)
-        if start is not None:
-            here = self.key((start[0], start[2]))
+        if from_start and self._start is not None:
+            here = self.key(self._start)
             main = next((part for part in chosen if here in part), main)
         added, left = len(every) - len(known), sum(key not in main for key in known)
         note = f"floor in {apart} parts: {added} cells added between them, {left} left out"
-        return tuple(sorted(known.get(key, self.cell(key)) for key in main)), note
+        found = set(main) if from_start else self._reaching(main)
+        notes = [note] if apart > 1 else []
+        if len(found) > len(main):
+            notes.append(f"{len(found) - len(main)} cells added to reach what lies out of reach")
+        return tuple(sorted(known.get(key, self.cell(key)) for key in found)), "; ".join(notes)
+
+    def _reaching(self, cells: Collection[Key]) -> set[Key]:
+        """Return the cells with the shortest ways on to things that none of them is near to."""
+        found = set(cells)
+        things = [one.box for one in self._seen if one.pickupable]
+        if not things:
+            return found
+        gaps = distances([self.cell(key) for key in sorted(found)], things)
+        far = [box for box, gap in zip(things, gaps, strict=True) if gap > REACH_M]
+        if far:
+            open_floor = self._named(self._clear(_SQUEEZE_M) & ~self._behind_walls())
+            for box in far:
+                near = {key for key in open_floor if self._gap(key, box) <= REACH_M}
+                found |= _bridge(sorted(found), near, open_floor)
+        return found
+
+    def _gap(self, key: Key, box: Box) -> float:
+        x, z = self.cell(key)
+        return box.distance(x, box.y0, z)
 
     def _named(self, which: Flags) -> set[Key]:
         return {(int(i), int(j)) for i, j in self._keys[which]}
@@ -221,7 +254,7 @@ class Floor:
         )
         return free
 
-    def _behind_walls(self, start: Vec3 | None) -> Flags:
+    def _behind_walls(self) -> Flags:
         """Return which cells are behind a wall.
 
         They are nearer to the back of what hangs there, or has its back to it, than to the front
@@ -232,21 +265,21 @@ class Floor:
             back, front = (np.full(len(self._points), np.inf) for _ in range(2))
             for one in self._seen:
                 if one.object_type in kinds:
-                    behind, near = self._sides(one, start)
+                    behind, near = self._sides(one)
                     back = np.minimum(back, np.where(behind, near, np.inf))
                     front = np.minimum(front, np.where(behind, np.inf, near))
             least = 1.2 if kinds is BACK_TO_WALLS else 0.0
             found |= (back <= _BESIDE_M) & (back < front) & (front > least)
         return found
 
-    def _sides(self, one: Seen, start: Vec3 | None) -> tuple[Flags, Floats]:
+    def _sides(self, one: Seen) -> tuple[Flags, Floats]:
         """Return which cells are behind a thing's back, and how far beside it they are."""
         middle = np.array((one.box.center[0], one.box.center[2]))
         half = np.array((one.box.size[0], one.box.size[2])) / 2
         ahead = np.array(heading(round(one.rotation.y / 90) * 90.0))
-        if one.object_type in FACE_EITHER_WAY and start is not None:
+        if one.object_type in FACE_EITHER_WAY and self._start is not None:
             ahead = np.eye(2)[int(half[0] >= half[1])]
-            ahead = ahead * np.sign((np.array((start[0], start[2])) - middle) @ ahead)
+            ahead = ahead * np.sign((np.array(self._start) - middle) @ ahead)
         offset = self._points - middle
         depth = offset @ ahead + abs(half @ ahead)
         aside = np.abs(offset @ ahead[::-1]) - abs(half @ ahead[::-1])
@@ -294,7 +327,7 @@ def joined(free: Collection[Key], passable: Collection[Key]) -> set[Key]:
 
 
 def _bridge(main: Sequence[Key], goal: Collection[Key], between: Collection[Key]) -> set[Key]:
-    """Return the cells of a shortest way from one part to another, if there is a short one."""
+    """Return the cells of a shortest way from a part to any goal, if there is a short one."""
     before: dict[Key, Key] = {key: key for key in main}
     edge = list(main)
     for _ in range(_GAP_CELLS + 1):
@@ -305,7 +338,7 @@ def _bridge(main: Sequence[Key], goal: Collection[Key], between: Collection[Key]
                     continue
                 before[step] = (i, j)
                 if step in goal:
-                    return _traced(before, (i, j))
+                    return _traced(before, step)
                 edge.append(step)
     return set()
 

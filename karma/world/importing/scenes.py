@@ -229,15 +229,15 @@ def _standing(
     place = agent.position if agent is not None else start_of(seen)
     if told and agent is None and place is not None and not _on_grid(place, told, grid_m):
         place = None
-    x, z = (place[0], place[2]) if place else (told[0] if told else (0.0, 0.0))
-    floor = Floor(seen, box, origin=(x, z), grid_m=grid_m)
+    start = None if place is None else (place[0], place[2])
+    origin = start or (told[0] if told else (0.0, 0.0))
+    floor = Floor(seen, box, start=start, origin=origin, grid_m=grid_m)
     if told:
-        start = None if agent is None else agent.position
-        every = _with_places(told, (*stood, *([(x, z)] if place else [])), grid_m)
-        cells, note = floor.connected(every, start)
+        every = _with_places(told, (*stood, *filter(None, [start])), grid_m)
+        cells, note = floor.connected(every, from_start=agent is not None)
     else:
-        cells, note = floor.walkable(place, stood), "floor computed from the boxes"
-    if agent is None and place is not None and _with_places(cells, [(x, z)], grid_m) == cells:
+        cells, note = floor.walkable(stood), "floor computed from the boxes"
+    if place and start and agent is None and _with_places(cells, [start], grid_m) == cells:
         agent = AgentPose(position=place)
     return cells, agent, note
 
