@@ -13,8 +13,8 @@ from karma.benchmarks.eb_alfred.answers import LONGEST, read_answer
 from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.play import EbStage, play
 from karma.benchmarks.eb_alfred.prompt import PromptOptions, examples, render_prompt
-from karma.benchmarks.eb_alfred.tasks import EbTask
 from karma.infer.scripted import ScriptedModel
+from karma.tasks.alfred_lists import ListedTask
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import read_trials
 from karma.world.eb_alfred.actions import PUT, read_types
@@ -178,8 +178,8 @@ def played(tmp_path, *answers, strict=False, options=OPTIONS, trial="ours_1", ta
     model = ScriptedModel(answers)
     stage = EbStage(rooms=eb.rooms(tmp_path, task=task), types=eb.TYPES, model=model)
     row = EbRow(name="r", strict=strict, prompt=options)
-    asked = EbTask(
-        subset="base", position=0, folder="", trial=trial, repeat=0, instruction="Put fruit away."
+    asked = ListedTask(
+        list="base", position=0, folder="", trial=trial, repeat=0, instruction="Put fruit away."
     )
     return play(stage, row, asked, 0, {}), model
 

@@ -62,7 +62,7 @@ def test_run_refuses_the_folder_of_another(experiment, tmp_path):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"subsets": ["basic"]}, "no subset 'basic'"),
+        ({"subsets": ["basic"]}, "no list 'basic'"),
         ({"only": ["base/7"]}, "no task 'base/7'"),
         ({"seeds": []}, "seeds = []"),
         ({"colour": "red"}, "unknown field `colour`"),

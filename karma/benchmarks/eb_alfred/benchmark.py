@@ -10,9 +10,9 @@ from karma.benchmarks.eb_alfred.experiment import EbExperiment, EbRow, remarks_o
 from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, lost_episode, play
 from karma.benchmarks.eb_alfred.prompt import kind_of
 from karma.benchmarks.eb_alfred.table import detail_sheet, results_of, success_sheet
-from karma.benchmarks.eb_alfred.tasks import EbTask
 from karma.benchmarks.trial_rooms import read_rooms
 from karma.infer.hosted.session import Session
+from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import read_types
 
 _HERE = Path(__file__).parent
@@ -36,9 +36,9 @@ class EbAlfred:
         """Return all episodes: in strict rows those of a list are one chain, as puts count on."""
         one = self._experiment
         tasks = tasks_of(one, self._path)
-        lists: dict[str, list[EbTask]] = {}
+        lists: dict[str, list[ListedTask]] = {}
         for task in tasks:
-            lists.setdefault(task.subset, []).append(task)
+            lists.setdefault(task.list, []).append(task)
         together, apart = [*lists.values()], [[task] for task in tasks]
         return [
             Chain(
@@ -93,6 +93,6 @@ class EbAlfred:
         )
 
 
-def _prompt_of(row: EbRow, task: EbTask) -> str:
+def _prompt_of(row: EbRow, task: ListedTask) -> str:
     """Return what names the beginning of a prompt: room with its things, kind of examples."""
-    return f"{task.trial}/{kind_of(task.subset)}" if row.player == "planner" else ""
+    return f"{task.trial}/{kind_of(task.list)}" if row.player == "planner" else ""

@@ -8,8 +8,9 @@ import msgspec
 from karma.bench.experiment import Models
 from karma.bench.experiment_tasks import beside
 from karma.benchmarks.eb_alfred.prompt import PromptOptions
-from karma.benchmarks.eb_alfred.tasks import EbTask, read_tasks
+from karma.benchmarks.eb_alfred.tasks import read_tasks
 from karma.errors import FileError
+from karma.tasks.alfred_lists import ListedTask
 
 
 class EbRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -50,7 +51,7 @@ class EbExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         return any(row.player == "planner" for row in self.rows)
 
 
-def tasks_of(experiment: EbExperiment, path: Path) -> tuple[EbTask, ...]:
+def tasks_of(experiment: EbExperiment, path: Path) -> tuple[ListedTask, ...]:
     """Return the tasks that an experiment selects.
 
     Raises:

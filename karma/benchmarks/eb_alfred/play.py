@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from karma.bench.pool import LIVES
 from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.planner import PlannerAnswer, PlannerPlayer
-from karma.benchmarks.eb_alfred.tasks import EbTask
 from karma.benchmarks.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
 from karma.benchmarks.trial_rooms import TrialRooms
 from karma.contracts import LanguageModel
 from karma.errors import KarmaError, ServerLost, UnwritableError
 from karma.infer.hosted.cassette import CassetteError
+from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import ActionTypes
 from karma.world.eb_alfred.environment import Environment, Step
 
@@ -49,7 +49,7 @@ class EbStage:
     model: LanguageModel | None  # None where no row asks one
 
 
-def play(stage: EbStage, row: EbRow, task: EbTask, seed: int, puts: dict[str, int]) -> EbRecord:
+def play(stage: EbStage, row: EbRow, task: ListedTask, seed: int, puts: dict[str, int]) -> EbRecord:
     """Play an episode; what is wrong with it or its model is in the record.
 
     Args:
@@ -87,12 +87,12 @@ def play(stage: EbStage, row: EbRow, task: EbTask, seed: int, puts: dict[str, in
     return _record(row, task, seed, environment, calls=calls, answers=answers, error=error)
 
 
-def lost_episode(row: str, task: EbTask, seed: int, cause: str) -> EbRecord:
+def lost_episode(row: str, task: ListedTask, seed: int, cause: str) -> EbRecord:
     """Return the record of an episode that ends every process which plays it."""
     return EbRecord(
         row=row,
         task=task.id,
-        subset=task.subset,
+        subset=task.list,
         seed=seed,
         trial=task.trial,
         instruction=task.instruction,
@@ -106,13 +106,13 @@ def lost_episode(row: str, task: EbTask, seed: int, cause: str) -> EbRecord:
     )
 
 
-def _player(stage: EbStage, row: EbRow, task: EbTask, seed: int) -> BenchmarkPlayer:
+def _player(stage: EbStage, row: EbRow, task: ListedTask, seed: int) -> BenchmarkPlayer:
     if row.player == "expert":
         return ExpertPlayer()
     if row.player == "chance" or stage.model is None:
         return ChancePlayer(seed, "eb_alfred", task.id)
     return PlannerPlayer(
-        stage.model, row.prompt, instruction=task.instruction, subset=task.subset, seed=seed
+        stage.model, row.prompt, instruction=task.instruction, subset=task.list, seed=seed
     )
 
 
@@ -131,7 +131,7 @@ def _take_turn(environment: Environment, player: BenchmarkPlayer) -> None:
 
 def _record(
     row: EbRow,
-    task: EbTask,
+    task: ListedTask,
     seed: int,
     environment: Environment | None,
     *,
@@ -151,7 +151,7 @@ def _record(
     return EbRecord(
         row=row.name,
         task=task.id,
-        subset=task.subset,
+        subset=task.list,
         seed=seed,
         trial=task.trial,
         instruction=task.instruction,
