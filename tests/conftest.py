@@ -8,6 +8,8 @@ from support.paths import SHARED
 
 from karma import offline
 
+pytest_plugins = ("support.eb_alfred_experiment",)  # the fixture `experiment`
+
 # The same examples in every run, and no deadline: two cores are shared with other work.
 settings.register_profile("karma", derandomize=True, deadline=None, max_examples=100)
 settings.load_profile("karma")

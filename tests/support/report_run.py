@@ -27,7 +27,7 @@ AWAY = (
 )
 BACK = (
     "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\n"
-    "CloseObject(robot, 'Fridge')\n"
+    "CloseObject(robot, 'Fridge')\nExplore(robot, 'Mug')\n"  # which shows it more than it keeps
 )
 POURED = "</script><script>document.title = 'owned'</script>"  # no program
 DISC = "Explore(robot, 'CD')\nGoToObject(robot, 'CD')\nPickupObject(robot, 'CD')\n"

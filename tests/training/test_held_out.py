@@ -34,11 +34,11 @@ def test_held_out_templates_are_one_word_from_trained_ones():
         for text in texts
         if BOOK.is_held_out(text)
     ]
-    assert (len(apart), apart.count(1)) == (224, 218)
+    assert (len(apart), apart.count(1)) == (234, 228)
 
 
 def test_disjoint_templates_are_three_words_or_more_from_all_of_ours():
-    assert len(templates_of(DISJOINT)) == 66
+    assert len(templates_of(DISJOINT)) == 68
     assert [text for text in templates_of(DISJOINT) if nearest(text, OURS) < 3] == []
 
 

@@ -1,8 +1,9 @@
-"""An experiment of EB-ALFRED over our kitchen."""
+"""An experiment of EB-ALFRED over our kitchen, as a fixture."""
 
 import json
 
 import pytest
+
 from support import alfred_kitchen as ours
 from support import eb_alfred as eb
 
