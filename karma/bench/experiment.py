@@ -1,7 +1,7 @@
 """An experiment is a TOML file: tasks, models, and one row per method."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from inspect import signature
@@ -153,6 +153,18 @@ class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         )
 
 
+def check_listed(rows: Sequence[str], seeds: Sequence[int], only: Sequence[str]) -> None:
+    """Raise ValueError where an experiment has nothing to do, or names something twice."""
+    listed: Sequence[object]
+    for what, listed in (("rows", rows), ("seeds", seeds), ("only", only)):
+        if twice := [one for one in listed if listed.count(one) > 1]:
+            raise ValueError(f"{what}: {twice[0]!r} stands twice")
+    if not rows:
+        raise ValueError("rows: there is none; an experiment has a [[rows]] or more")
+    if not seeds or min(seeds) < 0:
+        raise ValueError(f"seeds = {list(seeds)}: one or more, each 0 or above")
+
+
 class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One table: every row on every task with every seed."""
 
@@ -173,15 +185,7 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def __post_init__(self) -> None:
         """Refuse what there is nothing to do for, or what would be done twice."""
-        names = tuple(row.name for row in self.rows)
-        listed: tuple[object, ...]
-        for what, listed in (("rows", names), ("seeds", self.seeds), ("only", self.only)):
-            if twice := [one for one in listed if listed.count(one) > 1]:
-                raise ValueError(f"{what}: {twice[0]!r} stands twice")
-        if not names:
-            raise ValueError("rows: there is none; an experiment has a [[rows]] or more")
-        if not self.seeds or min(self.seeds) < 0:
-            raise ValueError(f"seeds = {list(self.seeds)}: one or more, each 0 or above")
+        check_listed([row.name for row in self.rows], self.seeds, self.only)
         _ = self.precision
 
     @property

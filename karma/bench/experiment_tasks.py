@@ -1,10 +1,11 @@
 """The tasks of an experiment, ours, the authors' or ALFRED's, and the rooms that they bring."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import msgspec
 
@@ -20,6 +21,15 @@ from karma.world.core.scene import Scene
 from karma.world.importing.scenes import import_dump
 
 _NAMED = 50  # tasks in an error message
+
+
+class _Listed(Protocol):
+    @property
+    def id(self) -> str:
+        """Names a task."""
+
+
+T = TypeVar("T", bound=_Listed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,15 +61,29 @@ def load(experiment: Experiment, path: Path, folder: Path) -> Loaded:
         loaded = _alfred_tasks(experiment.alfred, folder)
     else:
         loaded = _authors_tasks(experiment, folder)
-    known = [task.id for task in loaded.tasks]
-    if missing := [name for name in experiment.only if name not in known]:
+    chosen = select(loaded.tasks, experiment.only, path)
+    check_seeds(chosen, experiment.seeds)
+    return Loaded(tasks=chosen, scenes=_brought(chosen, loaded.scenes))
+
+
+def select(tasks: Sequence[T], only: Sequence[str], path: Path) -> tuple[T, ...]:
+    """Return the tasks that an experiment is for, in their order.
+
+    Args:
+        tasks: all.
+        only: ids of those that are wanted; () = all.
+        path: of the experiment, for messages.
+
+    Raises:
+        FileError: there is no task of an id.
+    """
+    known = [task.id for task in tasks]
+    if missing := [name for name in only if name not in known]:
         near = get_close_matches(missing[0], known, n=1)
         meant = f"did you mean {near[0]!r}? " if near else ""
         there = ", ".join(known[:_NAMED]) + (" ..." if len(known) > _NAMED else "")
         raise FileError(path, f"only: no task {missing[0]!r}; {meant}there are {there}")
-    chosen = tuple(t for t in loaded.tasks if not experiment.only or t.id in experiment.only)
-    check_seeds(chosen, experiment.seeds)
-    return Loaded(tasks=chosen, scenes=_brought(chosen, loaded.scenes))
+    return tuple(task for task in tasks if not only or task.id in only)
 
 
 def _brought(tasks: tuple[Task, ...], imported: Mapping[str, bytes]) -> dict[str, bytes]:

@@ -5,11 +5,10 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.experiment import Models
-from karma.bench.experiment_tasks import beside
+from karma.bench.experiment import Models, check_listed
+from karma.bench.experiment_tasks import beside, select
 from karma.benchmarks.eb_alfred.prompt import PromptOptions
 from karma.benchmarks.eb_alfred.tasks import read_tasks
-from karma.errors import FileError
 from karma.tasks.alfred_lists import ListedTask
 
 
@@ -39,11 +38,7 @@ class EbExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     def __post_init__(self) -> None:
         """Refuse what there is nothing to do for, or what would be done twice."""
-        names = [row.name for row in self.rows]
-        if not names or len(set(names)) < len(names):
-            raise ValueError("rows: one or more, each with a name of its own")
-        if not self.seeds or min(self.seeds) < 0 or len(set(self.seeds)) < len(self.seeds):
-            raise ValueError(f"seeds = {list(self.seeds)}: one or more, each 0 or above, once")
+        check_listed([row.name for row in self.rows], self.seeds, self.only)
 
     @property
     def plans(self) -> bool:
@@ -58,10 +53,7 @@ def tasks_of(experiment: EbExperiment, path: Path) -> tuple[ListedTask, ...]:
         FileError: the lists are damaged, or a task of `only` is not in them.
     """
     tasks = read_tasks(beside(experiment.tasks), experiment.subsets)
-    known = {task.id for task in tasks}
-    if missing := [one for one in experiment.only if one not in known]:
-        raise FileError(path, f"only: no task {missing[0]!r}; they are named like {tasks[0].id!r}")
-    return tuple(task for task in tasks if not experiment.only or task.id in experiment.only)
+    return select(tasks, experiment.only, path)
 
 
 def remarks_on(experiment: EbExperiment) -> list[str]:

@@ -5,8 +5,8 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.experiment import Models
-from karma.bench.experiment_tasks import beside
+from karma.bench.experiment import Models, check_listed
+from karma.bench.experiment_tasks import beside, select
 from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions
 from karma.benchmarks.lota_alfred.tasks import draw_tasks
 from karma.contracts import Scoring
@@ -42,11 +42,7 @@ class LotaExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     def __post_init__(self) -> None:
         """Refuse what there is nothing to do for, or what would be done twice."""
-        names = [row.name for row in self.rows]
-        if not names or len(set(names)) < len(names):
-            raise ValueError("rows: one or more, each with a name of its own")
-        if not self.seeds or min(self.seeds) < 0 or len(set(self.seeds)) < len(self.seeds):
-            raise ValueError(f"seeds = {list(self.seeds)}: one or more, each 0 or above, once")
+        check_listed([row.name for row in self.rows], self.seeds, self.only)
         if not 1 <= self.percent <= 100:
             raise ValueError(f"percent = {self.percent}: 1 to 100")
 
@@ -67,7 +63,4 @@ def tasks_of(experiment: LotaExperiment, path: Path) -> tuple[ListedTask, ...]:
     tasks = draw_tasks(lists, experiment.lists, percent=percent, seed=seed)
     if not tasks:
         raise FileError(path, f"percent = {percent}: no task is drawn from {lists.name}")
-    known = {task.id for task in tasks}
-    if missing := [one for one in experiment.only if one not in known]:
-        raise FileError(path, f"only: no task {missing[0]!r}; they are named like {tasks[0].id!r}")
-    return tuple(task for task in tasks if not experiment.only or task.id in experiment.only)
+    return select(tasks, experiment.only, path)
