@@ -7,7 +7,7 @@ degrees, down positive.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self, runtime_checkable
+from typing import Any, Literal, Protocol, Self, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -291,6 +291,23 @@ class SkillSignature:
     doc: str = ""  # comment lines of Listing 2
 
 
+RefusalKind = Literal["deed", "thing", "place", "language", "negated", "impossible", "unclear"]
+REFUSAL_KINDS: tuple[RefusalKind, ...] = get_args(RefusalKind)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RefusedRequest:
+    """A request that is not carried out, and why; it stands in place of a program."""
+
+    kind: RefusalKind
+    by: Literal["planner", "doubt", "inspector"] = "planner"
+    words: tuple[str, ...] = ()  # of the request, that nothing here is meant by
+
+    def __str__(self) -> str:
+        """Return the line as a planner writes it."""
+        return f"refuse('{self.kind}')"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProgramSpec:
     """What a program may say: the language that constrained decoding admits."""
@@ -299,6 +316,7 @@ class ProgramSpec:
     objects: tuple[str, ...]  # names known to memory or in view
     positions: tuple[str, ...] = ()  # area nodes, e.g. "node_3"
     max_calls: int = 40
+    refusals: tuple[RefusalKind, ...] = ()  # for which one line may stand, in place of any call
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -347,6 +365,7 @@ class Decoding:
     max_tokens: int = 512
     attempts: int = 4  # per request; later ones quote the error
     inspected: bool = True  # see `karma.agent.inspector`
+    refusing: bool = False  # the planner has learnt to refuse requests, or is told how to
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -441,6 +460,7 @@ class Plan:
     names: Mapping[str, str]  # what short names in the calls stand for (name -> object id)
     recalled: tuple[Recalled, ...] = ()  # of short-term memory, the best first
     units: tuple[MemoryUnit, ...] = ()  # in the prompt, the last used last
+    refused: RefusedRequest | None = None  # in place of calls: the request, not the answer
     error: str = ""  # why the answer was refused; quoted in the next prompt
     failure: FailedProgram | None = None  # the same with the program, for planners that can read it
     dropped: tuple[str, ...] = ()  # lines of the answer that were no part of the program

@@ -9,6 +9,7 @@ from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
 from karma.agent.recovery import program_of
 from karma.contracts import (
+    REFUSAL_KINDS,
     Completion,
     Decoding,
     FailedProgram,
@@ -16,6 +17,7 @@ from karma.contracts import (
     Plan,
     PlanRequest,
     ProgramSpec,
+    RefusedRequest,
     Resources,
     SkillCall,
     SkillSignature,
@@ -54,7 +56,7 @@ class Planner:
         """
         for attempt in range(self.decoding.attempts):
             answer = self._ask(request, attempt)
-            if self.decoding.inspected and not answer.error:
+            if self.decoding.inspected and answer.calls:
                 answer = _inspected(request, answer)
             if attempt == self.decoding.attempts - 1 and answer.calls:
                 answer = replace(answer, error="", failure=None)
@@ -69,8 +71,10 @@ class Planner:
         return max(decoding.temperature, decoding.retry_temperature if request.error else 0.0)
 
     def _ask(self, request: PlanRequest, attempt: int) -> Plan:
-        rendered, skills = render(self.profile, request), skills_of(self.profile)
-        spec = program_spec(request, rendered.names, skills)
+        refusing = self.decoding.refusing
+        rendered = render(self.profile, request, refusing=refusing)
+        skills = skills_of(self.profile)
+        spec = program_spec(request, rendered.names, skills, refusing=refusing)
         completion = self.model.complete(
             rendered.prompt,
             spec=spec if self.decoding.constrained else None,
@@ -78,7 +82,7 @@ class Planner:
             temperature=self._temperature(request),
             seed=self.decoding.seed + attempt,
         )
-        answer = _read(completion, skills)
+        answer = _read(completion, skills, refusing=refusing)
         return Plan(
             recalled=tuple(request.recalled),
             units=tuple(request.units),
@@ -86,6 +90,7 @@ class Planner:
             completion=completion,
             calls=answer.calls,
             names=rendered.names,
+            refused=answer.refused,
             error=answer.error,
             failure=answer.failure,
             dropped=answer.dropped,
@@ -98,21 +103,22 @@ class _Answer:
     """An answer as it was read."""
 
     calls: tuple[SkillCall, ...] = ()
+    refused: RefusedRequest | None = None
     error: str = ""  # why it is refused
     failure: FailedProgram | None = None
     dropped: tuple[str, ...] = ()
 
 
-def _read(completion: Completion, skills: Sequence[SkillSignature]) -> _Answer:
-    """Return the calls of an answer, or why it is refused."""
+def _read(completion: Completion, skills: Sequence[SkillSignature], *, refusing: bool) -> _Answer:
+    """Return the calls of an answer, that it refuses the request, or why it is refused itself."""
     lines = tuple(completion.text.rstrip().split("\n"))
     try:
-        found = program_of(completion, skills)
+        found = program_of(completion, skills, refusing=refusing)
     except ProgramError as refused:
         failure = FailedProgram(lines=lines, failed=refused.line - 1, reason=refused.reason)
         return _Answer(error=str(refused), failure=failure)
-    if found.calls:
-        return _Answer(calls=found.calls, dropped=found.dropped)
+    if found.calls or found.refused:
+        return _Answer(calls=found.calls, refused=found.refused, dropped=found.dropped)
     reason = "the answer holds no skill call"
     return _Answer(error=reason, failure=FailedProgram(lines=lines, failed=None, reason=reason))
 
@@ -143,6 +149,8 @@ def program_spec(
     request: PlanRequest,
     names: Mapping[str, str],
     skills: tuple[SkillSignature, ...] = SKILLS,
+    *,
+    refusing: bool = False,
 ) -> ProgramSpec:
     """Return the language of programs: what memory names, and types that can be searched for.
 
@@ -158,6 +166,7 @@ def program_spec(
         skills=skills,
         objects=tuple(sorted(known | searchable | set(names))),
         positions=tuple(area.name for area in request.areas),
+        refusals=REFUSAL_KINDS if refusing else (),
     )
 
 

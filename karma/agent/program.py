@@ -1,7 +1,8 @@
 """The skill API of KARMA's Listing 2, and its parser: a planner's text becomes data, never code.
 
-A program is a straight line of skill calls, `Skill(robot, 'Name', ...)`. Nothing is executed:
-the text is read with `ast`, matched against the signatures, and refused otherwise.
+A program is a straight line of skill calls, `Skill(robot, 'Name', ...)`; or one line stands for it
+that says why the request is not carried out, `refuse('KIND')`. Nothing is executed: the text is
+read with `ast`, matched against the signatures, and refused otherwise.
 """
 
 import ast
@@ -12,7 +13,7 @@ import warnings
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-from karma.contracts import SkillCall, SkillSignature, Vec3
+from karma.contracts import REFUSAL_KINDS, RefusedRequest, SkillCall, SkillSignature, Vec3
 from karma.errors import ProgramError
 
 MAX_LINES = 200
@@ -104,6 +105,26 @@ def parse_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> tuple
     return tuple(calls)
 
 
+def parse_refusal(text: str) -> RefusedRequest | None:
+    """Read a planner's text as a refusal of the request; None where it holds anything else.
+
+    >>> str(parse_refusal("refuse('thing')"))
+    "refuse('thing')"
+    """
+    if len(text) > MAX_CHARACTERS:
+        return None
+    lines = _without_fence(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
+    try:
+        statements = _syntax(textwrap.dedent("\n".join(lines)), lines)
+    except ProgramError:
+        return None
+    match statements:
+        case [ast.Expr(ast.Call(ast.Name("refuse"), [ast.Constant(str(said))], []))]:
+            kind = next((one for one in REFUSAL_KINDS if one == said), None)
+            return RefusedRequest(kind=kind) if kind else None
+    return None
+
+
 class _RefusedError(Exception):
     """Why a node is outside the API; becomes a ProgramError with the line quoted."""
 
@@ -157,6 +178,10 @@ def _syntax(body: str, lines: Sequence[str]) -> list[ast.stmt]:
 
 def _call(statement: ast.stmt, table: dict[str, SkillSignature]) -> SkillCall:
     match statement:
+        case ast.Expr(ast.Call(ast.Name("refuse"), _, _)):
+            raise _RefusedError(
+                f"refuse stands alone, with one of {', '.join(REFUSAL_KINDS)}", statement
+            )
         case ast.Expr(ast.Call(ast.Name(name), [ast.Name("robot" | "robots"), *rest], [])):
             objects, positions = _arguments(_signature(name, table, statement), rest, statement)
             return SkillCall(

@@ -57,14 +57,16 @@ def skills_of(profile: str) -> tuple[SkillSignature, ...]:
     return PROFILES[profile]
 
 
-def render(profile: str, request: PlanRequest) -> Rendered:
-    """Fill one profile.
+def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Rendered:
+    """Fill one profile; `refusing` tells a planner that has not learnt it that it may refuse.
 
     Raises:
         UnknownNameError: no such profile.
     """
     skills = skills_of(profile)
-    return compact(request) if profile == "compact" else full(request, skills)
+    if profile == "compact":
+        return compact(request)
+    return full(request, skills, refusing=refusing)
 
 
 def compact_areas(areas: Sequence[Area]) -> str:
@@ -118,7 +120,9 @@ def compact(request: PlanRequest) -> Rendered:
     return Rendered(prompt=prompt, names=names)
 
 
-def full(request: PlanRequest, skills: Sequence[SkillSignature]) -> Rendered:
+def full(
+    request: PlanRequest, skills: Sequence[SkillSignature], *, refusing: bool = False
+) -> Rendered:
     """Fill the profile of KARMA Fig. 8."""
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
     fixtures = {} if request.graph_text else fixture_names(request.areas)
@@ -129,6 +133,7 @@ def full(request: PlanRequest, skills: Sequence[SkillSignature]) -> Rendered:
     stable = template(_TEMPLATES / "full_stable.txt").render(
         skills=skills,
         needs=skill_needs(),
+        refusing=refusing,
         graph=request.graph_text,
         areas=[area_line(area, fixtures) for area in request.areas],
     )

@@ -9,13 +9,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from karma.agent.program import SKILLS, parse_program
-from karma.contracts import Completion, SkillCall, SkillSignature
+from karma.agent.program import SKILLS, parse_program, parse_refusal
+from karma.contracts import Completion, RefusedRequest, SkillCall, SkillSignature
 from karma.errors import ProgramError
 
 _MARKS = r"(?:(?:[Ss]tep\s*)?\d+\s*[.):]|[-*•>+`]|\*\*)"  # of lists, of emphasis
 _CALL = r"""[A-Za-z_]\w*\(\s*robots?\b(?:[^()'"]|'[^'\n]*'|"[^"\n]*"|\([^()\n]*\))*\)"""
 _LINE = re.compile(rf"\s*(?:{_MARKS}\s*)*(?P<call>{_CALL})[`*;.,]*(?:\s*(?:#|//|-|–|—|:|\().*)?\s*")
+_REFUSAL = re.compile(r"""\s*[`*]*(refuse\(\s*(?:'\w+'|"\w+")\s*\))[`*.]*\s*""")
 _BLOCK = re.compile(r"\s*(?:async |for|while|if|elif|else|def|class|with|try|except|match)\b.*:\s*")
 
 
@@ -23,12 +24,20 @@ _BLOCK = re.compile(r"\s*(?:async |for|while|if|elif|else|def|class|with|try|exc
 class Recovered:
     """A program that stood in an answer, and the lines of the answer that were no part of it."""
 
-    calls: tuple[SkillCall, ...]  # with line numbers of the answer
+    calls: tuple[SkillCall, ...] = ()  # with line numbers of the answer
     dropped: tuple[str, ...] = ()
+    refused: RefusedRequest | None = None  # in place of calls
 
 
-def program_of(completion: Completion, skills: Sequence[SkillSignature] = SKILLS) -> Recovered:
+def program_of(
+    completion: Completion, skills: Sequence[SkillSignature] = SKILLS, *, refusing: bool = False
+) -> Recovered:
     """Return the program of an answer; one that a grammar held is taken by its word.
+
+    Args:
+        completion: the answer.
+        skills: that it may call.
+        refusing: whether it may refuse the request instead.
 
     Raises:
         ProgramError: it is none, or the model says itself that it cannot be one.
@@ -37,6 +46,8 @@ def program_of(completion: Completion, skills: Sequence[SkillSignature] = SKILLS
     if completion.fault:
         lines = text.rstrip().split("\n")
         raise ProgramError(completion.fault, line=len(lines), code=lines[-1].strip()[:120])
+    if refusing and (found := _refusal(text)):
+        return found
     try:
         return Recovered(calls=parse_program(text, skills))
     except ProgramError:
@@ -66,6 +77,19 @@ def recover_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> Rec
         parse_program(text, skills)  # says what is wrong
         raise ProgramError("the answer holds no skill call on a line of its own", line=1, code="")
     return Recovered(calls=parse_program("\n".join(kept), skills), dropped=tuple(dropped))
+
+
+def _refusal(text: str) -> Recovered | None:
+    """Return the refusal that stands alone, or alone on a line of an answer without any call."""
+    lines = text.splitlines()
+    said = [match[1] for line in lines if (match := _REFUSAL.fullmatch(line))]
+    if len(said) != 1 or any(map(_LINE.fullmatch, lines)):
+        return None
+    refused = parse_refusal(said[0])
+    if refused is None:
+        return None
+    rest = (line.strip() for line in lines if not _REFUSAL.fullmatch(line))
+    return Recovered(refused=refused, dropped=tuple(one for one in rest if one.strip("`")))
 
 
 def _is_code(text: str) -> bool:

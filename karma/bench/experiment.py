@@ -65,6 +65,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     planner: str = "karma-nano"  # a name of models/manifest.toml, a GGUF's path, or "openai"
     profile: str = ""  # "compact" or "full"; "" = what the manifest says
     chat: bool = False  # through the GGUF's own chat template
+    refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
     thinking: Thinking = "off"  # whether a model that can think first may
     thinking_tokens: int = 1024  # of a thought at most
     embedder: str = "minilm"  # or "sentence:MODEL", "clip:MODEL", of the manifest or a folder
@@ -267,6 +268,7 @@ def load_resources(
     session = session or Session()
     model, profile = language_model(models, session, states, seed)
     decoding = Decoding(
+        refusing=refuses(models),
         constrained=models.constrained,
         temperature=models.temperature,
         seed=seed,
@@ -340,6 +342,17 @@ def filled(
     wanted = {"torch_options": models.torch, "llama_options": models.llama}
     options = {name: value for name, value in wanted.items() if name in known}
     return made(model, **options) if model else made(**options)
+
+
+def refuses(models: Models) -> bool:
+    """Return whether the planner may refuse requests: as said, else where it has learnt to.
+
+    Raises:
+        ModelError: there is no such planner.
+    """
+    if models.refusing is not None or models.hosted.planner is not None:
+        return bool(models.refusing)
+    return resolve_planner(models.planner).refuses
 
 
 def language_model(

@@ -176,7 +176,7 @@ class KarmaEpisode:
             for plan in self._planner.plan(self._updated(request, skills, again=bool(results))):
                 yield plan
                 request = after_answer(request, plan)
-            if plan is None or plan.error:
+            if plan is None or not plan.calls:
                 break
             results = yield from carried_out(plan, skills)
             finished = all(result.ok for result in results)

@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 from karma.agent.planner import Planner, grounded, program_spec
 from karma.agent.program import SKILLS, parse_program
 from karma.agent.prompt import compact
-from karma.contracts import Area, Decoding, Fixture, MemoryUnit, PlanRequest, SkillCall
+from karma.contracts import (
+    REFUSAL_KINDS,
+    Area,
+    Decoding,
+    Fixture,
+    MemoryUnit,
+    PlanRequest,
+    RefusedRequest,
+    SkillCall,
+)
 from karma.errors import ModelError
 from karma.household.places import landmark_types
 from karma.infer.programs.automaton import ProgramAutomaton
@@ -72,6 +81,31 @@ def test_plan_gives_up_after_the_attempts_it_has(attempts):
 def test_plan_of_an_answer_without_calls_is_an_error(text):
     _, (plan,) = plans([text], attempts=1)
     assert plan.error == "the answer holds no skill call"
+
+
+@pytest.mark.parametrize("profile", ["compact", "full"])
+def test_refusal_ends_the_asking_and_has_no_calls_and_no_error(profile):
+    model, (plan,) = plans(["refuse('thing')\n", GOOD], profile=profile, refusing=True)
+    assert plan.refused == RefusedRequest(kind="thing")
+    assert (plan.calls, plan.error, plan.failure) == ((), "", None)
+    assert len(model.prompts) == 1
+
+
+def test_refusal_of_a_planner_that_may_not_is_an_error_and_it_is_asked_again():
+    _, (first, second) = plans(["refuse('thing')\n", GOOD])
+    assert first.refused is None and "refuse" in first.error
+    assert len(second.calls) == 2
+
+
+def test_full_profile_tells_of_refusals_where_they_are_allowed_and_compact_never_does():
+    told = {
+        (profile, refusing): plans([GOOD], profile=profile, refusing=refusing)[0].prompts[0].stable
+        for profile in ("compact", "full")
+        for refusing in (False, True)
+    }
+    assert all(f"refuse('{kind}')" in told["full", True] for kind in REFUSAL_KINDS)
+    assert "refuse" not in told["full", False]
+    assert told["compact", False] == told["compact", True]
 
 
 def test_plan_s_facts_error_stands_in_the_first_prompt():

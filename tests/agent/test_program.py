@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.agent.program import MAX_LINES, MAX_NAME, SKILLS, parse_program
-from karma.contracts import SkillCall
+from karma.agent.program import MAX_LINES, MAX_NAME, SKILLS, parse_program, parse_refusal
+from karma.contracts import REFUSAL_KINDS, RefusedRequest, SkillCall
 from karma.errors import ProgramError
 
 NAMES = st.text("ABCabc019|+-._ ", min_size=1, max_size=MAX_NAME).map(str.strip).filter(bool)
@@ -212,3 +212,27 @@ def test_parse_with_other_skills_admits_only_those():
     assert parse_program("ToggleOn(robot, 'Lamp')", SKILLS[-2:])
     with pytest.raises(ProgramError, match="no skill GoToObject"):
         parse_program("GoToObject(robot, 'Lamp')", SKILLS[-2:])
+
+
+# ----------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize("kind", REFUSAL_KINDS)
+@pytest.mark.parametrize("form", ["{}", "{}\n", "```\n{}\n```", "  {}  # no", "# sorry\n{}"])
+def test_refusal_of_each_kind_is_read_back(kind, form):
+    refused = RefusedRequest(kind=kind)
+    assert parse_refusal(form.format(refused)) == refused
+
+
+@pytest.mark.parametrize("text", [
+    "", "refuse", "refuse()", "refuse('mood')", "refuse(deed)", "refuse('deed', 'thing')",
+    "refuse('deed')\nrefuse('deed')", "refuse('deed')\nGoToObject(robot, 'Mug')", "Refuse('deed')",
+    "refuse(kind='deed')", "GoToObject(robot, 'Mug')", "x" * 30_000, "refuse('deed'", "\0",
+])  # fmt: skip
+def test_text_that_is_no_refusal_is_read_as_none(text):
+    assert parse_refusal(text) is None
+
+
+def test_refusal_beside_calls_is_no_program():
+    with pytest.raises(ProgramError, match="refuse stands alone, with one of deed, thing"):
+        parse_program("GoToObject(robot, 'Mug')\nrefuse('deed')")

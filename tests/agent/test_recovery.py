@@ -4,7 +4,7 @@ import pytest
 
 from karma.agent.program import parse_program
 from karma.agent.recovery import program_of, recover_program
-from karma.contracts import Completion
+from karma.contracts import Completion, RefusedRequest
 from karma.errors import ProgramError
 
 PROGRAM = "GoToObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'Sink')\n"
@@ -86,3 +86,24 @@ def test_fault_of_the_answer_is_quoted_with_its_last_line():
 def test_recovered_program_is_what_the_parser_makes_of_its_lines():
     found = recover_program(f"Sure!\n{PROGRAM}")
     assert [str(c) for c in found.calls] == [str(c) for c in parse_program(PROGRAM)]
+
+
+@pytest.mark.parametrize("text", [
+    "refuse('thing')", "refuse('thing')\n", "I am sorry.\n`refuse('thing')`",
+    "- no\nrefuse('thing').",
+    "```python\nrefuse('thing')\n```",
+])  # fmt: skip
+def test_refusal_is_found_in_an_answer_of_one_who_may_refuse(text):
+    found = program_of(said(text), refusing=True)
+    assert (found.refused, found.calls) == (RefusedRequest(kind="thing"), ())
+    assert all(line in text and "refuse" not in line for line in found.dropped)
+    with pytest.raises(ProgramError):
+        program_of(said(text))
+
+
+@pytest.mark.parametrize(
+    "text", ["refuse('thing')\n" + PROGRAM, "refuse('thing')\nrefuse('deed')", "refuse('mood')"]
+)
+def test_refusal_beside_calls_or_of_no_kind_is_refused_itself(text):
+    with pytest.raises(ProgramError):
+        program_of(said(text), refusing=True)

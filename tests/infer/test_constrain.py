@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.contracts import ProgramSpec, SkillCall, SkillSignature
+from karma.contracts import REFUSAL_KINDS, ProgramSpec, SkillCall, SkillSignature
 from karma.errors import ModelError
 from karma.infer.llama.constrain import TokenTable, choose_token, descending, gumbel
 from karma.infer.programs.automaton import ProgramAutomaton
@@ -34,12 +34,15 @@ SPECS = st.builds(
     objects=st.lists(NAMES, min_size=1, max_size=6).map(tuple),
     positions=st.lists(st.sampled_from(["node_1", "node_2", "node_11"]), max_size=3).map(tuple),
     max_calls=st.integers(1, 5),
+    refusals=st.lists(st.sampled_from(REFUSAL_KINDS), max_size=3).map(tuple),
 )
 SEEDS = st.integers(0, 2**32).map(np.random.default_rng)
 
 
 def members(spec, text):
-    """Independent reading: is `text` a program of the spec?"""
+    """Independent reading: is `text` a program of the spec, or a refusal that it admits?"""
+    if any(text == f"refuse('{kind}')\n" for kind in spec.refusals):
+        return True
     lines = text.split("\n")
     if lines.pop() != "" or not 1 <= len(lines) <= spec.max_calls:
         return False
@@ -136,7 +139,7 @@ def test_mangled_program_is_accepted_only_if_still_a_member(spec, generator, dat
     "Explore(robot, 'Apple', [])\n",
     "Explore(robot, 'Apple', ['node_1',])\n", "Explore(robot, ['node_1'])\n", "GoToObject(robot)\n",
     "GoToObject(robot, 'Apple')\n\n", "# hm\nWait(robot)\n", "Wait(robot)", "wait(robot)\n",
-    "Wait(robot)\n" * 4,
+    "Wait(robot)\n" * 4, "refuse('deed')\n",
 ])  # fmt: skip
 def test_text_outside_the_language_is_not_accepted(text):
     spec = ProgramSpec(skills=SKILLS, objects=("Apple",), positions=("node_1",), max_calls=3)

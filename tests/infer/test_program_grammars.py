@@ -14,8 +14,8 @@ from support.grammar_oracle import LlamaGrammar, is_valid
 from support.hosted_server import NANO
 from support.needs import need_models
 
-from karma.agent.program import SKILLS, parse_program
-from karma.contracts import ProgramSpec
+from karma.agent.program import SKILLS, parse_program, parse_refusal
+from karma.contracts import REFUSAL_KINDS, ProgramSpec
 from karma.errors import ProgramError
 from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
@@ -26,7 +26,11 @@ from karma.infer.programs.schema import program_text, schema
 SAMPLES = 10_000
 NODES = tuple(f"node_{number}" for number in range(1, 13))
 SPEC = ProgramSpec(
-    skills=SKILLS, objects=(*sorted(object_types()), "Mug_2"), positions=NODES, max_calls=6
+    skills=SKILLS,
+    objects=(*sorted(object_types()), "Mug_2"),
+    positions=NODES,
+    max_calls=6,
+    refusals=REFUSAL_KINDS,
 )
 LETTERS = "abNS(),'[] \n_2"
 
@@ -80,6 +84,7 @@ def admitted(samples):
     states = [automaton.advance(automaton.start(), text) for text in samples]
     found = [state is not None and automaton.accepts(state) for state in states]
     assert SAMPLES // 2 <= sum(found) < SAMPLES * 0.7  # both kinds are there
+    assert sum(text.startswith("refuse") for text in samples) > SAMPLES // 5
     return found
 
 
@@ -97,6 +102,9 @@ def test_regular_expression_admits_exactly_the_programs_of_the_automaton(samples
 
 def as_json(text):
     """The JSON of a text's calls; None where it is no program in the form that we write."""
+    refused = parse_refusal(text)
+    if refused is not None:
+        return json.dumps({"program": {"refuse": refused.kind}}) if f"{refused}\n" == text else None
     try:
         calls = parse_program(text)
     except ProgramError:
@@ -162,7 +170,9 @@ def test_grammars_of_all_names_of_a_home_stay_small():
         '{"program": [{"skill": "Go", "what": "Mug"}]}', '{"program": [], "more": 1}',
         '{"program": [{"skill": "Go", "object_2": "Mug"}]}',
         '{"program": [{"skill": "Go", "positions": "node_1"}]}',
-        '{"program": [{"skill": "Go", "positions": []}]}',
+        '{"program": [{"skill": "Go", "positions": []}]}', '{"refuse": "deed"}',
+        '{"program": {"refuse": "deed"}, "a": 1}', '{"program": {"refuse": "mood"}}',
+        '{"program": {"refuse": ["deed"]}}',
     ],
 )  # fmt: skip
 def test_json_that_is_no_program_is_told_apart_from_an_empty_one(answer):

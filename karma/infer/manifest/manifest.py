@@ -59,6 +59,7 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     package: str | None = None  # the files lie in this installed package, not beside the manifest
     prompt_profile: Literal["compact", "full"] | None = None  # planners only
     chat: bool = False  # planners only: through the GGUF's own chat template
+    refuses: bool = False  # planners only: it has learnt to refuse requests
     context_length: int | None = None  # in tokens; planners: what is opened by default
     memory_mb: int | None = None  # once loaded, estimated upwards (docs/models.md)
 
@@ -96,6 +97,7 @@ class PlannerFile:
     prompt_profile: Literal["compact", "full"] = "full"
     context_length: int | None = None
     chat: bool = False
+    refuses: bool = False  # it has learnt to refuse requests
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -341,6 +343,7 @@ def resolve_planner(text: str, path: str | Path | None = None) -> PlannerFile:
         prompt_profile=entry.prompt_profile,
         context_length=entry.context_length,
         chat=entry.chat,
+        refuses=entry.refuses,
     )
 
 

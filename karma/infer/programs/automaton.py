@@ -1,10 +1,11 @@
 """Recognise the answers that a spec admits: an automaton over bytes.
 
 The language of a `ProgramSpec` is one to `max_calls` lines, each written as `str(SkillCall)` and
-ended by a newline. Names stand in quotes and hold none, so every choice is settled by the bytes
-read so far: the automaton is deterministic and nothing is ever taken back. `forms` says the same
-language in short; the automaton, and the grammars that servers take (`gbnf`, `regex`, `schema`),
-are made of it. A `PlanSpec` admits one JSON text, see `plans`.
+ended by a newline; or one line that refuses, where the spec has such. Names stand in quotes and
+hold none, so every choice is settled by the bytes read so far: the automaton is deterministic and
+nothing is ever taken back. `forms` says the same language in short; the automaton, and the grammars
+that servers take (`gbnf`, `regex`, `schema`), are made of it. A `PlanSpec` admits one JSON text,
+see `plans`.
 """
 
 from collections.abc import Callable
@@ -14,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from karma.contracts import AnswerSpec, PlanSpec, ProgramSpec
-from karma.infer.programs.frames import Frame, followed, trie
+from karma.contracts import AnswerSpec, PlanSpec, ProgramSpec, RefusedRequest
+from karma.infer.programs.frames import END, Frame, followed, trie
 from karma.infer.programs.plans import plan_frame
 
 _MAX_POSITIONS = 100  # entries of one list, as the parser admits
@@ -69,6 +70,11 @@ def forms(spec: ProgramSpec) -> tuple[LineForm, ...]:
     )
 
 
+def refusal_lines(spec: ProgramSpec) -> tuple[str, ...]:
+    """Return the lines of which one may stand in place of a program."""
+    return tuple(f"{RefusedRequest(kind=kind)}\n" for kind in dict.fromkeys(spec.refusals))
+
+
 class State(NamedTuple):
     """A place in the language: lines completed, and where in which frame."""
 
@@ -88,7 +94,7 @@ class ProgramAutomaton:
         self._max_lines = 0
         self._jumps = isinstance(spec, PlanSpec)  # programs are decoded token by token
         if isinstance(spec, PlanSpec):
-            self._line = plan_frame(spec)
+            self._start = self._line = plan_frame(spec)
             return
         self._max_lines = spec.max_calls
         frame_of = {form: self._after(form) for form in forms(spec)}
@@ -97,10 +103,13 @@ class ProgramAutomaton:
         line = trie([f"{name}(robot" for name in names])
         follow = tuple(after[name] for name in names)
         self._line = line._replace(follow=follow, line_start=True)
+        refusals = refusal_lines(spec)
+        start = trie([*line.words, *refusals])
+        self._start = start._replace(follow=(*follow, *((lambda: END,) * len(refusals))))
 
     def start(self) -> State:
         """Return the state before the first character."""
-        return State(0, self._line, 0)
+        return State(0, self._start, 0)
 
     def advance(self, state: State, text: str | bytes) -> State | None:
         """Return the state after `text`, or None when no program goes on like this."""
@@ -143,9 +152,9 @@ class ProgramAutomaton:
         return bytes(found)
 
     def random_program(self, generator: np.random.Generator, lines: int) -> str:
-        """Return a program of so many lines, each choice made uniformly."""
-        text, frame, done = [], self._line, 0
-        while done < lines:
+        """Return a program of so many lines, or a refusal, each choice made uniformly."""
+        text, frame, done = [], self._start, 0
+        while done < lines and not frame.ends:
             word = int(generator.integers(len(frame.words)))
             text.append(frame.words[word])
             frame = frame.follow[word]()

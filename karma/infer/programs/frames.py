@@ -36,3 +36,6 @@ def trie(words: Sequence[str]) -> Frame:
             node = nodes[node][byte]
         nodes[node][last] = ~number
     return Frame(nodes, tuple(words), ())
+
+
+END = trie([])._replace(ends=True)

@@ -1,7 +1,7 @@
 """Write the language of a spec as GBNF, the grammars of llama.cpp; XGrammar reads them too."""
 
 from karma.contracts import ProgramSpec
-from karma.infer.programs.automaton import Argument, LineForm, forms
+from karma.infer.programs.automaton import Argument, LineForm, forms, refusal_lines
 
 _COMMA, _OPENS = ", '", ", ['"
 
@@ -23,7 +23,7 @@ def gbnf(spec: ProgramSpec) -> str:
     lists = list(dict.fromkeys(one.names for form in kinds for one in form.arguments))
     rule_of = {names: f"names{number}" for number, names in enumerate(lists)}
     rules = [
-        f"root ::= line{{1,{spec.max_calls}}}",
+        " | ".join([f"root ::= line{{1,{spec.max_calls}}}", *map(literal, refusal_lines(spec))]),
         f"line ::= {' | '.join(_line(form, rule_of) for form in kinds)}",
         *(f'{rule} ::= {_any(names)} "\'"' for names, rule in rule_of.items()),
     ]

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from karma.contracts import PlanSpec
-from karma.infer.programs.frames import Frame, trie
+from karma.infer.programs.frames import END, Frame, trie
 
 _LETTERS = "".join(chr(code) for code in range(0x20, 0x7F) if chr(code) not in '"\\')
 
@@ -48,7 +48,6 @@ def _text(spec: PlanSpec, key: str, then: Frame) -> Frame:
 
 def _list(spec: PlanSpec) -> Frame:
     """Return the frame of the list of actions, the last key."""
-    end = trie([])._replace(ends=True)
     items = items_of(spec)
     first, more = trie([*items, "]}"]), trie(items)
 
@@ -57,12 +56,12 @@ def _list(spec: PlanSpec) -> Frame:
         again: Callable[[], Frame] = lambda: after(left - 1)  # noqa: E731
         follow = tuple(again for _ in items)
         if left == spec.max_actions:
-            return first._replace(follow=(*follow, lambda: end))
+            return first._replace(follow=(*follow, lambda: END))
         return more._replace(follow=follow)
 
     @cache
     def after(left: int) -> Frame:
-        words: dict[str, Callable[[], Frame]] = {"]}": lambda: end}
+        words: dict[str, Callable[[], Frame]] = {"]}": lambda: END}
         if left:
             words[","] = lambda: item(left)
         return _words(words)

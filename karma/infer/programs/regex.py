@@ -1,7 +1,7 @@
 """Write the language of a spec as one regular expression that matches whole programs."""
 
 from karma.contracts import ProgramSpec
-from karma.infer.programs.automaton import Argument, LineForm, forms
+from karma.infer.programs.automaton import Argument, LineForm, forms, refusal_lines
 
 _SIGNS = frozenset(".^$*+?{}[]()|\\")
 
@@ -17,7 +17,9 @@ def regex(spec: ProgramSpec) -> str:
     >>> print(regex(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=3)))
     ((GoToObject)\(robot, '(Mug|Sink)'\)\n){1,3}
     """
-    return f"({'|'.join(map(_line, forms(spec)))}){{1,{spec.max_calls}}}"
+    program = f"({'|'.join(map(_line, forms(spec)))}){{1,{spec.max_calls}}}"
+    refusals = [escaped(line).replace("\n", r"\n") for line in refusal_lines(spec)]
+    return f"({'|'.join([program, *refusals])})" if refusals else program
 
 
 def _line(form: LineForm) -> str:

@@ -1,16 +1,18 @@
 """Write the language of a spec as a JSON schema, for servers that enforce nothing else.
 
 `{"program": [{"skill": "PutObject", "object": "Mug", "object_2": "Sink"}, ...]}`: a call is an
-object with its arguments by kind, in the order in which a line has them.
+object with its arguments by kind, in the order in which a line has them. Who may refuse may say
+`{"program": {"refuse": "thing"}}`.
 """
 
 import json
 from typing import Any
 
-from karma.contracts import ProgramSpec, SkillCall
+from karma.contracts import REFUSAL_KINDS, ProgramSpec, RefusedRequest, SkillCall
 from karma.infer.programs.automaton import Argument, LineForm, forms
 
 PROGRAM = "program"
+REFUSE = "refuse"
 
 
 def schema(spec: ProgramSpec) -> dict[str, Any]:
@@ -31,7 +33,11 @@ def schema(spec: ProgramSpec) -> dict[str, Any]:
     definitions = {
         place: {"type": "string", "enum": list(names)} for names, place in place_of.items()
     }
-    return {**_object({PROGRAM: calls}), "$defs": definitions}
+    program: dict[str, Any] = calls
+    if spec.refusals:
+        kinds_of = {"type": "string", "enum": list(dict.fromkeys(spec.refusals))}
+        program = {"anyOf": [calls, _object({REFUSE: kinds_of})]}
+    return {**_object({PROGRAM: program}), "$defs": definitions}
 
 
 def program_text(answer: str) -> str | None:
@@ -44,6 +50,8 @@ def program_text(answer: str) -> str | None:
         match json.loads(answer):
             case {"program": [*calls], **others} if not others:
                 lines = [_line(call) for call in calls]
+            case {"program": {"refuse": kind, **rest}, **others} if not (rest or others):
+                lines = [f"{RefusedRequest(kind=kind)}\n" if kind in REFUSAL_KINDS else ""]
             case _:
                 return None
     except (ValueError, RecursionError):

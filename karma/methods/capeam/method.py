@@ -137,8 +137,8 @@ class CapeamEpisode:
         plan = None
         for plan in self._planner.plan(self._request(subtask, skills)):
             yield plan
-        finished = plan is not None and not plan.error
-        if plan is not None and not plan.error:
+        finished = plan is not None and bool(plan.calls)
+        if plan is not None and plan.calls:
             held = skills.experience.held
             predicted = read(plan.calls, base_type(held.object_type) if held else "")
             for call in predicted.unsupported:

@@ -193,7 +193,7 @@ class HelperEpisode:
         answer = None
         for answer in self._planner.plan(request):
             yield answer
-        return None if answer is None or answer.error else answer
+        return answer if answer is not None and answer.calls else None
 
     def _carry_out(
         self, body: Executor, subtask: SubTask, plan: Plan, done: list[SkillCall]

@@ -188,7 +188,7 @@ class LotaGenerate:
         """Ask for a plan and carry out all of it; a line that is refused is passed over."""
         plan = self._ask(skills, instruction, history)
         yield plan
-        finished = not plan.error
+        finished = bool(plan.calls)
         for call in grounded(plan.calls, plan.names):
             result = skills.run(call)
             yield result
