@@ -1,0 +1,1 @@
+"""What people's words mean: phrases of a sentence, and which types and deeds they come near to."""
