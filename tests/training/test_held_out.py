@@ -19,7 +19,7 @@ from karma.training.planner.reading import read_goals, tell
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 BOOK, DISJOINT = our_book(), disjoint_book()
 OURS = templates_of(BOOK)
-TRAINED = [text for text in OURS if not BOOK.is_held_out(text)]
+TRAINED = templates_of(BOOK.part(held_out=False))
 
 
 # ----------------------------------------------------------------- templates
@@ -35,6 +35,13 @@ def test_held_out_templates_are_one_word_from_trained_ones():
         if BOOK.is_held_out(text)
     ]
     assert (len(apart), apart.count(1)) == (234, 228)
+
+
+def test_held_out_patterns_are_not_in_the_training_part():
+    """Each with all that its alternatives stand for."""
+    trained, held_out = (BOOK.part(held_out=side).spoken for side in (False, True))
+    assert sum(len(texts) for texts in held_out.values()) > 40
+    assert not [one for kind, texts in held_out.items() for one in texts if one in trained[kind]]
 
 
 def test_disjoint_templates_are_three_words_or_more_from_all_of_ours():
@@ -87,10 +94,10 @@ def test_form_of_a_filled_template_is_the_templates():
     assert not with_trained_form(["Put the salt shaker to bed.", "Rinse an apple twice."])
 
 
-def test_half_of_our_tasks_sentences_have_the_form_of_a_trained_template():
+def test_over_half_of_our_tasks_sentences_have_the_form_of_a_trained_template():
     """The phrase book was extended after they had been read: they are no unseen phrasings."""
     sentences = instructions(load_tasks(TASKS))
-    assert (len(sentences), len(with_trained_form(sentences))) == (182, 96)
+    assert (len(sentences), len(with_trained_form(sentences))) == (182, 100)
 
 
 @pytest.mark.shared

@@ -5,7 +5,7 @@ lie and turned into templates in memory.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import blake2b
@@ -22,6 +22,9 @@ from karma.tasks.demonstrations import read_demonstrations
 HERE = Path(__file__).parent
 MAX_WORDS = 14  # of a mined sentence
 MINED = 0.4  # share of mined templates where there are any
+SPOKEN = 0.5  # share of patterns among ours
+_CHOICE = re.compile(r"\(([^()]*)\)")
+_DEED = re.compile(r"<(\w+)>")
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -37,9 +40,16 @@ def lexicon() -> Mapping[str, Entry]:
     return read_toml(HERE / "lexicon.toml", dict[str, Entry])
 
 
+Verbs = Mapping[str, Mapping[str, tuple[str, ...]]]  # kind of deed -> word -> its phrases
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Book:
-    """Templates per kind of request, and words for states and for what was done before."""
+    """Templates per kind of request, and words for states and for what was done before.
+
+    `spoken` are patterns with their alternatives still in them, and `<clean>` for a phrase of
+    `verbs`. Either side of the split has all that a pattern stands for, or nothing of it.
+    """
 
     templates: Mapping[str, tuple[str, ...]]
     adjectives: Mapping[str, tuple[str, ...]]
@@ -47,6 +57,8 @@ class Book:
     around: Mapping[str, tuple[str, ...]]
     references: Mapping[str, tuple[str, ...]]
     mined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    spoken: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    verbs: Verbs = field(default_factory=dict)
 
     def part(self, *, held_out: bool) -> "Book":
         """Return one side of the fixed split of the templates (about one in twelve held out)."""
@@ -57,7 +69,15 @@ class Book:
                 for kind, texts in book.items()
             }
 
-        return replace(self, templates=side(self.templates), mined=side(self.mined))
+        return replace(
+            self,
+            templates=side(self.templates),
+            mined=side(self.mined),
+            spoken={
+                kind: tuple(t for t in texts if self.is_held_out(t) == held_out)
+                for kind, texts in self.spoken.items()
+            },
+        )
 
     @staticmethod
     def is_held_out(template: str) -> bool:
@@ -65,15 +85,75 @@ class Book:
         return blake2b(template.encode(), digest_size=1).digest()[0] < 21
 
     def pick(self, rng: np.random.Generator, kind: str) -> str:
-        """Draw a template, one of ours or one that was mined."""
-        mined = self.mined.get(kind, ())
-        texts = mined if mined and rng.random() < MINED else self.templates[kind]
-        return texts[int(rng.integers(len(texts)))]
+        """Draw a template: one that was mined, one of ours, or what a pattern stands for."""
+        mined, spoken = self.mined.get(kind, ()), self.spoken.get(kind, ())
+        if mined and rng.random() < MINED:
+            return _one(rng, mined)
+        if spoken and rng.random() < SPOKEN:
+            return self._said(rng, _one(rng, spoken))
+        return self._said(rng, _one(rng, self.templates[kind]))
+
+    def stated(self, pattern: str) -> Iterator[str]:
+        """Yield every template that a pattern stands for."""
+        deed = _DEED.search(pattern)
+        phrases = [text for texts in self.verbs[deed[1]].values() for text in texts] if deed else ()
+        whole = [_DEED.sub(phrase, pattern) for phrase in phrases] if deed else [pattern]
+        return (text for one in whole for text in expand(one))
+
+    def with_verbs(self, words: Collection[str], *, held_out: bool) -> "Book":
+        """Return the book without some words of `verbs`, or with no deeds but theirs.
+
+        Args:
+            words: of any kind of deed.
+            held_out: whether to keep those and, where a kind of request has one, no others.
+        """
+        verbs = {
+            kind: kept
+            for kind, texts in self.verbs.items()
+            if (kept := {w: said for w, said in texts.items() if (w in words) == held_out})
+        }
+        spoken = {
+            kind: tuple(text for text in texts if not (m := _DEED.search(text)) or m[1] in verbs)
+            for kind, texts in self.spoken.items()
+        }
+        if not held_out:
+            return replace(self, verbs=verbs, spoken=spoken)
+        only = {kind: tuple(filter(_DEED.search, texts)) for kind, texts in spoken.items()}
+        templates = {kind: only.get(kind) or texts for kind, texts in self.templates.items()}
+        return replace(self, verbs=verbs, templates=templates, spoken={}, mined={})
+
+    def _said(self, rng: np.random.Generator, pattern: str) -> str:
+        """Draw one of the templates that a pattern stands for."""
+        while found := _DEED.search(pattern):
+            phrases = [text for texts in self.verbs[found[1]].values() for text in texts]
+            pattern = pattern.replace(found[0], _one(rng, phrases), 1)
+        text = _CHOICE.sub(lambda match: _one(rng, match[1].split("|")), pattern)
+        return _tidy(text)
+
+
+def _one(rng: np.random.Generator, texts: Sequence[str]) -> str:
+    return texts[int(rng.integers(len(texts)))]
+
+
+def _tidy(text: str) -> str:
+    return " ".join(text.split()).replace(" ,", ",").replace(" ;", ";").replace(" .", ".")
 
 
 def our_book() -> Book:
     """Return the phrases that ship with the project."""
-    return _read_book(HERE / "phrases.toml")
+    book = _read_book(HERE / "phrases.toml")
+    raw = read_toml(HERE / "spoken.toml", dict[str, Any])
+    verbs = {
+        kind: {word: tuple(said) for word, said in words.items()}
+        for kind, words in raw.pop("verbs").items()
+    }
+    around = raw.pop("around")
+    return replace(
+        book,
+        spoken={kind: tuple(texts) for kind, texts in raw.items()},
+        verbs=verbs,
+        around={part: (*texts, *around[part]) for part, texts in book.around.items()},
+    )
 
 
 def disjoint_book() -> Book:
@@ -100,7 +180,7 @@ def expand(text: str) -> Iterator[str]:
     """
     parts = [part.split("|") for part in re.split(r"[()]", text)]
     for choice in product(*parts):
-        yield " ".join("".join(choice).split())
+        yield _tidy("".join(choice))
 
 
 def with_alfred(book: Book, path: Path) -> Book:

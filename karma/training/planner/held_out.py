@@ -5,8 +5,11 @@ must be put in, taken out or replaced to turn one into the other; a slot counts 
 """
 
 import re
+import sys
+from collections import Counter
 from collections.abc import Iterable
 from functools import cache
+from itertools import chain
 
 from karma.tasks.drawing.phrases import Book, lexicon
 
@@ -31,13 +34,20 @@ def words_apart(one: str, other: str) -> int:
 
 def nearest(template: str, trained: Iterable[str]) -> int:
     """Return how many words a template lies from the nearest of some others."""
-    return min(words_apart(template, other) for other in trained)
+    words, best = Counter(template.split()), sys.maxsize
+    for other in trained:
+        others = Counter(other.split())
+        if max(words.total(), others.total()) - (words & others).total() < best:  # at least so far
+            best = min(best, words_apart(template, other))
+    return best
 
 
 def templates_of(book: Book) -> tuple[str, ...]:
-    """Return every template of a book, of all kinds of requests, mined ones included."""
+    """Return every template of a book, of all kinds of requests: mined, and of its patterns."""
     every = (*book.templates.values(), *book.mined.values())
-    return tuple(dict.fromkeys(text for texts in every for text in texts))
+    patterns = (pattern for texts in book.spoken.values() for pattern in texts)
+    stated = (text for pattern in patterns for text in book.stated(pattern))
+    return tuple(dict.fromkeys(chain((text for texts in every for text in texts), stated)))
 
 
 def words_of(templates: Iterable[str]) -> frozenset[str]:
