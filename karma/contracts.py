@@ -248,6 +248,22 @@ class FailedProgram:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Meaning:
+    """What a phrase may mean, and how near to it that lies."""
+
+    name: str  # an object type, or a deed of `karma.language`
+    similarity: float  # cosine, in [-1, 1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hint:
+    """Words that a planner may not know, and what they may mean."""
+
+    phrase: str
+    meanings: tuple[Meaning, ...]  # the nearest first
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanRequest:
     """All that a prompt may say, and what the program may not search for."""
 
@@ -265,6 +281,7 @@ class PlanRequest:
     missing: Sequence[str] = ()  # what was searched for in vain: ids or types
     seen: Sequence[SeenObject] = ()  # movable things in sight since the instruction was given
     seen_types: Sequence[str] = ()  # of movable things that were seen in this room before
+    hints: Sequence[Hint] = ()  # what words of the instruction may mean
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,7 +25,7 @@ from karma.agent.full_profile import (
 )
 from karma.agent.program import OUR_SKILLS, SKILLS
 from karma.agent.short_names import fixture_names, name_for, one_of_each, short_names
-from karma.contracts import Area, MemoryUnit, PlanRequest, Prompt, SkillSignature, Vec3
+from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, SkillSignature, Vec3
 from karma.errors import UnknownNameError
 from karma.household.pieces import base_type
 from karma.household.places import landmark_types
@@ -101,6 +101,24 @@ def _compact_last(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
     return f"#last {name_of[last.object_id]}\n" if last is not None else ""
 
 
+def _compact_words(hints: Sequence[Hint]) -> str:
+    """Return what words may mean, in tenths: `#words tumbler: Cup 8 Mug 7; nuke: heat 6`."""
+    said = (
+        f"{hint.phrase}: " + " ".join(f"{m.name} {tenths(m.similarity)}" for m in hint.meanings)
+        for hint in hints
+    )
+    return f"#words {'; '.join(said)}\n" if hints else ""
+
+
+def tenths(similarity: float) -> int:
+    """Return a cosine as one digit, rounded down.
+
+    >>> tenths(0.79), tenths(1.0), tenths(-0.1)
+    (7, 9, 0)
+    """
+    return min(max(int(similarity * 10), 0), 9)
+
+
 def compact(request: PlanRequest) -> Rendered:
     """Fill the compact profile.
 
@@ -109,6 +127,7 @@ def compact(request: PlanRequest) -> Rendered:
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
     names = short_names(request.units, held)
     lines = [f"#task {' '.join(request.instruction.lower().split()).rstrip('.!? ')}\n"]
+    lines.append(_compact_words(request.hints))
     if request.error:
         lines.append(f"#error {_ID_REST.sub('', ' '.join(request.error.split()))[:120]}\n")
     lines.append(compact_memory(request.units, names))
@@ -148,6 +167,7 @@ def full(
         failed=failed_program(request, name_of),
         examples=request.examples,
         whole=request.whole,
+        hints=request.hints,
         instruction=request.instruction,
     )
     return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)

@@ -9,7 +9,16 @@ from karma.agent.full_profile import skill_needs
 from karma.agent.program import OUR_SKILLS, SKILLS, parse_program
 from karma.agent.prompt import PROFILES, render
 from karma.agent.short_names import fixture_names, in_names, short_names
-from karma.contracts import Area, FailedProgram, Fixture, MemoryUnit, PlanRequest, SeenObject
+from karma.contracts import (
+    Area,
+    FailedProgram,
+    Fixture,
+    Hint,
+    Meaning,
+    MemoryUnit,
+    PlanRequest,
+    SeenObject,
+)
 from karma.errors import UnknownNameError
 from karma.household.pieces import base_type
 from karma.household.places import landmark_types
@@ -315,3 +324,34 @@ def test_ids_in_a_text_become_names_or_types():
     names = {"Sink|+1.0|+0.9|-2.0": "Sink", "Apple|1|2|3": "Apple_2"}
     text = "Apple|1|2|3: put it into Sink|+1.0|+0.9|-2.0|SinkBasin. Not Mug|4|5|6, 'Apple|9|9|9'"
     assert in_names(text, names) == "Apple_2: put it into Sink. Not Mug, 'Apple'"
+
+
+# ----------------------------------------------------------------- what words may mean
+
+HINTS = (
+    Hint(phrase="beaker", meanings=(
+        Meaning(name="Cup", similarity=0.812), Meaning(name="Mug", similarity=0.7))),
+    Hint(phrase="nuke", meanings=(Meaning(name="heat", similarity=0.64),)),
+)  # fmt: skip
+
+
+def test_hints_stand_behind_the_task_in_the_compact_profile():
+    _, changing, _ = parts("compact", PlanRequest(instruction="Nuke the beaker", hints=HINTS))
+    task, words = changing.splitlines()[:2]
+    assert (task, words) == ("#task nuke the beaker", "#words beaker: Cup 8 Mug 7; nuke: heat 6")
+
+
+def test_hints_stand_before_the_instruction_in_the_full_profile():
+    _, changing, _ = parts("full", PlanRequest(instruction="Nuke the beaker", hints=HINTS))
+    assert changing.splitlines()[-4:-1] == [
+        '# "beaker" may mean Cup (0.8), Mug (0.7)',
+        '# "nuke" may mean heat (0.6)',
+        "# Instruction: Nuke the beaker",
+    ]
+
+
+@each_profile
+def test_prompt_without_hints_says_nothing_of_words(profile):
+    _, changing, _ = parts(profile, PlanRequest(instruction="go"))
+    assert "#words" not in changing
+    assert "may mean" not in changing
