@@ -12,10 +12,9 @@ import numpy as np
 from PIL import Image
 
 from karma.contracts import Embedder, ImageEmbedder, MemoryUnit, Recalled, Vectors
-from karma.errors import FileError, KarmaError, UnknownNameError
-from karma.memory.recall import VERBALISERS
-
-_CACHED = 4096  # units; equal ones share a vector
+from karma.errors import FileError, KarmaError
+from karma.memory.index import UnitIndex
+from karma.memory.recall import verbaliser
 
 
 class MultimodalRecall:
@@ -40,10 +39,8 @@ class MultimodalRecall:
                 '  To fix: embedder = "clip:NAME" in [models], a CLIP or SigLIP of the manifest '
                 "or its folder; `karma models list` names those that are here"
             )
-        if text not in VERBALISERS:
-            raise UnknownNameError(f"no verbaliser named {text!r}. Known: {sorted(VERBALISERS)}")
-        self._embedder, self._text, self._folder = embedder, VERBALISERS[text], folder
-        self._rows: dict[tuple[str, str], Vectors] = {}
+        self._embedder, self._text, self._folder = embedder, verbaliser(text), folder
+        self._index = UnitIndex(self._row, self._text_and_image)
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return the units closest to the query, best first; ties keep the order of `units`.
@@ -61,27 +58,21 @@ class MultimodalRecall:
         """
         if k < 1:
             raise ValueError(f"k must be at least 1, not {k}")
-        if not units:
-            return []
-        asked = self._embedder.embed([query])[0]
-        rows = np.concatenate([self._row(unit) for unit in units])
-        found = [float(value) for value in np.clip(rows @ asked, -1.0, 1.0)]
-        order = sorted(range(len(units)), key=lambda index: (-found[index], index))
-        return [Recalled(unit=units[index], similarity=found[index]) for index in order[:k]]
+        self._index.follow(units)
+        return self._index.best(self._embedder.embed([query]), k) if units else []
 
-    def _row(self, unit: MemoryUnit) -> Vectors:
+    def _text_and_image(self, unit: MemoryUnit) -> tuple[str, str]:
+        """Return what a unit's vector is made of; equal ones share a row."""
+        return self._text(unit), (unit.image or "") if self._folder is not None else ""
+
+    def _row(self, parts: tuple[str, str]) -> Vectors:
         """Return a unit's vector, shape (1, dimension)."""
-        image = unit.image if self._folder is not None else None
-        key = self._text(unit), image or ""
-        if key not in self._rows:
-            if len(self._rows) > _CACHED:
-                self._rows.clear()
-            row = self._embedder.embed([key[0]])
-            if image is not None and self._folder is not None:
-                shown = self._embedder.embed_images([picture(self._folder / image)])
-                row = unit_vectors(row, shown)
-            self._rows[key] = row
-        return self._rows[key]
+        text, image = parts
+        row = self._embedder.embed([text])
+        if image and self._folder is not None:
+            shown = self._embedder.embed_images([picture(self._folder / image)])
+            row = unit_vectors(row, shown)
+        return row
 
 
 def picture(path: Path) -> np.ndarray:

@@ -4,12 +4,11 @@ import json
 import re
 from collections.abc import Callable, Sequence
 
-import faiss
 import numpy as np
-from numpy.typing import NDArray
 
 from karma.contracts import Embedder, MemoryUnit, Recalled, Vectors
 from karma.errors import UnknownNameError
+from karma.memory.index import UnitIndex
 from karma.memory.short_term import listing
 
 Verbaliser = Callable[[MemoryUnit], str]
@@ -41,8 +40,8 @@ VERBALISERS: dict[str, Verbaliser] = {"listing": unit_text, "sentence": unit_sen
 class CosineRecall:
     """Top-K units by cosine similarity between their text and the query, exactly searched.
 
-    Equal similarities keep the order of the units: FAISS itself promises no order of ties, so all
-    similarities are fetched and sorted here, and units of equal text share one row of the index.
+    The index is kept and follows the units that it is asked about. Equal similarities keep the
+    order of the units, and units of equal text share one row.
 
     Args:
         embedder: text to vectors; they are brought to length 1 here.
@@ -53,14 +52,8 @@ class CosineRecall:
     """
 
     def __init__(self, embedder: Embedder, *, text: str | Verbaliser = "listing") -> None:
-        if isinstance(text, str):
-            if text not in VERBALISERS:
-                raise UnknownNameError(
-                    f"no verbaliser named {text!r}. Known: {sorted(VERBALISERS)}"
-                )
-            text = VERBALISERS[text]
         self._embedder = embedder
-        self._text = text
+        self._index = UnitIndex(self._row, verbaliser(text) if isinstance(text, str) else text)
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return the units closest to the query, best first; ties keep the order of `units`.
@@ -78,32 +71,31 @@ class CosineRecall:
         """
         if k < 1:
             raise ValueError(f"k must be at least 1, not {k}")
-        if not units:
-            return []
-        texts = [self._text(unit) for unit in units]
-        rows = {text: row for row, text in enumerate(dict.fromkeys(texts))}
-        similarities = self._similarities(query, list(rows))
-        found = [float(similarities[rows[text]]) for text in texts]
-        order = sorted(range(len(units)), key=lambda index: (-found[index], index))
-        return [Recalled(unit=units[index], similarity=found[index]) for index in order[:k]]
+        self._index.follow(units)
+        return self._index.best(self._row(query), k) if units else []
 
-    def _similarities(self, query: str, texts: Sequence[str]) -> NDArray[np.float32]:
-        """Return the cosine of the query with each text."""
-        rows = np.concatenate([self._embed(text) for text in texts])
-        index = faiss.IndexFlatIP(rows.shape[1])
-        index.add(rows)
-        scores, places = index.search(self._embed(query), len(texts))
-        similarities = np.empty(len(texts), dtype=np.float32)
-        similarities[places[0]] = np.clip(scores[0], -1.0, 1.0)
-        return similarities
+    def _row(self, text: str) -> Vectors:
+        return row_of(self._embedder, text)
 
-    def _embed(self, text: str) -> Vectors:
-        """Return one row of length 1 (or 0).
 
-        One text at a time: in a batch, padding moves the last digits, and the answer would depend
-        on what the embedder has cached.
-        """
-        vector = np.asarray(self._embedder.embed([text]), dtype=np.float32)
-        length = np.linalg.norm(vector, axis=1, keepdims=True)
-        unit: Vectors = vector / np.maximum(length, np.float32(1e-12))
-        return unit
+def verbaliser(name: str) -> Verbaliser:
+    """Return how a unit is put in words, by the name of it.
+
+    Raises:
+        UnknownNameError: no verbaliser of that name.
+    """
+    if name not in VERBALISERS:
+        raise UnknownNameError(f"no verbaliser named {name!r}. Known: {sorted(VERBALISERS)}")
+    return VERBALISERS[name]
+
+
+def row_of(embedder: Embedder, text: str) -> Vectors:
+    """Return a text's vector, shape (1, d), of length 1 (or 0).
+
+    One text at a time: in a batch, padding moves the last digits, and the answer would depend on
+    what is asked together.
+    """
+    vector = np.asarray(embedder.embed([text]), dtype=np.float32)
+    length = np.linalg.norm(vector, axis=1, keepdims=True)
+    unit: Vectors = vector / np.maximum(length, np.float32(1e-12))
+    return unit

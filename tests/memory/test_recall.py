@@ -109,13 +109,16 @@ def test_unknown_verbaliser_is_refused():
         CosineRecall(HashingEmbedder(), text="poem")
 
 
-def test_what_is_embedded_depends_on_the_question_alone_not_on_earlier_ones():
+def test_unit_is_embedded_once_for_as_long_as_it_is_remembered():
     embedder = HashingEmbedder()
     recall = CosineRecall(embedder)
-    apple = unit("Apple")
-    for _ in range(2):
-        recall.recall("an apple", [apple, apple], 1)
-    assert embedder.asked == [unit_text(apple), "an apple"] * 2
+    apple, pear = unit("Apple"), unit("Pear")
+    for units in ([apple, apple], [pear, apple], [pear], [apple]):
+        recall.recall("an apple", units, 1)
+    question = ["an apple"]
+    assert embedder.asked == [
+        unit_text(apple), *question, unit_text(pear), *question * 2, unit_text(apple), *question
+    ]  # fmt: skip
 
 
 def test_query_without_any_known_word_keeps_all_units_in_order():

@@ -71,7 +71,7 @@ def draw_units(rng: Rng, room: KnownRoom) -> tuple[tuple[MemoryUnit, ...], Memor
             continue
         late = number / max(count, 1)
         handled = bool(rng.random() < 0.25 + 0.6 * late)
-        units.append(_draw_unit(rng, room, kind, number, units, handled=handled))
+        units.append(draw_unit(rng, room, kind, number, units, handled=handled))
     held = None
     if units and rng.random() < 0.17:
         held = replace(units[-1], place_id=HAND, handled=True)
@@ -79,7 +79,7 @@ def draw_units(rng: Rng, room: KnownRoom) -> tuple[tuple[MemoryUnit, ...], Memor
     return tuple(units), held
 
 
-def _draw_unit(
+def draw_unit(
     rng: Rng,
     room: KnownRoom,
     kind: str,
@@ -88,6 +88,16 @@ def _draw_unit(
     *,
     handled: bool,
 ) -> MemoryUnit:
+    """Draw the state and the place of a remembered thing.
+
+    Args:
+        rng: of the draw.
+        room: where.
+        kind: its type, whole.
+        number: tells its id from those of the others.
+        others: remembered before it; they may carry it.
+        handled: what was handled has more states.
+    """
     info = object_types()[kind]
     odds = FOOD_STATES if info.slices_into or kind == EGG else ()
     for capability, more in STATES_BY_CAPABILITY.items():
