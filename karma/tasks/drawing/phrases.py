@@ -127,8 +127,12 @@ class Book:
         while found := _DEED.search(pattern):
             phrases = [text for texts in self.verbs[found[1]].values() for text in texts]
             pattern = pattern.replace(found[0], _one(rng, phrases), 1)
-        text = _CHOICE.sub(lambda match: _one(rng, match[1].split("|")), pattern)
-        return _tidy(text)
+        return one_of(rng, pattern)
+
+
+def one_of(rng: np.random.Generator, pattern: str) -> str:
+    """Draw one of the texts that a pattern with alternatives stands for."""
+    return _tidy(_CHOICE.sub(lambda match: _one(rng, match[1].split("|")), pattern))
 
 
 def _one(rng: np.random.Generator, texts: Sequence[str]) -> str:

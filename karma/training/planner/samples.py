@@ -4,7 +4,7 @@ No simulator runs here: what is drawn is what an agent would know (area nodes, r
 is in its hand), rendered by the same `karma.agent.prompt` that plans with it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -58,6 +58,7 @@ def draw(
     *,
     mapped: bool,
     excluded: frozenset[tuple[str, str]] = frozenset(),
+    told: Callable[[Rng, Situation, str], str] | None = None,
 ) -> TrainingExample:
     """Draw one example.
 
@@ -67,10 +68,11 @@ def draw(
         book: phrases of this side of the split.
         mapped: whether long-term memory is in the prompt.
         excluded: (object type, receptacle type) pairs that must not be asked for.
+        told: puts the sentence in other words, of the same meaning.
     """
     while True:
-        facts, held = _draw_facts(rng, room, mapped=mapped)
-        scene = _situation(rng, room, facts, book, excluded, mapped=mapped)
+        facts, held = draw_facts(rng, room, mapped=mapped)
+        scene = situation(rng, room, facts, book, excluded, mapped=mapped)
         ask = _draw_ask(rng, scene)
         if ask is None:
             continue
@@ -80,9 +82,10 @@ def draw(
         calls = plain_program(ask.goals, _view(scene, held))
         if not calls or len(calls) > LONGEST:
             continue
-        text = _misspelt(rng, ask.text) if rng.random() < TYPOS else ask.text
+        text = told(rng, scene, ask.text) if told is not None else ask.text
+        text = misspelt(rng, text) if rng.random() < TYPOS else text
         facts = replace(facts, instruction=text, error=_draw_error(rng, calls))
-        return _example(ask.kind, facts, calls)
+        return example_of(ask.kind, facts, _program(calls))
 
 
 def _recalled(rng: Rng, scene: Situation, ask: Ask) -> PlanRequest:
@@ -106,7 +109,7 @@ def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> Train
     What is put down is in the hand, and in memory; it goes by whatever the annotator called it.
     """
     step = pick(rng, steps)
-    facts, _ = _draw_facts(rng, room, mapped=False)
+    facts, _ = draw_facts(rng, room, mapped=False)
     about = {name for goal in step.goals for name in goal.arguments}
     units = [
         unit
@@ -126,7 +129,7 @@ def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> Train
         held_type=held.object_type if held else None,
     )
     calls = plain_program(step.goals, ExpertView())
-    return _example("step", facts, calls) if calls else None
+    return example_of("step", facts, _program(calls)) if calls else None
 
 
 def _in_hand(object_type: str) -> MemoryUnit:
@@ -157,32 +160,35 @@ def draw_alfred(
     wanted = sentence.facts
     if mapped and wanted.place not in room.landmarks:
         return None
-    facts, held = _draw_facts(rng, room, mapped=mapped)
+    facts, held = draw_facts(rng, room, mapped=mapped)
     if rng.random() < 0.8:
         facts, held = replace(facts, units=(), held_id=None, held_type=None), None
     book = Book(templates={}, adjectives={}, just={}, around={}, references={})
-    scene = _situation(rng, room, facts, book, frozenset(), mapped=mapped)
+    scene = situation(rng, room, facts, book, frozenset(), mapped=mapped)
     known = {base_type(unit.object_type) for unit in facts.units}
     if known & {wanted.thing, wanted.movable} and (wanted.task == "two" or wanted.sliced):
         return None
     calls = program_of(sentence, _view(scene, held))
     if not calls or len(calls) > LONGEST:
         return None
-    text = _misspelt(rng, sentence.text) if rng.random() < TYPOS else sentence.text
-    return _example("alfred", replace(facts, instruction=text), calls)
+    text = misspelt(rng, sentence.text) if rng.random() < TYPOS else sentence.text
+    return example_of("alfred", replace(facts, instruction=text), _program(calls))
 
 
-def _example(kind: str, facts: PlanRequest, calls: Sequence[SkillCall]) -> TrainingExample:
+def _program(calls: Sequence[SkillCall]) -> str:
+    return "".join(f"{call}\n" for call in calls)
+
+
+def example_of(kind: str, facts: PlanRequest, program: str) -> TrainingExample:
+    """Return the example of what the agent knows and what it is to answer."""
     prompt = compact(facts).prompt
-    program = "".join(f"{call}\n" for call in calls)
     return TrainingExample(
         kind=kind, stable=prompt.stable, changing=prompt.changing, program=program
     )
 
 
-def _draw_facts(
-    rng: Rng, room: KnownRoom, *, mapped: bool
-) -> tuple[PlanRequest, MemoryUnit | None]:
+def draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[PlanRequest, MemoryUnit | None]:
+    """Draw what an agent knows, as yet without an instruction, and what is in its hand."""
     units, held = live_memory(rng, room) if rng.random() < LIVED else draw_units(rng, room)
     if rng.random() < 0.15:
         units = units[-3:]  # a recall of few
@@ -198,7 +204,7 @@ def _draw_facts(
     return facts, held
 
 
-def _situation(
+def situation(
     rng: Rng,
     room: KnownRoom,
     facts: PlanRequest,
@@ -207,6 +213,7 @@ def _situation(
     *,
     mapped: bool,
 ) -> Situation:
+    """Return the situation in which a request is drawn."""
     names = {object_id: name for name, object_id in compact(facts).names.items()}
     vague = 1.0 if rng.random() < VAGUE else 0.0
     return Situation(
@@ -220,7 +227,7 @@ def _situation(
     )
 
 
-def _misspelt(rng: Rng, text: str) -> str:
+def misspelt(rng: Rng, text: str) -> str:
     """Drop, double or swap one letter of a longer word."""
     words = text.split(" ")
     long = [number for number, word in enumerate(words) if len(word) > 4]
