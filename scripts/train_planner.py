@@ -23,6 +23,7 @@ from karma.offline import go_offline
 from karma.tasks.drawing.alfred import read_sentences
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
+from karma.tasks.drawing.several import SEVERAL
 from karma.training.planner.checkpoints import export_gguf, load_weights
 from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.processes import train_in_processes
@@ -146,6 +147,9 @@ def tasks(
         bool, typer.Option(help="Also what the expert does not do; the tasks are not run.")
     ] = False,
     pairs: Annotated[bool, typer.Option(help="Ask for two of a kind, too.")] = False,
+    several: Annotated[
+        bool, typer.Option(help="First ask for two or three things in one sentence.")
+    ] = False,
 ) -> None:
     """Draw tasks of rooms and phrasings that training never sees, each done once by the expert.
 
@@ -160,7 +164,7 @@ def tasks(
         each=each,
         seed=seed,
         filtered=not unfiltered,
-        kinds=WITH_PAIRS if pairs else KINDS,
+        kinds={SEVERAL: 1.0} if several else WITH_PAIRS if pairs else KINDS,
     )
     say(f"{drawn.tasks} tasks in {drawn.rooms} rooms, of {drawn.tried} drawn: {folder}/tasks.jsonl")
     for reason, count in drawn.left_out.items():

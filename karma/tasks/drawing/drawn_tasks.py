@@ -11,6 +11,7 @@ expert to show in the world.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 from karma.agent.prompt import compact
@@ -18,13 +19,14 @@ from karma.contracts import Goal, MemoryUnit, PlanRequest
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND
-from karma.household.states import END_STATES, OPPOSITES
 from karma.household.types import object_types
-from karma.household.uses import CHANGED_IN, FRIDGE, KNIFE
+from karma.household.uses import KNIFE
+from karma.tasks.drawing.aftermath import after, subject
 from karma.tasks.drawing.memories import KnownRoom, Rng, pick
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.referring_expressions import Situation
 from karma.tasks.drawing.requests import KINDS, Ask, one_ask, pick_kind, wrapped
+from karma.tasks.drawing.several import SEVERAL, several_asks
 
 Kind = Literal["simple", "composite", "complex"]
 FOLLOW_UPS = tuple(kind for kind in KINDS if kind not in ("coffee", "toast", "break"))
@@ -67,7 +69,8 @@ class TaskDraft:
         """
         for _ in range(TRIES):
             kind = pick(self._rng, FOLLOW_UPS) if about_known else pick_kind(self._rng, self._kinds)
-            ask = one_ask(self._rng, self._situation(vague=vague), kind)
+            draw = several_asks if kind == SEVERAL else partial(one_ask, kind=kind)
+            ask = draw(self._rng, self._situation(vague=vague))
             if ask is None or self._pointless(ask) or about_known != self._knows(ask):
                 continue
             text = wrapped(self._rng, self._book, ask.text)
@@ -100,12 +103,12 @@ class TaskDraft:
         return next((u for u in self._units if base_type(u.object_type) == name), None)
 
     def _knows(self, ask: Ask) -> bool:
-        return self._known(_subject(ask.goals[0])) is not None
+        return self._known(subject(ask.goals[0])) is not None
 
     def _pointless(self, ask: Ask) -> bool:
         """Return whether it is done already, or about the knife that cuts."""
         for goal in ask.goals:
-            unit = self._known(_subject(goal))
+            unit = self._known(subject(goal))
             if unit is None:
                 continue
             if goal.predicate == "HOLDON" and unit.place_id == HAND:
@@ -119,7 +122,7 @@ class TaskDraft:
 
     def _same(self, ask: Ask) -> Iterator[Goal]:
         """Yield what must still be true of a known thing, so that no other one will do."""
-        unit = self._known(_subject(ask.goals[0]))
+        unit = self._known(subject(ask.goals[0]))
         if unit is None or any(goal.arguments[-1] == "broken" for goal in ask.goals):
             return
         for state, word in LASTING.items():
@@ -129,7 +132,7 @@ class TaskDraft:
     def _do(self, ask: Ask) -> None:
         """Write down what the request leaves behind; of two of a kind nothing can be said apart."""
         for goal in ask.goals:
-            name = _subject(goal)
+            name = subject(goal)
             if goal.count > 1 or "pickupable" not in object_types()[name].capabilities:
                 continue
             self._change(name, goal)
@@ -139,10 +142,10 @@ class TaskDraft:
             object_id=name, object_type=name, position_m=(0.0, 0.0, 0.0), handled=True
         )
         self._units = [one for one in self._units if one.object_id != unit.object_id]
-        after = _after(unit, goal)
-        if goal.predicate in ("ON", "INSIDE", "HOLDON") or after.place_id == HAND:
+        changed = after(unit, goal)
+        if goal.predicate in ("ON", "INSIDE", "HOLDON") or changed.place_id == HAND:
             self._empty_hand()
-        if after.object_type != unit.object_type or goal.arguments[-1] == "sliced":
+        if changed.object_type != unit.object_type or goal.arguments[-1] == "sliced":
             self._units = [one for one in self._units if one.object_type != KNIFE]
             knife = MemoryUnit(
                 object_id=KNIFE,
@@ -153,7 +156,7 @@ class TaskDraft:
             )
             self._units.append(knife)
         if goal.arguments[-1] != "broken":
-            self._units.append(after)
+            self._units.append(changed)
         dish = self._known(goal.arguments[-1]) if goal.predicate in ("ON", "INSIDE") else None
         if dish is None and goal.predicate in ("ON", "INSIDE"):
             self._meet(goal.arguments[1])
@@ -171,36 +174,9 @@ class TaskDraft:
         ]
 
 
-def _subject(goal: Goal) -> str:
-    return base_type(goal.arguments[1] if goal.predicate == "HOLDON" else goal.arguments[0])
-
-
 def _by_type(goal: Goal) -> Goal:
     """Return a goal with types for the expert's `Apple_2`; Sinks hold in their basins."""
     return replace(goal, arguments=tuple(short_type(word) for word in goal.arguments))
-
-
-def _after(unit: MemoryUnit, goal: Goal) -> MemoryUnit:
-    """Return a thing once a goal about it is met."""
-    word = goal.arguments[-1]
-    if goal.predicate in ("ON", "INSIDE"):
-        return replace(unit, place_id=word)
-    if goal.predicate == "HOLDON":
-        return replace(unit, place_id=HAND)
-    if goal.predicate != "STATE":
-        word = END_STATES[goal.predicate]
-    state = {"clean": "cleaned", "cold": ""}.get(word, word)
-    states = [s for s in unit.states if s not in (state, OPPOSITES.get(state))]
-    kind = object_types()[unit.object_type]
-    if state == "cleaned" and "canFillWithLiquid" in kind.capabilities:
-        states.append("filled")
-    return replace(
-        unit,
-        object_type=(kind.slices_into or unit.object_type) if state == "sliced" else kind.name,
-        states=(*states, *([state] if state else [])),
-        place_id=FRIDGE if word == "cold" else CHANGED_IN.get(state, unit.place_id),
-        handled=True,
-    )
 
 
 def draw_task(

@@ -59,6 +59,9 @@ class Book:
     mined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     spoken: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     verbs: Verbs = field(default_factory=dict)
+    joined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # requests, and things
+    shared: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # one deed, several things
+    deeds: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # bare verbs
 
     def part(self, *, held_out: bool) -> "Book":
         """Return one side of the fixed split of the templates (about one in twelve held out)."""
@@ -73,6 +76,8 @@ class Book:
             self,
             templates=side(self.templates),
             mined=side(self.mined),
+            joined=side(self.joined),
+            shared=side(self.shared),
             spoken={
                 kind: tuple(t for t in texts if self.is_held_out(t) == held_out)
                 for kind, texts in self.spoken.items()
@@ -90,8 +95,8 @@ class Book:
         if mined and rng.random() < MINED:
             return _one(rng, mined)
         if spoken and rng.random() < SPOKEN:
-            return self._said(rng, _one(rng, spoken))
-        return self._said(rng, _one(rng, self.templates[kind]))
+            return self.say(rng, spoken)
+        return self.say(rng, self.templates[kind])
 
     def stated(self, pattern: str) -> Iterator[str]:
         """Yield every template that a pattern stands for."""
@@ -122,8 +127,9 @@ class Book:
         templates = {kind: only.get(kind) or texts for kind, texts in self.templates.items()}
         return replace(self, verbs=verbs, templates=templates, spoken={}, mined={})
 
-    def _said(self, rng: np.random.Generator, pattern: str) -> str:
-        """Draw one of the templates that a pattern stands for."""
+    def say(self, rng: np.random.Generator, patterns: Sequence[str]) -> str:
+        """Draw one of the templates that some patterns stand for."""
+        pattern = _one(rng, patterns)
         while found := _DEED.search(pattern):
             phrases = [text for texts in self.verbs[found[1]].values() for text in texts]
             pattern = pattern.replace(found[0], _one(rng, phrases), 1)
@@ -151,11 +157,17 @@ def our_book() -> Book:
         kind: {word: tuple(said) for word, said in words.items()}
         for kind, words in raw.pop("verbs").items()
     }
-    around = raw.pop("around")
+    around, *several = (raw.pop(part) for part in ("around", "joined", "shared", "deeds"))
+    joined, shared, deeds = (
+        {kind: tuple(texts) for kind, texts in part.items()} for part in several
+    )
     return replace(
         book,
         spoken={kind: tuple(texts) for kind, texts in raw.items()},
         verbs=verbs,
+        joined=joined,
+        shared=shared,
+        deeds=deeds,
         around={part: (*texts, *around[part]) for part, texts in book.around.items()},
     )
 

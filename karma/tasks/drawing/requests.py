@@ -1,12 +1,12 @@
 """Requests: which things one is about, the goals it means, and its sentence."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
 
-from karma.contracts import Goal
+from karma.contracts import Goal, MemoryUnit
 from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import LIKELY, landmark_types
@@ -47,6 +47,8 @@ class Ask:
     kind: str
     text: str
     goals: tuple[Goal, ...]
+    parts: tuple[tuple[Goal, ...], ...] = ()  # of several requests, one after the other
+    slots: Mapping[str, str] = field(default_factory=dict)  # words for its things
 
 
 def wrapped(rng: Rng, book: Book, text: str) -> str:
@@ -98,8 +100,8 @@ def _thing_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
         if placed is None:
             return None
         goals += placed
-    text = _fill(scene.book.pick(rng, kind), slots)
-    return Ask(kind=kind, text=text, goals=tuple(goals)) if text else None
+    text = filled(scene.book.pick(rng, kind), slots)
+    return Ask(kind=kind, text=text, goals=tuple(goals), slots=slots) if text else None
 
 
 def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
@@ -115,7 +117,7 @@ def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
     if r is None or r.name not in LIKELY:  # what takes one thing only is not among them
         return None
     slots = {**_slots("x", x), **_slots("r", r), "xs": plural(word)}
-    text = _fill(scene.book.pick(rng, PAIR), slots)
+    text = filled(scene.book.pick(rng, PAIR), slots)
     goal = Goal(predicate="ON", arguments=(x.name, r.name), count=2)
     return Ask(kind=PAIR, text=text, goals=(goal,)) if text else None
 
@@ -130,7 +132,7 @@ def _slots(slot: str, ref: Ref) -> dict[str, str]:
     return {slot: ref.words} | ({f"{slot}0": ref.bare} if ref.plain else {})
 
 
-def _fill(template: str, slots: dict[str, str]) -> str | None:
+def filled(template: str, slots: Mapping[str, str]) -> str | None:
     """Fill a template; None when it needs words that are not there."""
     try:
         return template.format(**slots)
@@ -196,8 +198,10 @@ def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
     predicate = {
         "switch_on": "TOGGLEON", "switch_off": "TOGGLEOFF", "open": "OPEN", "close": "CLOSED",
     }[kind]  # fmt: skip
-    text = _fill(scene.book.pick(rng, kind), _slots("s", thing))
-    return Ask(kind=kind, text=text, goals=(_goal(predicate, thing.name),)) if text else None
+    slots = _slots("s", thing)
+    text = filled(scene.book.pick(rng, kind), slots)
+    goals = (_goal(predicate, thing.name),)
+    return Ask(kind=kind, text=text, goals=goals, slots=slots) if text else None
 
 
 def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
@@ -213,13 +217,17 @@ def _carried(scene: Situation, capability: str) -> tuple[str, ...]:
 
 def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
     """Draw the object of a request: from memory, from the room, or from anywhere."""
-    known = [u for u in scene.units if _suits(kind, u.object_type)]
+    if scene.about is not None:
+        return (
+            _said_before(rng, scene, scene.about) if suits(kind, scene.about.object_type) else None
+        )
+    known = [u for u in scene.units if suits(kind, u.object_type)]
     if known and rng.random() < 0.75:
         return refer(rng, scene, known[int(rng.integers(len(known)))])
     remembered = _remembered(scene)
     here = scene.strict or rng.random() < 0.85
     pool = scene.room.movables if here else tuple(sorted(_movable_types()))
-    away = [k for k in pool if k in lexicon() and k not in remembered and _suits(kind, k)]
+    away = [k for k in pool if k in lexicon() and k not in remembered and suits(kind, k)]
     if not away:
         return None
     name = pick(rng, away)
@@ -231,6 +239,14 @@ def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
         return guess
     word = pick(rng, lexicon()[name].names)
     return Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
+
+
+def _said_before(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref:
+    """Name again what the clause before was about, mostly "it"."""
+    bare = pick(rng, lexicon()[base_type(unit.object_type)].names)
+    words = "it" if rng.random() < 0.85 else pick(rng, ("that", f"the {bare}", f"that {bare}"))
+    name = scene.names[unit.object_id]
+    return Ref(name=name, object_type=unit.object_type, words=words, bare=bare, plain=False)
 
 
 def _vague_unknown(rng: Rng, name: str, scene: Situation) -> Ref | None:
@@ -249,7 +265,8 @@ def _movable_types() -> frozenset[str]:
     return types_with("pickupable") & set(lexicon())
 
 
-def _suits(kind: str, object_type: str) -> bool:
+@cache
+def suits(kind: str, object_type: str) -> bool:
     """Return whether a kind of request makes sense for a type."""
     info = object_types()[object_type]
     base = base_type(object_type)
@@ -273,10 +290,21 @@ def _suits(kind: str, object_type: str) -> bool:
 
 
 def _fits(info: ObjectType, place: str) -> bool:
+    return _goes_in(info.name, place)
+
+
+@cache
+def _goes_in(object_type: str, place: str) -> bool:
     kinds = object_types()
     # Of a bathtub the basin is left out: goals are about the tub.
     places = uses.with_basin(place) if place == uses.SINK else (place,)
-    return any(info.fits(kinds[name]) for name in places)
+    return any(kinds[object_type].fits(kinds[name]) for name in places)
+
+
+def takes(scene: Situation, object_type: str, place: str) -> bool:
+    """Return whether a thing of a type may be asked to go to a type of place."""
+    allowed = (base_type(object_type), place) not in scene.excluded
+    return allowed and _fits(object_types()[object_type], place)
 
 
 def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Ref | None:

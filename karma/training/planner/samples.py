@@ -18,6 +18,7 @@ from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.programs import plain_program
 from karma.tasks.drawing.referring_expressions import Situation
 from karma.tasks.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
+from karma.tasks.drawing.several import several_asks
 from karma.tasks.expert import ExpertView, NamedThing
 from karma.training.planner.lived_memories import live_memory
 
@@ -31,9 +32,9 @@ RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not
 FEW = 3  # units then
 LIVED = 0.8  # share of memories that a few requests have left behind
 VAGUE = 0.7  # share of draws in which a remembered thing is mostly not called by its name
-TWO = 0.03  # share of sentences with two requests
+SEVERAL = 0.12  # share of sentences with two or three requests
 TYPOS = 0.04  # share of sentences with a letter wrong
-LONGEST = 30  # lines of a program
+LONGEST = 40  # lines of a program
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +80,9 @@ def draw(
         if rng.random() < RECALLED:
             facts = _recalled(rng, scene, ask)
             scene = replace(scene, facts=facts)
-        calls = plain_program(ask.goals, _view(scene, held))
+        view = _view(scene, held)
+        parts = ask.parts or (ask.goals,)
+        calls = tuple(call for part in parts for call in plain_program(part, view))
         if not calls or len(calls) > LONGEST:
             continue
         text = told(rng, scene, ask.text) if told is not None else ask.text
@@ -278,17 +281,10 @@ def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
 
 
 def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
-    """Draw one request, or two in one sentence."""
-    first = one_ask(rng, scene, pick_kind(rng, WITH_PAIRS))
-    if first is None:
-        return None
-    if rng.random() > TWO:
-        return replace(first, text=wrapped(rng, scene.book, first.text))
-    second = one_ask(rng, scene, pick_kind(rng))
-    if second is None or {g.arguments for g in first.goals} & {g.arguments for g in second.goals}:
-        return first
-    joint = pick(rng, (" and ", ", then ", " and then ", ", and "))
-    return Ask(kind="two", text=first.text + joint + second.text, goals=first.goals + second.goals)
+    """Draw one request, or several in one sentence."""
+    several = rng.random() < SEVERAL
+    ask = several_asks(rng, scene) if several else one_ask(rng, scene, pick_kind(rng, WITH_PAIRS))
+    return replace(ask, text=wrapped(rng, scene.book, ask.text)) if ask is not None else None
 
 
 def _view(scene: Situation, held: MemoryUnit | None) -> ExpertView:
