@@ -361,6 +361,7 @@ class SkillCall:
     positions: tuple[str | Vec3, ...] = ()
     line: int = 0
     exact: bool = False  # of several of its type this receptacle is meant, and no other
+    turn: int = 0  # other things of its name that the program has put away before
 
     def __str__(self) -> str:
         """Return the line as a planner writes it."""

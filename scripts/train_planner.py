@@ -39,11 +39,13 @@ ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
 TASKS = (ROOT / "eval" / "alfred_l" / "tasks.jsonl",)
 FOLDER = ROOT / "runs" / "planner"
+START = "nano/start.gguf"
 Folder = Annotated[Path, typer.Option(help="Checkpoints, tokenizer and rooms.")]
 Disjoint = Annotated[
     bool,
     typer.Option(help="Ask in forms and words that training has not, not in held-out templates."),
 ]
+Average = Annotated[bool, typer.Option(help="The averaged weights, not the last.")]
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 console = Console()
@@ -56,7 +58,15 @@ def say(line: str) -> None:
 
 def sources(folder: Path, generated: int = 300) -> Sources:
     """Return what training reads, beside the project."""
-    return Sources(folder=folder, shared=SHARED, tests=TASKS, generated=generated, say=say)
+    models = ROOT / "models"
+    return Sources(
+        folder=folder,
+        models=models,
+        shared=SHARED,
+        tests=TASKS,
+        generated=generated,
+        say=say,
+    )
 
 
 @app.command()
@@ -70,21 +80,36 @@ def train(
     half: Annotated[bool, typer.Option(help="bfloat16, where the processor has it.")] = False,
     rate: Annotated[float, typer.Option(help="Learning rate.")] = PlannerRecipe().learning_rate,
     decay: Annotated[
-        float, typer.Option(help="Share of the steps in which it falls.")
+        int, typer.Option(help="Last steps, in which it falls to zero.")
     ] = PlannerRecipe().decay,
     packs: Annotated[int, typer.Option(help="Packs per step.")] = PlannerRecipe().packs,
+    start: Annotated[
+        str, typer.Option(help="GGUF below models/ to begin with; '' for new weights.")
+    ] = START,
 ) -> None:
-    """Train, or go on training from the last checkpoint."""
+    """Train, or go on training from the last checkpoint.
+
+    Until the rate falls nothing depends on --steps: begin with more steps than there is time for,
+    stop, and end with --steps and --decay as far as the run has come.
+    """
     recipe = PlannerRecipe(
-        seed=seed, steps=steps, half=half, learning_rate=rate, decay=decay, packs=packs
+        seed=seed,
+        steps=steps,
+        half=half,
+        learning_rate=rate,
+        decay=decay,
+        packs=packs,
+        start=start,
     )
     train_in_processes(sources(folder, generated), recipe, device=device, workers=workers)
 
 
 @app.command()
-def export(path: Path, folder: Folder = FOLDER, dtype: str = "F16") -> None:
+def export(
+    path: Path, folder: Folder = FOLDER, dtype: str = "Q8_0", average: Average = False
+) -> None:
     """Write the last checkpoint as GGUF."""
-    export_gguf(folder, path, dtype)
+    export_gguf(folder, path, dtype, average=average)
     say(f"{path}  {path.stat().st_size / 1e6:.1f} MB")
 
 
@@ -94,6 +119,7 @@ def evaluate(
     packs: int = 100,
     seed: int = 1,
     disjoint: Disjoint = False,
+    average: Average = False,
     alfred: Annotated[
         Path | None, typer.Option(help="Demonstrations whose goal sentences to read instead.")
     ] = None,
@@ -115,7 +141,8 @@ def evaluate(
     recipe = replace(read_json(folder / "recipe.json", PlannerRecipe), seed=seed)
     book = disjoint_book() if disjoint else our_book().part(held_out=True)
     examples = [example for pack in held_out_packs(recipe, book, packs) for example in pack]
-    for kind, count, share in exact_by_kind(folder, load_weights(folder, recipe), examples):
+    weights = load_weights(folder, recipe, average=average)
+    for kind, count, share in exact_by_kind(folder, weights, examples):
         say(f"{kind:12} {count:4}  exact {share:.3f}")
 
 

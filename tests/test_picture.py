@@ -22,7 +22,7 @@ NODES = {
     "method": [f"methods/{name}.py" for name in (
         "karma", "attempts", "experience", "picture_states", "tour")],
     "planner": [f"agent/{name}.py" for name in (
-        "planner", "prompt", "full_profile", "short_names", "program", "recovery",
+        "planner", "prompt", "full_profile", "short_names", "program", "several", "recovery",
         "inspector")],
     "infer": ["infer"],
 }  # a stop of the picture -> where its code is  # fmt: skip

@@ -49,6 +49,7 @@ class Naming:
         if name in log.seen and name not in log.missed and (held or name != log.held_id):
             return known(log.seen[name], "seen")
         last = log.focus.get(name, "")  # of several the one in use, wherever it is by now
+        last = "" if last in log.aside else last
         focus = log.in_view.get(last)
         if focus and not focus.pickupable:
             return known(focus, "seen")
@@ -63,6 +64,8 @@ class Naming:
 
     def _credible(self, found: Known) -> bool:
         """Return whether a memory is not the one that was just found to be wrong."""
+        if found.object_id in self._log.aside:
+            return False
         missed = self._log.missed.get(found.object_id)
         return missed is None or math.dist(missed, found.position_m) > _SAME_PLACE_M
 
@@ -74,7 +77,7 @@ class Naming:
             sight
             for object_id, sight in sights.items()
             if means(name, sight) and object_id not in log.missed and object_id != log.held_id
-            if not state or state in log.states(sight)
+            if object_id not in log.aside and (not state or state in log.states(sight))
         ]
 
         def rank(sight: SeenObject) -> tuple[bool, float, str]:

@@ -8,6 +8,7 @@ from karma.agent.inspector import mend, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
 from karma.agent.recovery import program_of
+from karma.agent.several import with_turns
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,
@@ -174,13 +175,17 @@ def grounded(calls: Sequence[SkillCall], names: Mapping[str, str]) -> tuple[Skil
     """Put object ids in place of the prompt's short names; types stay as they are.
 
     A receptacle with a number in its name is meant exactly: who writes `Cabinet_2` wants no other.
+    The second of two things that the program calls by one name stays a type, too.
     """
-    return tuple(
-        replace(
-            call,
-            objects=tuple(names.get(name, name) for name in call.objects),
-            positions=tuple(names.get(p, p) if isinstance(p, str) else p for p in call.positions),
-            exact=call.objects[-1] in names and call.objects[-1] != short_type(call.objects[-1]),
-        )
-        for call in calls
+    return tuple(_grounded(call, names) for call in with_turns(calls))
+
+
+def _grounded(call: SkillCall, names: Mapping[str, str]) -> SkillCall:
+    last = call.objects[-1]
+    kept = call.objects[:1] if call.turn else ()
+    return replace(
+        call,
+        objects=(*kept, *(names.get(name, name) for name in call.objects[len(kept) :])),
+        positions=tuple(names.get(p, p) if isinstance(p, str) else p for p in call.positions),
+        exact=last in names and last != short_type(last),
     )

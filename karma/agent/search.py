@@ -121,7 +121,8 @@ class Search:
 
     def _in_view(self, name: str) -> Known | None:
         sights = [sight for sight in self._log.in_view.values() if means(name, sight)]
-        sights = [sight for sight in sights if sight.object_id not in self._log.cut]
+        out = self._log.cut | self._log.aside
+        sights = [sight for sight in sights if sight.object_id not in out]
         gap = self._walker.gap
         near = min(sights, key=lambda s: (gap(s.box_center_m), s.object_id), default=None)
         return known(near, "seen") if near else None

@@ -25,6 +25,7 @@ class Sightings:
     effects: dict[str, list[str]] = field(default_factory=dict)  # what no metadata flag tells
     ended: dict[str, list[str]] = field(default_factory=dict)  # states that a deed ended
     missed: dict[str, Vec3] = field(default_factory=dict)  # id -> where it was not found
+    aside: frozenset[str] = frozenset()  # ids that no type name means now
     cut: set[str] = field(default_factory=set)  # wholes that were seen sliced
     in_view: dict[str, SeenObject] = field(default_factory=dict)
     within_reach: frozenset[str] = frozenset()  # in view, and not behind glass

@@ -7,6 +7,7 @@ reach and acts on it, `search` looks for things, `handling` and `switching` are 
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from karma.agent.eyes import Eyes, MetadataEyes
 from karma.agent.handling import Handling
@@ -51,6 +52,7 @@ class Skills:
     ) -> None:
         self.actions = 0  # world actions so far
         self.explorations = 0  # area nodes visited and containers opened so far
+        self._taken: list[tuple[str, int]] = []  # id and turn of what a program picked up
         self._reach = reach = Reach(
             world, knowledge, limits or SkillLimits(), eyes or MetadataEyes()
         )
@@ -67,6 +69,10 @@ class Skills:
     def experience(self) -> Experience:
         """What was seen and done so far."""
         return self._reach.log.experience()
+
+    def begin_program(self) -> None:
+        """Forget which things the lines of an earlier program were about."""
+        self._taken = []
 
     def look(self) -> None:
         """Take note of what is in view now; every skill does so too."""
@@ -115,6 +121,9 @@ class Skills:
     def run(self, call: SkillCall, *, max_actions: int | None = None) -> SkillResult:
         """Carry out one skill call.
 
+        Of two things that a program calls by one name the second is another one than the first;
+        where no other is found, the first.
+
         Args:
             call: what to do.
             max_actions: how many world actions it may take; None for the limits' own.
@@ -133,7 +142,17 @@ class Skills:
             raise ValueError(f"{call.skill} takes {most} object(s): {call}")
         if call.positions and "positions" not in kinds:
             raise ValueError(f"{call.skill} takes no positions: {call}")
-        return self._counted(call, lambda: self._carry_out(call), max_actions)
+        log = self._reach.log
+        log.aside = frozenset(one for one, turn in self._taken if turn < call.turn)
+        result = self._counted(call, lambda: self._carry_out(call), max_actions)
+        if log.aside and not result.ok:
+            log.aside = frozenset()
+            result = _together(
+                result, self._counted(call, lambda: self._carry_out(call), max_actions)
+            )
+        if result.ok and call.skill == "PickupObject":
+            self._taken += [(one, call.turn) for one in result.object_ids[:1]]
+        return result
 
     def _carry_out(self, call: SkillCall) -> str:
         """Do one skill; returns a remark, raises RefusedError."""
@@ -203,3 +222,12 @@ class Skills:
             explorations=reach.explorations,
             object_ids=tuple(dict.fromkeys(reach.used)),
         )
+
+
+def _together(before: SkillResult, after: SkillResult) -> SkillResult:
+    """Return the outcome of the later try with what both have cost."""
+    return replace(
+        after,
+        actions=before.actions + after.actions,
+        explorations=before.explorations + after.explorations,
+    )

@@ -11,6 +11,7 @@ from karma.contracts import Experience, FailedProgram, MemoryUnit, Plan, PlanReq
 def carried_out(plan: Plan, skills: Skills) -> Generator[SkillResult, None, list[SkillResult]]:
     """Run a program until a call is refused; returns what came of each call that was tried."""
     results: list[SkillResult] = []
+    skills.begin_program()
     for call in grounded(plan.calls, plan.names):
         results.append(skills.run(call))
         yield results[-1]

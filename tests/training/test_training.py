@@ -224,7 +224,7 @@ def tiny(rooms):
     """A recipe, its data and tokenizer, and packs that were held out."""
     recipe = packs.PlannerRecipe(
         vocabulary=480, hidden=32, layers=2, heads=2, feed_forward=48, packs=2, examples=3,
-        steps=4, warmup=1,
+        steps=4, warmup=1, decay=2,
     )  # fmt: skip
     data = packs.Data(rooms=rooms, book=BOOK.part(held_out=False), excluded=frozenset())
     tokenizer = packs.make_tokenizer(recipe, data, 20)
@@ -322,10 +322,14 @@ def test_interrupted_training_ends_in_the_same_weights(tiny, tmp_path):
     assert checkpoints.last_step(tmp_path / "cut") == 2
     assert list(run(tmp_path / "cut")) == whole[1:]
     assert list(run(tmp_path / "cut")) == []  # it is done
-    one, other = (checkpoints.load_weights(tmp_path / name, recipe) for name in ("whole", "cut"))
     start = network.new_model(recipe)
-    for name, value in one.state_dict().items():
-        assert torch.equal(value, other.state_dict()[name]), name
+    for average in (False, True):
+        one, other = (
+            checkpoints.load_weights(tmp_path / name, recipe, average=average)
+            for name in ("whole", "cut")
+        )
+        for name, value in one.state_dict().items():
+            assert torch.equal(value, other.state_dict()[name]), name
     assert not torch.equal(one.model.norm.weight, start.model.norm.weight)
 
 

@@ -36,16 +36,9 @@ def new_tokenizer(corpus: Iterable[str], vocab_size: int, special_tokens: Sequen
             are single bytes, so every text can be encoded.
         special_tokens: control tokens, given the first ids in this order.
     """
-    from tokenizers import Regex, Tokenizer, decoders, models, pre_tokenizers, trainers
+    from tokenizers import pre_tokenizers, trainers
 
-    tokenizer = Tokenizer(models.BPE(ignore_merges=True))
-    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(
-        [
-            pre_tokenizers.Split(Regex(LLAMA_BPE_REGEX), behavior="isolated"),
-            pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=False),
-        ]
-    )
-    tokenizer.decoder = decoders.ByteLevel()
+    tokenizer = bare_tokenizer()
     trainer = trainers.BpeTrainer(
         vocab_size=vocab_size,
         special_tokens=list(special_tokens),
@@ -54,6 +47,28 @@ def new_tokenizer(corpus: Iterable[str], vocab_size: int, special_tokens: Sequen
     )
     tokenizer.train_from_iterator(corpus, trainer)
     tokenizer.model.ignore_merges = True  # as llama.cpp does for "llama-bpe"
+    return tokenizer
+
+
+def bare_tokenizer(
+    vocabulary: Mapping[str, int] | None = None, merges: Sequence[tuple[str, str]] = ()
+) -> Any:
+    """Return a `tokenizers.Tokenizer` of these pieces that splits and joins as "llama-bpe" does."""
+    from tokenizers import Regex, Tokenizer, decoders, models, pre_tokenizers
+
+    pieces = None if vocabulary is None else dict(vocabulary)
+    tokenizer = Tokenizer(
+        models.BPE(
+            vocab=pieces, merges=None if pieces is None else list(merges), ignore_merges=True
+        )
+    )
+    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(
+        [
+            pre_tokenizers.Split(Regex(LLAMA_BPE_REGEX), behavior="isolated"),
+            pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=False),
+        ]
+    )
+    tokenizer.decoder = decoders.ByteLevel()
     return tokenizer
 
 

@@ -189,6 +189,7 @@ class LotaGenerate:
         plan = self._ask(skills, instruction, history)
         yield plan
         finished = bool(plan.calls)
+        skills.begin_program()
         for call in grounded(plan.calls, plan.names):
             result = skills.run(call)
             yield result

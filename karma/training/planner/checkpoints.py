@@ -19,12 +19,13 @@ class _Saved:
 
 
 def save_checkpoint(
-    folder: Path, model: Any, optimizers: Sequence[Any], step: int, tokens: int
+    folder: Path, model: Any, average: Any, optimizers: Sequence[Any], step: int, tokens: int
 ) -> None:
-    """Save weights and optimizer state as safetensors; the older checkpoint stays until then."""
+    """Save weights, averaged weights and optimizer state; the older checkpoint stays until then."""
     from safetensors.torch import save
 
     state = {f"model.{name}": value for name, value in model.named_parameters()}
+    state |= {f"average.{name}": value for name, value in average.named_parameters()}
     for name, value in model.named_parameters():
         for optimizer in optimizers:
             for moment, held in optimizer.state.get(value, {}).items():
@@ -36,8 +37,8 @@ def save_checkpoint(
     write_atomic(folder / "progress.json", to_json(_Saved(step=step, tokens=tokens)))
 
 
-def resume(folder: Path, model: Any, optimizers: Sequence[Any]) -> tuple[int, int]:
-    """Load the last checkpoint into model and optimizer; return its step and token count."""
+def resume(folder: Path, model: Any, average: Any, optimizers: Sequence[Any]) -> tuple[int, int]:
+    """Load the last checkpoint into models and optimizers; return its step and token count."""
     import torch
     from safetensors import safe_open
 
@@ -50,6 +51,8 @@ def resume(folder: Path, model: Any, optimizers: Sequence[Any]) -> tuple[int, in
         with torch.no_grad():
             for name, value in model.named_parameters():
                 value.copy_(saved.get_tensor(f"model.{name}"))
+            for name, value in average.named_parameters():
+                value.copy_(saved.get_tensor(f"average.{name}"))
         matrices = {value for group in optimizers[0].param_groups for value in group["params"]}
         for name, value in model.named_parameters():
             muon = value in matrices
@@ -70,8 +73,13 @@ def last_step(folder: Path) -> int:
         return 0
 
 
-def load_weights(folder: Path, recipe: PlannerRecipe) -> Any:
+def load_weights(folder: Path, recipe: PlannerRecipe, *, average: bool = False) -> Any:
     """Return the model of the last checkpoint, float32, in evaluation mode.
+
+    Args:
+        folder: of the training.
+        recipe: with the vocabulary's size.
+        average: the averaged weights instead of the last.
 
     Raises:
         FileError: there is none.
@@ -83,14 +91,15 @@ def load_weights(folder: Path, recipe: PlannerRecipe) -> Any:
     if not path.exists():
         raise FileError(path, "no checkpoint", fix="python scripts/train_planner.py")
     model = new_model(recipe)
+    kind = "average" if average else "model"
     with safe_open(path, "pt") as saved, torch.no_grad():
         for name, value in model.named_parameters():
-            value.copy_(saved.get_tensor(f"model.{name}"))
+            value.copy_(saved.get_tensor(f"{kind}.{name}"))
     return model.eval()
 
 
-def export_gguf(folder: Path, path: Path, dtype: str) -> None:
-    """Write the last checkpoint of a folder as GGUF.
+def export_gguf(folder: Path, path: Path, dtype: str, *, average: bool = False) -> None:
+    """Write the last checkpoint of a folder as GGUF, its last weights or the averaged ones.
 
     Raises:
         FileError: there is no checkpoint, or no tokenizer.
@@ -99,7 +108,7 @@ def export_gguf(folder: Path, path: Path, dtype: str) -> None:
 
     recipe = read_json(folder / "recipe.json", PlannerRecipe)
     export_llama_gguf(
-        load_weights(folder, recipe),
+        load_weights(folder, recipe, average=average),
         Tokenizer.from_file(str(folder / "tokenizer.json")),
         path,
         name="karma-nano-planner",

@@ -2,7 +2,9 @@
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,8 @@ from karma.seeds import stream
 from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.samples import TrainingExample
 
-EVEN = 256  # targets per step come in multiples of it in bfloat16
+EVEN = 256  # tokens, and in bfloat16 targets, come in multiples of it
+BLOCK = 12  # examples whose attention is computed at once
 
 
 def first_embeddings(
@@ -79,34 +82,79 @@ def new_model(recipe: PlannerRecipe, embeddings: NDArray[np.float32] | None = No
     return model
 
 
-def collate(packs: Sequence[Sequence[TrainingExample]], tokenizer: Any) -> dict[str, Any]:
-    """Turn packs into tensors.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Batch:
+    """Packs end to end, n tokens of which the last few are padding, and how examples attend.
 
-    Returns:
-        tokens (b, t), positions (b, t), mask (b, 1, t, t) bool, and targets (b, t): the token that
-        follows where it belongs to a program, else -100.
+    Attention sees every example as a row of its own, stable text first: m places in blocks of rows
+    of a like width, in which only what comes before is seen. Stable text stands in several rows.
     """
+
+    tokens: Any  # (n,)
+    positions: Any  # (n,)
+    targets: Any  # (n,) the token that follows where it belongs to a program, else -100
+    rows: Any  # (m,) the token that stands at each place of the rows; padding at what is left
+    home: Any  # (n,) the first place at which a token stands; 0 for padding
+    at_home: Any  # (m, 1) whether a place is its token's first
+    again: Any  # (k,) the places that are not
+    shapes: tuple[tuple[int, int], ...]  # rows and width of each block
+
+    def to(self, device: str) -> "Batch":
+        """Return the batch on a device."""
+        return Batch(
+            shapes=self.shapes,
+            **{
+                f.name: getattr(self, f.name).to(device) for f in fields(self) if f.name != "shapes"
+            },
+        )
+
+
+def collate(packs: Sequence[Sequence[TrainingExample]], tokenizer: Any) -> Batch:
+    """Turn packs into tensors."""
     import torch
 
-    rows = [_row(pack, tokenizer) for pack in packs]
-    width = -(-max(len(row[0]) for row in rows) // 32) * 32
-    tokens = np.full((len(rows), width), 1, dtype=np.int64)
-    positions = np.zeros((len(rows), width), dtype=np.int64)
-    groups = np.full((len(rows), width), -1, dtype=np.int64)
-    targets = np.full((len(rows), width), -100, dtype=np.int64)
-    for number, (ids, places, group, target) in enumerate(rows):
-        span = slice(0, len(ids))
-        tokens[number, span], positions[number, span] = ids, places
-        groups[number, span], targets[number, span] = group, target
-    column = groups[:, None, :]
-    seen = (column == 0) | (column == groups[:, :, None])
-    mask = seen & np.tril(np.ones((width, width), dtype=bool))[None]
-    return {
-        "tokens": torch.from_numpy(tokens),
-        "positions": torch.from_numpy(positions),
-        "mask": torch.from_numpy(mask[:, None]),
-        "targets": torch.from_numpy(targets),
-    }
+    tokens, positions, targets = list[int](), list[int](), list[int]()
+    rows: list[NDArray[np.int64]] = []
+    for pack in packs:
+        ids, places, group, target = _row(pack, tokenizer)
+        of = np.array(group)
+        for number in range(1, len(pack) + 1):
+            rows.append(np.flatnonzero((of == 0) | (of == number)) + len(tokens))
+        tokens, positions, targets = tokens + ids, positions + places, targets + target
+    size = len(tokens)
+    more = EVEN - size % EVEN  # few shapes: every new one costs oneDNN a kernel, and memory for it
+    spread, shapes = _blocks(rows, padding=size)
+    first = np.unique(spread, return_index=True)
+    home = np.zeros(size + more, dtype=np.int64)
+    home[:size] = first[1][:size]
+    at_home = np.zeros((len(spread), 1), dtype=bool)
+    at_home[home[:size]] = True
+    return Batch(
+        tokens=torch.tensor(tokens + [1] * more),
+        positions=torch.tensor(positions + [0] * more),
+        targets=torch.tensor(targets + [-100] * more),
+        rows=torch.from_numpy(spread),
+        home=torch.from_numpy(home),
+        at_home=torch.from_numpy(at_home),
+        again=torch.from_numpy(np.flatnonzero(~at_home[:, 0] & (spread < size))),
+        shapes=shapes,
+    )
+
+
+def _blocks(
+    rows: list[NDArray[np.int64]], padding: int
+) -> tuple[NDArray[np.int64], tuple[tuple[int, int], ...]]:
+    """Return rows of a like length in blocks, one after another, and the blocks' shapes."""
+    rows = sorted(rows, key=len)
+    found, shapes = [], []
+    for start in range(0, len(rows), BLOCK):
+        part = rows[start : start + BLOCK]
+        block = np.full((BLOCK, -(-len(part[-1]) // 16) * 16), padding, dtype=np.int64)
+        for number, row in enumerate(part):
+            block[number, : len(row)] = row
+        found.append(block.ravel())
+        shapes.append(block.shape)
+    return np.concatenate(found), tuple(shapes)
 
 
 def _row(pack: Sequence[TrainingExample], tokenizer: Any) -> tuple[list[int], ...]:
@@ -124,12 +172,12 @@ def _row(pack: Sequence[TrainingExample], tokenizer: Any) -> tuple[list[int], ..
     return ids, places, group, target
 
 
-def forward(model: Any, batch: dict[str, Any], *, half: bool = False) -> tuple[Any, Any]:
+def forward(model: Any, batch: Batch, *, half: bool = False) -> tuple[Any, Any]:
     """Return logits at the places that count, shape (n, vocabulary), and their targets (n,).
 
     Args:
         model: a `LlamaForCausalLM` with tied embeddings; its own forward is not used, as this one
-            computes the same in fewer passes over memory.
+            computes the same in fewer passes over memory, and hardly any padding.
         batch: of `collate`.
         half: matrices in bfloat16; weights stay float32.
     """
@@ -138,21 +186,18 @@ def forward(model: Any, batch: dict[str, Any], *, half: bool = False) -> tuple[A
     kind = torch.bfloat16 if half else torch.float32
     config, core = model.config, model.model
     table = core.embed_tokens.weight.to(kind)
-    flow = torch.nn.functional.embedding(batch["tokens"], table)
-    turns = _turns(batch["positions"], config, kind)
-    hidden = torch.zeros(batch["mask"].shape, dtype=kind, device=flow.device)
-    hidden.masked_fill_(~batch["mask"], -1e9)
+    flow = torch.nn.functional.embedding(batch.tokens, table)
+    turns = _turns(batch.positions, config, kind)
     for layer in core.layers:
-        flow = flow + _attention(layer, flow, turns, hidden, config)
+        flow = flow + _attention(layer, flow, turns, batch, config)
         flow = flow + _feed_forward(layer, flow, config)
-    targets = batch["targets"].flatten()
-    counts = torch.nonzero(targets != -100).flatten()
-    wanted = targets[counts]
-    if half:  # few shapes: every new one costs oneDNN a kernel, and memory for it
+    counts = torch.nonzero(batch.targets != -100).flatten()
+    wanted = batch.targets[counts]
+    if half:
         more = -len(counts) % EVEN
         counts = torch.cat([counts, counts[:1].expand(more)])
         wanted = torch.nn.functional.pad(wanted, (0, more), value=-100)
-    last = _norm(flow.flatten(0, 1)[counts], core.norm, config)
+    last = _norm(flow[counts], core.norm, config)
     return (last @ table.T).float(), wanted
 
 
@@ -164,37 +209,83 @@ def _norm(flow: Any, norm: Any, config: Any) -> Any:
 
 
 def _turns(positions: Any, config: Any, kind: Any) -> tuple[Any, Any]:
-    """Return cosines and sines of the rotary embedding, each (b, 1, t, head)."""
+    """Return cosines and sines of the rotary embedding, each (n, 1, half a head)."""
     import torch
 
     size = config.hidden_size // config.num_attention_heads
     steps = torch.arange(0, size, 2, device=positions.device, dtype=torch.float32) / size
     base = config.rope_parameters["rope_theta"]
-    angles = positions[:, None, :, None].float() * (1.0 / base**steps)
-    angles = torch.cat([angles, angles], dim=-1)
+    angles = positions[:, None, None].float() * (1.0 / base**steps)
     return angles.cos().to(kind), angles.sin().to(kind)
 
 
-def _attention(layer: Any, flow: Any, turns: tuple[Any, Any], hidden: Any, config: Any) -> Any:
+def _attention(layer: Any, flow: Any, turns: tuple[Any, Any], batch: Batch, config: Any) -> Any:
     import torch
 
-    part, heads = layer.self_attn, config.num_attention_heads
+    part, heads, size = layer.self_attn, config.num_attention_heads, config.hidden_size
     weight = torch.cat([part.q_proj.weight, part.k_proj.weight, part.v_proj.weight])
     rows = _norm(flow, layer.input_layernorm, config) @ weight.to(flow.dtype).T
-    b, t, _ = rows.shape
-    query, key, value = rows.view(b, t, 3, heads, -1).permute(2, 0, 3, 1, 4)
-    query = _turned(query, turns) * query.shape[-1] ** -0.5
-    near = query @ _turned(key, turns).transpose(-1, -2)  # torch's own kernel is slower backwards
-    found = torch.softmax(near + hidden, dim=-1) @ value
-    found = found.transpose(1, 2).reshape(b, t, -1)
-    return found @ part.o_proj.weight.to(flow.dtype).T
+    near, value = rows.split([2 * size, size], dim=-1)
+    near = _turned(near.view(len(rows), 2 * heads, -1), turns).view(len(rows), -1)
+    spread = _moves().spread(torch.cat([near, value], dim=-1), batch)
+    found = []
+    for (count, width), block in zip(
+        batch.shapes, spread.split([c * w for c, w in batch.shapes]), strict=True
+    ):
+        query, key, value = block.view(count, width, 3, heads, -1).permute(2, 0, 3, 1, 4)
+        later = torch.full((width, width), -1e9, dtype=flow.dtype, device=flow.device).triu(1)
+        close = (query * query.shape[-1] ** -0.5) @ key.transpose(-1, -2)
+        seen = (
+            torch.softmax(close + later, dim=-1) @ value
+        )  # torch's own kernel is slower backwards
+        found.append(seen.transpose(1, 2).reshape(count * width, -1))
+    return _moves().gather(torch.cat(found), batch) @ part.o_proj.weight.to(flow.dtype).T
+
+
+class _Moves(NamedTuple):
+    """The ways between tokens (n, size) and the places of attention's rows (m, size)."""
+
+    spread: Any
+    gather: Any
+
+
+@cache
+def _moves() -> _Moves:
+    """Return both, with backward passes of their own: torch's add row by row."""
+    import torch
+
+    class Spread(torch.autograd.Function):
+        @staticmethod
+        def forward(ctx: Any, flat: Any, batch: Batch) -> Any:
+            ctx.batch = batch
+            return flat.index_select(0, batch.rows)
+
+        @staticmethod
+        def backward(ctx: Any, *grads: Any) -> Any:
+            batch, grad = ctx.batch, grads[0]
+            found = grad.index_select(0, batch.home)
+            found.index_add_(0, batch.rows[batch.again], grad.index_select(0, batch.again))
+            return found.masked_fill_((batch.tokens == 1)[:, None], 0), None
+
+    class Gather(torch.autograd.Function):
+        @staticmethod
+        def forward(ctx: Any, rows: Any, batch: Batch) -> Any:
+            ctx.batch = batch
+            return rows.index_select(0, batch.home)
+
+        @staticmethod
+        def backward(ctx: Any, *grads: Any) -> Any:
+            return grads[0].index_select(0, ctx.batch.rows) * ctx.batch.at_home, None
+
+    return _Moves(Spread.apply, Gather.apply)
 
 
 def _turned(rows: Any, turns: tuple[Any, Any]) -> Any:
     import torch
 
     first, second = rows.chunk(2, dim=-1)
-    return rows * turns[0] + torch.cat([-second, first], dim=-1) * turns[1]
+    cosine, sine = turns
+    return torch.cat([first * cosine - second * sine, second * cosine + first * sine], dim=-1)
 
 
 def _feed_forward(layer: Any, flow: Any, config: Any) -> Any:

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from karma.agent.program import SKILLS
+from karma.contracts import REFUSAL_KINDS
 from karma.household.places import landmark_types
 from karma.household.types import object_types
 from karma.infer.llama.gguf_export import new_tokenizer
@@ -31,6 +32,7 @@ WHOLE = (
     "#areas\n", "#memory\n", "#held ", "#task ", "#program\n", "#error ",
     *(f"node_{number}" for number in range(1, 33)), *(f"_{number}" for number in range(2, 10)),
     *TYPES, *(f" {name}" for name in sorted(landmark_types())),
+    "#words ", "refuse('", *(f"{kind}')\n" for kind in REFUSAL_KINDS),
 )  # pieces of the notation that are one token each, so names stand alone  # fmt: skip
 _PIECES = re.compile("|".join(re.escape(text) for text in sorted(WHOLE, key=len, reverse=True)))
 
@@ -46,12 +48,13 @@ class PlannerRecipe:
     heads: int = 5
     feed_forward: int = 896
     context: int = 2048
-    packs: int = 20  # per step
+    start: str = ""  # a GGUF whose weights and tokenizer to begin with, below models/; "" is none
+    packs: int = 32  # per step
     examples: int = 4  # per pack with long-term memory; half as many more without it
-    steps: int = 9000
-    warmup: int = 200
-    decay: float = 0.4  # share of the steps in which the learning rate falls to zero
-    learning_rate: float = 1.2e-3
+    steps: int = 3000
+    warmup: int = 100
+    decay: int = 800  # last steps, in which the learning rate falls to zero
+    learning_rate: float = 6e-4
     weight_decay: float = 0.05
     mapped: float = 0.6  # share of packs with long-term memory
     alfred: tuple[float, float] = (0.4, 0.5)  # share of ALFRED's goals without and with it

@@ -10,7 +10,7 @@ from karma.tasks.drawing.phrases import our_book
 from karma.training.planner.checkpoints import last_step
 from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.sources import Sources, held_out_packs
-from karma.training.planner.train import train
+from karma.training.planner.train import PlannerProgress, train
 
 WATCHED_PACKS = 48  # held-out packs that the log counts right programs in
 
@@ -29,7 +29,10 @@ def train_in_processes(
     import torch
 
     sources.folder.mkdir(parents=True, exist_ok=True)
-    sources.embeddings(recipe, sources.tokenizer(recipe, sources.data(recipe)))
+    tokenizer = sources.tokenizer(recipe, sources.data(recipe))
+    recipe = replace(recipe, vocabulary=tokenizer.get_vocab_size())
+    sources.first_model(recipe, tokenizer)  # what it needs is made once, here
+    write_atomic(sources.folder / "recipe.json", to_json(recipe, indent=2))
     if workers == 1:
         _train_share(0, 1, sources, recipe, device)
         return
@@ -56,8 +59,6 @@ def _train_share(
         )
     data = sources.data(recipe)
     tokenizer = sources.tokenizer(recipe, data)
-    recipe = replace(recipe, vocabulary=tokenizer.get_vocab_size())
-    write_atomic(sources.folder / "recipe.json", to_json(recipe, indent=2))
     if rank == 0 and (done := last_step(sources.folder)):
         sources.say(f"going on from step {done}")
     start = time.monotonic()
@@ -67,12 +68,20 @@ def _train_share(
         held_out_packs(recipe, our_book().part(held_out=True), WATCHED_PACKS),
         tokenizer,
         sources.folder,
+        first=sources.first_model(recipe, tokenizer),
         device=device,
         share=(rank, workers),
-        embeddings=sources.embeddings(recipe, tokenizer),
     ):
-        minutes = (time.monotonic() - start) / 60
-        sources.say(
-            f"step {line.step}/{recipe.steps}  loss {line.loss:.4f}  held-out {line.exact:.3f}  "
-            f"tokens {line.tokens * workers / 1e6:.1f}M  {minutes:.1f} min"
-        )
+        sources.say(_told(line, (time.monotonic() - start) / 60))
+
+
+def _told(line: PlannerProgress, minutes: float) -> str:
+    """Return a line of the log: of the last weights, then of the averaged ones."""
+    held_out = "  ".join(
+        f"{name} {one.exact:.3f}/{line.average[name].exact:.3f}" for name, one in line.last.items()
+    )
+    return (
+        f"step {line.step}  loss {line.loss:.4f}  "
+        f"held-out {line.last['all'].loss:.4f}/{line.average['all'].loss:.4f}  exact: {held_out}  "
+        f"tokens {line.tokens / 1e6:.1f}M  {minutes:.1f} min"
+    )

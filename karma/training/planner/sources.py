@@ -20,9 +20,10 @@ from karma.tasks.drawing.alfred import Sentence, StepSentence, read_sentences, r
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book, our_book, with_alfred
 from karma.tasks.files import load_tasks
-from karma.training.planner.network import first_embeddings
+from karma.training.planner.network import first_embeddings, new_model
 from karma.training.planner.packs import Data, PlannerRecipe, make_tokenizer
 from karma.training.planner.samples import TrainingExample, draw
+from karma.training.planner.start import extended_tokenizer, started_model
 from karma.world.importing.scenes import import_dump
 
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
@@ -33,7 +34,8 @@ class Sources:
     """Folders that are read, and the one that keeps what is made once.
 
     Args:
-        folder: keeps rooms, tokenizer and embeddings.
+        folder: keeps rooms, tokenizer, known words and, of new weights, first embeddings.
+        models: where a recipe's `start` lies.
         shared: the reference data; what is missing there is done without.
         tests: task files that training must not know.
         generated: rooms to make.
@@ -41,6 +43,7 @@ class Sources:
     """
 
     folder: Path
+    models: Path
     shared: Path
     tests: tuple[Path, ...]
     generated: int = 300
@@ -116,17 +119,32 @@ class Sources:
         return {scene.name: rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes}
 
     def tokenizer(self, recipe: PlannerRecipe, data: Data) -> Any:
-        """Return the tokenizer, trained once."""
+        """Return the tokenizer, trained once, or that of the recipe's start."""
         from tokenizers import Tokenizer
 
         path = self.folder / "tokenizer.json"
         if not path.exists():
-            self.say("training the tokenizer ...")
-            write_atomic(path, make_tokenizer(recipe, data, 1500).to_str().encode())
+            if recipe.start:
+                made = extended_tokenizer(self.models / recipe.start)
+            else:
+                self.say("training the tokenizer ...")
+                made = make_tokenizer(recipe, data, 1500)
+            write_atomic(path, made.to_str().encode())
         return Tokenizer.from_file(str(path))
 
-    def embeddings(self, recipe: PlannerRecipe, tokenizer: Any) -> Any:
-        """Return the token embeddings to start from, made once."""
+    def first_model(self, recipe: PlannerRecipe, tokenizer: Any) -> Any:
+        """Return the weights to begin with.
+
+        Args:
+            recipe: with the vocabulary's size.
+            tokenizer: of `self`.
+        """
+        if recipe.start:
+            return started_model(recipe, tokenizer, self.models / recipe.start)
+        return new_model(recipe, self._embeddings(recipe, tokenizer))
+
+    def _embeddings(self, recipe: PlannerRecipe, tokenizer: Any) -> Any:
+        """Return the token embeddings of new weights, made once."""
         from safetensors.numpy import load, save
 
         path = self.folder / "embeddings.safetensors"
