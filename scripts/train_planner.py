@@ -38,6 +38,7 @@ from karma.world.importing.scenes import import_dump
 ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
 TASKS = (ROOT / "eval" / "alfred_l" / "tasks.jsonl",)
+LOCKED = (ROOT / "eval" / "locked" / "tasks.jsonl",)
 FOLDER = ROOT / "runs" / "planner"
 START = "nano/start.gguf"
 Folder = Annotated[Path, typer.Option(help="Checkpoints, tokenizer and rooms.")]
@@ -64,6 +65,7 @@ def sources(folder: Path, generated: int = 300) -> Sources:
         models=models,
         shared=SHARED,
         tests=TASKS,
+        locked=LOCKED,
         generated=generated,
         say=say,
     )

@@ -38,6 +38,7 @@ class Sources:
         models: where a recipe's `start` lies.
         shared: the reference data; what is missing there is done without.
         tests: task files that training must not know.
+        locked: task files of which it must not say a sentence; things may be put where theirs are.
         generated: rooms to make.
         say: takes a line about what is being made or is missing.
     """
@@ -46,6 +47,7 @@ class Sources:
     models: Path
     shared: Path
     tests: tuple[Path, ...]
+    locked: tuple[Path, ...] = ()
     generated: int = 300
     say: Callable[[str], None] = lambda line: None
 
@@ -108,7 +110,7 @@ class Sources:
         """Return every instruction of the test tasks, ours and the authors', as `plain` has it."""
         folder = self.shared / "data" / "alfred_l"
         files = [folder / f"{kind}_tasks.json" for kind in ("simple", "composite", "complex")]
-        tasks = [task for path in self.tests for task in load_tasks(path)]
+        tasks = [task for path in (*self.tests, *self.locked) for task in load_tasks(path)]
         tasks += load_authors_tasks([path for path in files if path.exists()])
         return frozenset(plain(sub.instruction) for task in tasks for sub in task.subtasks)
 
