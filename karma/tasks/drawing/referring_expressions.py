@@ -145,11 +145,38 @@ def _described(
 
 def _qualifier(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
     """Draw what is said of a unit besides a noun: a state, what was done, its place, its cargo."""
+    if rng.random() < 0.5 and (contrast := _contrast_said(rng, scene, unit)) is not None:
+        return contrast
     options = [_state_said, _done_said, _place_said, _cargo_said]
     for which in rng.permutation(len(options)):
         if (said := options[int(which)](rng, scene, unit)) is not None:
             return said
     return None
+
+
+def _contrast_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
+    """Draw what sets a unit apart from others of its type, None where there are none."""
+    kind = base_type(unit.object_type)
+    rivals = [u for u in scene.units if base_type(u.object_type) == kind and u is not unit]
+    if not rivals:
+        return None
+    options: list[_Said] = []
+    if len(rivals) == 1 and meaning(scene, lambda u: base_type(u.object_type) == kind) is not unit:
+        options.append(
+            _Said(before=pick(rng, ("other", "second")), fits=lambda other: other is unit)
+        )
+    states = [state for one in rivals for state in one.states if state not in unit.states]
+    if states and (words := scene.book.adjectives.get(states[0].replace(" ", "_"))):
+        text = f"that is {pick(rng, ('not', 'not yet', 'not'))} {pick(rng, words)}"
+        options.append(_Said(after=text, fits=lambda other: states[0] not in other.states))
+    handled = [one for one in scene.units if one.handled]
+    if handled and handled[0] is unit and not scene.strict:
+        text = f"you {pick(rng, scene.book.just['moved'])} first"
+        options.append(_Said(after=text, fits=lambda other: other is unit))
+    if not unit.handled and not scene.strict:
+        text = pick(rng, ("you have not touched", "that you did not use", "nobody has used"))
+        options.append(_Said(after=text, fits=lambda other: not other.handled))
+    return pick(rng, options) if options else None
 
 
 def _state_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:

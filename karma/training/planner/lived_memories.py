@@ -9,7 +9,7 @@ from dataclasses import replace
 from karma.contracts import MemoryUnit
 from karma.household import uses
 from karma.household.ids import part_id
-from karma.household.pieces import EGG, base_type
+from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import HAND, SEVERAL
 from karma.household.states import OPPOSITES
 from karma.household.types import ObjectType, object_types
@@ -228,3 +228,24 @@ def live_memory(rng: Rng, room: KnownRoom) -> tuple[tuple[MemoryUnit, ...], Memo
     for _ in range(int(rng.integers(0, 7))):
         history.live()
     return history.units(), history.held()
+
+
+def with_twins(rng: Rng, room: KnownRoom, units: tuple[MemoryUnit, ...]) -> tuple[MemoryUnit, ...]:
+    """Return a memory with one or two more of a thing in it, elsewhere and in other states."""
+    loose = [unit for unit in units if not is_piece(unit.object_type)]
+    if not loose or len(units) >= CAPACITY:
+        return units
+    found = list(units)
+    first = pick(rng, loose)
+    info = object_types()[first.object_type]
+    places = [name for name in room.landmarks if info.fits(object_types()[name])]
+    for number in range(min(int(rng.integers(1, 3)), CAPACITY - len(found))):
+        twin = replace(
+            first,
+            object_id=f"{info.name}|{90 + number}",
+            states=tuple(state for state in first.states if rng.random() < 0.3),
+            place_id=f"{pick(rng, places)}|1" if places else None,
+            handled=bool(rng.random() < 0.6),
+        )
+        found.insert(int(rng.integers(len(found) + 1)), twin)
+    return tuple(found)

@@ -6,12 +6,13 @@ is in its hand), rendered by the same `karma.agent.prompt` that plans with it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 from karma.agent.prompt import compact
 from karma.contracts import MemoryUnit, PlanRequest, SkillCall
+from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import HAND
+from karma.household.types import object_types
 from karma.tasks.drawing.alfred import Sentence, StepSentence, program_of
 from karma.tasks.drawing.memories import KnownRoom, Rng, draw_units, pick, place_type
 from karma.tasks.drawing.phrases import Book
@@ -20,17 +21,15 @@ from karma.tasks.drawing.referring_expressions import Situation
 from karma.tasks.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
 from karma.tasks.drawing.several import several_asks
 from karma.tasks.expert import ExpertView, NamedThing
-from karma.training.planner.lived_memories import live_memory
+from karma.training.planner.failures import draw_failure
+from karma.training.planner.lived_memories import live_memory, with_twins
 
-ERRORS = (
-    "GoToObject(robot, 'CounterTop'): could not get CounterTop into view and reach",
-    "PutObject(robot, 'Mug', 'Sink'): the hand is empty; PickupObject(robot, 'Mug') first",
-    "PickupObject(robot, 'Mug'): the hand holds Fork; put it down first",
-    "Explore(robot, 'Mug'): could not find Mug; searched 12 places",
-)  # fmt: skip
 RECALLED = 0.75  # share of prompts with a few units, as recall leaves them, not all
 FEW = 3  # units then
+ALIKE = 0.5  # share of those in which the other ones are as like it as can be
+FRESH = 0.2  # share of prompts with a map in which nothing is remembered
 LIVED = 0.8  # share of memories that a few requests have left behind
+TWINS = 0.2  # share of memories with a second or third one of something
 VAGUE = 0.7  # share of draws in which a remembered thing is mostly not called by its name
 SEVERAL = 0.12  # share of sentences with two or three requests
 TYPOS = 0.04  # share of sentences with a letter wrong
@@ -87,8 +86,10 @@ def draw(
             continue
         text = told(rng, scene, ask.text) if told is not None else ask.text
         text = misspelt(rng, text) if rng.random() < TYPOS else text
-        facts = replace(facts, instruction=text, error=_draw_error(rng, calls))
-        return example_of(ask.kind, facts, _program(calls))
+        about = frozenset(base_type(short_type(name)) for g in ask.goals for name in g.arguments)
+        failure = draw_failure(rng, scene, calls, wanted=about)
+        facts = replace(facts, instruction=text, error=failure.error)
+        return example_of(ask.kind, facts, _program(failure.calls))
 
 
 def _recalled(rng: Rng, scene: Situation, ask: Ask) -> PlanRequest:
@@ -100,10 +101,24 @@ def _recalled(rng: Rng, scene: Situation, ask: Ask) -> PlanRequest:
     meant = [unit for unit in scene.units if scene.names[unit.object_id] in named]
     others = [unit for unit in scene.units if unit not in meant]
     rng.shuffle(others)
+    if meant and rng.random() < ALIKE:
+        others.sort(key=lambda unit: -max(_likeness(unit, one) for one in meant))
     kept = {unit.object_id for unit in (*meant, *others[: max(FEW - len(meant), 0)])}
     few = replace(scene.facts, units=tuple(unit for unit in scene.units if unit.object_id in kept))
     names = {object_id: name for name, object_id in compact(few).names.items()}
     return few if all(names[one] == scene.names[one] for one in kept) else scene.facts
+
+
+def _likeness(unit: MemoryUnit, other: MemoryUnit) -> int:
+    """Return how easily a unit is taken for another: by type, use, place, states and history."""
+    one, two = (object_types()[base_type(u.object_type)] for u in (unit, other))
+    return (
+        3 * (one.name == two.name)
+        + (one.goes_in == two.goes_in)
+        + (unit.place_id == other.place_id)
+        + len({*unit.states} & {*other.states})
+        + (unit.handled == other.handled)
+    )
 
 
 def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> TrainingExample | None:
@@ -193,6 +208,10 @@ def example_of(kind: str, facts: PlanRequest, program: str) -> TrainingExample:
 def draw_facts(rng: Rng, room: KnownRoom, *, mapped: bool) -> tuple[PlanRequest, MemoryUnit | None]:
     """Draw what an agent knows, as yet without an instruction, and what is in its hand."""
     units, held = live_memory(rng, room) if rng.random() < LIVED else draw_units(rng, room)
+    if rng.random() < TWINS:
+        units = with_twins(rng, room, units)
+    if mapped and rng.random() < FRESH:
+        units, held = (), None
     if rng.random() < 0.15:
         units = units[-3:]  # a recall of few
     if held is not None and (rng.random() < 0.15 or held not in units):
@@ -248,36 +267,6 @@ def misspelt(rng: Rng, text: str) -> str:
         ),
     )
     return " ".join(words)
-
-
-def _draw_error(rng: Rng, calls: Sequence[SkillCall]) -> str:
-    """Draw what an earlier program failed on, mostly nothing: often that a place was not known."""
-    if rng.random() > 0.06:
-        return ""
-    lost = [call.objects[0] for call in calls if call.skill == "Explore"]
-    shut = [
-        (call.objects[0], then.objects[0])
-        for call, then in pairwise(calls)
-        if call.skill == "OpenObject" and then.skill == "PickupObject"
-    ]
-    if shut and rng.random() < 0.6:
-        place, name = pick(rng, shut)
-        place, name = place.partition("_")[0], name.partition("_")[0]
-        return (
-            f"PickupObject(robot, '{name}'): {name} is in the closed {place}; "
-            f"OpenObject(robot, '{place}') first"
-        )
-    if not lost:
-        return pick(rng, ERRORS)
-    name = pick(rng, lost)
-    skill = pick(rng, ("GoToObject", "PickupObject"))
-    return f"{skill}(robot, '{name}'): " + pick(
-        rng,
-        (
-            f"no {name} is known; Explore(robot, '{name}') first",
-            f"{name} is not at its remembered place; Explore(robot, '{name}') to find it",
-        ),
-    )
 
 
 def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
