@@ -188,16 +188,18 @@ def forward(model: Any, batch: Batch, *, half: bool = False) -> tuple[Any, Any]:
     table = core.embed_tokens.weight.to(kind)
     flow = torch.nn.functional.embedding(batch.tokens, table)
     turns = _turns(batch.positions, config, kind)
-    for layer in core.layers:
-        flow = flow + _attention(layer, flow, turns, batch, config)
-        flow = flow + _feed_forward(layer, flow, config)
     counts = torch.nonzero(batch.targets != -100).flatten()
     wanted = batch.targets[counts]
     if half:
         more = -len(counts) % EVEN
         counts = torch.cat([counts, counts[:1].expand(more)])
         wanted = torch.nn.functional.pad(wanted, (0, more), value=-100)
-    last = _norm(flow[counts], core.norm, config)
+    for layer in core.layers:
+        flow = flow + _attention(layer, flow, turns, batch, config)
+        if layer is core.layers[-1]:
+            flow = flow[counts]  # no one looks at the others any more
+        flow = flow + _feed_forward(layer, flow, config)
+    last = _norm(flow, core.norm, config)
     return (last @ table.T).float(), wanted
 
 
