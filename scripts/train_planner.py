@@ -39,6 +39,7 @@ ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
 TASKS = (ROOT / "eval" / "alfred_l" / "tasks.jsonl",)
 LOCKED = (ROOT / "eval" / "locked" / "tasks.jsonl",)
+SAID = tuple(ROOT / "eval" / "requests" / f"{name}.jsonl" for name in ("refuse", "do", "several"))
 FOLDER = ROOT / "runs" / "planner"
 START = "nano/start.gguf"
 Folder = Annotated[Path, typer.Option(help="Checkpoints, tokenizer and rooms.")]
@@ -66,6 +67,7 @@ def sources(folder: Path, generated: int = 300) -> Sources:
         shared=SHARED,
         tests=TASKS,
         locked=LOCKED,
+        said=SAID,
         generated=generated,
         say=say,
     )

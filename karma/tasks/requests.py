@@ -37,6 +37,10 @@ class SaidRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     goals: tuple[str, ...] = ()  # none: it is to be refused
     handled: tuple[str, ...] = ()  # types of things handled before, the last used last
 
+    def __post_init__(self) -> None:
+        """Raise KarmaError where a goal cannot be read."""
+        _ = self.wanted
+
     @property
     def wanted(self) -> tuple[Goal, ...]:
         """What must hold when it is done."""
@@ -50,6 +54,10 @@ class WantedClause(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     goals: tuple[str, ...]
     optional: str = ""  # words of the sentence that its clause may have
     joins: bool = False  # it may stay in one clause with the request before it
+
+    def __post_init__(self) -> None:
+        """Raise KarmaError where a goal cannot be read."""
+        _ = self.wanted
 
     @property
     def wanted(self) -> tuple[Goal, ...]:
@@ -67,7 +75,12 @@ class SeveralRequests(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     requests: tuple[WantedClause, ...]
 
 
-_Row = TypeVar("_Row", SaidRequest, SeveralRequests)
+class _Text(msgspec.Struct, frozen=True, kw_only=True):
+    id: str
+    text: str
+
+
+_Row = TypeVar("_Row", SaidRequest, SeveralRequests, _Text)
 
 
 def load_said(path: str | Path) -> tuple[SaidRequest, ...]:
@@ -88,13 +101,20 @@ def load_several(path: str | Path) -> tuple[SeveralRequests, ...]:
     return _load(path, SeveralRequests)
 
 
+def load_texts(path: str | Path) -> tuple[str, ...]:
+    """Read what is said in a file of requests of either kind, one a line.
+
+    Raises:
+        FileError: a line has no text; names the line.
+    """
+    return tuple(one.text for one in _load(path, _Text))
+
+
 def _load(path: str | Path, row: type[_Row]) -> tuple[_Row, ...]:
     found: dict[str, _Row] = {}
     for number, line in enumerate(read_bytes(path).splitlines(), start=1):
         try:
             one = msgspec.json.decode(line, type=row)
-            for part in one.requests if isinstance(one, SeveralRequests) else (one,):
-                _ = part.wanted
         except (KarmaError, msgspec.DecodeError, UnicodeDecodeError) as error:
             raise FileError(path, f"line {number}: {error}") from error
         if one.id in found:

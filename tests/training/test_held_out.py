@@ -13,8 +13,10 @@ from karma.tasks.drawing.alfred import GoalFacts, Sentence, program_of, read_sen
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.expert import ExpertView
 from karma.tasks.files import load_tasks
+from karma.tasks.requests import load_texts
 from karma.training.planner.held_out import form_of, forms_of, nearest, templates_of, words_of
 from karma.training.planner.reading import read_goals, tell
+from karma.training.planner.sources import Sources
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 BOOK, DISJOINT = our_book(), disjoint_book()
@@ -153,3 +155,15 @@ def test_sentences_of_rooms_without_a_map_are_left_out_and_never_put_to_the_mode
     assert list(read_goals(ScriptedModel(), [APPLE], [], plans={})) == []
     with pytest.raises(ModelError, match="run out"):
         list(read_goals(ScriptedModel(), [APPLE], []))
+
+
+def test_what_requests_say_is_kept_out_of_training(tmp_path):
+    said = [ROOT / "eval" / "requests" / f"{name}.jsonl" for name in ("do", "refuse", "several")]
+    sources = Sources(
+        folder=tmp_path, models=tmp_path, shared=tmp_path, tests=(TASKS,), said=tuple(said)
+    )
+    forbidden = sources.test_sentences()
+    for path in said:
+        assert {plain(text) for text in load_texts(path)} - {""} <= forbidden
+    assert plain("Put a fork in the sink.") in forbidden  # a task's
+    assert plain("\u628a\u676f\u5b50") not in forbidden  # else all Chinese would be

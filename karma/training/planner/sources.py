@@ -7,6 +7,7 @@ of the test tasks stay out.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from karma.tasks.drawing.alfred import Sentence, StepSentence, read_sentences, r
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book, our_book, with_alfred
 from karma.tasks.files import load_tasks
+from karma.tasks.requests import load_texts
 from karma.training.planner.network import first_embeddings, new_model
 from karma.training.planner.packs import Data, PlannerRecipe, make_tokenizer
 from karma.training.planner.samples import TrainingExample, draw
@@ -39,6 +41,7 @@ class Sources:
         shared: the reference data; what is missing there is done without.
         tests: task files that training must not know.
         locked: task files of which it must not say a sentence; things may be put where theirs are.
+        said: files of requests, one or several in each, that it must not know either.
         generated: rooms to make.
         say: takes a line about what is being made or is missing.
     """
@@ -48,6 +51,7 @@ class Sources:
     shared: Path
     tests: tuple[Path, ...]
     locked: tuple[Path, ...] = ()
+    said: tuple[Path, ...] = ()
     generated: int = 300
     say: Callable[[str], None] = lambda line: None
 
@@ -107,12 +111,14 @@ class Sources:
         return read_steps(self.demonstrations) if self.demonstrations.exists() else ()
 
     def test_sentences(self) -> frozenset[str]:
-        """Return every instruction of the test tasks, ours and the authors', as `plain` has it."""
+        """Return what test tasks and requests say, ours and the authors', as `plain` has it."""
         folder = self.shared / "data" / "alfred_l"
         files = [folder / f"{kind}_tasks.json" for kind in ("simple", "composite", "complex")]
         tasks = [task for path in (*self.tests, *self.locked) for task in load_tasks(path)]
         tasks += load_authors_tasks([path for path in files if path.exists()])
-        return frozenset(plain(sub.instruction) for task in tasks for sub in task.subtasks)
+        told = [sub.instruction for task in tasks for sub in task.subtasks]
+        told += chain(*map(load_texts, self.said))
+        return frozenset(map(plain, told)) - {""}  # what has no Latin letters has no plain form
 
     def known_plans(self) -> dict[str, KnownRoom]:
         """Return floor plan -> what an agent knows of it that overlooked nothing."""
