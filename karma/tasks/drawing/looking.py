@@ -32,8 +32,8 @@ from karma.household.uses import (
     SINK,
 )
 from karma.seeds import stream
+from karma.tasks.drawing.lexicon import lexicon
 from karma.tasks.drawing.memories import Rng, pick
-from karma.tasks.drawing.phrases import lexicon
 from karma.tasks.files import with_whole
 from karma.world.core.scene import AgentPose, Scene, SceneObject
 from karma.world.generation.generate import build_scene

@@ -13,7 +13,7 @@ from karma.household.places import HAND, SEVERAL, landmark_types
 from karma.household.states import OPPOSITES
 from karma.household.types import ObjectType, object_types
 from karma.household.uses import COOKED, TOASTED
-from karma.tasks.drawing.phrases import lexicon
+from karma.tasks.drawing.lexicon import lexicon
 
 Rng = np.random.Generator
 T = TypeVar("T")

@@ -13,11 +13,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from karma.files import read_toml
 from karma.tasks.demonstrations import read_demonstrations
+from karma.tasks.drawing.lexicon import Entry, lexicon
 
 HERE = Path(__file__).parent
 MAX_WORDS = 14  # of a mined sentence
@@ -25,19 +25,6 @@ MINED = 0.4  # share of mined templates where there are any
 SPOKEN = 0.5  # share of patterns among ours
 _CHOICE = re.compile(r"\(([^()]*)\)")
 _DEED = re.compile(r"<(\w+)>")
-
-
-class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What one object type is called."""
-
-    names: tuple[str, ...]
-    kinds: tuple[str, ...] = ()
-
-
-@cache
-def lexicon() -> Mapping[str, Entry]:
-    """Return object type -> its names and the vaguer words for it."""
-    return read_toml(HERE / "lexicon.toml", dict[str, Entry])
 
 
 Verbs = Mapping[str, Mapping[str, tuple[str, ...]]]  # kind of deed -> word -> its phrases
@@ -62,6 +49,7 @@ class Book:
     joined: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # requests, and things
     shared: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # one deed, several things
     deeds: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # bare verbs
+    things: Mapping[str, Entry] = field(default_factory=lexicon)  # what they are called
 
     def part(self, *, held_out: bool) -> "Book":
         """Return one side of the fixed split of the templates (about one in twelve held out)."""
@@ -322,7 +310,6 @@ def make_template(text: str, slots: Mapping[str, str]) -> str | None:
 def _other_things() -> re.Pattern[str]:
     """Match the name of anything: a sentence that speaks of more than its slots is not kept."""
     words = {word for entry in lexicon().values() for word in entry.names}
-    words |= {word.split()[-1] for word in words}
     return re.compile(r"\b(?:" + "|".join(map(re.escape, sorted(words))) + r")s?\b(?![^{]*})")
 
 

@@ -10,12 +10,19 @@ from dataclasses import dataclass
 from karma.contracts import MemoryUnit, PlanRequest
 from karma.household.pieces import base_type
 from karma.household.places import HAND
+from karma.tasks.drawing.lexicon import (
+    every_word,
+    pick_common,
+    takes_article,
+    types_called,
+)
 from karma.tasks.drawing.memories import KnownRoom, Rng, pick, place_type, weighted
-from karma.tasks.drawing.phrases import Book, lexicon
+from karma.tasks.drawing.phrases import Book
 
 Fits = Callable[[MemoryUnit], bool]
 WEIGHTS = {"name": 0.42, "kind": 0.30, "anything": 0.14, "pronoun": 0.14}
 VAGUE = {"name": 0.0, "kind": 0.55, "anything": 0.25, "pronoun": 0.20}
+BY_USE = 0.12  # share of things that memory does not hold which are not called by a name
 NAMED = {"name": 0.85, "kind": 0.0, "anything": 0.0, "pronoun": 0.15}
 
 
@@ -63,7 +70,7 @@ class _Said:
 
 def refer(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref | None:
     """Draw words that mean this unit and no other; None after a few tries."""
-    bare = pick(rng, lexicon()[base_type(unit.object_type)].names)
+    bare = pick_common(rng, scene.book.things[base_type(unit.object_type)].names)
     weights = NAMED if scene.vague < 0 else VAGUE if rng.random() < scene.vague else WEIGHTS
     for _ in range(5):
         form = weighted(rng, weights)
@@ -100,30 +107,20 @@ def _pronoun(rng: Rng, scene: Situation) -> tuple[str, MemoryUnit | None]:
 
 
 def _named(word: str) -> Fits:
-    return lambda unit: word in lexicon()[base_type(unit.object_type)].names
+    return lambda unit: word in every_word()[base_type(unit.object_type)].names
 
 
 def _of_kind(word: str) -> Fits:
-    def fits(unit: MemoryUnit) -> bool:
-        entry = lexicon()[base_type(unit.object_type)]
-        return word in entry.names or word in entry.kinds
-
-    return fits
+    return lambda unit: base_type(unit.object_type) in types_called(word)
 
 
 def _described(
     rng: Rng, scene: Situation, unit: MemoryUnit, form: str, bare: str
 ) -> tuple[str, MemoryUnit | None]:
     """Return a noun with qualifiers, and what it means."""
-    entry = lexicon()[base_type(unit.object_type)]
-    if form == "kind" and not entry.kinds:
+    noun, tests = _noun(rng, scene, unit, form, bare)
+    if not noun:
         return "", None
-    noun = {"name": bare, "anything": pick(rng, scene.book.references["anything"])}.get(
-        form
-    ) or pick(rng, entry.kinds)
-    tests: list[Fits] = []
-    if form != "anything":
-        tests = [_named(bare) if form == "name" else _of_kind(noun)]
     chance = {"name": 0.35, "kind": 0.6, "anything": 1.0}[form]
     before, after = "", ""
     if rng.random() < chance:
@@ -131,6 +128,8 @@ def _described(
         if said is None:
             return "", None
         before, after = said.before, said.after
+        if before and not takes_article(noun):
+            before, after = "", f"that is {before}"
         tests.append(said.fits)
     text = " ".join(f"{before} {noun} {after}".split())
     if form == "anything" and after and rng.random() < 0.3:
@@ -140,7 +139,20 @@ def _described(
     if form == "name" and not after:
         article = pick(rng, ("the", "the", "that", "my")) if scene.strict else ""
         return with_article(rng, text, article), meaning(scene, *tests)
-    return f"{pick(rng, ('the', 'the', 'the', 'that', 'my'))} {text}", meaning(scene, *tests)
+    article = pick(rng, ("the", "the", "the", "that", "my")) if takes_article(noun) else ""
+    return f"{article} {text}".strip(), meaning(scene, *tests)
+
+
+def _noun(
+    rng: Rng, scene: Situation, unit: MemoryUnit, form: str, bare: str
+) -> tuple[str, list[Fits]]:
+    """Return a noun, "" if there is none of that form, and what it tells of the unit."""
+    if form == "name":
+        return bare, [_named(bare)]
+    if form == "anything":
+        return pick(rng, scene.book.references["anything"]), []
+    said = describe(rng, scene, vaguely(scene, base_type(unit.object_type)))
+    return (said.text, [_of_kind(said.word)]) if said else ("", [])
 
 
 def _qualifier(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
@@ -210,10 +222,10 @@ def _place_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
     if unit.place_id is None or unit.place_id == HAND:
         return None
     place = place_type(scene.units, unit.place_id)
-    if base_type(place) not in lexicon():
+    if base_type(place) not in every_word():
         return None
     text = pick(rng, scene.book.references["place"]).format(
-        w=pick(rng, lexicon()[base_type(place)].names)
+        w=pick_common(rng, scene.book.things[base_type(place)].names)
     )
 
     def fits(other: MemoryUnit) -> bool:
@@ -227,18 +239,63 @@ def _cargo_said(rng: Rng, scene: Situation, unit: MemoryUnit) -> _Said | None:
     cargo = [other for other in scene.units if other.place_id == unit.object_id]
     if not cargo:
         return None
-    entry = lexicon()[base_type(cargo[-1].object_type)]
-    inside = pick(rng, entry.names)
+    inside = pick_common(rng, scene.book.things[base_type(cargo[-1].object_type)].names)
     text = pick(rng, scene.book.references["cargo"]).format(c=inside)
     return _Said(after=text, fits=lambda other: other is unit)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Description:
+    """A vaguer word than a name, and how it is said."""
+
+    word: str  # of the lexicon
+    text: str  # without article: "thing to write with"
+
+
+def vaguely(scene: Situation, kind: str, most: int = 99) -> Sequence[str]:
+    """Return the vaguer words for a type.
+
+    Args:
+        scene: whose book says what things are called.
+        kind: the type.
+        most: types that a word may fit.
+    """
+    entry = scene.book.things[kind]
+    return [word for word in (*entry.kinds, *entry.uses) if len(types_called(word)) <= most]
+
+
+def describe(rng: Rng, scene: Situation, words: Sequence[str]) -> Description | None:
+    """Draw one of some vaguer words; what a thing is for goes into a phrase; None without words."""
+    if not words:
+        return None
+    word = pick(rng, words)
+    kind = types_called(word)[0]
+    if word not in every_word()[kind].uses:
+        return Description(word=word, text=word)
+    return Description(word=word, text=pick(rng, scene.book.references["use"]).format(u=word))
+
+
+def call(rng: Rng, scene: Situation, kind: str) -> Ref:
+    """Name a thing that memory does not hold, by words that fit no other type."""
+    said = describe(rng, scene, vaguely(scene, kind, 1)) if rng.random() < BY_USE else None
+    if said is not None:
+        article = "the" if rng.random() < 0.7 else "a"
+        words = with_article(rng, said.text, article)
+        return Ref(name=kind, object_type=kind, words=words, bare=said.text, plain=False)
+    names = scene.book.things[kind].names
+    names = tuple(name for name in names if len(types_called(name)) == 1) or names[:1]
+    word = pick_common(rng, names)
+    return Ref(name=kind, object_type=kind, words=with_article(rng, word), bare=word)
+
+
 def with_article(rng: Rng, words: str, article: str = "") -> str:
     """Put an article before a name, a drawn one unless it is given."""
+    if not takes_article(words):
+        return words
     if not article:
         article = pick(rng, ("the", "the", "the", "the", "a", "a", "my", "that", "one of the", ""))
     if article == "one of the":
-        words += "s"
+        words = plural(words)
     if article == "a" and words[0] in "aeiou":
         article = "an"
     return f"{article} {words}".strip()

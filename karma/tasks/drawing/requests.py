@@ -11,13 +11,17 @@ from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import LIKELY, landmark_types
 from karma.household.types import ObjectType, object_types, types_with
+from karma.tasks.drawing.lexicon import every_word, lexicon, pick_common, types_called
 from karma.tasks.drawing.memories import Rng, pick
-from karma.tasks.drawing.phrases import Book, lexicon
+from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.referring_expressions import (
     Ref,
     Situation,
+    call,
+    describe,
     plural,
     refer,
+    vaguely,
     with_article,
 )
 
@@ -36,6 +40,8 @@ KINDS = {
     "fill": 4, "coffee": 2.5, "switch_on": 6, "switch_off": 4, "open": 4, "close": 4, "hold": 15,
     "look": 4, "break": 2, "stack": 4,
 }  # fmt: skip
+FITS = 3  # types that a vague word for a place or an unknown thing may fit
+VAGUE_PLACES = 0.12  # share of fixed things that are not called by a name
 PAIR = "pair"  # two of a kind to one place; drawn only where it is asked for
 WITH_PAIRS = {**KINDS, PAIR: 5}
 
@@ -94,7 +100,10 @@ def _thing_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
         if (base_type(x.object_type), uses.BIN) in scene.excluded:
             return None
         goals = [_goal("INSIDE", x.name, uses.BIN)]
-        slots["r"] = with_article(rng, pick(rng, lexicon()[uses.BIN].names), "the")
+        bin_ = _pick_landmark(rng, scene, (uses.BIN,))
+        if bin_ is None:
+            return None
+        slots["r"] = bin_.words
     if kind == "place" or kind.endswith("_place") or kind == "stack":
         placed = _placement(rng, scene, kind, x, slots)
         if placed is None:
@@ -111,7 +120,7 @@ def _pair_ask(rng: Rng, scene: Situation) -> Ask | None:
     if not pool:
         return None
     name = pick(rng, pool)
-    word = pick(rng, lexicon()[name].names)
+    word = pick_common(rng, scene.book.things[name].names)
     x = Ref(name=name, object_type=name, words=with_article(rng, word, "a"), bare=word)
     r = _draw_receptacle(rng, scene, x, movable=False)
     if r is None or r.name not in LIKELY:  # what takes one thing only is not among them
@@ -188,9 +197,7 @@ def _switch_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
     if movables and (rng.random() < 0.25 or not landmarks):
         thing = refer(rng, scene, movables[int(rng.integers(len(movables)))])
     elif away and rng.random() < 0.3:
-        name = pick(rng, away)
-        word = pick(rng, lexicon()[name].names)
-        thing = Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
+        thing = call(rng, scene, pick(rng, away))
     else:
         thing = _pick_landmark(rng, scene, landmarks)
     if thing is None:
@@ -237,8 +244,7 @@ def _draw_ref(rng: Rng, scene: Situation, kind: str) -> Ref | None:
         and (guess := _vague_unknown(rng, name, scene)) is not None
     ):
         return guess
-    word = pick(rng, lexicon()[name].names)
-    return Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
+    return call(rng, scene, name)
 
 
 def _said_before(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref:
@@ -251,13 +257,12 @@ def _said_before(rng: Rng, scene: Situation, unit: MemoryUnit) -> Ref:
 
 def _vague_unknown(rng: Rng, name: str, scene: Situation) -> Ref | None:
     """Name something vaguely that memory does not hold: it means the first type of that kind."""
-    if not lexicon()[name].kinds:
+    said = describe(rng, scene, vaguely(scene, name, FITS))
+    if said is None or not _remembered(scene).isdisjoint(types_called(said.word)):
         return None
-    word = pick(rng, lexicon()[name].kinds)
-    if any(word in lexicon()[base_type(u.object_type)].kinds for u in scene.units):
-        return None
-    first = next(k for k, entry in lexicon().items() if word in entry.kinds)
-    return Ref(name=first, object_type=first, words=f"the {word}", bare=word, plain=False)
+    first = types_called(said.word)[0]
+    words = with_article(rng, said.text, "the")
+    return Ref(name=first, object_type=first, words=words, bare=said.text, plain=False)
 
 
 @cache
@@ -332,9 +337,7 @@ def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Re
     away = [k for k in away if k != base_type(x.object_type)]
     if not away:
         return None
-    name = pick(rng, away)
-    word = pick(rng, lexicon()[name].names)
-    return Ref(name=name, object_type=name, words=with_article(rng, word), bare=word)
+    return call(rng, scene, pick(rng, away))
 
 
 def _pick_landmark(rng: Rng, scene: Situation, allowed: tuple[str, ...]) -> Ref | None:
@@ -349,11 +352,16 @@ def _pick_landmark(rng: Rng, scene: Situation, allowed: tuple[str, ...]) -> Ref 
         rivals = rivals[: rivals.index(kind)] if kind in rivals else [
             k for k in lexicon() if list(lexicon()).index(k) < list(lexicon()).index(kind)
         ]  # fmt: skip
-    taken = {word for rival in rivals for word in lexicon()[rival].names}
-    words = [word for word in lexicon()[kind].names if word not in taken]
-    if not words:
-        return None
-    word = pick(rng, words)
+    taken = {word for rival in rivals for word in every_word()[rival].words}
+    words = tuple(word for word in scene.book.things[kind].names if word not in taken)
+    vague = [word for word in vaguely(scene, kind, FITS) if word not in taken]
+    if not words or rng.random() < VAGUE_PLACES:
+        said = describe(rng, scene, vague)
+        if said is None:
+            return None
+        text = with_article(rng, said.text, "the")
+        return Ref(name=kind, object_type=kind, words=text, bare=said.text, plain=False)
+    word = pick_common(rng, words)
     text = with_article(rng, word, "the")
     if rng.random() < 0.15:
         text = _decorated(rng, kind, word)

@@ -11,7 +11,8 @@ from collections.abc import Iterable
 from functools import cache
 from itertools import chain
 
-from karma.tasks.drawing.phrases import Book, lexicon
+from karma.tasks.drawing.lexicon import every_word
+from karma.tasks.drawing.phrases import Book
 
 _SLOT = re.compile(r"\{\w+\}")
 _WORD = re.compile(r"[a-z]+")
@@ -69,7 +70,7 @@ def form_of(text: str) -> str:
 @cache
 def _things() -> re.Pattern[str]:
     """Match what things are called, with an article, and "it"."""
-    called = {name for entry in lexicon().values() for name in (*entry.names, *entry.kinds)}
+    called = {name for entry in every_word().values() for name in entry.words}
     plain = (" ".join(re.findall(r"[a-z0-9]+", name)) for name in called)
     names = "|".join(sorted(plain, key=lambda name: (-len(name), name)))
     return re.compile(rf"\b(?:(?:the|a|an|some|one|my|that|this) )?(?:{names}|it)\b")

@@ -13,8 +13,8 @@ from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import HAND, SEVERAL
 from karma.household.states import OPPOSITES
 from karma.household.types import ObjectType, object_types
+from karma.tasks.drawing.lexicon import lexicon
 from karma.tasks.drawing.memories import CAPACITY, KnownRoom, Rng, pick, weighted
-from karma.tasks.drawing.phrases import lexicon
 
 Suits = Callable[[ObjectType], bool]
 EVENTS = {
