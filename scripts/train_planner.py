@@ -21,10 +21,12 @@ from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.offline import go_offline
 from karma.tasks.drawing.alfred import read_sentences
+from karma.tasks.drawing.lexicon import HELD_OUT, every_word
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
 from karma.tasks.drawing.several import SEVERAL
 from karma.training.planner.checkpoints import export_gguf, load_weights
+from karma.training.planner.choosing import candidates, choose, trained_on_before, write_held_out
 from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.processes import train_in_processes
 from karma.training.planner.reading import read_goals, tell
@@ -162,6 +164,18 @@ def _evaluate_alfred(path: Path, planner: str, wrong: int, read: Sources, *, map
         say(f"{one.sentence.text!r}\n  is   {one.sentence.facts}\n  read {one.found}")
     for line in tell(found):
         say(line)
+
+
+@app.command()
+def lexemes() -> None:
+    """Choose the lexemes that are held out, by rule, and write them down.
+
+    Weights that were trained before must be trained again then: they may know some of them.
+    """
+    chosen = choose(every_word(), our_book(), trained_on_before(sources(FOLDER)))
+    write_held_out(HELD_OUT, chosen)
+    for name, texts in candidates(every_word(), our_book()).items():
+        say(f"{name:10} {len(getattr(chosen, name)):4} of {len(texts):4} held out")
 
 
 @app.command()

@@ -17,7 +17,13 @@ import numpy as np
 
 from karma.files import read_toml
 from karma.tasks.demonstrations import read_demonstrations
-from karma.tasks.drawing.lexicon import Entry, lexicon
+from karma.tasks.drawing.lexicon import (
+    Entry,
+    held_out,
+    lexicon,
+    unseen_lexemes,
+    unseen_lexicon,
+)
 
 HERE = Path(__file__).parent
 MAX_WORDS = 14  # of a mined sentence
@@ -27,6 +33,7 @@ _CHOICE = re.compile(r"\(([^()]*)\)")
 _DEED = re.compile(r"<(\w+)>")
 
 
+Texts = Mapping[str, tuple[str, ...]]
 Verbs = Mapping[str, Mapping[str, tuple[str, ...]]]  # kind of deed -> word -> its phrases
 
 
@@ -52,23 +59,77 @@ class Book:
     things: Mapping[str, Entry] = field(default_factory=lexicon)  # what they are called
 
     def part(self, *, held_out: bool) -> "Book":
-        """Return one side of the fixed split of the templates (about one in twelve held out)."""
+        """Return one side of the fixed split of the templates (about one in twelve held out).
 
-        def side(book: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        Neither side has lexemes that are held out (see `with_unseen_words`).
+        """
+        known = self._with_known_words()
+
+        def side(book: Texts) -> dict[str, tuple[str, ...]]:
             return {
-                kind: tuple(t for t in texts if self.is_held_out(t) == held_out) or texts
+                kind: tuple(t for t in texts if self.is_held_out(t) == held_out)
                 for kind, texts in book.items()
             }
 
+        def side_or_all(book: Texts) -> dict[str, tuple[str, ...]]:
+            return {kind: texts or book[kind] for kind, texts in side(book).items()}
+
         return replace(
-            self,
-            templates=side(self.templates),
-            mined=side(self.mined),
-            joined=side(self.joined),
-            shared=side(self.shared),
-            spoken={
-                kind: tuple(t for t in texts if self.is_held_out(t) == held_out)
-                for kind, texts in self.spoken.items()
+            known,
+            templates=side_or_all(known.templates),
+            mined=side_or_all(known.mined),
+            joined=side_or_all(known.joined),
+            shared=side_or_all(known.shared),
+            spoken=side(known.spoken),
+        )
+
+    def with_unseen_words(self) -> "Book":
+        """Return the held-out templates, with held-out words for things, states and deeds."""
+        part, words = self.part(held_out=True), held_out()
+        deeds = self.with_verbs(words.verbs, held_out=True)
+        only = {kind: tuple(filter(_DEED.search, texts)) for kind, texts in deeds.templates.items()}
+
+        def unseen(book: Texts, known: Texts) -> Texts:
+            kept = {
+                state: tuple(text for text in texts if text in words.adjectives)
+                for state, texts in book.items()
+            }
+            return {state: texts or known[state] for state, texts in kept.items()}
+
+        return replace(
+            part,
+            spoken=only,
+            verbs=deeds.verbs,
+            adjectives=unseen(self.adjectives, part.adjectives),
+            just=unseen(self.just, part.just),
+            things=unseen_lexicon(),
+        )
+
+    def _with_known_words(self) -> "Book":
+        """Return the book without what has a held-out lexeme in it."""
+
+        def known(book: Texts) -> dict[str, tuple[str, ...]]:
+            return {
+                kind: tuple(text for text in texts if not unseen_lexemes().found_in(text))
+                for kind, texts in book.items()
+            }
+
+        verbs = {kind: known(words) for kind, words in self.verbs.items()}
+        return replace(
+            self.with_verbs(held_out().verbs, held_out=False),
+            templates=known(self.templates),
+            mined=known(self.mined),
+            spoken=known(self.spoken),
+            joined=known(self.joined),
+            shared=known(self.shared),
+            deeds=known(self.deeds),
+            adjectives=known(self.adjectives),
+            just=known(self.just),
+            around=known(self.around),
+            references=known(self.references),
+            verbs={
+                kind: {word: texts for word, texts in words.items() if texts}
+                for kind, words in verbs.items()
             },
         )
 

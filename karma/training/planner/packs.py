@@ -19,6 +19,7 @@ from karma.infer.llama.gguf_export import new_tokenizer
 from karma.seeds import stream
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import Sentence, StepSentence
+from karma.tasks.drawing.lexicon import unseen_lexemes
 from karma.tasks.drawing.memories import KnownRoom, pick
 from karma.tasks.drawing.phrases import Book
 from karma.training.planner.samples import TrainingExample, draw, draw_alfred, draw_step
@@ -109,7 +110,9 @@ def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExa
             example = draw_step(rng, room, data.steps)
         else:
             example = draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
-        if example is not None and plain(example.sentence) not in data.forbidden:
+        if example is None or unseen_lexemes().found_in(example.changing):
+            continue
+        if plain(example.sentence) not in data.forbidden:
             found.append(example)
     return found
 
