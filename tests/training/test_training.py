@@ -139,6 +139,8 @@ def asked_pair(example):
     if example.kind not in ("place", "trash", "clean_place", "heat_place", "cool_place", "stack"):
         return None
     puts = [call for call in parse_program(example.program) if call.skill == "PutObject"]
+    if not puts:  # what does not fit as it is, is only cut
+        return None
     thing, place = puts[-1].objects
     return base_type(thing.split("_")[0]), place.split("_")[0]
 
