@@ -114,12 +114,13 @@ class Book:
                 for kind, texts in book.items()
             }
 
-        verbs = {kind: known(words) for kind, words in self.verbs.items()}
+        part = self.with_verbs(held_out().verbs, held_out=False)
+        verbs = {kind: known(words) for kind, words in part.verbs.items()}
         return replace(
-            self.with_verbs(held_out().verbs, held_out=False),
+            part,
             templates=known(self.templates),
             mined=known(self.mined),
-            spoken=known(self.spoken),
+            spoken=known(part.spoken),
             joined=known(self.joined),
             shared=known(self.shared),
             deeds=known(self.deeds),
