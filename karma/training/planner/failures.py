@@ -16,7 +16,8 @@ from karma.tasks.drawing.memories import Rng, pick, place_type, weighted
 from karma.tasks.drawing.referring_expressions import Situation
 
 FAILED = 0.08  # share of prompts that tell of a failure
-SORTS = {"lost": 3, "missed": 2, "shut": 3, "full hand": 3, "empty hand": 0.5, "wrong": 4}
+SORTS = {"lost": 3, "missed": 2, "shut": 3, "full hand": 0.0, "empty hand": 0.5, "wrong": 4}
+HELD = 12.0  # weight of a full hand where something is held
 ALIKE = 8  # types that one may be taken for
 _CANNOT = {
     "SliceObject": "cannot be sliced", "OpenObject": "cannot be opened",
@@ -46,10 +47,11 @@ def draw_failure(
     """
     if rng.random() > FAILED:
         return Failure(error="", calls=calls)
+    sorts = {**SORTS, "full hand": HELD if scene.facts.held_type else 0.0}
     tell = {
         "lost": _lost, "missed": _missed, "shut": _shut_in, "full hand": _full_hand,
         "empty hand": _empty_hand,
-    }.get(weighted(rng, SORTS))  # fmt: skip
+    }.get(weighted(rng, sorts))  # fmt: skip
     found = tell(rng, scene, calls) if tell is not None else _mistaken(rng, scene, calls, wanted)
     return found or _lost(rng, scene, calls)
 
