@@ -62,7 +62,8 @@ def trained_on_before(sources: Sources) -> Iterator[str]:
     folder = HELD_OUT.parent
     for name in ("lexicon.toml", "phrases.toml"):
         yield from texts_of(tomllib.loads(_as_it_was(folder / name)))
-    yield from (re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name) for name in object_types())
+    for name in object_types():  # as prompts and programs have them, and as words
+        yield from (name, re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))
     yield from chain(LOOKS, WHERE, SWITCHED)
     for trial in read_demonstrations(sources.demonstrations, dict[str, Any]):
         for annotation in trial["turk_annotations"]:

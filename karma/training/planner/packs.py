@@ -110,7 +110,7 @@ def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExa
             example = draw_step(rng, room, data.steps)
         else:
             example = draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
-        if example is None or unseen_lexemes().found_in(example.changing):
+        if example is None or unseen_lexemes().found_in(example.sentence):
             continue
         if plain(example.sentence) not in data.forbidden:
             found.append(example)
