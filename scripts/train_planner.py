@@ -167,7 +167,7 @@ def _evaluate_alfred(path: Path, planner: str, wrong: int, read: Sources, *, map
 
 
 @app.command()
-def lexemes() -> None:
+def hold_out() -> None:
     """Choose the lexemes that are held out, by rule, and write them down.
 
     Weights that were trained before must be trained again then: they may know some of them.
@@ -192,6 +192,9 @@ def tasks(
         bool, typer.Option(help="Also what the expert does not do; the tasks are not run.")
     ] = False,
     pairs: Annotated[bool, typer.Option(help="Ask for two of a kind, too.")] = False,
+    lexemes: Annotated[
+        bool, typer.Option(help="Call things, states and deeds by words that training has not.")
+    ] = False,
     several: Annotated[
         bool, typer.Option(help="First ask for two or three things in one sentence.")
     ] = False,
@@ -200,7 +203,9 @@ def tasks(
 
     With --dumps the rooms are known to training; with --unfiltered the expert is not asked.
     """
-    book = disjoint_book() if disjoint else our_book().part(held_out=True)
+    book = our_book().with_unseen_words() if lexemes else our_book().part(held_out=True)
+    if disjoint:
+        book = disjoint_book()
     scenes = _floor_plans() if dumps else list(fresh_rooms(homes, seed))
     drawn = draw_tasks(
         folder,
@@ -210,10 +215,13 @@ def tasks(
         seed=seed,
         filtered=not unfiltered,
         kinds={SEVERAL: 1.0} if several else WITH_PAIRS if pairs else KINDS,
+        unseen=lexemes,
     )
     say(f"{drawn.tasks} tasks in {drawn.rooms} rooms, of {drawn.tried} drawn: {folder}/tasks.jsonl")
     for reason, count in drawn.left_out.items():
         say(f"  {count} left out: {reason}")
+    for count, number in sorted(drawn.lexemes.items()) if lexemes else ():
+        say(f"  {number} with {count} held-out lexemes")
 
 
 def _floor_plans() -> list[Scene]:

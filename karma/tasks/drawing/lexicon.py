@@ -157,12 +157,22 @@ class Lexemes:
     def found_in(self, text: str) -> tuple[str, ...]:
         """Return the lexemes that a text has in it, in the order in which they stand."""
         words = plain_words(text)
-        rows = (
-            words[start : start + size]
-            for start in range(len(words))
-            for size in range(1, min(self._longest, len(words) - start) + 1)
-        )
-        return tuple(self._by_words[row] for row in rows if row in self._by_words)
+        return tuple(one for start in range(len(words)) for one in self._at(words, start))
+
+    def number_in(self, text: str) -> int:
+        """Return how many lexemes a text has, one within another not counted."""
+        words, start, found = plain_words(text), 0, 0
+        while start < len(words):
+            here = self._at(words, start)
+            found += bool(here)
+            start += len(plain_words(here[-1])) if here else 1
+        return found
+
+    def _at(self, words: tuple[str, ...], start: int) -> list[str]:
+        """Return the lexemes that begin at a word, the shortest first."""
+        ends = range(start + 1, min(start + self._longest, len(words)) + 1)
+        rows = (words[start:end] for end in ends)
+        return [self._by_words[row] for row in rows if row in self._by_words]
 
 
 @cache

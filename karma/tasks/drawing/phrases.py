@@ -28,6 +28,7 @@ from karma.tasks.drawing.lexicon import (
 HERE = Path(__file__).parent
 MAX_WORDS = 14  # of a mined sentence
 MINED = 0.4  # share of mined templates where there are any
+UNSEEN_VAGUE = 0.35  # `vague` where the words are held out: names and uses are both to be asked
 SPOKEN = 0.5  # share of patterns among ours
 _CHOICE = re.compile(r"\(([^()]*)\)")
 _DEED = re.compile(r"<(\w+)>")
@@ -57,6 +58,7 @@ class Book:
     shared: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # one deed, several things
     deeds: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # bare verbs
     things: Mapping[str, Entry] = field(default_factory=lexicon)  # what they are called
+    vague: float = 0.12  # share of things not remembered and of places that go by no name
 
     def part(self, *, held_out: bool) -> "Book":
         """Return one side of the fixed split of the templates (about one in twelve held out).
@@ -103,6 +105,7 @@ class Book:
             adjectives=unseen(self.adjectives, part.adjectives),
             just=unseen(self.just, part.just),
             things=unseen_lexicon(),
+            vague=UNSEEN_VAGUE,
         )
 
     def _with_known_words(self) -> "Book":

@@ -22,7 +22,6 @@ from karma.tasks.drawing.phrases import Book
 Fits = Callable[[MemoryUnit], bool]
 WEIGHTS = {"name": 0.42, "kind": 0.30, "anything": 0.14, "pronoun": 0.14}
 VAGUE = {"name": 0.0, "kind": 0.55, "anything": 0.25, "pronoun": 0.20}
-BY_USE = 0.12  # share of things that memory does not hold which are not called by a name
 NAMED = {"name": 0.85, "kind": 0.0, "anything": 0.0, "pronoun": 0.15}
 
 
@@ -277,7 +276,9 @@ def describe(rng: Rng, scene: Situation, words: Sequence[str]) -> Description | 
 
 def call(rng: Rng, scene: Situation, kind: str) -> Ref:
     """Name a thing that memory does not hold, by words that fit no other type."""
-    said = describe(rng, scene, vaguely(scene, kind, 1)) if rng.random() < BY_USE else None
+    said = (
+        describe(rng, scene, vaguely(scene, kind, 1)) if rng.random() < scene.book.vague else None
+    )
     if said is not None:
         article = "the" if rng.random() < 0.7 else "a"
         words = with_article(rng, said.text, article)

@@ -41,7 +41,6 @@ KINDS = {
     "look": 4, "break": 2, "stack": 4,
 }  # fmt: skip
 FITS = 3  # types that a vague word for a place or an unknown thing may fit
-VAGUE_PLACES = 0.12  # share of fixed things that are not called by a name
 PAIR = "pair"  # two of a kind to one place; drawn only where it is asked for
 WITH_PAIRS = {**KINDS, PAIR: 5}
 
@@ -355,7 +354,7 @@ def _pick_landmark(rng: Rng, scene: Situation, allowed: tuple[str, ...]) -> Ref 
     taken = {word for rival in rivals for word in every_word()[rival].words}
     words = tuple(word for word in scene.book.things[kind].names if word not in taken)
     vague = [word for word in vaguely(scene, kind, FITS) if word not in taken]
-    if not words or rng.random() < VAGUE_PLACES:
+    if not words or rng.random() < scene.book.vague:
         said = describe(rng, scene, vague)
         if said is None:
             return None

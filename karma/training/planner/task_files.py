@@ -19,6 +19,7 @@ from karma.methods.expert import ExpertMethod
 from karma.seeds import stream
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.drawn_tasks import DrawnRequest, Kind, draw_task
+from karma.tasks.drawing.lexicon import unseen_lexemes
 from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.possible import Possible
 from karma.tasks.drawing.requests import KINDS
@@ -29,6 +30,7 @@ from karma.world.generation.generate import build_scene
 ORDER = ("kitchen", "living", "kitchen", "bedroom", "kitchen", "bathroom")
 NO_REQUEST = "the room offers no such request"
 NOT_ALLOWED = "AI2-THOR's table lets nothing of the kind in there"
+NO_LEXEME = "none of its words is held out"
 NOT_DONE = "the expert did not do it"
 
 
@@ -39,6 +41,7 @@ class Drawing:
     tasks: int
     rooms: int
     left_out: Mapping[str, int]  # reason -> how many were drawn and not kept
+    lexemes: Mapping[int, int]  # held-out lexemes in a task -> how many tasks have so many
 
     @property
     def tried(self) -> int:
@@ -55,6 +58,7 @@ def draw_tasks(
     seed: int,
     filtered: bool,
     kinds: Mapping[str, float] = KINDS,
+    unseen: bool = False,
 ) -> Drawing:
     """Draw tasks of every kind; writes tasks.jsonl and scenes/ into a folder.
 
@@ -67,6 +71,7 @@ def draw_tasks(
         filtered: whether only what the expert does in the world is kept; else all that anybody
             could do in it, expert or not.
         kinds: of requests, with their weights.
+        unseen: whether only what has a held-out lexeme in it is kept.
     """
     world = registry.load("worlds", "embedded")()
     known = [rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes]
@@ -76,6 +81,7 @@ def draw_tasks(
         write_atomic(path, to_json(scene))
     lines: list[dict[str, Any]] = []
     left_out: Counter[str] = Counter()
+    lexemes: Counter[int] = Counter()
     tried = 0
     for kind in get_args(Kind):
         found = 0
@@ -86,14 +92,18 @@ def draw_tasks(
             steps = draw_task(rng, known[at], book, kind, kinds)
             line = _task_line(f"{kind}-{found + 1:03}", kind, paths[at], steps or ())
             judge = world if filtered else possible[at]
-            reason = _reason(line, folder, judge) if steps else NO_REQUEST
+            said = sum(unseen_lexemes().number_in(step.text) for step in steps or ())
+            reason = NO_LEXEME if unseen and steps and not said else NO_REQUEST
+            if steps and (said or not unseen):
+                reason = _reason(line, folder, judge)
             if reason:
                 left_out[reason] += 1
                 continue
             lines.append(line)
+            lexemes[said] += 1
             found += 1
     write_atomic(folder / "tasks.jsonl", b"".join(to_json(line) + b"\n" for line in lines))
-    return Drawing(tasks=len(lines), rooms=len(scenes), left_out=left_out)
+    return Drawing(tasks=len(lines), rooms=len(scenes), left_out=left_out, lexemes=lexemes)
 
 
 def fresh_rooms(count: int, seed: int) -> Iterator[Scene]:
