@@ -20,8 +20,9 @@ from karma.seeds import stream
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import Sentence, StepSentence
 from karma.tasks.drawing.lexicon import unseen_lexemes
-from karma.tasks.drawing.memories import KnownRoom, pick
+from karma.tasks.drawing.memories import KnownRoom, Rng, pick
 from karma.tasks.drawing.phrases import Book
+from karma.training.planner.refusals import draw_near_miss, draw_refusal
 from karma.training.planner.samples import TrainingExample, draw, draw_alfred, draw_step
 
 END = "<|end|>"
@@ -61,6 +62,8 @@ class PlannerRecipe:
     alfred: tuple[float, float] = (0.4, 0.5)  # share of ALFRED's goals without and with it
     steps_said: float = 0.2  # share of what ALFRED's annotators said of single steps, without it
     plans: float = 0.4  # share of packs with long-term memory in rooms where ALFRED was recorded
+    refused: float = 0.08  # share of requests that are refused
+    near_misses: float = 0.03  # share of those that only sound like it
     half: bool = False  # matrices in bfloat16, where the processor has instructions for it
 
 
@@ -98,23 +101,31 @@ def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExa
     mapped = bool(rng.random() < recipe.mapped)
     recorded = data.recorded if mapped and rng.random() < recipe.plans else ()
     room = pick(rng, recorded or data.rooms)
-    said = data.said(room) if mapped else data.alfred
     found: list[TrainingExample] = []
     wanted = recipe.examples if mapped else recipe.examples * 3 // 2
     while len(found) < wanted:
-        example: TrainingExample | None = None
-        roll = rng.random()
-        if said and roll < recipe.alfred[mapped]:
-            example = draw_alfred(rng, room, said, mapped=mapped)
-        elif data.steps and not mapped and roll > 1 - recipe.steps_said:
-            example = draw_step(rng, room, data.steps)
-        else:
-            example = draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
+        example = _draw_one(rng, recipe, data, room, mapped=mapped)
         if example is None or unseen_lexemes().found_in(example.sentence):
             continue
         if plain(example.sentence) not in data.forbidden:
             found.append(example)
     return found
+
+
+def _draw_one(
+    rng: Rng, recipe: PlannerRecipe, data: Data, room: KnownRoom, *, mapped: bool
+) -> TrainingExample | None:
+    """Draw one example in a room, None where what was drawn cannot be."""
+    if (roll := rng.random()) < recipe.refused:
+        return draw_refusal(rng, room, data.book, mapped=mapped)
+    if roll < recipe.refused + recipe.near_misses:
+        return draw_near_miss(rng, room, data.book, mapped=mapped, excluded=data.excluded)
+    said, roll = data.said(room) if mapped else data.alfred, rng.random()
+    if said and roll < recipe.alfred[mapped]:
+        return draw_alfred(rng, room, said, mapped=mapped)
+    if data.steps and not mapped and roll > 1 - recipe.steps_said:
+        return draw_step(rng, room, data.steps)
+    return draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
 
 
 def corpus(recipe: PlannerRecipe, data: Data, packs: int) -> Iterator[str]:
