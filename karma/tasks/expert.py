@@ -290,7 +290,12 @@ def _place(draft: _Draft, thing: NamedThing, place: NamedThing) -> None:
         if fits_whole_or_cut(what, where):
             _slice(draft, thing)
             return  # the next program has the pieces
-        vessels = (one for one in draft.view.things if brings(one.object_type, what, where))
+        vessels = (
+            one
+            for one in draft.view.things
+            if brings(one.object_type, what, where)
+            and thing.name not in (one.name, *draft.places.get(one.name, ()))  # it lies in the thing
+        )
         if (vessel := next(vessels, None)) is not None:
             draft.put(thing, vessel)
             thing = vessel
