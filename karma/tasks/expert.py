@@ -294,8 +294,8 @@ def _place(draft: _Draft, thing: NamedThing, place: NamedThing) -> None:
             one
             for one in draft.view.things
             if brings(one.object_type, what, where)
-            and thing.name not in (one.name, *draft.places.get(one.name, ()))  # it lies in the thing
-        )
+            and thing.name not in (one.name, *draft.places.get(one.name, ()))
+        )  # not one that lies in the thing
         if (vessel := next(vessels, None)) is not None:
             draft.put(thing, vessel)
             thing = vessel
