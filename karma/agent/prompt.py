@@ -101,7 +101,7 @@ def _compact_last(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
     return f"#last {name_of[last.object_id]}\n" if last is not None else ""
 
 
-def _compact_words(hints: Sequence[Hint]) -> str:
+def compact_words(hints: Sequence[Hint]) -> str:
     """Return what words may mean, in tenths: `#words tumbler: Cup 8 Mug 7; nuke: heat 6`."""
     said = (
         f"{hint.phrase}: " + " ".join(f"{m.name} {tenths(m.similarity)}" for m in hint.meanings)
@@ -127,7 +127,7 @@ def compact(request: PlanRequest) -> Rendered:
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
     names = short_names(request.units, held)
     lines = [f"#task {' '.join(request.instruction.lower().split()).rstrip('.!? ')}\n"]
-    lines.append(_compact_words(request.hints))
+    lines.append(compact_words(request.hints))
     if request.error:
         lines.append(f"#error {_ID_REST.sub('', ' '.join(request.error.split()))[:120]}\n")
     lines.append(compact_memory(request.units, names))

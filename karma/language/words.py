@@ -31,6 +31,7 @@ class WordLists(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     adverbs: frozenset[str]
     particles: frozenset[str]
     switching: frozenset[str]  # verbs that take "on" and "off" as particles
+    qualifiers: frozenset[str]  # before a noun: its state, size or order
     deeds: Mapping[str, frozenset[str]]  # base forms by what their prepositions say
     irregular: Mapping[str, str]  # form -> base
 

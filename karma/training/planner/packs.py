@@ -22,6 +22,7 @@ from karma.tasks.drawing.alfred import Sentence, StepSentence
 from karma.tasks.drawing.lexicon import unseen_lexemes
 from karma.tasks.drawing.memories import KnownRoom, Rng, pick
 from karma.tasks.drawing.phrases import Book
+from karma.training.planner.hinted import DrawnHints
 from karma.training.planner.refusals import draw_near_miss, draw_refusal
 from karma.training.planner.samples import TrainingExample, draw, draw_alfred, draw_step
 
@@ -77,6 +78,7 @@ class Data:
     alfred: Sequence[Sentence] = ()
     steps: Sequence[StepSentence] = ()
     forbidden: frozenset[str] = frozenset()  # sentences of the tests, see `plain`
+    hints: DrawnHints | None = None  # what is told of words that are not known
 
     @cached_property
     def recorded(self) -> Sequence[KnownRoom]:
@@ -108,7 +110,7 @@ def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExa
         if example is None or unseen_lexemes().found_in(example.sentence):
             continue
         if plain(example.sentence) not in data.forbidden:
-            found.append(example)
+            found.append(example if data.hints is None else data.hints.told(rng, example))
     return found
 
 

@@ -6,28 +6,40 @@ of the test tasks stay out.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from karma import registry
 from karma.files import read_json, to_json, write_atomic
+from karma.language.hints import load_words, write_words
 from karma.seeds import stream
 from karma.tasks.authors import load_authors_tasks
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.alfred import Sentence, StepSentence, read_sentences, read_steps
+from karma.tasks.drawing.lexicon import lexicon
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book, our_book, with_alfred
 from karma.tasks.files import load_tasks
 from karma.tasks.requests import load_texts
+from karma.training.planner.hinted import (
+    DrawnHints,
+    KeptRows,
+    called,
+    phrases_to_embed,
+    words_file,
+)
 from karma.training.planner.network import first_embeddings, new_model
-from karma.training.planner.packs import Data, PlannerRecipe, make_tokenizer
+from karma.training.planner.packs import Data, PlannerRecipe, draw_pack, make_tokenizer
 from karma.training.planner.samples import TrainingExample, draw
 from karma.training.planner.start import extended_tokenizer, started_model
 from karma.world.importing.scenes import import_dump
 
+WORDS = "words.json"  # what a planner's words file is called
+SAMPLED = 1500  # packs whose sentences say which words are known
+EMBEDDED = 8_000  # phrases of sentences, at most
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
 
 
@@ -67,14 +79,44 @@ class Sources:
         return data / "thor5" / "scenes.jsonl.gz", data / "alfred" / "layouts.json.gz"
 
     def data(self, recipe: PlannerRecipe) -> Data:
-        """Return rooms and phrases of the training side."""
-        return Data(
+        """Return rooms, phrases and hints of the training side."""
+        found = Data(
             rooms=self.rooms(recipe),
             book=self.book().part(held_out=False),
             excluded=rooms.asked_pairs(self.tests),
             alfred=self.sentences(held_out=False),
             steps=self.steps(),
             forbidden=self.test_sentences(),
+        )
+        return replace(found, hints=self.hints(recipe, found))
+
+    def hints(self, recipe: PlannerRecipe, data: Data) -> DrawnHints:
+        """Return what gives examples their hints: words file and vectors, made once.
+
+        Args:
+            recipe: its seed draws the sentences whose words are known.
+            data: without hints.
+        """
+        path, asked = self.folder / WORDS, self.folder / "phrases.json"
+        rows = KeptRows(registry.load("embedders", "minilm")(), self.folder / "rows.safetensors")
+        if not asked.exists():
+            self.say("embedding the phrases of the training sentences ...")
+            seen = [
+                example.sentence
+                for number in range(SAMPLED)
+                for example in draw_pack(recipe, data, "words", str(number))
+            ]
+            said = [*(one.text for one in data.alfred), *(one.text for one in data.steps)]
+            phrases = sorted({*called(), *phrases_to_embed([*seen, *said], EMBEDDED)})
+            write_words(path, words_file(seen), rows)
+            rows.embed(phrases)
+            rows.save()
+            write_atomic(asked, to_json(phrases))
+        phrases = read_json(asked, list[str])
+        return DrawnHints(
+            words=load_words(path, rows),
+            vectors=dict(zip(phrases, rows.embed(phrases), strict=True)),
+            names=frozenset(name for entry in lexicon().values() for name in entry.names),
         )
 
     def rooms(self, recipe: PlannerRecipe) -> list[KnownRoom]:

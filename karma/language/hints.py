@@ -1,0 +1,290 @@
+"""What words that a planner has not learnt may mean: the nearest types and deeds, with cosines.
+
+Every type and deed has several short texts (`meanings.toml`, and what the caller adds: names). They
+are embedded once, one at a time, and kept beside the planner's weights. A phrase of an instruction
+is as near to a type as to the nearest of its texts. Phrases that the planner knows get no hint.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from hashlib import sha256
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.contracts import Embedder, Hint, Meaning, Vectors
+from karma.files import read_json, read_toml, to_json, write_atomic
+from karma.language.parts import NounPhrase, VerbPhrase
+from karma.language.phrases import phrases_of
+from karma.language.words import base_of, word_lists
+
+HERE = Path(__file__).parent
+TYPES_SAID, DEEDS_SAID = 3, 2  # meanings per hint
+MOST = 4  # hints per instruction
+LONGEST = 8  # words of a phrase
+
+
+class _OwnTexts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    types: dict[str, tuple[str, ...]]
+    deeds: dict[str, tuple[str, ...]]
+
+
+@cache
+def own_texts() -> _OwnTexts:
+    """Return our texts per object type and per deed."""
+    return read_toml(HERE / "meanings.toml", _OwnTexts)
+
+
+class WordFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a planner's words file holds: texts of types and deeds, and what training taught."""
+
+    types: dict[str, tuple[str, ...]]
+    deeds: dict[str, tuple[str, ...]]
+    phrases: frozenset[str]  # known as they stand: names, kinds, verbs with their particles
+    words: frozenset[str]  # content words that training saw often; before a phrase they are known
+
+    def knows(self, phrase: str) -> bool:
+        """Return whether the planner has learnt a phrase: as it stands, or behind known words.
+
+        "Green mug" is known where "mug" and the word "green" are.
+        """
+        words = phrase.split()
+        for first in range(len(words)):
+            rest = " ".join(words[first:])
+            if rest in self.phrases or singular(rest) in self.phrases:
+                return True
+            if is_content(words[first]) and words[first] not in self.words:
+                return False
+        return False
+
+
+def is_content(word: str) -> bool:
+    """Return whether a word is in no list of function words."""
+    return word not in _function_words()
+
+
+@cache
+def _function_words() -> frozenset[str]:
+    lists = word_lists()
+    return lists.prepositions | lists.determiners | lists.persons | lists.auxiliaries | (
+        lists.conjunctions | lists.adverbs | lists.particles | lists.pronouns | lists.heads
+    )  # fmt: skip
+
+
+def singular(phrase: str) -> str:
+    """Return a phrase with its last word in the singular, as far as rules go.
+
+    >>> singular("wine glasses"), singular("butter knives"), singular("berries"), singular("glass")
+    ('wine glass', 'butter knife', 'berry', 'glass')
+    """
+    endings = (
+        ("knives", "knife"), ("loaves", "loaf"), ("shelves", "shelf"), ("ies", "y"), ("sses", "ss"),
+        ("xes", "x"), ("ches", "ch"), ("shes", "sh"), ("oes", "o"), ("ss", "ss"), ("us", "us"),
+        ("s", ""),
+    )  # fmt: skip
+    for plural, single in endings:
+        if phrase.endswith(plural) and (len(plural) > 4 or len(phrase) > len(plural) + 1):
+            return phrase.removesuffix(plural) + single
+    return phrase
+
+
+def known_words(sentences: Iterable[str], at_least: int) -> tuple[frozenset[str], frozenset[str]]:
+    """Return the phrases of sentences, and their content words, that occur so often."""
+    phrases: Counter[str] = Counter()
+    words: Counter[str] = Counter()
+    for sentence in sentences:
+        phrases.update(query.phrase for query in queries(sentence))
+        words.update(filter(is_content, re.findall(r"[a-z]+", sentence.lower())))
+    said = frozenset(phrase for phrase, times in phrases.items() if times >= at_least)
+    return said, frozenset(word for word, times in words.items() if times >= at_least)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Query:
+    """A phrase of an instruction that a hint can be given for."""
+
+    phrase: str  # as the hint shows it
+    is_deed: bool
+    start: int  # of the phrase, in characters of the instruction; -1 where it is not one run of it
+    head: str  # the word that says what it is
+
+
+def queries(instruction: str) -> tuple[Query, ...]:
+    """Return the noun phrases of an instruction without their states, then its verbs."""
+    found = phrases_of(instruction)
+    nouns = [_noun_query(noun, instruction) for noun in found.nouns]
+    verbs = [_verb_query(verb) for verb in found.verbs]
+    distinct = {query.phrase: query for query in reversed([*nouns, *verbs]) if query is not None}
+    return tuple(reversed(distinct.values()))
+
+
+def _noun_query(noun: NounPhrase, instruction: str) -> Query | None:
+    words = bare_words(noun.text.split())[:LONGEST]
+    if not any(map(is_content, words)):
+        return None
+    phrase = " ".join(words)
+    start = instruction.lower().find(phrase, noun.start, noun.end)
+    return Query(phrase=phrase, is_deed=False, start=start, head=noun.head)
+
+
+def _verb_query(verb: VerbPhrase) -> Query | None:
+    if verb.base in word_lists().auxiliaries or len(verb.base) < 3:
+        return None
+    return Query(phrase=verb.text, is_deed=True, start=verb.start, head=verb.base)
+
+
+def bare_words(words: Sequence[str]) -> Sequence[str]:
+    """Return a noun phrase without the words of state and size before it.
+
+    >>> bare_words(["clean", "little", "tumbler"]), bare_words(["clean"])
+    (['tumbler'], ['clean'])
+    """
+    first = 0
+    while words[first] in word_lists().qualifiers and words[first + 1 :][:1] not in ([], ["of"]):
+        first += 1
+    return words[first:]
+
+
+class Words:
+    """The texts of types and deeds with their vectors, and which phrases are known.
+
+    Args:
+        file: texts and known words.
+        vectors: shape (n, d), a row of length 1 per text, types first, each in order of its name.
+    """
+
+    def __init__(self, file: WordFile, vectors: Vectors) -> None:
+        self.file, self.vectors = file, vectors
+        self.texts = texts_in_order(file)
+        self._deeds_from = sum(map(len, file.types.values()))
+        self.names = {
+            False: np.array(_name_of_each(file.types)), True: np.array(_name_of_each(file.deeds)),
+        }  # fmt: skip
+
+    @cached_property
+    def _containing(self) -> Mapping[str, NDArray[np.intp]]:
+        """Word, or base of a verb -> numbers of the texts that it stands in."""
+        rows: dict[str, list[int]] = {}
+        for number, text in enumerate(self.texts):
+            words = {one for word in text.lower().split() for one in (word, singular(word))}
+            for word in words | {base for word in words if (base := base_of(word))}:
+                rows.setdefault(word, []).append(number)
+        return {word: np.array(numbers) for word, numbers in rows.items()}
+
+    def nearest(
+        self, vector: Vectors, *, is_deed: bool, without: Sequence[str] = ()
+    ) -> tuple[Meaning, ...]:
+        """Return the nearest types or deeds of a phrase, the nearest first.
+
+        Args:
+            vector: of the phrase, shape (d,), length 1.
+            is_deed: whether deeds are asked for.
+            without: words whose texts are left out, as if nobody had ever written them.
+        """
+        scores = self.vectors @ vector
+        for word in without:
+            if word in self._containing:
+                scores[self._containing[word]] = -1.0
+        part = scores[self._deeds_from :] if is_deed else scores[: self._deeds_from]
+        names, wanted = self.names[is_deed], DEEDS_SAID if is_deed else TYPES_SAID
+        best: dict[str, float] = {}
+        for number in np.argsort(-part, kind="stable"):
+            best.setdefault(str(names[number]), float(part[number]))
+            if len(best) == wanted:
+                break
+        return tuple(Meaning(name=name, similarity=score) for name, score in best.items())
+
+
+def texts_in_order(file: WordFile) -> list[str]:
+    """Return all texts as their vectors stand: types by name, then deeds by name."""
+    return [
+        text for part in (file.types, file.deeds) for _, texts in sorted(part.items())
+        for text in texts
+    ]  # fmt: skip
+
+
+def _name_of_each(part: Mapping[str, Sequence[str]]) -> list[str]:
+    return [name for name, texts in sorted(part.items()) for _ in texts]
+
+
+class Hinter:
+    """Gives hints for the phrases of an instruction that the planner has not learnt."""
+
+    def __init__(self, words: Words, embedder: Embedder) -> None:
+        self.words, self._embedder = words, embedder
+
+    def hints(self, instruction: str) -> tuple[Hint, ...]:
+        """Return what unknown phrases may mean, in the order of the text, nouns first."""
+        unknown = [q for q in queries(instruction) if not self.words.file.knows(q.phrase)]
+        return tuple(
+            Hint(phrase=query.phrase, meanings=self.words.nearest(vector, is_deed=query.is_deed))
+            for query in unknown[:MOST]
+            for vector in self._embedder.embed([query.phrase])
+        )
+
+
+# ----------------------------------------------------------------- the files
+
+
+def embed_texts(embedder: Embedder, texts: Sequence[str]) -> Vectors:
+    """Return a row per text, embedded one at a time and kept in half precision."""
+    rows = [embedder.embed([text])[0] for text in texts]
+    found = np.array(rows, dtype=np.float16).astype(np.float32)
+    return found.reshape(len(texts), embedder.dimension)
+
+
+def write_words(path: Path, file: WordFile, embedder: Embedder) -> Words:
+    """Write a words file, and the vectors of its texts beside it; return both."""
+    write_atomic(path, to_json(file, indent=1))
+    return Words(file, _made_vectors(path, file, embedder))
+
+
+def load_words(path: Path, embedder: Embedder) -> Words:
+    """Read a words file and its vectors; what does not fit its texts and embedder is made anew.
+
+    Raises:
+        FileError: the words file is missing or torn.
+    """
+    file = read_json(path, WordFile)
+    kept = _vectors_beside(path)
+    found = _kept_vectors(kept, _stamp(file, embedder.name))
+    return Words(file, _made_vectors(None, file, embedder) if found is None else found)
+
+
+def _vectors_beside(path: Path) -> Path:
+    return path.with_suffix(".safetensors")
+
+
+def _stamp(file: WordFile, embedder: str) -> dict[str, str]:
+    """Return what vectors must have been made from."""
+    return {"embedder": embedder, "texts": sha256(to_json(texts_in_order(file))).hexdigest()}
+
+
+def _kept_vectors(path: Path, stamp: Mapping[str, str]) -> Vectors | None:
+    """Return vectors from a file; None where it is missing, torn, or made from something else."""
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(str(path), framework="numpy") as kept:
+            if dict(kept.metadata() or {}) != stamp:
+                return None
+            vectors: Vectors = kept.get_tensor("texts").astype(np.float32)
+    except (OSError, SafetensorError, KeyError):
+        return None
+    return vectors
+
+
+def _made_vectors(path: Path | None, file: WordFile, embedder: Embedder) -> Vectors:
+    """Embed all texts, and write them beside a words file if its path is given."""
+    from safetensors.numpy import save
+
+    vectors = embed_texts(embedder, texts_in_order(file))
+    if path is not None:
+        half = {"texts": vectors.astype(np.float16)}
+        write_atomic(_vectors_beside(path), save(half, metadata=_stamp(file, embedder.name)))
+    return vectors
