@@ -4,7 +4,8 @@ SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 PY := .venv/bin/python
 WORKERS ?= 2
-STEPS ?= 9000
+STEPS ?= 3000
+DECAY ?= 800
 SEED ?= 29
 HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
 	policies tasks draw,tests/*/test_$(name).py))
@@ -43,7 +44,7 @@ scenes: setup ## draw the rooms in karma/world/scenes again; equal seeds give eq
 	@$(PY) scripts/make_scenes.py --seed $(SEED)
 
 planner: setup ## train the nano planner again, some hours on 2 cores; resumes
-	@$(PY) scripts/train_planner.py train --steps $(STEPS)
+	@$(PY) scripts/train_planner.py train --half --steps $(STEPS) --decay $(DECAY)
 	@$(PY) scripts/train_planner.py export models/nano/planner.gguf
 	@echo "planner: now put size and SHA-256 of models/nano/planner.gguf into models/manifest.toml"
 

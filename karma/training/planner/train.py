@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from karma.tasks.drawing.several import SEVERAL
 from karma.training.planner.checkpoints import resume, save_checkpoint
 from karma.training.planner.network import Batch, collate, forward, new_model
 from karma.training.planner.packs import Data, PlannerRecipe, draw_pack
