@@ -17,11 +17,7 @@ from karma.training.planner.samples import TrainingExample
 
 PART = 10  # packs that are computed at once
 HORIZON = 200  # steps that the averaged weights look back over
-GROUPS = {
-    "refuse": "refused",
-    "two": "several",
-    "several": "several",
-}  # kind -> what the log calls it
+GROUPS = {"refuse": "refused", SEVERAL: "several"}  # kind -> what the log calls it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
