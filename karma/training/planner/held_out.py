@@ -6,7 +6,6 @@ must be put in, taken out or replaced to turn one into the other; a slot counts 
 
 import re
 import sys
-from collections import Counter
 from collections.abc import Iterable
 from functools import cache
 from itertools import chain
@@ -35,12 +34,17 @@ def words_apart(one: str, other: str) -> int:
 
 def nearest(template: str, trained: Iterable[str]) -> int:
     """Return how many words a template lies from the nearest of some others."""
-    words, best = Counter(template.split()), sys.maxsize
+    words, best = frozenset(template.split()), sys.maxsize
     for other in trained:
-        others = Counter(other.split())
-        if max(words.total(), others.total()) - (words & others).total() < best:  # at least so far
+        others = _said(other)
+        if max(len(words - others), len(others - words)) < best:  # at least so far
             best = min(best, words_apart(template, other))
     return best
+
+
+@cache
+def _said(template: str) -> frozenset[str]:
+    return frozenset(template.split())
 
 
 def templates_of(book: Book) -> tuple[str, ...]:
