@@ -1,8 +1,9 @@
 """What words that a planner has not learnt may mean: the nearest types and deeds, with cosines.
 
 Every type and deed has several short texts (`meanings.toml`, and what the caller adds: names). They
-are embedded once, one at a time, and kept beside the planner's weights. A phrase of an instruction
-is as near to a type as to the nearest of its texts. Phrases that the planner knows get no hint.
+are embedded once, one at a time, and kept beside the planner's weights. Types are ordered by the
+log-sum of how near their texts are to a phrase; the similarity told is that of the nearest text.
+Phrases that the planner knows get no hint.
 """
 
 import re
@@ -27,6 +28,7 @@ HERE = Path(__file__).parent
 TYPES_SAID, DEEDS_SAID = 3, 2  # meanings per hint
 MOST = 4  # hints per instruction
 LONGEST = 8  # words of a phrase
+SHARPNESS = 20.0  # of the sum over a type's texts: the best one counts most, the others a little
 
 
 class _OwnTexts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -161,10 +163,8 @@ class Words:
     def __init__(self, file: WordFile, vectors: Vectors) -> None:
         self.file, self.vectors = file, vectors
         self.texts = texts_in_order(file)
-        self._deeds_from = sum(map(len, file.types.values()))
-        self.names = {
-            False: np.array(_name_of_each(file.types)), True: np.array(_name_of_each(file.deeds)),
-        }  # fmt: skip
+        types, deeds = _Rows(file.types), _Rows(file.deeds, sum(map(len, file.types.values())))
+        self._rows = {False: types, True: deeds}
 
     @cached_property
     def _containing(self) -> Mapping[str, NDArray[np.intp]]:
@@ -179,7 +179,7 @@ class Words:
     def nearest(
         self, vector: Vectors, *, is_deed: bool, without: Sequence[str] = ()
     ) -> tuple[Meaning, ...]:
-        """Return the nearest types or deeds of a phrase, the nearest first.
+        """Return the nearest types or deeds of a phrase, the likeliest first.
 
         Args:
             vector: of the phrase, shape (d,), length 1.
@@ -190,14 +190,28 @@ class Words:
         for word in without:
             if word in self._containing:
                 scores[self._containing[word]] = -1.0
-        part = scores[self._deeds_from :] if is_deed else scores[: self._deeds_from]
-        names, wanted = self.names[is_deed], DEEDS_SAID if is_deed else TYPES_SAID
-        best: dict[str, float] = {}
-        for number in np.argsort(-part, kind="stable"):
-            best.setdefault(str(names[number]), float(part[number]))
-            if len(best) == wanted:
-                break
-        return tuple(Meaning(name=name, similarity=score) for name, score in best.items())
+        rows = self._rows[is_deed]
+        part = scores[rows.first : rows.end]
+        best = np.maximum.reduceat(part, rows.starts)
+        near = np.log(np.add.reduceat(np.exp(SHARPNESS * part), rows.starts))
+        order = np.argsort(-near, kind="stable")[: DEEDS_SAID if is_deed else TYPES_SAID]
+        return tuple(Meaning(name=rows.names[n], similarity=float(best[n])) for n in order)
+
+
+class _Rows:
+    """Which rows of the vectors belong to which type or deed.
+
+    Args:
+        part: name -> texts.
+        first: row of the first text.
+    """
+
+    def __init__(self, part: Mapping[str, Sequence[str]], first: int = 0) -> None:
+        filled = sorted((name, len(texts)) for name, texts in part.items() if texts)
+        self.names = [name for name, _ in filled]
+        sizes = np.array([size for _, size in filled])
+        self.starts = np.cumsum(sizes) - sizes
+        self.first, self.end = first, first + int(sizes.sum())
 
 
 def texts_in_order(file: WordFile) -> list[str]:
@@ -206,10 +220,6 @@ def texts_in_order(file: WordFile) -> list[str]:
         text for part in (file.types, file.deeds) for _, texts in sorted(part.items())
         for text in texts
     ]  # fmt: skip
-
-
-def _name_of_each(part: Mapping[str, Sequence[str]]) -> list[str]:
-    return [name for name, texts in sorted(part.items()) for _ in texts]
 
 
 class Hinter:

@@ -141,10 +141,10 @@ def words_file(seen: Iterable[str]) -> WordFile:
     return WordFile(types=types, deeds=deeds, phrases=said | frozenset(called()), words=words)
 
 
-def phrases_to_embed(sentences: Iterable[str], most: int) -> list[str]:
+def phrases_to_embed(sentences: Iterable[str]) -> list[str]:
     """Return the phrases of sentences that hints may be asked for, the most frequent first."""
     counts = Counter(query.phrase for sentence in sentences for query in queries(sentence))
-    return sorted(counts, key=lambda phrase: (-counts[phrase], phrase))[:most]
+    return sorted(counts, key=lambda phrase: (-counts[phrase], phrase))
 
 
 class KeptRows:

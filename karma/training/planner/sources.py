@@ -7,7 +7,7 @@ of the test tasks stay out.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,7 @@ from karma.world.importing.scenes import import_dump
 
 WORDS = "words.json"  # what a planner's words file is called
 SAMPLED = 1500  # packs whose sentences say which words are known
-EMBEDDED = 8_000  # phrases of sentences, at most
+EMBEDDED = 9_000  # phrases of sentences, at most
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
 
 
@@ -107,7 +107,8 @@ class Sources:
                 for example in draw_pack(recipe, data, "words", str(number))
             ]
             said = [*(one.text for one in data.alfred), *(one.text for one in data.steps)]
-            phrases = sorted({*called(), *phrases_to_embed([*seen, *said], EMBEDDED)})
+            spoken = dict.fromkeys((*phrases_to_embed(seen), *phrases_to_embed(said)))
+            phrases = sorted({*called(), *islice(spoken, EMBEDDED)})
             write_words(path, words_file(seen), rows)
             rows.embed(phrases)
             rows.save()
