@@ -146,7 +146,9 @@ def evaluate(
         return
     recipe = replace(read_json(folder / "recipe.json", PlannerRecipe), seed=seed)
     book = disjoint_book() if disjoint else our_book().part(held_out=True)
-    examples = [example for pack in held_out_packs(recipe, book, packs) for example in pack]
+    hints = sources(folder).data(recipe).hints
+    drawn = held_out_packs(recipe, book, packs, hints)
+    examples = [example for pack in drawn for example in pack]
     weights = load_weights(folder, recipe, average=average)
     for kind, count, share in exact_by_kind(folder, weights, examples):
         say(f"{kind:12} {count:4}  exact {share:.3f}")

@@ -122,7 +122,7 @@ def test_step_of_two_processes_is_the_step_on_the_mean_of_their_gradients(data, 
 
 def test_several_groups_of_requests_are_told_apart(data):
     pack = packs.draw_pack(RECIPE, data, "groups")
-    refused = replace(pack[0], kind="refuse")
+    refused = replace(pack[0], kind="refuse_deed")
     hinted = replace(pack[0], changing="#task x\n#words y: Mug 8\n#program\n", kind="place")
     found = train.by_group([[refused, hinted]])
     assert found == {"all": [[refused, hinted]], "refused": [[refused]], "hinted": [[hinted]]}

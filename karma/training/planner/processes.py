@@ -65,7 +65,7 @@ def _train_share(
     for line in train(
         recipe,
         data,
-        held_out_packs(recipe, our_book().part(held_out=True), WATCHED_PACKS),
+        held_out_packs(recipe, our_book().part(held_out=True), WATCHED_PACKS, data.hints),
         tokenizer,
         sources.folder,
         first=sources.first_model(recipe, tokenizer),

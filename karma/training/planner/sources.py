@@ -14,7 +14,6 @@ from typing import Any
 from karma import registry
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
-from karma.seeds import stream
 from karma.tasks.authors import load_authors_tasks
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing import rooms
@@ -33,7 +32,7 @@ from karma.training.planner.hinted import (
 )
 from karma.training.planner.network import first_embeddings, new_model
 from karma.training.planner.packs import Data, PlannerRecipe, draw_pack, make_tokenizer
-from karma.training.planner.samples import TrainingExample, draw
+from karma.training.planner.samples import TrainingExample
 from karma.training.planner.start import extended_tokenizer, started_model
 from karma.world.importing.scenes import import_dump
 
@@ -206,13 +205,10 @@ class Sources:
         return load(path.read_bytes())["tokens"]
 
 
-def held_out_packs(recipe: PlannerRecipe, book: Book, count: int) -> list[list[TrainingExample]]:
+def held_out_packs(
+    recipe: PlannerRecipe, book: Book, count: int, hints: DrawnHints | None = None
+) -> list[list[TrainingExample]]:
     """Return packs over rooms that training never sees, with the phrases of `book`."""
     found = list(rooms.generated_rooms(24, recipe.seed + 78))
-    packs = []
-    for number in range(count):
-        rng = stream(recipe.seed, "planner", "held-out", str(number))
-        room = found[int(rng.integers(len(found)))]
-        mapped = bool(rng.random() < recipe.mapped)
-        packs.append([draw(rng, room, book, mapped=mapped) for _ in range(recipe.examples)])
-    return packs
+    data = Data(rooms=found, book=book, excluded=frozenset(), hints=hints)
+    return [draw_pack(recipe, data, "held-out", str(number)) for number in range(count)]

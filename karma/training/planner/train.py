@@ -17,7 +17,6 @@ from karma.training.planner.samples import TrainingExample
 
 PART = 10  # packs that are computed at once
 HORIZON = 200  # steps that the averaged weights look back over
-GROUPS = {"refuse": "refused", SEVERAL: "several"}  # kind -> what the log calls it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,9 +64,13 @@ def held_out_score(
 
 def group_of(example: TrainingExample) -> str:
     """Return what the log counts an example under: refused, several, hinted, said or asked."""
-    if "\n#words " in example.changing and example.kind not in GROUPS:
+    if example.kind.startswith("refuse"):
+        return "refused"
+    if example.kind == SEVERAL:
+        return SEVERAL
+    if "\n#words " in example.changing:
         return "hinted"
-    return GROUPS.get(example.kind, "said" if example.kind in ("alfred", "step") else "asked")
+    return "said" if example.kind in ("alfred", "step") else "asked"
 
 
 def by_group(packs: Sequence[Sequence[TrainingExample]]) -> dict[str, list[list[TrainingExample]]]:
