@@ -717,6 +717,9 @@ class Knowledge(Protocol):
         """Return the area nodes to search, in order; () without long-term memory."""
 
 
+Hints = Callable[[str], Sequence[Hint]]  # of an instruction, for one planner
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resources:
     """What a run has loaded once, for all of its methods."""
@@ -724,6 +727,7 @@ class Resources:
     model: LanguageModel  # the planner's
     profile: str  # of its prompts: "compact" or "full"
     decoding: Decoding = Decoding()
+    hints: Hints | None = None  # where the planner has learnt to read them
     recall: Recall
     vision: VisionModel
     detector: Detector | None = None  # for perception by pictures without given boxes

@@ -16,7 +16,8 @@ import typer
 from rich.console import Console
 
 from karma import registry
-from karma.files import read_json
+from karma.bench.planner_words import WORDS, hints_for
+from karma.files import read_json, write_atomic
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.offline import go_offline
@@ -114,8 +115,10 @@ def train(
 def export(
     path: Path, folder: Folder = FOLDER, dtype: str = "Q8_0", average: Average = False
 ) -> None:
-    """Write the last checkpoint as GGUF."""
+    """Write the last checkpoint as GGUF, and beside it the words file with its vectors."""
     export_gguf(folder, path, dtype, average=average)
+    for kept in folder.glob(f"{Path(WORDS).stem}.*"):
+        write_atomic(path.with_name(kept.name), kept.read_bytes())
     say(f"{path}  {path.stat().st_size / 1e6:.1f} MB")
 
 
@@ -161,7 +164,7 @@ def _evaluate_alfred(path: Path, planner: str, wrong: int, read: Sources, *, map
     )
     plans = read.known_plans() if mapped else None
     training = read_sentences(read.demonstrations)
-    found = list(read_goals(model, read_sentences(path), training, plans))
+    found = list(read_goals(model, read_sentences(path), training, plans, hints_for(planner)))
     for one in [one for one in found if not one.right][:wrong]:
         say(f"{one.sentence.text!r}\n  is   {one.sentence.facts}\n  read {one.found}")
     for line in tell(found):

@@ -14,6 +14,7 @@ from karma.contracts import (
     Completion,
     Decoding,
     FailedProgram,
+    Hints,
     LanguageModel,
     Plan,
     PlanRequest,
@@ -36,25 +37,33 @@ class Planner:
         model: any `LanguageModel`.
         profile: "compact" or "full".
         decoding: how answers are drawn.
+        hints: of an instruction; None: the planner reads none.
     """
 
     def __init__(
-        self, model: LanguageModel, profile: str, decoding: Decoding | None = None
+        self,
+        model: LanguageModel,
+        profile: str,
+        decoding: Decoding | None = None,
+        hints: Hints | None = None,
     ) -> None:
         self.model = model
         self.profile = profile
         self.decoding = decoding or Decoding()
+        self.hints = hints
 
     @classmethod
     def of(cls, resources: Resources) -> Self:
         """Return the planner that a run has loaded."""
-        return cls(resources.model, resources.profile, resources.decoding)
+        return cls(resources.model, resources.profile, resources.decoding, resources.hints)
 
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
         The last answer is only asked to parse: the world may know better than the type table.
         """
+        if self.hints is not None:
+            request = replace(request, hints=self.hints(request.instruction))
         for attempt in range(self.decoding.attempts):
             answer = self._ask(request, attempt)
             if self.decoding.inspected and answer.calls:

@@ -12,6 +12,7 @@ import msgspec
 
 from karma import registry
 from karma.bench.alfred_tasks import AlfredTasks
+from karma.bench.planner_words import NO_WORDS, hints_for
 from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.presets import PRESETS, preset
 from karma.contracts import (
@@ -65,6 +66,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     planner: str = "karma-nano"  # a name of models/manifest.toml, a GGUF's path, or "openai"
     profile: str = ""  # "compact" or "full"; "" = what the manifest says
     chat: bool = False  # through the GGUF's own chat template
+    words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
     thinking: Thinking = "off"  # whether a model that can think first may
     thinking_tokens: int = 1024  # of a thought at most
@@ -275,10 +277,12 @@ def load_resources(
         max_tokens=models.max_tokens,
     )
     embedder = filled("embedders", models.embedder, models.hosted.embedder, session, models)
+    hosted = NO_WORDS if models.hosted.planner is not None else ""
     return Resources(
         model=model,
         profile=profile,
         decoding=decoding,
+        hints=hints_for(models.planner, models.words or hosted, embedder),
         recall=_recall(models.recall, models.recall_text, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,

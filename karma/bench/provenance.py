@@ -12,6 +12,7 @@ import msgspec
 
 from karma import __version__
 from karma.bench.experiment import OPENAI, Experiment, Models, Row, RunOptions
+from karma.bench.planner_words import chosen_words
 from karma.bench.run_folder import FORMAT, Header, Machine
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, ModelError, UnknownNameError
@@ -112,7 +113,9 @@ def _planner(models: Models) -> str:
     if models.hosted.planner is not None:
         return f"{OPENAI}: {models.hosted.planner.model}"
     file = resolve_planner(models.planner)
-    return f"{file.name} {file.sha256 or _file_sha(file.path)}"
+    words = chosen_words(models.planner, models.words)
+    told = f", words {_file_sha(words)}" if words is not None else ""
+    return f"{file.name} {file.sha256 or _file_sha(file.path)}{told}"
 
 
 def _filled(models: Models, role: str) -> str:

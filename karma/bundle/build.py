@@ -43,10 +43,10 @@ from karma.bundle.wheels import (
     read_wheel,
 )
 from karma.errors import FileError
+from karma.infer.manifest.added_entry import entry_toml
 from karma.infer.manifest.manifest import (
     ModelEntry,
     check,
-    entry_toml,
     file_paths,
     find_model,
     read_manifest,

@@ -12,6 +12,8 @@ from karma.contracts import (
     Area,
     Decoding,
     Fixture,
+    Hint,
+    Meaning,
     MemoryUnit,
     PlanRequest,
     RefusedRequest,
@@ -53,6 +55,20 @@ def test_plan_of_a_good_answer_holds_calls_names_and_what_was_recalled(profile):
     assert (plan.error, plan.units, plan.completion.text) == ("", UNITS, GOOD)
     assert plan.names["Apple"] == "Apple|2"
     assert model.prompts == [plan.prompt]
+
+
+def test_planner_that_reads_hints_is_told_them_at_every_attempt():
+    model = ScriptedModel([BAD, GOOD])
+    asked = []
+
+    def hints(instruction):
+        asked.append(instruction)
+        return (Hint(phrase="pome", meanings=(Meaning(name="Apple", similarity=0.71),)),)
+
+    list(Planner(model, "compact", Decoding(), hints).plan(FACTS))
+    assert asked == [FACTS.instruction]
+    assert all("#words pome: Apple 7\n" in prompt.changing for prompt in model.prompts)
+    assert len(model.prompts) == 2
 
 
 def test_plan_after_a_bad_answer_quotes_the_error_and_asks_again():

@@ -1,5 +1,6 @@
 """Describe a model that somebody brought: compare hashes, then read headers."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +49,21 @@ class AddOptions:
     context_length: int | None = None
     chat: bool | None = None
     in_place: bool = False
+
+
+def entry_toml(entry: ModelEntry) -> str:
+    """Write one entry; a JSON string of printable characters is a TOML string."""
+
+    def pairs(values: dict[str, object]) -> list[str]:
+        return [
+            f"{key} = {json.dumps(value, ensure_ascii=False)}"
+            for key, value in values.items()
+            if value is not None
+        ]
+
+    values = msgspec.to_builtins(entry)
+    files = [f"  {{ {', '.join(pairs(file))} }}," for file in values.pop("files")]
+    return "\n".join(["[[models]]", *pairs(values), "files = [", *files, "]", ""])
 
 
 def entry_of(

@@ -18,12 +18,11 @@ import msgspec
 
 from karma.errors import FileError, KarmaError, ModelError
 from karma.files import write_atomic
-from karma.infer.manifest.added_entry import AddOptions, entry_of
+from karma.infer.manifest.added_entry import AddOptions, entry_of, entry_toml
 from karma.infer.manifest.added_files import files_of, matching
 from karma.infer.manifest.manifest import (
     Manifest,
     ModelEntry,
-    entry_toml,
     local_path,
     read_local,
     read_shipped,

@@ -5,7 +5,6 @@ which holds what `karma models add` brought (`added_models`) and which git ignor
 """
 
 import hashlib
-import json
 import os
 import re
 from collections.abc import Callable
@@ -60,6 +59,7 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     prompt_profile: Literal["compact", "full"] | None = None  # planners only
     chat: bool = False  # planners only: through the GGUF's own chat template
     refuses: bool = False  # planners only: it has learnt to refuse requests
+    words: str = ""  # planners only: path of the words file, of `files`, whose hints it reads
     context_length: int | None = None  # in tokens; planners: what is opened by default
     memory_mb: int | None = None  # once loaded, estimated upwards (docs/models.md)
 
@@ -69,6 +69,8 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             raise ValueError(f"model {self.name!r} has no files")
         if self.role == "planner" and (self.prompt_profile is None or self.context_length is None):
             raise ValueError(f"planner {self.name!r} needs prompt_profile and context_length")
+        if self.words and self.words not in [file.path for file in self.files]:
+            raise ValueError(f"words = {self.words!r} of {self.name!r} is none of its files")
         if not self.name or not self.name.isprintable() or "/" in self.name:
             raise ValueError(f"{self.name!r} is not a name: printable, without '/'")
 
@@ -190,21 +192,6 @@ def find_model(name: str, path: str | Path | None = None) -> ModelEntry:
             "  Nothing is ever fetched. To use another: `karma models add PATH` (docs/models.md)"
         )
     return found[name]
-
-
-def entry_toml(entry: ModelEntry) -> str:
-    """Write one entry; a JSON string of printable characters is a TOML string."""
-
-    def pairs(values: dict[str, object]) -> list[str]:
-        return [
-            f"{key} = {json.dumps(value, ensure_ascii=False)}"
-            for key, value in values.items()
-            if value is not None
-        ]
-
-    values = msgspec.to_builtins(entry)
-    files = [f"  {{ {', '.join(pairs(file))} }}," for file in values.pop("files")]
-    return "\n".join(["[[models]]", *pairs(values), "files = [", *files, "]", ""])
 
 
 # ----------------------------------------------------------------- checking

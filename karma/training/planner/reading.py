@@ -12,7 +12,7 @@ import numpy as np
 
 from karma.agent.program import parse_program
 from karma.agent.prompt import compact
-from karma.contracts import LanguageModel, PlanRequest
+from karma.contracts import Hints, LanguageModel, PlanRequest
 from karma.errors import ProgramError
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import GoalFacts, Sentence, facts_of
@@ -39,6 +39,7 @@ def read_goals(
     sentences: Iterable[Sentence],
     training: Iterable[Sentence],
     plans: Mapping[str, KnownRoom] | None = None,
+    hints: Hints | None = None,
 ) -> Iterator[ReadSentence]:
     """Let a planner read goal sentences, without short-term memory.
 
@@ -48,13 +49,16 @@ def read_goals(
         training: those that stand in the training split.
         plans: floor plan -> what is known of it; a sentence is then read with the map of its room,
             and left out where there is none.
+        hints: of a sentence; None for a planner that reads none.
     """
     known = {plain(sentence.text) for sentence in training}
     for sentence in sentences:
         if plans is not None and sentence.floor_plan not in plans:
             continue
         areas = plans[sentence.floor_plan].areas if plans is not None else ()
-        prompt = compact(PlanRequest(instruction=sentence.text, areas=areas)).prompt
+        told = hints(sentence.text) if hints is not None else ()
+        request = PlanRequest(instruction=sentence.text, areas=areas, hints=told)
+        prompt = compact(request).prompt
         begun = time.perf_counter()
         said = model.complete(prompt, spec=None, max_tokens=256, temperature=0.0, seed=0)
         yield ReadSentence(

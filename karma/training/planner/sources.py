@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from karma import registry
+from karma.bench.planner_words import WORDS
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
 from karma.tasks.authors import load_authors_tasks
@@ -36,7 +37,6 @@ from karma.training.planner.samples import TrainingExample
 from karma.training.planner.start import extended_tokenizer, started_model
 from karma.world.importing.scenes import import_dump
 
-WORDS = "words.json"  # what a planner's words file is called
 SAMPLED = 1500  # packs whose sentences say which words are known
 EMBEDDED = 9_000  # phrases of sentences, at most
 WATCHED = 25  # one of so many of ALFRED's trials is kept out of training, to watch it
