@@ -405,6 +405,15 @@ KvState = Literal["kept", "loaded", "evaluated"]  # of a prompt's stable part: m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Certainty:
+    """How sure a model was of its own answer, by what it would have said without any grammar."""
+
+    mean_logprob: float  # natural logarithm of the chance of a token, over those of the answer
+    least_logprob: float  # of the token that it was least sure of
+    refusing: float | None = None  # chance that the answer refuses; None where it may not
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Completion:
     """A model's answer and what it cost; None where a hosted model does not tell."""
 
@@ -421,6 +430,7 @@ class Completion:
     fault: str = ""  # why it cannot be a program, whatever it says: cut off, or not held
     engine: Engine | None = None  # None where it is not ours to know
     state: KvState | None = None  # where that of the stable part came from, likewise
+    certainty: Certainty | None = None  # None where a model does not tell
 
 
 Scoring = Literal["sum", "average"]  # of the log-probabilities of a text's tokens

@@ -9,8 +9,17 @@ from typing import Literal
 
 import numpy as np
 
-from karma.contracts import AnswerSpec, Choice, Completion, ProgramSpec, Prompt, Scoring, Thinking
+from karma.contracts import (
+    AnswerSpec,
+    Choice,
+    Completion,
+    ProgramSpec,
+    Prompt,
+    Scoring,
+    Thinking,
+)
 from karma.errors import ModelError
+from karma.infer.llama.certainty import CertaintyLog
 from karma.infer.llama.chat_template import ChatTemplate
 from karma.infer.llama.constrain import best_token, choose_token, gumbel
 from karma.infer.llama.gguf_model import GgufModel
@@ -100,7 +109,8 @@ class LlamaModel:
         automaton = None if spec is None else _automaton(spec)
         rng = stream(seed, "decode") if temperature > 0 else None
         thought = self._think(spare, temperature, rng)
-        found = self._decode(automaton, room, temperature, rng, begun)
+        log = CertaintyLog(self.gguf.table, spec)
+        found = self._decode(automaton, room, temperature, rng, begun, log)
         said = found.text
         if found.finish == "length" and isinstance(spec, ProgramSpec):
             said = said[: said.rfind(b"\n") + 1]
@@ -119,6 +129,7 @@ class LlamaModel:
             constrained=spec is not None,
             engine=self.gguf.engine,
             state=state,
+            certainty=log.certainty(),
         )
 
     def choose(
@@ -183,13 +194,14 @@ class LlamaModel:
         temperature: float,
         rng: np.random.Generator | None,
         begun: float,
+        log: CertaintyLog,
     ) -> _Decoded:
         table = self.gguf.table
         state = automaton.start() if automaton is not None else None
         pieces: list[bytes] = []
         first_token_s = 0.0
         while len(pieces) < room:
-            chosen, state = self._next(automaton, state, temperature, rng)
+            chosen, state = self._next(automaton, state, temperature, rng, log)
             if not pieces:
                 first_token_s = time.perf_counter() - begun
             if chosen[0] in table.end_tokens:
@@ -207,14 +219,19 @@ class LlamaModel:
         state: State | None,
         temperature: float,
         rng: np.random.Generator | None,
+        log: CertaintyLog | None = None,
     ) -> tuple[list[int], State | None]:
         """Return the next token, and what then has to follow; decoded at once, that is quicker."""
-        scores = self.gguf.logits()
-        if rng is not None:
-            scores = gumbel(scores, temperature, rng)
+        logits = self.gguf.logits()
+        scores = logits if rng is None else gumbel(logits, temperature, rng)
         if automaton is None or state is None:
-            return [best_token(scores)], None
-        token, after = choose_token(scores, automaton, state, self.gguf.table)
+            token, after = best_token(scores), None
+        else:
+            token, after = choose_token(scores, automaton, state, self.gguf.table)
+        if log is not None:
+            log.add(logits, token)
+        if automaton is None:
+            return [token], None
         if after is None or not (text := automaton.forced(after)):
             return [token], after
         more = self.gguf.tokens(text.decode())
