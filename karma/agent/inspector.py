@@ -146,6 +146,7 @@ class Objection:
     call: SkillCall
     reason: str
     help: str = ""  # what would work, where that is known
+    lasting: bool = False  # the types of its things never allow it, whatever is done before
 
     def __str__(self) -> str:
         """Return it as small planners are told."""
@@ -165,7 +166,13 @@ def objection(
     hand = _Hand(held=held)
     for number, call in enumerate(calls):
         if reason := _refused(call, hand):
-            return Objection(line=number, call=call, reason=reason, help=_help(call, known))
+            return Objection(
+                line=number,
+                call=call,
+                reason=reason,
+                help=_help(call, known),
+                lasting=reason in (_incapable(call), _misplaced(call)),
+            )
     return None
 
 
@@ -181,10 +188,8 @@ def _refused(call: SkillCall, hand: _Hand) -> str:
     if call.skill == "ThrowObject":
         hand.held = None
         return ""
-    capability, words = _NEEDS.get(call.skill, ("", ""))
-    kind = object_types().get(short_type(name))
-    if capability and kind is not None and not _can(kind, capability):
-        return f"{name} {words}"
+    if reason := _incapable(call):
+        return reason
     if call.skill == "PickupObject":
         if hand.held is not None and hand.held != name:
             return f"the hand holds {hand.held}; put it down first"
@@ -201,13 +206,32 @@ def _put(call: SkillCall, hand: _Hand) -> str:
         return f"the hand is empty; PickupObject(robot, '{name}') first"
     if short_type(hand.held) != short_type(name):
         return f"the hand holds {hand.held}, not {name}"
-    thing, receptacle = object_types().get(short_type(name)), object_types().get(short_type(place))
-    if call.skill == "PutObject" and thing and receptacle and not fits(thing, receptacle, WIDEST):
-        return f"{name} cannot be placed in {place}"
+    if reason := _misplaced(replace(call, objects=(name, place))):
+        return reason
     if name == place:
         return f"{name} cannot be placed in itself"
     hand.held = None
     return ""
+
+
+def _incapable(call: SkillCall) -> str:
+    """Return why no thing of this type takes part in such a deed."""
+    name = call.objects[-1]
+    capability, words = _NEEDS.get(call.skill, ("", ""))
+    kind = object_types().get(short_type(name))
+    refused = capability and kind is not None and not _can(kind, capability)
+    return f"{name} {words}" if refused else ""
+
+
+def _misplaced(call: SkillCall) -> str:
+    """Return why no thing of this type is put into such a receptacle."""
+    if call.skill != "PutObject" or len(call.objects) < 2:
+        return ""
+    name, place = call.objects
+    thing, receptacle = (object_types().get(short_type(one)) for one in call.objects)
+    if thing is None or receptacle is None or fits(thing, receptacle, WIDEST):
+        return ""
+    return f"{name} cannot be placed in {place}"
 
 
 def _can(kind: ObjectType, capability: str) -> bool:

@@ -4,10 +4,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
-from karma.agent.inspector import mend, objection
+from karma.agent.inspector import Objection, mend, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
 from karma.agent.recovery import program_of
+from karma.agent.refused_requests import with_words
 from karma.agent.several import with_turns
 from karma.contracts import (
     REFUSAL_KINDS,
@@ -60,16 +61,23 @@ class Planner:
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
-        The last answer is only asked to parse: the world may know better than the type table.
+        The last answer is only asked to parse: the world may know better than the type table. But
+        where every answer ended in the same impossible deed, a planner that may refuse does.
         """
         if self.hints is not None:
             request = replace(request, hints=self.hints(request.instruction))
+        reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
         for attempt in range(self.decoding.attempts):
             answer = self._ask(request, attempt)
             if self.decoding.inspected and answer.calls:
-                answer = _inspected(request, answer)
+                answer, found = _inspected(request, answer)
+                reasons.add(found.reason if found is not None and found.lasting else "")
+            elif answer.error:
+                reasons.add("")
             if attempt == self.decoding.attempts - 1 and answer.calls:
                 answer = replace(answer, error="", failure=None)
+                if attempt and self.decoding.refusing and len(reasons) == 1 and reasons != {""}:
+                    answer = _given_up(answer, *reasons)
             yield answer
             if answer.failure is None:
                 return
@@ -100,7 +108,7 @@ class Planner:
             completion=completion,
             calls=answer.calls,
             names=rendered.names,
-            refused=answer.refused,
+            refused=answer.refused and with_words(answer.refused, request),
             error=answer.error,
             failure=answer.failure,
             dropped=answer.dropped,
@@ -133,7 +141,13 @@ def _read(completion: Completion, skills: Sequence[SkillSignature], *, refusing:
     return _Answer(error=reason, failure=FailedProgram(lines=lines, failed=None, reason=reason))
 
 
-def _inspected(request: PlanRequest, answer: Plan) -> Plan:
+def _given_up(answer: Plan, reason: str) -> Plan:
+    """Return the refusal of a request whose programs all ended in what no type allows."""
+    refused = RefusedRequest(kind="impossible", by="inspector", words=(reason,))
+    return replace(answer, calls=(), refused=refused)
+
+
+def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | None]:
     """Return the plan with its program mended, and the inspector's objection if it has one."""
     held = next((n for n, object_id in answer.names.items() if object_id == request.held_id), None)
     name_of = {object_id: name for name, object_id in answer.names.items()}
@@ -144,10 +158,10 @@ def _inspected(request: PlanRequest, answer: Plan) -> Plan:
     calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=request.areas)
     found = objection(calls, held=held, known=known)
     if found is None:
-        return replace(answer, calls=calls)
+        return replace(answer, calls=calls), None
     reason = "; ".join(filter(None, [found.reason, found.help]))
     failure = FailedProgram(lines=tuple(map(str, calls)), failed=found.line, reason=reason)
-    return replace(answer, calls=calls, error=str(found), failure=failure)
+    return replace(answer, calls=calls, error=str(found), failure=failure), found
 
 
 def _is_shut(place_id: str | None) -> bool:

@@ -9,12 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from karma.agent.refused_requests import sentence
 from karma.bench.metrics import TimedEpisode
 from karma.bench.needs import Need, needs, related_needs, types_of
 from karma.bench.records import Call, SubTaskRecord
 from karma.bench.steps import Ended, Enter, Instruction, Start, Step
 
-Cause = Literal["planner", "recall", "evicted", "not stored", "skill", "world", "error"]
+Cause = Literal["planner", "refused", "recall", "evicted", "not stored", "skill", "world", "error"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)
 
 _LOST = re.compile(
@@ -125,6 +126,8 @@ def count(found: Iterable[Failure], *, first_only: bool = False) -> Mapping[Caus
 
 def _cause(case: _Case) -> tuple[Cause, str]:
     sub = case.sub
+    if sub.refused is not None:
+        return "refused", f"{sentence(sub.refused)} ({sub.refused.kind}, by {sub.refused.by})"
     if sub.answers and sub.answers[-1].error and not sub.finished:
         return "planner", f"no program: {sub.answers[-1].error}"
     for need in _missed(case):

@@ -69,6 +69,11 @@ def plans(record: EpisodeRecord) -> bool:
     return any(sub.answers for sub in record.subtasks)
 
 
+def refuses(record: EpisodeRecord) -> bool:
+    """Return whether a request was refused."""
+    return any(sub.refused for sub in record.subtasks)
+
+
 def is_done_before(record: EpisodeRecord) -> bool:
     """Return whether all goals held when the task began."""
     return not record.to_do
@@ -104,6 +109,12 @@ def goals_met(episode: TimedEpisode) -> Observations:
         for sub in episode.record.subtasks
         for number in range(len(sub.goals))
     ]
+
+
+def refused(episode: TimedEpisode) -> Observations:
+    """Return for each instruction that a planner was asked to carry out whether it refused."""
+    asked = (sub for sub in episode.record.subtasks if sub.answers)
+    return [float(sub.refused is not None) for sub in asked]
 
 
 def retrieved(episode: TimedEpisode) -> Observations:
@@ -270,6 +281,10 @@ METRICS = (
     Metric(
         key="goals_met", title="goals", of=goals_met, is_rate=True,
         says="goals that held at the end of their instruction",
+    ),
+    Metric(
+        key="refused", title="refused", of=refused, only=refuses, is_rate=True,
+        says="instructions that the planner would not carry out",
     ),
     Metric(
         key="retrieved", title="MRA", of=retrieved, only=remembers, is_rate=True,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from karma.bench.folder import read_lines
-from karma.contracts import Engine, Kind, KvState, Plan, SkillResult, Tour
+from karma.contracts import Engine, Kind, KvState, Plan, RefusedRequest, SkillResult, Tour
 from karma.files import append_line, to_json
 from karma.infer.hosted.cost import Spent
 
@@ -55,6 +55,7 @@ class Answer:
     reasoning: str = ""  # of a thinking model, before the program
     prompt: str = ""  # whole, of an answer that was refused
     dropped: tuple[str, ...] = ()  # lines that were no part of the program, where no grammar held
+    refused: RefusedRequest | None = None  # the request, in place of a program
 
     @classmethod
     def of(cls, plan: Plan) -> "Answer":
@@ -71,6 +72,7 @@ class Answer:
             reasoning=said.reasoning,
             prompt=plan.prompt.stable + plan.prompt.changing if plan.error else "",
             dropped=plan.dropped,
+            refused=plan.refused,
         )
 
 
@@ -95,6 +97,11 @@ class SubTaskRecord:
     def success(self) -> bool:
         """Whether all its goals held."""
         return not self.unmet
+
+    @property
+    def refused(self) -> RefusedRequest | None:
+        """Why the planner would not carry it out; None where it tried."""
+        return self.answers[-1].refused if self.answers else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

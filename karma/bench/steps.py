@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 from karma.agent.perceive import refusal
+from karma.agent.refused_requests import sentence
 from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, Vec3, World
 from karma.errors import FileError
 from karma.files import read_bytes, to_json
@@ -89,6 +90,7 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="
     program: str
     error: str  # why the answer was refused
     examples: tuple[str, ...] = ()  # instructions of the worked examples that were retrieved
+    refused: str = ""  # what people are told where the request is not carried out
 
 
 class Action(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="action"):
@@ -178,6 +180,7 @@ class StepLog:
                 prompt=moment.prompt.changing,
                 program=moment.completion.text,
                 error=moment.error,
+                refused=sentence(moment.refused) if moment.refused else "",
                 examples=moment.examples,
             )
         )

@@ -34,6 +34,9 @@ States = Annotated[
 BaseUrl = Annotated[str, typer.Option(help="Of hosted models, e.g. http://127.0.0.1:8000/v1.")]
 
 
+DONE, UNFINISHED, REFUSED = 0, 2, 3  # exit codes of `karma run`; 1 is an error
+
+
 def add_to(app: typer.Typer) -> None:
     """Add the commands to the top level."""
     app.command("run", rich_help_panel=ACTING)(run_command)
@@ -74,6 +77,13 @@ def run_command(
     constrained: Annotated[
         bool, typer.Option(help="Hold answers to programs; a server must prove that it does.")
     ] = True,
+    refusing: Annotated[
+        bool | None,
+        typer.Option(
+            "--refusing/--no-refusing",
+            help="Whether requests may be refused; by default if the planner has learnt to.",
+        ),
+    ] = None,
     max_tokens: Annotated[int, typer.Option(min=1, help="Of an answer.")] = 512,
     cassette: CassetteFolder = None,
     cassette_mode: CassetteMode = "",
@@ -83,7 +93,10 @@ def run_command(
     *,
     computed: Mapping[str, Any],
 ) -> None:
-    """Carry out an instruction in a room, while you watch; commas and "then" part sub-tasks."""
+    """Carry out an instruction in a room, while you watch; commas and "then" part sub-tasks.
+
+    Exit code 0: all was done; 2: something was not; 3: the rest was, and something was refused.
+    """
     from karma.bench.experiment import Models, load_resources
     from karma.bench.workers import world_maker
     from karma.cli import show
@@ -108,6 +121,7 @@ def run_command(
                 vision=vision,
                 detector=detector,
                 constrained=constrained,
+                refusing=refusing,
                 max_tokens=max_tokens,
                 hosted=hosted,
             ).computed_by({"thinking": thinking, **computed}),
@@ -138,28 +152,29 @@ def run_command(
             f"long-term memory: {len(areas)} areas, {len(episode.graph.objects())} objects"
         )
     lines = []
-    finished = True
+    codes = set()
     for number, text in enumerate(clauses, start=1):
-        line, ended = _watched(episode, number, text, instruction)
-        finished = finished and ended
+        line, code = _watched(episode, number, text, instruction)
+        codes.add(code)
         lines.append(line)
     console.print(show.memory_table(episode.short_term.units(), "short-term memory now"))
     spent = session.ledger.take()
     if spent:
         console.print(escape(show.spent_text(spent)), soft_wrap=True)
     if json is not None:
-        figures = {"finished": finished, "hosted": spent, "instructions": lines}
+        figures = {"finished": codes == {DONE}, "hosted": spent, "instructions": lines}
         write_atomic(json, to_json(figures, indent=2))
-    if not finished:
-        raise typer.Exit(2)
+    if codes != {DONE}:
+        raise typer.Exit(UNFINISHED if UNFINISHED in codes else REFUSED)
 
 
 def _watched(
     episode: "KarmaEpisode", number: int, text: str, whole: str
-) -> tuple[dict[str, Any], bool]:
-    """Carry out one instruction in view; return what is kept of it, and whether it was finished."""
+) -> tuple[dict[str, Any], int]:
+    """Carry out one instruction in view; return what is kept of it, and the exit code for it."""
     from rich.live import Live
 
+    from karma.agent.refused_requests import sentence
     from karma.bench.records import Answer, Call
     from karma.cli import show
     from karma.contracts import Outcome, Plan, SubTask
@@ -180,7 +195,11 @@ def _watched(
                 calls.append(Call.of(moment))
     if not console.is_terminal:
         console.print()
-    return {"instruction": text, "answers": answers, "calls": calls}, finished
+    refused = answers[-1].refused if answers else None
+    kept = {"instruction": text, "answers": answers, "calls": calls}
+    if refused is not None:
+        return {**kept, "refused": sentence(refused)}, REFUSED
+    return kept, DONE if finished else UNFINISHED
 
 
 def _preset(name: str) -> "Preset":

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from karma.agent.planner import grounded
+from karma.agent.refused_requests import sentence
 from karma.bench.figures import COLUMNS, Figures, without_repeats
 from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.precision import Precision, Reached
@@ -77,6 +78,8 @@ class InstructionView:
         table.add_row("", Text(f"program ({note})", style="dim"))
         if plan.error:
             table.add_row("[red]✗[/]", Text(plan.error, style="red"))
+        if plan.refused is not None:
+            table.add_row("[yellow]–[/]", Text(sentence(plan.refused), style="yellow"))
         for number, call in enumerate(grounded(plan.calls, plan.names)):
             written = plan.calls[number]
             result = self._results[number] if number < len(self._results) else None

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from karma import __version__
+from karma.agent.refused_requests import sentence
 from karma.household.ids import type_of
 
 if TYPE_CHECKING:
@@ -84,4 +85,5 @@ def _environment() -> "jinja2.Environment":
         keep_trailing_newline=True,
     )
     environment.filters["short"] = type_of
+    environment.filters["told"] = sentence
     return environment

@@ -20,6 +20,7 @@ class Told:
     prompt: str  # the part that changes
     program: str
     error: str
+    refused: str = ""  # what people are told where the request is not carried out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +175,11 @@ class _Teller:
 
     def _plan(self, line: steps.Planned) -> None:
         said = Told(
-            recalled=line.recalled, prompt=line.prompt, program=line.program, error=line.error
+            recalled=line.recalled,
+            prompt=line.prompt,
+            program=line.program,
+            error=line.error,
+            refused=line.refused,
         )
         self._change(plans=(*self._part.plans, said))
         self._moment("plan", "program", not line.error, line.error)

@@ -29,7 +29,7 @@ from karma.bench.records import AnswerTiming, EpisodeTiming, SubTaskTiming
 from karma.bench.results import result_of
 from karma.bench.run_folder import read_run
 from karma.bench.steps import Ended, Enter, Instruction, Start, Unit
-from karma.contracts import Tour
+from karma.contracts import RefusedRequest, Tour
 from karma.infer.hosted.cost import Spent
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
@@ -368,6 +368,21 @@ def test_cause_of_no_program_is_the_planner():
     unread = [answer(error="line 1: no skill"), answer(error="line 1: no skill")]
     assert cause(sub(CUT, unmet=True, answers=unread, finished=False)) == ["planner"]
     assert cause(sub(CUT, unmet=True, answers=[], finished=False)) == ["planner"]
+
+
+def test_cause_of_a_request_that_was_refused_is_its_own_and_is_counted():
+    said = RefusedRequest(kind="thing", words=("hammer",))
+    no = [answer(program="refuse('thing')\n", refused=said)]
+    refused = sub(CUT, unmet=True, answers=no, finished=False)
+    (found,) = failures(episodes_of([episode(refused)])[0])
+    assert (found.cause, found.why) == (
+        "refused",
+        "I know of no 'hammer' in a home. (thing, by planner)",
+    )
+    assert value([episode(refused, sub(KEEP))], "refused") == 0.5
+    assert value([episode(sub(CUT))], "refused") is None
+    unasked = sub(KEEP, answers=[])
+    assert value([episode(refused, unasked)], "refused") == 1
 
 
 def test_cause_of_a_program_that_ran_is_the_planner():

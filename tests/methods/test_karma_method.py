@@ -7,6 +7,7 @@ import pytest
 from support.household import bring, find, kitchen
 
 from karma.agent.planner import Planner
+from karma.cli.agents import DONE, REFUSED, _watched
 from karma.contracts import Decoding, Outcome, Plan, Resources, SceneRef, SkillResult, SubTask
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
@@ -59,10 +60,10 @@ def scene(tmp_path):
 def start(scene, tmp_path):
     """A function that begins an episode of a episode whose model says the given programs."""
 
-    def begin(answers, *, maps=None, learn=False, profile="compact", **options):
+    def begin(answers, *, maps=None, learn=False, profile="compact", refusing=False, **options):
         model = ScriptedModel(answers)
         method = KarmaMethod(
-            Planner(model, profile, Decoding(attempts=1)),
+            Planner(model, profile, Decoding(attempts=1, refusing=refusing)),
             CosineRecall(Words(), text="sentence"),
             MetadataVision(),
             KarmaSettings(**{"seen_kept": 0, **options}),
@@ -85,6 +86,25 @@ def types(units):
 
 
 # ----------------------------------------------------------------- into memory
+
+
+def test_refused_instruction_does_nothing_and_the_next_one_is_carried_out(start):
+    episode, _, world = start(["refuse('thing')\n", TAKE_APPLE], refusing=True)
+    plan, outcome = do(episode, "bring me the hammer")
+    assert plan.refused.kind == "thing"
+    assert not outcome.finished
+    assert outcome.handled_ids == ()
+    assert world.last_event.metadata["lastAction"] != "PickupObject"
+    *_, after = do(episode, "take the apple")
+    assert after.finished
+
+
+def test_instruction_refused_in_view_has_its_own_exit_code_and_sentence(start):
+    episode, _, _ = start(["refuse('thing')\n", TAKE_APPLE, "refuse('deed')\n"], refusing=True)
+    kept, code = _watched(episode, 1, "bring me the hammer", "")
+    assert (code, kept["refused"]) == (REFUSED, "I know of no such thing in a home.")
+    kept, code = _watched(episode, 2, "take the apple", "")
+    assert code == DONE and "refused" not in kept
 
 
 def test_memory_is_written_after_the_instruction_in_the_order_of_use(start):

@@ -1,0 +1,57 @@
+"""Requests that are not carried out: what of them was not understood, and the sentence told people.
+
+Not what the world refuses of a skill: that is in `refusals`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from karma.contracts import Hint, PlanRequest, RefusalKind, RefusedRequest
+from karma.household.types import object_types
+
+NEAR = 0.6  # cosine from which on a phrase has a meaning here
+_WITH_WORDS: Mapping[RefusalKind, str] = {
+    "deed": "I have no skill for {words}.",
+    "thing": "I know of no {words} in a home.",
+    "place": "I know of no {words} in this home.",
+    "impossible": "That cannot be done: {words}.",
+    "unclear": "I am not sure what is meant by {words}.",
+}
+_ALONE: Mapping[RefusalKind, str] = {
+    "deed": "I have no skill for that.",
+    "thing": "I know of no such thing in a home.",
+    "place": "I know of no such place in this home.",
+    "language": "I understand English only, and could not read this.",
+    "negated": "That says only what not to do, so I do nothing.",
+    "impossible": "That cannot be done with these things, or would do harm.",
+    "unclear": "I am not sure what is meant.",
+}
+
+
+def sentence(refused: RefusedRequest) -> str:
+    """Return what people are told of a request that is not carried out.
+
+    >>> sentence(RefusedRequest(kind="thing", words=("hammer",)))
+    "I know of no 'hammer' in a home."
+    """
+    form = _WITH_WORDS.get(refused.kind) if refused.words else None
+    if form is None:
+        return _ALONE[refused.kind]
+    quoted = refused.words if refused.by == "inspector" else map(repr, refused.words)
+    return form.format(words=" or ".join(quoted))
+
+
+def with_words(refused: RefusedRequest, request: PlanRequest) -> RefusedRequest:
+    """Return a refusal with the phrases of the request that no meaning here is near to."""
+    deeds = refused.kind == "deed"
+    far = [hint for hint in request.hints if _is_deed(hint) == deeds and nearness(hint) < NEAR]
+    return replace(refused, words=tuple(hint.phrase for hint in far))
+
+
+def nearness(hint: Hint) -> float:
+    """Return how near a phrase is to its nearest meaning; 0 where it has none."""
+    return max((meaning.similarity for meaning in hint.meanings), default=0.0)
+
+
+def _is_deed(hint: Hint) -> bool:
+    return not any(meaning.name in object_types() for meaning in hint.meanings)
