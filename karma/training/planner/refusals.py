@@ -43,7 +43,7 @@ WHOLE = 0.4  # share of near misses that are sentences of their own, not words r
 TRIES = 20
 
 
-class Phrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RefusedPhrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Patterns and words of `refusals.toml`, by what they are for."""
 
     things: tuple[str, ...]
@@ -74,7 +74,7 @@ class Phrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     near: Mapping[str, tuple[str, ...]]  # templates of the phrase book, by kind of request
 
 
-class Language(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class OtherLanguage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Sentences of another language, and what fills them."""
 
     x: tuple[str, ...]
@@ -85,12 +85,12 @@ class Language(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @cache
-def phrases() -> Phrases:
+def phrases() -> RefusedPhrases:
     """Return the words; things and places without those that the lexicon has a meaning for.
 
     What ends in a name is that thing: a baby bottle is a bottle.
     """
-    found = read_toml(HERE / "refusals.toml", Phrases)
+    found = read_toml(HERE / "refusals.toml", RefusedPhrases)
     return msgspec.structs.replace(
         found,
         things=tuple(filter(_is_foreign, found.things)),
@@ -99,9 +99,9 @@ def phrases() -> Phrases:
 
 
 @cache
-def languages() -> Mapping[str, Language]:
+def languages() -> Mapping[str, OtherLanguage]:
     """Return the languages by name."""
-    return read_toml(HERE / "refusal_languages.toml", dict[str, Language])
+    return read_toml(HERE / "refusal_languages.toml", dict[str, OtherLanguage])
 
 
 def _is_foreign(words: str) -> bool:
