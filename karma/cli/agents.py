@@ -93,7 +93,7 @@ def run_command(
     *,
     computed: Mapping[str, Any],
 ) -> None:
-    """Carry out an instruction in a room, while you watch; commas and "then" part sub-tasks.
+    """Carry out an instruction in a room, while you watch; of several requests one by one.
 
     Exit code 0: all was done; 2: something was not; 3: the rest was, and something was refused.
     """
@@ -213,7 +213,7 @@ def _preset(name: str) -> "Preset":
 
 def _clauses(instruction: str) -> list[str]:
     """Return the sub-tasks of an instruction; one without words is refused."""
-    from karma.tasks.clauses import split_instruction
+    from karma.tasks.sentences import split_instruction
 
     if not instruction.strip():
         raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')

@@ -19,7 +19,7 @@ from karma.contracts import Goal, SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_json
 from karma.household.states import canonical_state
-from karma.tasks.clauses import split_instruction
+from karma.tasks.clauses import clauses_of
 from karma.tasks.goals import ARITY, object_names, read_goal
 from karma.tasks.loose_goals import GoalReader
 from karma.tasks.loose_names import is_plural, names, state_of, tiers_of
@@ -59,7 +59,7 @@ def _load(path: str | Path) -> Iterable[Task]:
                 id=f"{_KINDS[title]}-{row.number}",
                 kind=_KINDS[title],
                 scene=SceneRef(name=f"FloorPlan{row.plan}"),
-                subtasks=assign(goals, split_instruction(row.instruction)),
+                subtasks=assign(goals, clauses_of(row.instruction)),
                 notes=notes,
             )
 

@@ -66,8 +66,11 @@ class Phrase:
 # ----------------------------------------------------------------- clauses
 
 
-def split_instruction(text: str) -> tuple[str, ...]:
-    """Return the clauses of an instruction: each begins with a verb, save perhaps the first."""
+def clauses_of(text: str) -> tuple[str, ...]:
+    """Return the clauses of a task's text: each begins with a verb, save perhaps the first.
+
+    What an agent is told is cut finer, by `karma.tasks.sentences.split_instruction`.
+    """
     clauses: list[str] = []
     waiting = ""
     for part in re.split(_CUTS, text, flags=re.IGNORECASE):

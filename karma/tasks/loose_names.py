@@ -240,12 +240,20 @@ def _groups(base: str, rest: Sequence[str]) -> tuple[int, frozenset[str]]:
         if at == 0 or at + 1 == len(rest) or rest[at + 1] in ends
     }
     found: dict[int, set[str]] = {}
-    for group, verbs in table.verbs.items():
-        for verb in verbs.words:
-            head, *tail = verb.split()
-            if head == base and near.issuperset(tail):
-                found.setdefault(len(tail), set()).add(group)
+    for group, tail in _verbs_by_head().get(base, ()):
+        if near.issuperset(tail):
+            found.setdefault(len(tail), set()).add(group)
     return (max(found), frozenset(found[max(found)])) if found else (0, frozenset())
+
+
+@cache
+def _verbs_by_head() -> dict[str, list[tuple[str, list[str]]]]:
+    """Return the groups and further words of each verb, by its first word."""
+    found: dict[str, list[tuple[str, list[str]]]] = {}
+    for group, verbs in names().verbs.items():
+        for head, *tail in map(str.split, verbs.words):
+            found.setdefault(head, []).append((group, tail))
+    return found
 
 
 def _acts(base: str, words: Sequence[str], at: int) -> bool:

@@ -8,7 +8,7 @@ import pytest
 from karma.errors import FileError
 from karma.household.types import object_types
 from karma.tasks.authors import load_authors_tasks, read_goals, resolve
-from karma.tasks.clauses import split_instruction
+from karma.tasks.clauses import clauses_of
 from karma.tasks.goals import object_names, parse_goal
 from karma.tasks.loose_names import key_of, tiers_of
 from karma.tasks.splitting import assign
@@ -55,8 +55,8 @@ def due(task):
         ("Hello there", ["Hello there"]),
     ],
 )  # fmt: skip
-def test_split_instruction_cuts_where_a_verb_begins(text, clauses):
-    assert list(split_instruction(text)) == clauses
+def test_clauses_of_a_task_are_cut_where_a_verb_begins(text, clauses):
+    assert list(clauses_of(text)) == clauses
 
 
 def assigned(texts, clauses):

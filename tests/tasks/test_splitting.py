@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma.tasks.authors import read_goals
-from karma.tasks.clauses import read_clauses, split_instruction
+from karma.tasks.clauses import clauses_of, read_clauses
 from karma.tasks.loose_names import words_of
 from karma.tasks.splitting import assign
 
@@ -105,7 +105,7 @@ def numbered_goals(text):
 @pytest.mark.parametrize(("instruction", "numbered"), TASKS)
 def test_assign_gives_each_goal_to_the_clause_that_asks_for_it(instruction, numbered):
     goals, wanted = numbered_goals(numbered)
-    clauses = split_instruction(instruction)
+    clauses = clauses_of(instruction)
     found = {
         number: [str(goal).removesuffix(": 1") for goal in sub.goals]
         for number, sub in enumerate(assign(goals, clauses))
@@ -170,7 +170,7 @@ VERBS = {
     [(verb.strip(), wanted) for wanted, verbs in VERBS.items() for verb in verbs.split(",")],
 )
 def test_household_verbs_ask_for_the_right_deed_or_for_none(verb, wanted):
-    assert list(split_instruction(f"Find a pen, {verb} the thing")) == [
+    assert list(clauses_of(f"Find a pen, {verb} the thing")) == [
         "Find a pen", f"{verb} the thing",
     ]  # fmt: skip
     (phrase,) = read_clauses([f"{verb} the thing"])[0]
@@ -289,7 +289,7 @@ def test_goals_that_each_name_their_own_clause_find_it(things, number):
 @settings(max_examples=200, deadline=None)
 @given(st.text(max_size=60))
 def test_splitting_takes_any_text_and_loses_no_word(text):
-    clauses = split_instruction(text)
+    clauses = clauses_of(text)
     assert clauses
     left = words_of(" ".join(clauses))
     assert set(left) <= set(words_of(text))
