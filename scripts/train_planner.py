@@ -28,6 +28,7 @@ from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
 from karma.tasks.drawing.several import SEVERAL
 from karma.training.planner.checkpoints import export_gguf, load_weights
 from karma.training.planner.choosing import candidates, choose, trained_on_before, write_held_out
+from karma.training.planner.held_out import DEVELOPMENT
 from karma.training.planner.packs import PlannerRecipe
 from karma.training.planner.processes import train_in_processes
 from karma.training.planner.reading import read_goals, tell
@@ -40,7 +41,6 @@ from karma.world.importing.scenes import import_dump
 
 ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
-TASKS = (ROOT / "eval" / "alfred_l" / "tasks.jsonl",)
 LOCKED = (ROOT / "eval" / "locked" / "tasks.jsonl",)
 SAID = tuple(ROOT / "eval" / "requests" / f"{name}.jsonl" for name in ("refuse", "do", "several"))
 FOLDER = ROOT / "runs" / "planner"
@@ -68,7 +68,7 @@ def sources(folder: Path, generated: int = 300) -> Sources:
         folder=folder,
         models=models,
         shared=SHARED,
-        tests=TASKS,
+        tests=(ROOT / DEVELOPMENT,),
         locked=LOCKED,
         said=SAID,
         generated=generated,

@@ -14,7 +14,7 @@ from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.expert import ExpertView
 from karma.tasks.files import load_tasks
 from karma.tasks.requests import load_texts
-from karma.training.planner.held_out import form_of, forms_of, nearest, templates_of, words_of
+from karma.training.planner.forms import form_of, forms_of, nearest, templates_of, words_of
 from karma.training.planner.reading import read_goals, tell
 from karma.training.planner.sources import Sources
 
@@ -172,7 +172,7 @@ def test_what_requests_say_is_kept_out_of_training(tmp_path):
     sources = Sources(
         folder=tmp_path, models=tmp_path, shared=tmp_path, tests=(TASKS,), said=tuple(said)
     )
-    forbidden = sources.test_sentences()
+    forbidden = sources.unseen().sentences
     for path in said:
         assert {plain(text) for text in load_texts(path)} - {""} <= forbidden
     assert plain("Put a fork in the sink.") in forbidden  # a task's

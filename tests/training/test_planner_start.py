@@ -22,7 +22,7 @@ RECIPE = packs.PlannerRecipe(
 @pytest.fixture(scope="module")
 def data():
     rooms = [room_of(scene.load(name), name) for name in ("kitchen_1", "living_1")]
-    return packs.Data(rooms=rooms, book=our_book().part(held_out=False), excluded=frozenset())
+    return packs.Data(rooms=rooms, book=our_book().part(held_out=False))
 
 
 @pytest.fixture(scope="module")

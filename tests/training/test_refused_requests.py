@@ -131,7 +131,7 @@ def test_every_sentence_of_a_language_can_be_filled():
 
 
 def test_share_of_refused_examples_is_that_of_the_recipe(rooms):
-    data = Data(rooms=rooms, book=BOOK, excluded=frozenset())
+    data = Data(rooms=rooms, book=BOOK)
     recipe = replace(PlannerRecipe(), refused=0.3, near_misses=0.0)
     drawn = [one for n in range(60) for one in draw_pack(recipe, data, str(n))]
     share = sum(one.kind.startswith("refuse_") for one in drawn) / len(drawn)

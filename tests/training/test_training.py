@@ -19,12 +19,14 @@ from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.seeds import stream
+from karma.tasks.demonstrations import plain
 from karma.tasks.drawing import phrases
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import make_template, our_book
 from karma.tasks.drawing.requests import KINDS
 from karma.tasks.drawing.rooms import asked_pairs, room_of
 from karma.training.planner import checkpoints, network, packs, train
+from karma.training.planner.held_out import Unseen
 from karma.training.planner.samples import draw
 from karma.world.core import scene
 
@@ -228,7 +230,7 @@ def tiny(rooms):
         vocabulary=480, hidden=32, layers=2, heads=2, feed_forward=48, packs=2, examples=3,
         steps=4, warmup=1, decay=2,
     )  # fmt: skip
-    data = packs.Data(rooms=rooms, book=BOOK.part(held_out=False), excluded=frozenset())
+    data = packs.Data(rooms=rooms, book=BOOK.part(held_out=False))
     tokenizer = packs.make_tokenizer(recipe, data, 20)
     recipe = replace(recipe, vocabulary=tokenizer.get_vocab_size())
     held_out = [packs.draw_pack(recipe, data, "held-out", "0")]
@@ -300,13 +302,11 @@ def test_draw_pack_of_a_name_is_one_scene_and_always_the_same(tiny):
 
 def test_no_drawn_sentence_is_one_of_the_tests(tiny):
     recipe, data, _, _ = tiny
-    said = [
-        packs.plain(e.sentence) for n in range(30) for e in packs.draw_pack(recipe, data, str(n))
-    ]
+    said = [plain(e.sentence) for n in range(30) for e in packs.draw_pack(recipe, data, str(n))]
     forbidden = frozenset(Counter(said))
-    closed = replace(data, forbidden=forbidden)
+    closed = replace(data, unseen=Unseen(sentences=forbidden))
     drawn = [packs.draw_pack(recipe, closed, str(n)) for n in range(30)]
-    assert not forbidden & {packs.plain(e.sentence) for pack in drawn for e in pack}
+    assert not forbidden & {plain(e.sentence) for pack in drawn for e in pack}
 
 
 def test_interrupted_training_ends_in_the_same_weights(tiny, tmp_path):

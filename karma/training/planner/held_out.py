@@ -1,85 +1,65 @@
-"""How far phrases that were held out of training lie from those that were trained on.
+"""What no planner is trained on; everything that feeds training asks here.
 
-A template is a sentence whose things are slots. Two templates are as far apart as the words that
-must be put in, taken out or replaced to turn one into the other; a slot counts as a word.
+* Lexemes: words for things, states and deeds, in `held_out.toml`; `choosing` has the rule.
+* Sentence forms: about one template in twelve, by `Book.is_held_out`; `forms` says how far off.
+* Sentences: what the test tasks and requests say, word for word.
+* Pairs: things and the places where the test tasks put them.
+* Rooms: those that figures are taken in have seeds of their own; of AI2-THOR's floor plans, those
+  of the authors' tasks.
+
+The 48 tasks in `DEVELOPMENT` are no test: the phrase book grew after they had been read.
 """
 
-import re
-import sys
 from collections.abc import Iterable
-from functools import cache
+from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 
-from karma.tasks.drawing.lexicon import every_word
-from karma.tasks.drawing.phrases import Book
+from karma.tasks.authors import load_authors_tasks
+from karma.tasks.demonstrations import plain
+from karma.tasks.drawing.lexicon import unseen_lexemes
+from karma.tasks.drawing.rooms import asked_pairs
+from karma.tasks.files import load_tasks
+from karma.tasks.requests import load_texts
 
-_SLOT = re.compile(r"\{\w+\}")
-_WORD = re.compile(r"[a-z]+")
+DEVELOPMENT = Path("eval") / "alfred_l" / "tasks.jsonl"
+TRAINED_ROOMS, WATCHED_ROOMS, DRAWN_ROOMS = 77, 78, 79  # added to a seed for rooms of each sort
 
 
-def words_apart(one: str, other: str) -> int:
-    """Return how many words must change to turn one text into the other.
+@dataclass(frozen=True, kw_only=True)
+class Unseen:
+    """What examples may not say or ask for, besides held-out lexemes.
 
-    >>> words_apart("put {x} in {r}", "put {x} down on {r}")
-    2
+    Args:
+        sentences: as `plain` has them.
+        pairs: (object type, receptacle type) that nothing may be asked to be put into.
     """
-    first, second = one.split(), other.split()
-    row = list(range(len(second) + 1))
-    for number, word in enumerate(first, 1):
-        above, row = row, [number]
-        for at, rival in enumerate(second, 1):
-            row.append(min(above[at] + 1, row[-1] + 1, above[at - 1] + (word != rival)))
-    return row[-1]
+
+    sentences: frozenset[str] = frozenset()
+    pairs: frozenset[tuple[str, str]] = frozenset()
+
+    def admits(self, sentence: str) -> bool:
+        """Return whether an example may say a sentence."""
+        return not unseen_lexemes().found_in(sentence) and plain(sentence) not in self.sentences
 
 
-def nearest(template: str, trained: Iterable[str]) -> int:
-    """Return how many words a template lies from the nearest of some others."""
-    words, best = frozenset(template.split()), sys.maxsize
-    for other in trained:
-        others = _said(other)
-        if max(len(words - others), len(others - words)) < best:  # at least so far
-            best = min(best, words_apart(template, other))
-    return best
+def unseen_of(
+    tests: Iterable[Path], *, locked: Iterable[Path], said: Iterable[Path], shared: Path
+) -> Unseen:
+    """Return what training may not know of the tests.
 
-
-@cache
-def _said(template: str) -> frozenset[str]:
-    return frozenset(template.split())
-
-
-def templates_of(book: Book) -> tuple[str, ...]:
-    """Return every template of a book, of all kinds of requests: mined, and of its patterns."""
-    every = (*book.templates.values(), *book.mined.values())
-    patterns = (pattern for texts in book.spoken.values() for pattern in texts)
-    stated = (text for pattern in patterns for text in book.stated(pattern))
-    return tuple(dict.fromkeys(chain((text for texts in every for text in texts), stated)))
-
-
-def words_of(templates: Iterable[str]) -> frozenset[str]:
-    """Return the words of templates, slots left out."""
-    return frozenset(word for text in templates for word in _WORD.findall(_SLOT.sub(" ", text)))
-
-
-def form_of(text: str) -> str:
-    """Return a sentence or template with its things masked: what is left is how it is asked.
-
-    >>> form_of("Put the clean mug into the sink!"), form_of("put a clean {x0} into {r}")
-    ('put the clean _ into _', 'put a clean _ into _')
+    Args:
+        tests: task files of ours.
+        locked: task files of which no sentence may be said; things may be put where theirs are.
+        said: files of requests, one or several in each.
+        shared: the reference data with the authors' tasks; what is missing is done without.
     """
-    text = _SLOT.sub(" _ ", text.lower())
-    text = " ".join(re.findall(r"[a-z0-9]+|_", text))
-    return _things().sub("_", text)
-
-
-@cache
-def _things() -> re.Pattern[str]:
-    """Match what things are called, with an article, and "it"."""
-    called = {name for entry in every_word().values() for name in entry.words}
-    plain = (" ".join(re.findall(r"[a-z0-9]+", name)) for name in called)
-    names = "|".join(sorted(plain, key=lambda name: (-len(name), name)))
-    return re.compile(rf"\b(?:(?:the|a|an|some|one|my|that|this) )?(?:{names}|it)\b")
-
-
-def forms_of(templates: Iterable[str]) -> frozenset[str]:
-    """Return the forms of templates."""
-    return frozenset(map(form_of, templates))
+    tests = tuple(tests)
+    folder = shared / "data" / "alfred_l"
+    files = [folder / f"{kind}_tasks.json" for kind in ("simple", "composite", "complex")]
+    tasks = [task for path in (*tests, *locked) for task in load_tasks(path)]
+    tasks += load_authors_tasks([path for path in files if path.exists()])
+    told = [sub.instruction for task in tasks for sub in task.subtasks]
+    told += chain(*map(load_texts, said))
+    sentences = frozenset(map(plain, told)) - {""}  # what has no Latin letters has no plain form
+    return Unseen(sentences=sentences, pairs=asked_pairs(tests))

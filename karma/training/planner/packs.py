@@ -7,7 +7,7 @@ so a pack trains exactly what inference does.
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -17,11 +17,10 @@ from karma.household.places import landmark_types
 from karma.household.types import object_types
 from karma.infer.llama.gguf_export import new_tokenizer
 from karma.seeds import stream
-from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import Sentence, StepSentence
-from karma.tasks.drawing.lexicon import unseen_lexemes
 from karma.tasks.drawing.memories import KnownRoom, Rng, pick
 from karma.tasks.drawing.phrases import Book
+from karma.training.planner.held_out import Unseen
 from karma.training.planner.hinted import DrawnHints
 from karma.training.planner.refusals import draw_near_miss, draw_refusal
 from karma.training.planner.samples import TrainingExample, draw, draw_alfred, draw_step
@@ -74,10 +73,9 @@ class Data:
 
     rooms: Sequence[KnownRoom]
     book: Book
-    excluded: frozenset[tuple[str, str]]
+    unseen: Unseen = field(default_factory=Unseen)
     alfred: Sequence[Sentence] = ()
     steps: Sequence[StepSentence] = ()
-    forbidden: frozenset[str] = frozenset()  # sentences of the tests, see `plain`
     hints: DrawnHints | None = None  # what is told of words that are not known
 
     @cached_property
@@ -107,9 +105,7 @@ def draw_pack(recipe: PlannerRecipe, data: Data, *name: str) -> list[TrainingExa
     wanted = recipe.examples if mapped else recipe.examples * 3 // 2
     while len(found) < wanted:
         example = _draw_one(rng, recipe, data, room, mapped=mapped)
-        if example is None or unseen_lexemes().found_in(example.sentence):
-            continue
-        if plain(example.sentence) not in data.forbidden:
+        if example is not None and data.unseen.admits(example.sentence):
             found.append(example if data.hints is None else data.hints.told(rng, example))
     return found
 
@@ -121,13 +117,13 @@ def _draw_one(
     if (roll := rng.random()) < recipe.refused:
         return draw_refusal(rng, room, data.book, mapped=mapped)
     if roll < recipe.refused + recipe.near_misses:
-        return draw_near_miss(rng, room, data.book, mapped=mapped, excluded=data.excluded)
+        return draw_near_miss(rng, room, data.book, mapped=mapped, excluded=data.unseen.pairs)
     said, roll = data.said(room) if mapped else data.alfred, rng.random()
     if said and roll < recipe.alfred[mapped]:
         return draw_alfred(rng, room, said, mapped=mapped)
     if data.steps and not mapped and roll > 1 - recipe.steps_said:
         return draw_step(rng, room, data.steps)
-    return draw(rng, room, data.book, mapped=mapped, excluded=data.excluded)
+    return draw(rng, room, data.book, mapped=mapped, excluded=data.unseen.pairs)
 
 
 def corpus(recipe: PlannerRecipe, data: Data, packs: int) -> Iterator[str]:

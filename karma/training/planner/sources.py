@@ -7,7 +7,7 @@ of the test tasks stay out.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +15,12 @@ from karma import registry
 from karma.bench.planner_words import WORDS
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
-from karma.tasks.authors import load_authors_tasks
-from karma.tasks.demonstrations import plain
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.alfred import Sentence, StepSentence, read_sentences, read_steps
 from karma.tasks.drawing.lexicon import lexicon
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book, our_book, with_alfred
-from karma.tasks.files import load_tasks
-from karma.tasks.requests import load_texts
+from karma.training.planner.held_out import TRAINED_ROOMS, WATCHED_ROOMS, Unseen, unseen_of
 from karma.training.planner.hinted import (
     DrawnHints,
     KeptRows,
@@ -79,15 +76,18 @@ class Sources:
 
     def data(self, recipe: PlannerRecipe) -> Data:
         """Return rooms, phrases and hints of the training side."""
-        found = Data(
+        found = self.material(recipe)
+        return replace(found, hints=self.hints(recipe, found))
+
+    def material(self, recipe: PlannerRecipe) -> Data:
+        """Return rooms and phrases of the training side, without hints."""
+        return Data(
             rooms=self.rooms(recipe),
             book=self.book().part(held_out=False),
-            excluded=rooms.asked_pairs(self.tests),
+            unseen=self.unseen(),
             alfred=self.sentences(held_out=False),
             steps=self.steps(),
-            forbidden=self.test_sentences(),
         )
-        return replace(found, hints=self.hints(recipe, found))
 
     def hints(self, recipe: PlannerRecipe, data: Data) -> DrawnHints:
         """Return what gives examples their hints: words file and vectors, made once.
@@ -125,7 +125,7 @@ class Sources:
         if path.exists():
             return read_json(path, list[KnownRoom])
         self.say(f"making {self.generated} rooms ...")
-        found = list(rooms.generated_rooms(self.generated, recipe.seed + 77))
+        found = list(rooms.generated_rooms(self.generated, recipe.seed + TRAINED_ROOMS))
         dumps, layouts = self.floor_plans
         if dumps.exists():
             found += rooms.imported_rooms(dumps, layouts, recipe.seed)
@@ -152,15 +152,9 @@ class Sources:
         """Return what ALFRED's annotators said of single steps; () where they are missing."""
         return read_steps(self.demonstrations) if self.demonstrations.exists() else ()
 
-    def test_sentences(self) -> frozenset[str]:
-        """Return what test tasks and requests say, ours and the authors', as `plain` has it."""
-        folder = self.shared / "data" / "alfred_l"
-        files = [folder / f"{kind}_tasks.json" for kind in ("simple", "composite", "complex")]
-        tasks = [task for path in (*self.tests, *self.locked) for task in load_tasks(path)]
-        tasks += load_authors_tasks([path for path in files if path.exists()])
-        told = [sub.instruction for task in tasks for sub in task.subtasks]
-        told += chain(*map(load_texts, self.said))
-        return frozenset(map(plain, told)) - {""}  # what has no Latin letters has no plain form
+    def unseen(self) -> Unseen:
+        """Return what examples may not say or ask for."""
+        return unseen_of(self.tests, locked=self.locked, said=self.said, shared=self.shared)
 
     def known_plans(self) -> dict[str, KnownRoom]:
         """Return floor plan -> what an agent knows of it that overlooked nothing."""
@@ -209,6 +203,6 @@ def held_out_packs(
     recipe: PlannerRecipe, book: Book, count: int, hints: DrawnHints | None = None
 ) -> list[list[TrainingExample]]:
     """Return packs over rooms that training never sees, with the phrases of `book`."""
-    found = list(rooms.generated_rooms(24, recipe.seed + 78))
-    data = Data(rooms=found, book=book, excluded=frozenset(), hints=hints)
+    found = list(rooms.generated_rooms(24, recipe.seed + WATCHED_ROOMS))
+    data = Data(rooms=found, book=book, hints=hints)
     return [draw_pack(recipe, data, "held-out", str(number)) for number in range(count)]

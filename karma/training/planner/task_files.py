@@ -24,6 +24,7 @@ from karma.tasks.drawing.phrases import Book
 from karma.tasks.drawing.possible import Possible
 from karma.tasks.drawing.requests import KINDS
 from karma.tasks.files import load_tasks
+from karma.training.planner.held_out import DRAWN_ROOMS
 from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
 
@@ -109,7 +110,7 @@ def draw_tasks(
 def fresh_rooms(count: int, seed: int) -> Iterator[Scene]:
     """Yield rooms of seeds of their own, half of them kitchens."""
     for number in range(count):
-        yield build_scene(ORDER[number % len(ORDER)], 5000 + number, seed + 79)
+        yield build_scene(ORDER[number % len(ORDER)], 5000 + number, seed + DRAWN_ROOMS)
 
 
 def _task_line(name: str, kind: str, scene: Path, steps: Sequence[DrawnRequest]) -> dict[str, Any]:
