@@ -12,8 +12,8 @@ from karma.seeds import stream
 from karma.tasks.drawing.drawn_tasks import draw_task
 from karma.tasks.drawing.lexicon import (
     HELD_OUT,
-    HeldOut,
     Lexemes,
+    UnseenWords,
     every_word,
     held_out,
     lexicon,
@@ -51,7 +51,7 @@ def in_the_third(text):
 
 def test_held_out_lexemes_are_words_of_ours_of_their_class():
     every = candidates(every_word(), BOOK)
-    for name in HeldOut.__struct_fields__:
+    for name in UnseenWords.__struct_fields__:
         texts = getattr(held_out(), name)
         assert texts, name
         assert sorted(set(texts)) == list(texts)
@@ -103,7 +103,7 @@ NAMES = (
 
 def test_written_lexemes_are_read_back_as_they_were(tmp_path):
     write_held_out(tmp_path / "held_out.toml", held_out())
-    assert read_toml(tmp_path / "held_out.toml", HeldOut) == held_out()
+    assert read_toml(tmp_path / "held_out.toml", UnseenWords) == held_out()
     assert (tmp_path / "held_out.toml").read_bytes() == HELD_OUT.read_bytes()
 
 

@@ -33,7 +33,7 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (*self.names, *self.kinds, *self.uses)
 
 
-class HeldOut(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class UnseenWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Lexemes that training lacks, by class."""
 
     names: tuple[str, ...] = ()
@@ -60,9 +60,9 @@ def every_word() -> Mapping[str, Entry]:
 
 
 @cache
-def held_out() -> HeldOut:
+def held_out() -> UnseenWords:
     """Return the lexemes that training lacks."""
-    return read_toml(HELD_OUT, HeldOut)
+    return read_toml(HELD_OUT, UnseenWords)
 
 
 @cache

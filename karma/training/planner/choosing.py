@@ -19,7 +19,7 @@ from karma.errors import FileError
 from karma.files import write_atomic
 from karma.household.types import object_types
 from karma.tasks.demonstrations import read_demonstrations
-from karma.tasks.drawing.lexicon import HELD_OUT, Entry, HeldOut, Lexemes, plain_words
+from karma.tasks.drawing.lexicon import HELD_OUT, Entry, Lexemes, UnseenWords, plain_words
 from karma.tasks.drawing.phrases import Book, expand
 from karma.tasks.drawing.requests import LOOKS, SWITCHED, WHERE
 from karma.training.planner.sources import Sources
@@ -31,7 +31,7 @@ _HEAD = """# Lexemes that no planner is trained on, chosen by rule. To write it 
 """
 
 
-def choose(words: Mapping[str, Entry], book: Book, seen: Iterable[str]) -> HeldOut:
+def choose(words: Mapping[str, Entry], book: Book, seen: Iterable[str]) -> UnseenWords:
     """Return what is held out.
 
     Args:
@@ -50,7 +50,9 @@ def choose(words: Mapping[str, Entry], book: Book, seen: Iterable[str]) -> HeldO
     ]
     parts = Lexemes(drawn)
     out = {text for text in every if parts.found_in(text)}
-    return HeldOut(**{name: tuple(t for t in texts if t in out) for name, texts in classes.items()})
+    return UnseenWords(
+        **{name: tuple(t for t in texts if t in out) for name, texts in classes.items()}
+    )
 
 
 def trained_on_before(sources: Sources) -> Iterator[str]:
@@ -82,10 +84,10 @@ def _as_it_was(path: Path) -> str:
         raise FileError(path, f"its text at commit {START} is not in the history here") from error
 
 
-def write_held_out(path: Path, chosen: HeldOut) -> None:
+def write_held_out(path: Path, chosen: UnseenWords) -> None:
     """Write the lexemes that are held out as TOML, one to a line."""
     lines = [_HEAD]
-    for name in HeldOut.__struct_fields__:
+    for name in UnseenWords.__struct_fields__:
         texts = "".join(
             f"  {json.dumps(one, ensure_ascii=False)},\n" for one in getattr(chosen, name)
         )
