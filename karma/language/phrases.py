@@ -30,7 +30,7 @@ def phrases_of(instruction: str) -> Phrases:
     >>> [verb.text for verb in found.verbs]
     ['put']
     """
-    reader = _Reader(tokens_of(instruction))
+    reader = _PhraseReader(tokens_of(instruction))
     reader.read()
     return Phrases(
         nouns=tuple(reader.nouns), pronouns=tuple(reader.pronouns), verbs=tuple(reader.verbs)
@@ -38,7 +38,7 @@ def phrases_of(instruction: str) -> Phrases:
 
 
 @dataclass(slots=True)
-class _Reader(Cursor):
+class _PhraseReader(Cursor):
     """One pass over the words; a segment is what goes with one verb."""
 
     slot: bool = True  # a verb may stand here

@@ -27,7 +27,7 @@ _CANNOT = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Failure:
+class DrawnFailure:
     """What the next prompt says, and the program to answer with."""
 
     error: str
@@ -36,7 +36,7 @@ class Failure:
 
 def draw_failure(
     rng: Rng, scene: Situation, calls: tuple[SkillCall, ...], *, wanted: frozenset[str]
-) -> Failure:
+) -> DrawnFailure:
     """Draw what went wrong before a program; mostly nothing did.
 
     Args:
@@ -46,7 +46,7 @@ def draw_failure(
         wanted: types that the request is about, which were not the mistake.
     """
     if rng.random() > FAILED:
-        return Failure(error="", calls=calls)
+        return DrawnFailure(error="", calls=calls)
     sorts = {**SORTS, "full hand": HELD if scene.facts.held_type else 0.0}
     tell = {
         "lost": _lost, "missed": _missed, "shut": _shut_in, "full hand": _full_hand,
@@ -56,7 +56,7 @@ def draw_failure(
     return found or _lost(rng, scene, calls)
 
 
-def _lost(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Failure:
+def _lost(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure:
     """Tell of a thing whose place was not known, or not that any more: it is searched for."""
     name = pick(rng, [call.objects[0] for call in calls])
     kind = short_type(name)
@@ -64,10 +64,10 @@ def _lost(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Failure:
     if kind not in landmark_types() and rng.random() < 0.6:
         words = f"{kind} is not at its remembered place; Explore(robot, '{kind}') to find it"
         skill = pick(rng, ("GoToObject", "PickupObject"))
-    return Failure(error=f"{skill}(robot, '{name}'): {words}", calls=calls)
+    return DrawnFailure(error=f"{skill}(robot, '{name}'): {words}", calls=calls)
 
 
-def _missed(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Failure:
+def _missed(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure:
     """Tell of something that may go well the next time."""
     call = pick(rng, calls)
     name, spent = call.objects[-1], int(rng.integers(40, 900))
@@ -76,12 +76,12 @@ def _missed(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Failure
         f"gave up after {spent} actions on {name}",
         "No valid positions to place object found",
     )
-    return Failure(
+    return DrawnFailure(
         error=f"{call}: {words[int(rng.integers(2 + (len(call.objects) > 1)))]}", calls=calls
     )
 
 
-def _shut_in(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Failure | None:
+def _shut_in(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure | None:
     """Tell of a thing that is shut in: what it is in is opened, and closed when it is out."""
     taken = [n for n, call in enumerate(calls) if call.skill == "PickupObject" and n]
     if not taken or calls[taken[0] - 1].skill != "GoToObject":
@@ -106,10 +106,10 @@ def _shut_in(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Failur
     )
     opened = (_call("GoToObject", place), _call("OpenObject", place))
     got = (calls[at], _call("CloseObject", place))
-    return Failure(error=error, calls=(*calls[: at - 1], *opened, *got, *calls[at + 1 :]))
+    return DrawnFailure(error=error, calls=(*calls[: at - 1], *opened, *got, *calls[at + 1 :]))
 
 
-def _full_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Failure | None:
+def _full_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure | None:
     """Tell of what is in the hand: it is put down before another thing is taken."""
     held = base_type(scene.facts.held_type or "")
     first = next((call.objects[0] for call in calls if call.skill == "PickupObject"), "")
@@ -124,21 +124,21 @@ def _full_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Fail
         f"e.g. PutObject(robot, '{held}', '{surface}')"
     )
     put = (_call("GoToObject", surface), _call("PutObject", held, surface))
-    return Failure(error=error, calls=(*put, *calls))
+    return DrawnFailure(error=error, calls=(*put, *calls))
 
 
-def _empty_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> Failure | None:
+def _empty_hand(rng: Rng, scene: Situation, calls: tuple[SkillCall, ...]) -> DrawnFailure | None:
     """Tell of a thing that was to be put down and had not been picked up."""
     put = next((call for call in calls if call.skill == "PutObject"), None)
     if put is None:
         return None
     words = f"the hand is empty; PickupObject(robot, '{put.objects[0]}') first"
-    return Failure(error=f"{put}: {words}", calls=calls)
+    return DrawnFailure(error=f"{put}: {words}", calls=calls)
 
 
 def _mistaken(
     rng: Rng, scene: Situation, calls: tuple[SkillCall, ...], wanted: frozenset[str]
-) -> Failure | None:
+) -> DrawnFailure | None:
     """Tell of another type that the words were taken for, which it cannot have been."""
     call = pick(rng, calls)
     at = int(rng.integers(len(call.objects)))
@@ -155,14 +155,14 @@ def _mistaken(
     if missing:
         places = int(rng.integers(2, 40))
         words = f"could not find {other}; searched {places} places"
-        return Failure(error=f"Explore(robot, '{other}'): {words}", calls=calls)
+        return DrawnFailure(error=f"Explore(robot, '{other}'): {words}", calls=calls)
     if call.skill == "PutObject":
         words = f"{told.objects[0]} cannot be placed in {told.objects[1]}"
     elif call.skill in _CANNOT:
         words = f"{other} {_CANNOT[call.skill]}"
     else:
         words = f"no {other} is known; Explore(robot, '{other}') first"
-    return Failure(error=f"{told}: {words}", calls=calls)
+    return DrawnFailure(error=f"{told}: {words}", calls=calls)
 
 
 @cache
