@@ -6,19 +6,14 @@ says when ("before you close it") knows whether it comes first or last. What is 
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
 from typing import Literal
 
-import msgspec
-
-from karma.files import read_toml
 from karma.language.words import base_of, closed_words, verb_tense, word_lists
 from karma.tasks.loose_names import UNKNOWN, key_of, names, singular, state_of, tiers_of, verb_at
+from karma.tasks.sentence_words import table
 
-TABLE = Path(__file__).parent / "sentences.toml"
 Kind = Literal["deed", "thing", "place", "other"]
 Order = Literal["", "before", "after"]  # of the main clause; what "before" leads to is done later
 
@@ -28,68 +23,15 @@ _JOINT = re.compile(
     r"|\s*(?P<mark>[,:])\s*",
     re.IGNORECASE,
 )
-_ORDER = re.compile(r"\b(before|after|once|as soon as|when|^having)\s+(?=\w)", re.IGNORECASE)
+_ORDER = re.compile(
+    r"(?<!from )\b(before|after|once|as soon as|when|^having)\s+(?=\w)", re.IGNORECASE
+)
 _WORD = re.compile(r"[^\W_]+(?:-[^\W_]+)*(?:['’]s\b)?")
 _SUBJECT = re.compile(
-    r"(?:(?:you|i|we|they)(?:['’](?:ve|re|d))?\s+)?(?:(?:have|are|had|just)\s+)*", re.IGNORECASE
+    r"(?:(?:you|i|we|they)(?:['’](?:ve|re|d))?\s+)?(?:(?:have|having|are|had|just)\s+)*",
+    re.IGNORECASE,
 )
 _STATE = re.compile(r"(?P<thing>.+?)\s+(?P<be>is|are)\s+(?P<state>\w+)$", re.IGNORECASE)
-
-
-class Passing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is said in passing, as a pattern, and what it comes to."""
-
-    said: str
-    means: str
-
-
-class SentenceVerbs(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Verbs by what they do to a sentence; see the table."""
-
-    carry: frozenset[str]
-    prepare: frozenset[str]
-    prepare_alone: frozenset[str]
-    always_prepare: frozenset[str]
-    idle_with: frozenset[str]
-    wants: frozenset[str]
-    stated: frozenset[str]
-    belonging: frozenset[str]
-    both_tenses: frozenset[str]
-    third: Mapping[str, str]
-
-
-class SentenceWords(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Other words; see the table."""
-
-    idle_nouns: frozenset[str]
-    single: frozenset[str]
-    plural: frozenset[str]
-    parts: frozenset[str]
-    themselves: frozenset[str]
-    leads: frozenset[str]
-    tellers: frozenset[str]
-    frames: frozenset[str]
-    asking: frozenset[str]
-    relatives: frozenset[str]
-    clauses: frozenset[str]
-    behind: frozenset[str]
-    conjoined: frozenset[str]
-    beside: frozenset[str]
-    no_place: frozenset[str]
-
-
-class SentenceTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The whole of `sentences.toml`."""
-
-    passing: tuple[Passing, ...]
-    verbs: SentenceVerbs
-    words: SentenceWords
-
-
-@cache
-def table() -> SentenceTable:
-    """Return the words by which sentences are cut."""
-    return read_toml(TABLE, SentenceTable)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -250,6 +192,8 @@ def _verb(plain: Sequence[str], start: int, found: Sequence[Chunk]) -> int | Non
     wanted = _wanting(plain)
     if wanted is not None:
         return wanted
+    if plain[start] == "have" and plain[start + 1 : start + 2] != []:
+        return start if plain[start + 1] in word_lists().determiners else None
     at, groups = verb_at(plain, start, first=first)
     if groups and _asks(plain, at, groups, found):
         return None if _is_told(plain[:at]) else at
@@ -261,8 +205,10 @@ def _verb(plain: Sequence[str], start: int, found: Sequence[Chunk]) -> int | Non
 
 
 def _is_told(before: Sequence[str]) -> bool:
-    """Return whether what stands before a verb makes it a statement: "I said", "we'll eat"."""
+    """Return whether what stands before a verb makes it a statement: "I said", "we have to"."""
     words = table().words
+    if "have" in before and {"i", "we"} & set(before) and "you" not in before:
+        return True
     return bool(words.tellers & set(before)) and not words.frames & set(before)
 
 
@@ -274,8 +220,11 @@ def _wanting(plain: Sequence[str]) -> int | None:
         if plain[at + 1] not in follow and not is_known(" ".join(plain[at + 1 : at + 3])):
             continue
         hoped = {"it", "would"} <= before and word in ("if", "have")
-        asked = word in table().verbs.wants and bool({"i", "we"} & before)
-        if hoped or (asked and (word != "have" or {"rather", "to", "may", "can"} & before)):
+        wants = word in table().verbs.wants or (word == "use" and "could" in before)
+        asked = wants and bool({"i", "we"} & before)
+        if hoped or (
+            asked and (word != "have" or {"rather", "to", "may", "can", "could"} & before)
+        ):
             return None if {"don", "not", "t"} & before else at
     return None
 
@@ -289,14 +238,17 @@ def _asks(plain: Sequence[str], at: int, groups: frozenset[str], found: Sequence
 
 def _led_to(plain: Sequence[str], at: int) -> bool:
     """Return whether a word is the verb that "would you mind", "if you", "on the desk" lead to."""
-    before, word = plain[at - 1], plain[at]
+    adverbs = word_lists().adverbs | {"also"}
+    before = next((word for word in reversed(plain[:at]) if word not in adverbs), "")
+    word = plain[at]
     if before == "you" and verb_tense(word) == "past":
         return "if" in plain[:at]
     stands, groups = verb_at(plain, at)
     if stands != at or not groups or UNKNOWN in groups:
         return False
     if before in table().words.asking:
-        return word != "do" and plain[0] != "if" and not {"that", "which"} & set(plain[:at])
+        asks = plain[0] != "if" or {"could", "would"} & set(plain[:at])
+        return word != "do" and bool(asks) and not {"that", "which"} & set(plain[:at])
     fronted = plain[0] in word_lists().prepositions
     return fronted and plain[at + 1 : at + 2] != [] and plain[at + 1] in word_lists().determiners
 
@@ -311,8 +263,10 @@ def _verb_end(plain: Sequence[str], at: int) -> int:
         end += 1
     if plain[end : end + 1] == ["of"]:  # "get rid of"
         end += 1
-    if plain[at : end + 1] == ["make", "sure"]:
-        return end + 1 + (plain[end + 1 : end + 2] == ["that"])
+    for ensuring in (["make", "sure"], ["see", "to", "it"]):
+        if plain[at : at + len(ensuring)] == ensuring:
+            end = at + len(ensuring)
+            return end + (plain[end : end + 1] == ["that"])
     return end + (plain[end : end + 1] in (["me"], ["us"]))
 
 
@@ -327,7 +281,7 @@ def _object_end(plain: Sequence[str], start: int) -> int:
         word, behind = plain[at], at > start
         if word == "of" and plain[at - 1] == "out":
             return at - 1
-        if word in ends - {"of", "that", "only"} or (word == "that" and behind):
+        if word in ends - {"of", "that", "only"} or (word in ("that", "it") and behind):
             return at
         if behind and plain[at - 1] not in lists.determiners and _is_state(plain, at):
             return at
@@ -349,7 +303,8 @@ def _is_thing(plain: Sequence[str], start: int, *, alone: bool) -> bool:
     if start >= len(plain) or (plain[start] in themselves and plain[start:] != ["both"]):
         return False
     if plain[start] in lists.determiners:
-        return len(plain) > start + 1 and plain[start + 1] not in lists.prepositions - {"of"}
+        follows = (lists.prepositions | lists.auxiliaries) - {"of"}  # "both on", "that would"
+        return len(plain) > start + 1 and plain[start + 1] not in follows
     if verb_tense(plain[start]) == "past" or _is_third(plain[start]):
         return False
     end = _object_end(plain, start)
@@ -382,7 +337,7 @@ def _subordinate(text: str, order: Order, piece: Chunk) -> Chunk:
     if not words or words[0].word in ("that", "this", "doing"):
         return idle
     state = _STATE.fullmatch(text)
-    if state and state_of(state["state"]) is not None:
+    if state and state_of(state["state"]) in ("on", "off", "opened", "closed"):
         return Chunk(
             kind="deed",
             order=order,
@@ -395,6 +350,7 @@ def _subordinate(text: str, order: Order, piece: Chunk) -> Chunk:
     again = _read(f"{base}{text[words[0].end :]}", ())
     if again.kind == "deed" and (again.object or again.tail):
         return replace(again, order=order)
-    if again.kind == "thing" and not (subject and subject[0]):
+    told = _words(again.tail)[:1] and _words(again.tail)[0].word in table().verbs.stated
+    if again.kind == "thing" and not told and not (subject and subject[0]):
         return replace(again, order=order)
     return idle

@@ -9,10 +9,12 @@ request beside it.
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 from karma.language.words import word_lists
-from karma.tasks.chunks import Chunk, chunks_of, is_known, joined, sentences_of, table
+from karma.tasks.chunks import Chunk, chunks_of, is_known, joined, sentences_of
 from karma.tasks.loose_names import tiers_of, words_of
+from karma.tasks.sentence_words import table
 from karma.tasks.wordings import (
     Wording,
     has_clause,
@@ -28,7 +30,7 @@ from karma.tasks.wordings import (
 _EARLIER = re.compile(
     r"\b(?:but\s+)?(?:beforehand|before that|first,? though|but first)\b,?", re.IGNORECASE
 )
-_SAME = re.compile(r"\bdo the same (?:with|for|to)\s+", re.IGNORECASE)
+_SAME = re.compile(r"\bdo (?:the same|so|likewise) (?:with|for|to)\s+", re.IGNORECASE)
 _WISH = re.compile(r"\b(?:i|we)(?:['’]d| would)?\b", re.IGNORECASE)
 
 
@@ -120,9 +122,8 @@ class _Reader:
         if idle or (not group[0].verb and not any(one.is_asked for one in group)):
             self.waiting += "".join(f"{one.text}, " for one in group)
             return
-        last = group[-1]
-        for one in group[:-1]:
-            one.tail = joined(one.tail, shared(last.tail, one.tail))
+        for one, following in reversed(list(pairwise(group))):
+            one.tail = joined(one.tail, shared(following.tail, one.tail))
         if len(group) > 1:
             for one in group:
                 word, _, rest = one.tail.partition(" ")
@@ -165,12 +166,13 @@ class _Reader:
 
     def _begin(self, deed: Wording) -> None:
         """Begin a group; what is done to "them" is done to each."""
+        told = [] if any(one.verb for one in self.group) else self.group
         self._close()
-        before = self.done[-2:] if "both" in deed.near_words else _alike(self.done)
+        before = self.done[-2:] if "both" in deed.near_words else told or _alike(self.done)
         spoken_of = [one for one in before if one.object]
         if table().words.plural & deed.near_words and len(spoken_of) > 1:
             self.group = [replace(deed.for_each(one.object), frame="") for one in spoken_of]
-            self.group[0].frame = deed.frame
+            self.group[0].frame, self.waiting = deed.frame, ""
             self._close()
             return
         deed.frame = f"{self.waiting}{deed.frame}".strip()
@@ -194,10 +196,13 @@ class _Reader:
             self._fragment(chunk)
             return
         last = self.group[-1]
-        if chunk.joint == ":" and not (last.verb and any(map(is_known, words_of(last.object)))):
+        known = any(map(is_known, words_of(last.object))) and not last.is_idle
+        if chunk.joint == ":" and not (last.verb and known):
             self.group.pop()
             self.waiting += f"{last.text}: "
             self._fragment(chunk)
+        elif last.verb and not last.object and not last.is_idle:  # "wash, in this order, the mug"
+            last.object, last.tail = chunk.object, joined(chunk.tail, last.tail)
         elif _belongs(last, chunk):
             last.more += _between(chunk) + chunk.text
         elif last.is_idle and not last.object:
@@ -224,6 +229,9 @@ class _Reader:
             verb = joined(wish[0], verb)
         one = Wording(verb=verb, base=first.base, object=chunk.object, tail=chunk.tail)
         share_head(last, one)
+        word = words_of(first.tail)[:1]
+        if not first.verb and one.tail and set(word) & table().verbs.belonging:
+            one.tail = joined(*word, one.tail)  # "the mug goes in the sink and the fork in ..."
         if first.place and not one.place:
             one.tail = joined(first.tail, chunk.tail)
         self.group.append(one)
@@ -237,8 +245,8 @@ class _Reader:
             self.group = [replace(last, frame="", tail=chunk.text, more="")]  # "and off again"
         elif last is None or not self.group:
             self.waiting += f"{chunk.text}, "
-        elif chunk.kind == "place" and not last.tail and not last.more:
-            last.tail = chunk.text
+        elif chunk.kind == "place" and not last.place and not last.more:
+            last.tail = joined(chunk.text, last.tail)
         else:
             last.more += _between(chunk) + chunk.text
 
@@ -265,10 +273,11 @@ def _belongs(last: Wording, chunk: Chunk) -> bool:
         return True
     if chunk.joint == "and" and not chunk.tail and preposition in sets.beside:
         return True
-    if not is_determined(chunk.object):
-        goes = preposition in word_lists().destinations - {"to"}
-        if preposition in sets.conjoined or (has_clause(said[:-1]) and not goes):
-            return True
+    if preposition in sets.conjoined and not (chunk.tail and is_determined(chunk.object)):
+        return True
+    goes = preposition in word_lists().destinations - {"to"}
+    if not is_determined(chunk.object) and has_clause(said[:-1]) and not goes:
+        return True
     return bool(last.place) and not chunk.tail and is_fixed(chunk.object)
 
 

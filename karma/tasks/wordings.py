@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 from karma.household.types import object_type
 from karma.language.words import word_lists
-from karma.tasks.chunks import Chunk, is_known, joined, table
+from karma.tasks.chunks import Chunk, is_known, joined
 from karma.tasks.loose_names import meaning, names, singular, tiers_of, words_of
+from karma.tasks.sentence_words import table
 
 _PLURAL = re.compile(r"\b(?:them|both|these|those)\b", re.IGNORECASE)
 _RELATIVE = re.compile(r"\b(?:that|which|who|because|since|so|if|when|where)\s+(?=\w+\s)")
@@ -49,6 +50,8 @@ class Wording:
     @property
     def near_words(self) -> frozenset[str]:
         """The words of object and place, up to a clause that says which one is meant."""
+        if self.object and words_of(self.tail)[:1] == ["it"]:  # "the bowl it was in"
+            return frozenset(words_of(self.object))
         near = _RELATIVE.split(joined(self.object, self.tail), maxsplit=1)[0]
         return frozenset(words_of(near))
 
@@ -92,7 +95,8 @@ class Wording:
         if not last.verb:
             return False
         if not last.object and not last.tail and self.object:  # "wash and slice the apple"
-            return joint == "and" and last.base not in table().verbs.prepare
+            plain = last.base in table().verbs.prepare | set(names().verbs["none"].words)
+            return joint in ("and", ",") and not plain
         if last.base in table().verbs.carry and "Knife" in meaning(last.object):
             return self.base in names().verbs["slice"].words  # "get a knife and cut the bread"
         again = bool(self.near_words & (words.single | words.plural))
@@ -145,7 +149,8 @@ def place_in(tail: str) -> str:
 
 def shared(tail: str, own: str) -> str:
     """Return what of the last thing's tail another one lacks."""
-    if place_in(own) or not tail:
+    lies = re.match(r"(?:that|which)(?:['’]s| is| are)\b", own)
+    if not tail or (place_in(own) and not lies):
         return ""
     return place_in(tail) if own else tail
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from support.paths import ROOT
 
 from karma.language.words import base_of
-from karma.tasks.chunks import table
 from karma.tasks.loose_names import singular, words_of
 from karma.tasks.requests import load_said, load_several, split_right
+from karma.tasks.sentence_words import table
 from karma.tasks.sentences import split_instruction
 
 FOLDER = ROOT / "tests" / "golden" / "requests"
