@@ -5,7 +5,7 @@ others are drawn from the things of a room of that kind, so that a memory can be
 would be a right answer too is never drawn.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -23,9 +23,10 @@ from karma.tasks.drawing.memories import KnownRoom, draw_unit
 from karma.tasks.drawing.rooms import room_of
 from karma.world.core.scene import load
 
-Marks = Literal["lived", "none", "against"]  # see `memory_of`
+Marks = Literal["lived", "none", "against"]  # see `marked`
 _PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # rooms by the hundreds of AI2-THOR's plans
 _ROOMS_EACH = 4  # shipped ones of a kind
+_SEEN_EACH = 5  # draws of the states and the place of each type of thing in a room
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,51 +46,74 @@ class RecallQuestion:
 
 
 def memory_of(
-    question: RecallQuestion, size: int, number: int, *, marks: Marks = "lived", seed: int = 0
+    question: RecallQuestion, size: int, number: int, *, seed: int = 0
 ) -> tuple[MemoryUnit, ...]:
     """Return a memory in which the question can be answered, the last used last.
+
+    What the question tells of is marked as it says, mostly as handled, all else as only seen.
 
     Args:
         question: what is asked.
         size: of the memory; no fewer than the question tells of.
         number: of the draw.
-        marks: "lived": what the question tells of was handled, all else only seen; "none": nothing
-            is marked as handled; "against": what is right was only seen, half of the rest handled.
         seed: of the draws.
     """
     rng = stream(seed, "recall", question.name, str(size), str(number))
-    rooms = _rooms()[question.room]
-    room = rooms[int(rng.integers(len(rooms)))]
     barred = {base_type(kind) for kind in question.barred_types}
     barred |= {base_type(unit.object_type) for unit in question.told}
-    pool = [kind for one in rooms for kind in one.movables if base_type(kind) not in barred]
-    units: list[MemoryUnit] = []
-    while len(units) + len(question.told) < size:
-        kind = pool[int(rng.integers(len(pool)))]
-        unit = draw_unit(rng, room, kind, len(units), units, handled=False)
-        if not question.barred_states & set(unit.states):
-            units.append(unit)
+    pool = [
+        unit
+        for unit in _seen_things(question.room, seed)
+        if base_type(unit.object_type) not in barred
+        if not question.barred_states & set(unit.states)
+    ]
+    chosen = rng.integers(len(pool), size=max(size - len(question.told), 0))
+    units = [replace(pool[at], object_id=f"seen{place}") for place, at in enumerate(chosen)]
     places = sorted(int(rng.integers(len(units) + 1)) for _ in question.told)
     for place, unit in reversed(list(zip(places, question.told, strict=True))):
         units.insert(place, unit)
-    coins = rng.random(len(units))
-    return tuple(_marked(unit, question, marks, coins[at]) for at, unit in enumerate(units))
+    return tuple(units)
 
 
-def _marked(unit: MemoryUnit, question: RecallQuestion, marks: Marks, coin: float) -> MemoryUnit:
+def marked(
+    units: Sequence[MemoryUnit], question: RecallQuestion, marks: Marks
+) -> tuple[MemoryUnit, ...]:
+    """Return a memory of the question with other marks for what was handled.
+
+    Args:
+        units: as they were drawn.
+        question: what is asked.
+        marks: "lived": as they are; "none": nothing was handled; "against": what is right was only
+            seen, and of the rest every other one handled.
+    """
     if marks == "lived":
-        return unit
-    handled = marks == "against" and unit.object_id not in question.right and coin < 0.5
-    return replace(unit, handled=handled)
+        return tuple(units)
+    return tuple(
+        replace(
+            unit,
+            handled=marks == "against" and at % 2 == 0 and unit.object_id not in question.right,
+        )
+        for at, unit in enumerate(units)
+    )
 
 
 @cache
-def _rooms() -> Mapping[str, Sequence[KnownRoom]]:
-    names = {kind: [f"{kind}_{n}" for n in range(1, _ROOMS_EACH + 1)] for kind in ROOMS}
-    return {
-        kind: [room_of(load(name), name, keep=1.0) for name in of_kind]
-        for kind, of_kind in names.items()
-    }
+def _seen_things(room: str, seed: int) -> Sequence[MemoryUnit]:
+    """Return things of rooms of a kind as they may lie there, to fill memories with."""
+    rng = stream(seed, "recall", room)
+    return [
+        draw_unit(rng, one, kind, 0, (), handled=False)
+        for one in rooms_of(room)
+        for kind in one.movables
+        for _ in range(_SEEN_EACH)
+    ]
+
+
+@cache
+def rooms_of(kind: str) -> Sequence[KnownRoom]:
+    """Return the shipped rooms of a kind."""
+    names = [f"{kind}_{number}" for number in range(1, _ROOMS_EACH + 1)]
+    return [room_of(load(name), name, keep=1.0) for name in names]
 
 
 # ----------------------------------------------------------------- files

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from karma.bench.statistics import Estimate, mean
 from karma.contracts import MemoryUnit, Recall, Recalled
-from karma.lab.recall_questions import Marks, RecallQuestion, memory_of
+from karma.lab.recall_questions import Marks, RecallQuestion, marked, memory_of
 from karma.seeds import stream
 
-DRAWS = 10  # memories a question
+DRAWS = 3  # memories a question
 
 
 class InOrder:
@@ -50,34 +50,38 @@ class Asked:
 
 
 def ask(
-    row: str,
-    recall: Recall,
+    rows: Mapping[tuple[str, Marks], Recall],
     questions: Iterable[RecallQuestion],
     units: int,
     *,
-    marks: Marks = "lived",
     draws: int = DRAWS,
-) -> Asked:
-    """Ask a recall every question over several memories.
+) -> list[Asked]:
+    """Ask every question over several memories, the same ones for all rows.
 
     Args:
-        row: what it is called in the table.
-        recall: what is measured.
+        rows: (what it is called in the table, who is marked as handled) -> what is measured.
         questions: of all classes.
         units: size of the memories.
-        marks: who is marked as handled, see `memory_of`.
         draws: memories a question.
     """
-    hits: dict[str, dict[str, list[float]]] = {}
+    hits: dict[tuple[str, Marks], dict[str, dict[str, list[float]]]] = {row: {} for row in rows}
     for question in questions:
-        found = [
-            float(is_right(recall, question, memory_of(question, units, number, marks=marks)))
-            for number in range(draws)
-        ]
-        for kind in question.kinds:
-            hits.setdefault(kind, {}).setdefault(question.group, []).extend(found)
-    by_kind = {kind: mean(list(groups.values())) for kind, groups in hits.items()}
-    return Asked(row=row, units=units, marks=marks, by_kind=by_kind)
+        for number in range(draws):
+            memory = memory_of(question, units, number)
+            for row, recall in rows.items():
+                right = is_right(recall, question, marked(memory, question, row[1]))
+                for kind in question.kinds:
+                    of_kind = hits[row].setdefault(kind, {})
+                    of_kind.setdefault(question.group, []).append(float(right))
+    return [
+        Asked(
+            row=name,
+            units=units,
+            marks=marks,
+            by_kind={kind: mean(list(groups.values())) for kind, groups in by_kind.items()},
+        )
+        for (name, marks), by_kind in hits.items()
+    ]
 
 
 def is_right(recall: Recall, question: RecallQuestion, units: Sequence[MemoryUnit]) -> bool:

@@ -25,6 +25,7 @@ from karma.language.phrases import phrases_of
 from karma.language.words import base_of, word_lists
 
 HERE = Path(__file__).parent
+TYPE_WORDS = HERE / "type_words.json"  # what types are called, with MiniLM's vectors beside it
 TYPES_SAID, DEEDS_SAID = 3, 2  # meanings per hint
 MOST = 4  # hints per instruction
 LONGEST = 8  # words of a phrase
@@ -197,6 +198,10 @@ class Words:
         order = np.argsort(-near, kind="stable")[: DEEDS_SAID if is_deed else TYPES_SAID]
         return tuple(Meaning(name=rows.names[n], similarity=float(best[n])) for n in order)
 
+    def rows_of(self, object_type: str) -> Vectors:
+        """Return the vectors of a type's texts, shape (n, d); n is 0 for a type without texts."""
+        return self.vectors[self._rows[False].part(object_type)]
+
 
 class _Rows:
     """Which rows of the vectors belong to which type or deed.
@@ -212,6 +217,14 @@ class _Rows:
         sizes = np.array([size for _, size in filled])
         self.starts = np.cumsum(sizes) - sizes
         self.first, self.end = first, first + int(sizes.sum())
+
+    def part(self, name: str) -> slice:
+        """Return where the rows of a name stand; nowhere for one without."""
+        if name not in self.names:
+            return slice(0, 0)
+        place = self.names.index(name)
+        ends = [*self.starts, self.end - self.first]
+        return slice(self.first + int(ends[place]), self.first + int(ends[place + 1]))
 
 
 def texts_in_order(file: WordFile) -> list[str]:
@@ -264,6 +277,19 @@ def load_words(path: Path, embedder: Embedder) -> Words:
     kept = _vectors_beside(path)
     found = _kept_vectors(kept, _stamp(file, embedder.name))
     return Words(file, _made_vectors(None, file, embedder) if found is None else found)
+
+
+def kept_words(path: Path, embedder: Embedder) -> Words | None:
+    """Read a words file with its vectors; None without it, or if another embedder made these.
+
+    Raises:
+        FileError: the words file is torn.
+    """
+    if not path.exists():
+        return None
+    file = read_json(path, WordFile)
+    vectors = _kept_vectors(_vectors_beside(path), _stamp(file, embedder.name))
+    return None if vectors is None else Words(file, vectors)
 
 
 def _vectors_beside(path: Path) -> Path:

@@ -6,9 +6,9 @@ numbers, one for each of its properties, and its score a sum of what the values 
 are worth to a question: the similarity of the first, which FAISS finds, and bonuses.
 """
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from operator import is_
-from typing import Any
+from typing import Any, NamedTuple
 
 import faiss
 import numpy as np
@@ -18,8 +18,15 @@ from karma.contracts import MemoryUnit, Recalled, Vectors
 
 Value = Hashable
 Property = Callable[[MemoryUnit], Value]
-Worth = Callable[[Value], float]  # what a value of a property adds to the score; any sign
+Worth = Callable[[Any], float]  # what a value of a property adds to the score; any sign
 _FIRST, _MORE = 64, 8  # rows that FAISS is asked for, and by how much more if they do not decide
+
+
+class FoundUnit(NamedTuple):
+    """A unit that a question found."""
+
+    place: int  # in the units that were followed last
+    score: float
 
 
 class UnitIndex:
@@ -27,15 +34,20 @@ class UnitIndex:
 
     Args:
         rows: value of the first property -> its vectors, shape (n, d), n >= 1, of length 1 or 0.
-            Of several the nearest to the question counts.
         searched: the first property, by which FAISS searches.
         others: more properties, for bonuses.
+        nearest: of the vectors of a value so many count, those nearest to the question; their mean
+            is its similarity.
     """
 
     def __init__(
-        self, rows: Callable[[Any], Vectors], searched: Property, *others: Property
+        self,
+        rows: Callable[[Any], Vectors],
+        searched: Property,
+        *others: Property,
+        nearest: int = 1,
     ) -> None:
-        self._rows = rows
+        self._rows, self._nearest = rows, nearest
         self._properties = (searched, *others)
         self._columns = [_Column() for _ in self._properties]
         self._units: tuple[MemoryUnit, ...] = ()
@@ -44,6 +56,7 @@ class UnitIndex:
         self._codes = np.zeros((0, len(self._properties)), dtype=np.int32)
         self._order: NDArray[np.intp] = np.zeros(0, dtype=np.intp)  # slots of `_units`
         self._index: Any = None
+        self._row_counts = np.zeros(0, dtype=np.intp)  # by the number of a searched value
 
     def __len__(self) -> int:
         """Return how many vectors FAISS holds."""
@@ -61,7 +74,7 @@ class UnitIndex:
         self._order = np.fromiter(slots, dtype=np.intp, count=len(units))
         self._units = units
 
-    def best(self, asked: Vectors | None, k: int, *worth: Worth | None) -> list[Recalled]:
+    def best(self, asked: Vectors | None, k: int, *worth: Worth | None) -> list[FoundUnit]:
         """Return the k units of the highest scores, best first; ties keep the order of the units.
 
         Args:
@@ -85,30 +98,53 @@ class UnitIndex:
     ) -> NDArray[np.float64]:
         """Return each unit's score, or -inf where it surely is not among the best k.
 
-        A value that FAISS has not named is no more similar than the last one that it has. So it is
-        enough to have k units that score more than that similarity and the largest bonus together.
+        A row that FAISS has not named is no more similar than the last one that it has. So there is
+        a limit to what the values of these rows are worth, and it is enough to have k units that
+        score more than that and the largest bonus together.
         """
-        similarity = np.full(self._columns[0].size, -np.inf, dtype=np.float32)
         wanted = min(_FIRST, len(self))
         while True:
             found, numbers = self._index.search(asked, wanted)
-            np.maximum.at(similarity, numbers[0], np.clip(found[0], -1.0, 1.0))
-            scores = similarity[values].astype(np.float64) + bonus
-            if wanted == len(self):
-                return scores
-            beyond = float(found[0, -1]) + float(bonus.max())
-            if np.count_nonzero(scores > beyond) >= k:
+            similarity, limit = self._similarities(np.clip(found[0], -1.0, 1.0), numbers[0])
+            scores = similarity[values] + bonus
+            if wanted == len(self) or np.count_nonzero(scores > limit + bonus.max()) >= k:
                 return scores
             wanted = min(wanted * _MORE, len(self))
 
-    def _top(self, scores: NDArray[np.float64], k: int) -> list[Recalled]:
+    def _similarities(
+        self, found: NDArray[np.float32], numbers: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Return the similarity of each value, -inf if not yet known, and the limit of these.
+
+        Args:
+            found: similarities of the nearest rows, the best first.
+            numbers: of their values.
+        """
+        counted = np.minimum(self._row_counts[: self._columns[0].size], self._nearest)
+        order = np.argsort(numbers, kind="stable")
+        grouped = numbers[order]
+        rank = np.arange(len(order)) - np.searchsorted(grouped, grouped)
+        kept = order[rank < self._nearest]
+        sums, there = np.zeros(len(counted)), np.zeros(len(counted), dtype=np.intp)
+        np.add.at(sums, numbers[kept], found[kept])
+        np.add.at(there, numbers[kept], 1)
+        unknown = there < counted
+        most = (sums + (counted - there) * float(found[-1])) / np.maximum(counted, 1)
+        limit = float(most[unknown].max()) if unknown.any() else -np.inf
+        return np.where(unknown, -np.inf, most), limit
+
+    def recalled(self, found: Iterable[FoundUnit]) -> list[Recalled]:
+        """Return the units that were found, in the order given."""
+        return [Recalled(unit=self._units[one.place], similarity=one.score) for one in found]
+
+    def _top(self, scores: NDArray[np.float64], k: int) -> list[FoundUnit]:
         if k < len(scores):
             least = np.partition(scores, len(scores) - k)[len(scores) - k]
             places = np.flatnonzero(scores >= least)
         else:
             places = np.arange(len(scores))
         places = places[np.argsort(-scores[places], kind="stable")][:k]
-        return [Recalled(unit=self._units[at], similarity=float(scores[at])) for at in places]
+        return [FoundUnit(int(at), float(scores[at])) for at in places]
 
     # ------------------------------------------------------------- what comes and goes
 
@@ -129,10 +165,14 @@ class UnitIndex:
         if not fresh:
             return
         rows = [self._rows(value) for value in fresh.values()]
-        numbers = np.repeat(np.fromiter(fresh, dtype=np.int64), [len(some) for some in rows])
+        counts = [len(some) for some in rows]
+        numbers = np.fromiter(fresh, dtype=np.int64)
+        lacking = max(self._columns[0].size - len(self._row_counts), 0)
+        self._row_counts = np.append(self._row_counts, np.zeros(lacking, dtype=np.intp))
+        self._row_counts[numbers] = counts
         if self._index is None:
             self._index = faiss.IndexIDMap(faiss.IndexFlatIP(rows[0].shape[1]))
-        self._index.add_with_ids(np.concatenate(rows), numbers)
+        self._index.add_with_ids(np.concatenate(rows), np.repeat(numbers, counts))
 
     def _remove(self, keys: Sequence[int]) -> None:
         unused = []
@@ -144,6 +184,7 @@ class UnitIndex:
                 if column.release(number) and at == 0:
                     unused.append(number)
         if unused:
+            self._row_counts[unused] = 0
             self._index.remove_ids(np.array(unused, dtype=np.int64))
 
     def _make_room(self, more: int) -> None:

@@ -59,7 +59,8 @@ class MultimodalRecall:
         if k < 1:
             raise ValueError(f"k must be at least 1, not {k}")
         self._index.follow(units)
-        return self._index.best(self._embedder.embed([query]), k) if units else []
+        asked = self._embedder.embed([query])
+        return self._index.recalled(self._index.best(asked, k)) if units else []
 
     def _text_and_image(self, unit: MemoryUnit) -> tuple[str, str]:
         """Return what a unit's vector is made of; equal ones share a row."""

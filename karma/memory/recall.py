@@ -28,10 +28,19 @@ def unit_sentence(unit: MemoryUnit) -> str:
     ...                          states=("cleaned", "used up")))
     'a cleaned, used up dish sponge'
     """
-    name = " ".join(_WORD.findall(unit.object_type)).lower()
+    name = name_in_words(unit.object_type)
     states = ", ".join(state for state in unit.states if state != "none")
     phrase = f"{states} {name}" if states else name
     return f"{'an' if phrase[:1] in tuple('aeiou') else 'a'} {phrase}"
+
+
+def name_in_words(object_type: str) -> str:
+    """Return a type's name as people write it.
+
+    >>> name_in_words("TVStand"), name_in_words("DishSponge")
+    ('tv stand', 'dish sponge')
+    """
+    return " ".join(_WORD.findall(object_type)).lower()
 
 
 VERBALISERS: dict[str, Verbaliser] = {"listing": unit_text, "sentence": unit_sentence}
@@ -72,7 +81,7 @@ class CosineRecall:
         if k < 1:
             raise ValueError(f"k must be at least 1, not {k}")
         self._index.follow(units)
-        return self._index.best(self._row(query), k) if units else []
+        return self._index.recalled(self._index.best(self._row(query), k)) if units else []
 
     def _row(self, text: str) -> Vectors:
         return row_of(self._embedder, text)

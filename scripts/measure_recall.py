@@ -1,0 +1,119 @@
+"""How often recall puts a right unit first, before and after, with control rows.
+
+    python scripts/measure_recall.py [--shared ../shared/data/recall] [--draws 3] [--save FILE]
+    python scripts/measure_recall.py --draw eval/recall/questions.jsonl
+    python scripts/measure_recall.py --words karma/language/type_words.json
+
+Questions are our own, in words that no part of the project is trained on or embeds
+(`eval/recall/questions.jsonl`, drawn by --draw), and those of the reference data where they are
+there. R@1 in memories of 10 and 40 units, with 95 % intervals over words or tasks. `marks` says who
+is marked as handled: what the question tells of ("lived"), nobody ("none"), or others than what is
+meant ("against"). "before" are the figures that `eval/recall/before.json` kept of the recall as it
+was; --save writes such a file. --words writes what types are called, on the training side, with
+vectors, for recall to read (minutes).
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+from karma import registry
+from karma.bench.experiment import Models, load_resources
+from karma.bench.formats import interval_text
+from karma.contracts import Recall
+from karma.errors import FileError
+from karma.files import read_json, to_json, write_atomic
+from karma.lab.recall_drawing import draw_questions
+from karma.lab.recall_questions import (
+    Marks,
+    RecallQuestion,
+    read_alfred_l,
+    read_household,
+    read_questions,
+)
+from karma.lab.recall_scores import CONTROLS, DRAWS, Asked, InOrder, ask
+from karma.language.hints import write_words
+from karma.offline import go_offline
+from karma.training.planner.hinted import words_file
+
+OURS = Path("eval/recall/questions.jsonl")
+BEFORE = Path("eval/recall/before.json")
+SHARED = Path(os.environ.get("KARMA_SHARED", "../shared")) / "data" / "recall"
+SIZES = (10, 40)
+MARKS: tuple[Marks, ...] = ("lived", "none", "against")
+EACH = 200  # questions of a class
+
+
+def main() -> None:
+    """Draw questions, or ask them and print a table for each set."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--draw", type=Path)
+    parser.add_argument("--words", type=Path)
+    parser.add_argument("--shared", type=Path, default=SHARED)
+    parser.add_argument("--draws", type=int, default=DRAWS)
+    parser.add_argument("--sets", nargs="+", default=["ours", "household", "alfred-l"])
+    parser.add_argument("--save", type=Path)
+    arguments = parser.parse_args()
+    if arguments.draw:
+        lines = map(to_json, draw_questions(EACH, unseen=True))
+        write_atomic(arguments.draw, b"".join(lines))
+        return
+    go_offline()
+    if arguments.words:
+        write_words(arguments.words, words_file(()), registry.load("embedders", "minilm")())
+        return
+    recall = installed()
+    found: dict[str, list[Asked]] = {}
+    for name, questions in question_sets(arguments.shared).items():
+        if name in arguments.sets:
+            found[name] = asked_all(recall, questions, arguments.draws)
+    if arguments.save:
+        write_atomic(arguments.save, to_json(found, indent=1))
+    kept = read_json(BEFORE, dict[str, list[Asked]]) if BEFORE.exists() else {}
+    for name, rows in found.items():
+        show(name, kept.get(name, []), rows)
+
+
+def installed() -> Recall:
+    """Return the recall that an experiment's row without options has, with its words."""
+    return load_resources(Models(), maps=None, seed=0).recall
+
+
+def question_sets(shared: Path) -> dict[str, list[RecallQuestion]]:
+    """Return our own questions and, where they are, those of the reference data."""
+    sets = {"ours": read_questions(OURS)}
+    readers = {"household": read_household, "alfred-l": read_alfred_l}
+    for name, read in readers.items():
+        path = shared / f"{name.replace('-', '_')}_odd.jsonl"
+        try:
+            sets[name] = read(path)
+        except FileError as error:
+            print(f"{name}: not asked: {error}")
+    return sets
+
+
+def asked_all(recall: Recall, questions: list[RecallQuestion], draws: int) -> list[Asked]:
+    """Return the rows of a set: recall with every kind of marks, and what does not read at all."""
+    rows: dict[tuple[str, Marks], Recall] = {("recall", marks): recall for marks in MARKS}
+    rows |= {(by, "lived"): InOrder(by) for by in CONTROLS}
+    return [row for units in SIZES for row in ask(rows, questions, units, draws=draws)]
+
+
+def show(name: str, before: list[Asked], after: list[Asked]) -> None:
+    """Print the table of a set, as Markdown."""
+    kinds = list(after[0].by_kind)
+    print(f"\n{name}\n\n| units | row | marks | {' | '.join(kinds)} |")
+    print("|---" * (3 + len(kinds)) + "|")
+    rows = {(row.units, row.marks, row.row): row for row in before if row.row == "recall"}
+    for row in after:
+        old = rows.get((row.units, row.marks, row.row))
+        for label, one in (("before", old), ("after" if old else row.row, row)):
+            if one is not None:
+                cells = " | ".join(interval_text(one.by_kind[kind]) for kind in kinds)
+                print(f"| {one.units} | {label} | {one.marks} | {cells} |")
+
+
+if __name__ == "__main__":
+    main()
