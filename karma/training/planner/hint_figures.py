@@ -1,0 +1,134 @@
+"""How often hints are right: for words that are held out, and for known ones as if never seen."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from karma.bench.statistics import wilson
+from karma.contracts import Embedder, Vectors
+from karma.language.hints import SHARPNESS, WordFile, singular
+from karma.language.words import base_of
+from karma.tasks.drawing.lexicon import every_word, held_out, types_called
+from karma.tasks.drawing.phrases import our_book
+
+DEEDS: Mapping[str, str] = MappingProxyType(
+    {
+        "place": "put", "trash": "throw", "clean": "wash", "heat": "heat", "cook": "cook",
+        "cool": "cool", "slice": "slice", "toast": "toast", "fill": "fill", "coffee": "fill",
+        "switch_on": "on", "switch_off": "off", "open": "open", "close": "close",
+        "hold": "take", "look": "look", "break": "break",
+    }
+)  # kind of request -> deed of the hints  # fmt: skip
+FITS = 3  # types that a vaguer word may fit to be asked for
+Way = Callable[[NDArray[np.float32]], float]  # scores of a type's texts -> its score
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskedWord:
+    """One word, and the types or deeds that a hint is right to name."""
+
+    group: str  # names, kinds, uses, verbs
+    phrase: str
+    right: frozenset[str]
+    left_out: frozenset[str] = frozenset()  # words whose texts are left out
+
+
+WAYS: Mapping[str, Way] = MappingProxyType(
+    {
+        "all texts, the nearest most": lambda s: float(np.log(np.exp(SHARPNESS * s).sum())),
+        "the nearest text": lambda s: float(s.max()),
+        "the mean of all texts": lambda s: float(s.mean()),
+        "the first text alone": lambda s: float(s[0]),
+    }
+)  # the first one is that of `karma.language.hints`
+
+
+def asked_words(*, unseen: bool) -> Iterator[AskedWord]:
+    """Yield the lexemes that are held out, or those that training has, each as if never seen."""
+    out, right = held_out(), dict[tuple[str, str], set[str]]()
+    for kind, entry in every_word().items():
+        for group, texts in (("names", entry.names), ("kinds", entry.kinds), ("uses", entry.uses)):
+            for text in texts:
+                if len(types_called(text)) <= FITS or group == "names":
+                    right.setdefault((group, text), set()).add(kind)
+    for kind, verbs in our_book().verbs.items():
+        for verb in verbs:
+            right.setdefault(("verbs", verb), set()).add(DEEDS[kind])
+    for (group, text), names in sorted(right.items()):
+        if (text in out.texts) == unseen:
+            head = text.partition(" of ")[0].split()[-1]
+            words = () if unseen else (head, singular(head), base_of(text.split()[0]) or head)
+            phrase = f"something to {text}" if group == "uses" else text
+            yield AskedWord(
+                group=group, phrase=phrase, right=frozenset(names), left_out=frozenset(words)
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HintFigures:
+    """How often the right meaning is first, and among the first three."""
+
+    group: str
+    way: str
+    number: int
+    first: int
+    third: int
+
+    def __str__(self) -> str:
+        """Return one line, with 95 % intervals."""
+        return f"{self.group:6} {self.way:28} {self.number:5}  {_rate(self.first, self.number)}" + (
+            f"  {_rate(self.third, self.number)}"
+        )
+
+
+def _rate(hits: int, number: int) -> str:
+    found = wilson(hits, number)
+    return f"{hits / number:.2f} [{found.low:.2f}, {found.high:.2f}]" if found else "–"
+
+
+def figures(
+    file: WordFile, embedder: Embedder, asked: Sequence[AskedWord]
+) -> Iterator[HintFigures]:
+    """Yield the figures of each group of words and each way to score a type by its texts."""
+    tables = {
+        False: _Table(file.types, embedder),
+        True: _Table(file.deeds, embedder),
+    }
+    hits: dict[tuple[str, str], list[tuple[bool, bool]]] = {}
+    for word in asked:
+        table, vector = tables[word.group == "verbs"], embedder.embed([word.phrase])[0]
+        for name, way in WAYS.items():
+            best = table.best(vector, word.left_out, way)
+            found = best[0] in word.right, not word.right.isdisjoint(best[:3])
+            hits.setdefault((word.group, name), []).append(found)
+    for (group, name), found_all in hits.items():
+        first, third = (sum(column) for column in zip(*found_all, strict=True))
+        yield HintFigures(group=group, way=name, number=len(found_all), first=first, third=third)
+
+
+class _Table:
+    """The texts of all types, or of all deeds."""
+
+    def __init__(self, part: Mapping[str, Sequence[str]], embedder: Embedder) -> None:
+        self._words = {
+            name: [frozenset(_forms(text)) for text in texts] for name, texts in part.items()
+        }
+        self._vectors = {name: embedder.embed(texts) for name, texts in part.items() if texts}
+
+    def best(self, vector: Vectors, left_out: frozenset[str], way: Way) -> list[str]:
+        """Return the names, the best one first; those without a text left are last."""
+        scores = {}
+        for name, rows in self._vectors.items():
+            kept = [left_out.isdisjoint(words) for words in self._words[name]]
+            scores[name] = way((rows @ vector)[kept]) if any(kept) else -np.inf
+        return sorted(scores, key=lambda name: (-scores[name], name))
+
+
+def _forms(text: str) -> Iterator[str]:
+    for word in text.split():
+        yield word
+        yield singular(word)
+        yield base_of(word) or word
