@@ -100,8 +100,9 @@ def figures(
     hits: dict[tuple[str, str], list[tuple[bool, bool]]] = {}
     for word in asked:
         table, vector = tables[word.group == "verbs"], embedder.embed([word.phrase])[0]
+        scores = table.scores(vector, word.left_out)
         for name, way in WAYS.items():
-            best = table.best(vector, word.left_out, way)
+            best = sorted(scores, key=lambda one: -way(scores[one]) if len(scores[one]) else np.inf)
             found = best[0] in word.right, not word.right.isdisjoint(best[:3])
             hits.setdefault((word.group, name), []).append(found)
     for (group, name), found_all in hits.items():
@@ -113,22 +114,26 @@ class _Table:
     """The texts of all types, or of all deeds."""
 
     def __init__(self, part: Mapping[str, Sequence[str]], embedder: Embedder) -> None:
-        self._words = {
-            name: [frozenset(_forms(text)) for text in texts] for name, texts in part.items()
-        }
-        self._vectors = {name: embedder.embed(texts) for name, texts in part.items() if texts}
+        texts = [text for _, some in sorted(part.items()) for text in some]
+        self._vectors = embedder.embed(texts)
+        self._ends = dict(
+            zip(sorted(part), np.cumsum([len(part[n]) for n in sorted(part)]), strict=True)
+        )
+        self._rows: dict[str, list[int]] = {}
+        for row, text in enumerate(texts):
+            for word in {form for said in text.split() for form in _forms(said)}:
+                self._rows.setdefault(word, []).append(row)
 
-    def best(self, vector: Vectors, left_out: frozenset[str], way: Way) -> list[str]:
-        """Return the names, the best one first; those without a text left are last."""
-        scores = {}
-        for name, rows in self._vectors.items():
-            kept = [left_out.isdisjoint(words) for words in self._words[name]]
-            scores[name] = way((rows @ vector)[kept]) if any(kept) else -np.inf
-        return sorted(scores, key=lambda name: (-scores[name], name))
+    def scores(self, vector: Vectors, left_out: frozenset[str]) -> Mapping[str, Vectors]:
+        """Return name -> how near its texts are, without those with a word that is left out."""
+        near = self._vectors @ vector
+        near[[row for word in left_out for row in self._rows.get(word, ())]] = np.nan
+        begin, found = 0, {}
+        for name, end in self._ends.items():
+            part = near[begin:end]
+            found[name], begin = part[~np.isnan(part)], end
+        return found
 
 
-def _forms(text: str) -> Iterator[str]:
-    for word in text.split():
-        yield word
-        yield singular(word)
-        yield base_of(word) or word
+def _forms(word: str) -> tuple[str, ...]:
+    return word, singular(word), base_of(word) or word
