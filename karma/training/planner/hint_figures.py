@@ -94,8 +94,8 @@ def figures(
 ) -> Iterator[HintFigures]:
     """Yield the figures of each group of words and each way to score a type by its texts."""
     tables = {
-        False: _Table(file.types, embedder),
-        True: _Table(file.deeds, embedder),
+        False: _TextTable(file.types, embedder),
+        True: _TextTable(file.deeds, embedder),
     }
     hits: dict[tuple[str, str], list[tuple[bool, bool]]] = {}
     for word in asked:
@@ -110,7 +110,7 @@ def figures(
         yield HintFigures(group=group, way=name, number=len(found_all), first=first, third=third)
 
 
-class _Table:
+class _TextTable:
     """The texts of all types, or of all deeds."""
 
     def __init__(self, part: Mapping[str, Sequence[str]], embedder: Embedder) -> None:
