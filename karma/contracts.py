@@ -489,6 +489,7 @@ class Plan:
     recalled: tuple[Recalled, ...] = ()  # of short-term memory, the best first
     units: tuple[MemoryUnit, ...] = ()  # in the prompt, the last used last
     refused: RefusedRequest | None = None  # in place of calls: the request, not the answer
+    doubt: float | None = None  # how likely it is that the request should be refused
     error: str = ""  # why the answer was refused; quoted in the next prompt
     failure: FailedProgram | None = None  # the same with the program, for planners that can read it
     dropped: tuple[str, ...] = ()  # lines of the answer that were no part of the program
@@ -730,6 +731,17 @@ class Knowledge(Protocol):
 Hints = Callable[[str], Sequence[Hint]]  # of an instruction, for one planner
 
 
+class Doubt(Protocol):
+    """Tells how likely it is that a request should be refused."""
+
+    @property
+    def threshold(self) -> float:
+        """From which probability on it is refused, whatever the planner said."""
+
+    def of(self, completion: Completion, request: PlanRequest) -> float | None:
+        """Return the probability by the planner's first answer; None where that does not tell."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resources:
     """What a run has loaded once, for all of its methods."""
@@ -738,6 +750,7 @@ class Resources:
     profile: str  # of its prompts: "compact" or "full"
     decoding: Decoding = Decoding()
     hints: Hints | None = None  # where the planner has learnt to read them
+    doubt: Doubt | None = None  # where it has been fitted for the planner
     recall: Recall
     vision: VisionModel
     detector: Detector | None = None  # for perception by pictures without given boxes

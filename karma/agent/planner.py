@@ -1,6 +1,6 @@
 """From what the agent knows to a program: prompt, model, parser, with bounded retries."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -8,12 +8,13 @@ from karma.agent.inspector import Objection, mend, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
 from karma.agent.recovery import program_of
-from karma.agent.refused_requests import with_words
+from karma.agent.refused_requests import doubted, with_words
 from karma.agent.several import with_turns
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,
     Decoding,
+    Doubt,
     FailedProgram,
     Hints,
     LanguageModel,
@@ -39,6 +40,7 @@ class Planner:
         profile: "compact" or "full".
         decoding: how answers are drawn.
         hints: of an instruction; None: the planner reads none.
+        doubt: decides by the first answer whether a request is refused; None: the answer does.
     """
 
     def __init__(
@@ -47,16 +49,23 @@ class Planner:
         profile: str,
         decoding: Decoding | None = None,
         hints: Hints | None = None,
+        doubt: Doubt | None = None,
     ) -> None:
         self.model = model
         self.profile = profile
         self.decoding = decoding or Decoding()
         self.hints = hints
+        self.doubt = doubt
 
     @classmethod
     def of(cls, resources: Resources) -> Self:
         """Return the planner that a run has loaded."""
-        return cls(resources.model, resources.profile, resources.decoding, resources.hints)
+        given = resources
+        return cls(given.model, given.profile, given.decoding, given.hints, given.doubt)
+
+    def drawn_by(self, decoding: Decoding) -> "Planner":
+        """Return the same planner with its answers drawn otherwise."""
+        return Planner(self.model, self.profile, decoding, self.hints, self.doubt)
 
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
@@ -69,6 +78,8 @@ class Planner:
         reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
         for attempt in range(self.decoding.attempts):
             answer = self._ask(request, attempt)
+            if not request.failures:
+                answer = yield from self._weighed(request, answer)
             if self.decoding.inspected and answer.calls:
                 answer, found = _inspected(request, answer)
                 reasons.add(found.reason if found is not None and found.lasting else "")
@@ -84,12 +95,28 @@ class Planner:
             failures = (*request.failures, answer.failure)
             request = replace(request, error=answer.error, failures=failures)
 
+    def _weighed(self, request: PlanRequest, answer: Plan) -> Generator[Plan, None, Plan]:
+        """Return the first answer as doubt has it: refused, or asked again what was refused."""
+        refusing, doubt = self.decoding.refusing, None
+        if self.doubt is not None and refusing:
+            doubt = self.doubt.of(answer.completion, request)
+        if self.doubt is None or doubt is None:
+            return answer
+        answer = replace(answer, doubt=doubt)
+        if doubt >= self.doubt.threshold:
+            told = answer.refused or with_words(doubted(request), request)
+            return replace(answer, calls=(), error="", failure=None, refused=told)
+        if answer.refused is None:
+            return answer
+        yield answer
+        return replace(self._ask(request, 0, refusing=False), doubt=doubt)
+
     def _temperature(self, request: PlanRequest) -> float:
         decoding = self.decoding
         return max(decoding.temperature, decoding.retry_temperature if request.error else 0.0)
 
-    def _ask(self, request: PlanRequest, attempt: int) -> Plan:
-        refusing = self.decoding.refusing
+    def _ask(self, request: PlanRequest, attempt: int, *, refusing: bool | None = None) -> Plan:
+        refusing = self.decoding.refusing if refusing is None else refusing
         rendered = render(self.profile, request, refusing=refusing)
         skills = skills_of(self.profile)
         spec = program_spec(request, rendered.names, skills, refusing=refusing)

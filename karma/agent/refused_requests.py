@@ -48,6 +48,15 @@ def with_words(refused: RefusedRequest, request: PlanRequest) -> RefusedRequest:
     return replace(refused, words=tuple(hint.phrase for hint in far))
 
 
+def doubted(request: PlanRequest) -> RefusedRequest:
+    """Return the refusal of a request that was answered, but not surely enough."""
+    far = [hint for hint in request.hints if nearness(hint) < NEAR]
+    kind: RefusalKind = "unclear"
+    if far:
+        kind = "deed" if all(map(_is_deed, far)) else "thing"
+    return RefusedRequest(kind=kind, by="doubt")
+
+
 def nearness(hint: Hint) -> float:
     """Return how near a phrase is to its nearest meaning; 0 where it has none."""
     return max((meaning.similarity for meaning in hint.meanings), default=0.0)

@@ -12,6 +12,7 @@ import msgspec
 
 from karma import registry
 from karma.bench.alfred_tasks import AlfredTasks
+from karma.bench.planner_doubt import doubt_of, may_refuse
 from karma.bench.planner_words import NO_WORDS, hints_for
 from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.presets import PRESETS, preset
@@ -269,8 +270,11 @@ def load_resources(
     """
     session = session or Session()
     model, profile = language_model(models, session, states, seed)
+    refusing = bool(models.refusing)
+    if models.hosted.planner is None:
+        refusing = may_refuse(models.planner, models.refusing)
     decoding = Decoding(
-        refusing=refuses(models),
+        refusing=refusing,
         constrained=models.constrained,
         temperature=models.temperature,
         seed=seed,
@@ -283,6 +287,7 @@ def load_resources(
         profile=profile,
         decoding=decoding,
         hints=hints_for(models.planner, models.words or hosted, embedder),
+        doubt=doubt_of(models.planner) if refusing and not hosted else None,
         recall=_recall(models.recall, models.recall_text, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
         maps=maps,
@@ -346,17 +351,6 @@ def filled(
     wanted = {"torch_options": models.torch, "llama_options": models.llama}
     options = {name: value for name, value in wanted.items() if name in known}
     return made(model, **options) if model else made(**options)
-
-
-def refuses(models: Models) -> bool:
-    """Return whether the planner may refuse requests: as said, else where it has learnt to.
-
-    Raises:
-        ModelError: there is no such planner.
-    """
-    if models.refusing is not None or models.hosted.planner is not None:
-        return bool(models.refusing)
-    return resolve_planner(models.planner).refuses
 
 
 def language_model(

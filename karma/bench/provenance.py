@@ -12,6 +12,7 @@ import msgspec
 
 from karma import __version__
 from karma.bench.experiment import OPENAI, Experiment, Models, Row, RunOptions
+from karma.bench.planner_doubt import doubt_path, may_refuse
 from karma.bench.planner_words import chosen_words
 from karma.bench.run_folder import FORMAT, Header, Machine
 from karma.contracts import SceneRef, Task
@@ -115,6 +116,8 @@ def _planner(models: Models) -> str:
     file = resolve_planner(models.planner)
     words = chosen_words(models.planner, models.words)
     told = f", words {_file_sha(words)}" if words is not None else ""
+    doubt = doubt_path(models.planner) if may_refuse(models.planner, models.refusing) else None
+    told += f", doubt {_file_sha(doubt)}" if doubt is not None else ""
     return f"{file.name} {file.sha256 or _file_sha(file.path)}{told}"
 
 

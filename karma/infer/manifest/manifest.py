@@ -60,6 +60,7 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     chat: bool = False  # planners only: through the GGUF's own chat template
     refuses: bool = False  # planners only: it has learnt to refuse requests
     words: str = ""  # planners only: path of the words file, of `files`, whose hints it reads
+    doubt: str = ""  # planners only: path of what was fitted to tell when to refuse, of `files`
     context_length: int | None = None  # in tokens; planners: what is opened by default
     memory_mb: int | None = None  # once loaded, estimated upwards (docs/models.md)
 
@@ -69,8 +70,10 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             raise ValueError(f"model {self.name!r} has no files")
         if self.role == "planner" and (self.prompt_profile is None or self.context_length is None):
             raise ValueError(f"planner {self.name!r} needs prompt_profile and context_length")
-        if self.words and self.words not in [file.path for file in self.files]:
-            raise ValueError(f"words = {self.words!r} of {self.name!r} is none of its files")
+        for key in ("words", "doubt"):
+            named = getattr(self, key)
+            if named and named not in [file.path for file in self.files]:
+                raise ValueError(f"{key} = {named!r} of {self.name!r} is none of its files")
         if not self.name or not self.name.isprintable() or "/" in self.name:
             raise ValueError(f"{self.name!r} is not a name: printable, without '/'")
 

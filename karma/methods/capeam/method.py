@@ -79,7 +79,7 @@ class CapeamMethod:
     def __init__(self, planner: Planner, settings: CapeamSettings | None = None) -> None:
         self.settings = settings or CapeamSettings()
         decoding = replace(planner.decoding, inspected=False)
-        self.planner = Planner(planner.model, planner.profile, decoding, planner.hints)
+        self.planner = planner.drawn_by(decoding)
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:

@@ -85,7 +85,7 @@ class HelperMethod:
     ) -> None:
         self.settings = settings or HelperSettings()
         decoding = replace(planner.decoding, inspected=False)
-        self.planner = Planner(planner.model, planner.profile, decoding, planner.hints)
+        self.planner = planner.drawn_by(decoding)
         examples, errors = seed_examples()
         self.examples = ExampleMemory(embedder, examples)
         self.errors = ExampleMemory(embedder, errors)

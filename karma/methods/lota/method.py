@@ -169,7 +169,7 @@ class LotaGenerate:
         self.name = f"LoTa-Bench (modified: generated, {self.form})"
         inspected = planner.decoding.inspected and self.settings.inspected
         decoding = replace(planner.decoding, attempts=1, inspected=inspected)
-        self._planner = Planner(planner.model, planner.profile, decoding, planner.hints)
+        self._planner = planner.drawn_by(decoding)
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:

@@ -41,6 +41,7 @@ HERE = Path(__file__).parent
 Drawer = Callable[[Rng, Situation], str | None]
 WHOLE = 0.4  # share of near misses that are sentences of their own, not words round another
 TRIES = 20
+FAMILIAR = 0.4  # share of held-out refusals that are made as those of training, in other languages
 
 
 class RefusedPhrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -153,6 +154,33 @@ def draw_refusal(
             text = misspelt(rng, text) if rng.random() < TYPOS else text
         facts = replace(scene.facts, instruction=text)
         return example_of(f"refuse_{group.kind}", facts, f"{RefusedRequest(kind=group.kind)}\n")
+
+
+def draw_held_out_refusal(
+    rng: Rng, room: KnownRoom, book: Book, *, mapped: bool
+) -> TrainingExample:
+    """Draw one request to be refused, of words and topics that no planner is trained on.
+
+    Those whose words cannot be new, such as a negated request, are drawn with the book's words.
+    """
+    while True:
+        if rng.random() < FAMILIAR:
+            return draw_refusal(rng, room, book, mapped=mapped, held_out=True)
+        kind = pick(rng, tuple(unseen_refusals()))
+        facts, _ = draw_facts(rng, room, mapped=mapped)
+        if kind == "unclear":
+            facts = replace(facts, units=(), held_id=None, held_type=None)
+        scene = situation(rng, room, facts, book, frozenset(), mapped=mapped)
+        text = _Slots(rng, scene).fill(pick(rng, unseen_refusals()[kind]))
+        if text:
+            facts = replace(scene.facts, instruction=wrapped(rng, book, text))
+            return example_of(f"refuse_{kind}", facts, f"{RefusedRequest(kind=kind)}\n")
+
+
+@cache
+def unseen_refusals() -> Mapping[RefusalKind, tuple[str, ...]]:
+    """Return patterns that no planner is trained on, by kind."""
+    return read_toml(HERE / "refusals_held_out.toml", dict[RefusalKind, tuple[str, ...]])
 
 
 def draw_near_miss(

@@ -5,7 +5,7 @@ is in its hand), rendered by the same `karma.agent.prompt` that plans with it.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from karma.agent.prompt import compact
 from karma.contracts import MemoryUnit, PlanRequest, SkillCall
@@ -44,6 +44,7 @@ class TrainingExample:
     stable: str
     changing: str
     program: str
+    facts: PlanRequest = field(default=PlanRequest(instruction=""), compare=False, repr=False)
 
     @property
     def sentence(self) -> str:
@@ -201,7 +202,7 @@ def example_of(kind: str, facts: PlanRequest, program: str) -> TrainingExample:
     """Return the example of what the agent knows and what it is to answer."""
     prompt = compact(facts).prompt
     return TrainingExample(
-        kind=kind, stable=prompt.stable, changing=prompt.changing, program=program
+        kind=kind, stable=prompt.stable, changing=prompt.changing, program=program, facts=facts
     )
 
 
