@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from karma.household.types import object_type
+from karma.household.uses import KNIVES
 from karma.language.words import word_lists
 from karma.tasks.chunks import Chunk, is_known, joined
 from karma.tasks.loose_names import meaning, names, singular, tiers_of, words_of
@@ -97,7 +98,7 @@ class Wording:
         if not last.object and not last.tail and self.object:  # "wash and slice the apple"
             plain = last.base in table().verbs.prepare | set(names().verbs["none"].words)
             return joint in ("and", ",") and not plain
-        if last.base in table().verbs.carry and "Knife" in meaning(last.object):
+        if last.base in table().verbs.carry and meaning(last.object) & set(KNIVES):
             return self.base in names().verbs["slice"].words  # "get a knife and cut the bread"
         again = bool(self.near_words & (words.single | words.plural))
         again = again or (joint == "and" and bool(self.near_words & words.parts))
