@@ -99,7 +99,7 @@ def test_a_locked_sentence_that_training_would_say_is_drawn_again(tmp_path):
     """The sampler's own sentences, put into a locked file, are in no pack that it draws."""
     recipe = PlannerRecipe()
     free = Sources(folder=tmp_path, models=tmp_path, shared=tmp_path, tests=(), generated=8)
-    data = free.data(recipe)
+    data = free.material(recipe)
     said = [one.sentence for n in range(20) for one in draw_pack(recipe, data, "t", str(n))]
     line = json.loads((FOLDER / "tasks.jsonl").read_text().splitlines()[0])
     line["subtasks"] = [{"instruction": text, "goals": ["OPEN(Fridge)"]} for text in said]
@@ -108,11 +108,8 @@ def test_a_locked_sentence_that_training_would_say_is_drawn_again(tmp_path):
     kept = Sources(
         folder=tmp_path, models=tmp_path, shared=tmp_path, tests=(), locked=(path,), generated=8
     )
-    again = [
-        plain(one.sentence)
-        for n in range(20)
-        for one in draw_pack(recipe, kept.data(recipe), "t", str(n))
-    ]
+    data = kept.material(recipe)
+    again = [plain(one.sentence) for n in range(20) for one in draw_pack(recipe, data, "t", str(n))]
     assert not {plain(text) for text in said} & set(again)
 
 
