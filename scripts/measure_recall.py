@@ -15,6 +15,7 @@ vectors, for recall to read (minutes).
 
 import argparse
 import os
+from functools import partial
 from pathlib import Path
 
 from karma import registry
@@ -53,7 +54,9 @@ def main() -> None:
     parser.add_argument("--words", type=Path)
     parser.add_argument("--shared", type=Path, default=SHARED)
     parser.add_argument("--draws", type=int, default=DRAWS)
-    parser.add_argument("--sets", nargs="+", default=["ours", "household", "alfred-l"])
+    parser.add_argument(
+        "--sets", nargs="+", default=["ours", "household", "alfred-l", "alfred-l, phrases"]
+    )
     parser.add_argument("--save", type=Path)
     arguments = parser.parse_args()
     if arguments.draw:
@@ -84,9 +87,13 @@ def installed() -> Recall:
 def question_sets(shared: Path) -> dict[str, list[RecallQuestion]]:
     """Return our own questions and, where they are, those of the reference data."""
     sets = {"ours": read_questions(OURS)}
-    readers = {"household": read_household, "alfred-l": read_alfred_l}
-    for name, read in readers.items():
-        path = shared / f"{name.replace('-', '_')}_odd.jsonl"
+    readers = {
+        "household": ("household_odd.jsonl", read_household),
+        "alfred-l": ("alfred_l_odd.jsonl", read_alfred_l),
+        "alfred-l, phrases": ("alfred_l_odd.jsonl", partial(read_alfred_l, phrases=True)),
+    }
+    for name, (file, read) in readers.items():
+        path = shared / file
         try:
             sets[name] = read(path)
         except FileError as error:

@@ -142,6 +142,7 @@ class _Alfred(msgspec.Struct, frozen=True, kw_only=True):
     kind: str
     floorplan: int
     query: str
+    ref: str
     gold: tuple[str, ...]
     alt: tuple[str, ...]
     also: tuple[str, ...]
@@ -149,11 +150,16 @@ class _Alfred(msgspec.Struct, frozen=True, kw_only=True):
     memory: tuple[_Thing, ...]
 
 
-def read_alfred_l(path: Path) -> list[RecallQuestion]:
-    """Return the reference questions about the authors' tasks; errors as in `read_questions`."""
-    return [
-        _of_task(decode_json(line, _Alfred, path=path)) for line in read_bytes(path).splitlines()
-    ]
+def read_alfred_l(path: Path, *, phrases: bool = False) -> list[RecallQuestion]:
+    """Return the reference questions about the authors' tasks; errors as in `read_questions`.
+
+    Args:
+        path: of the questions.
+        phrases: ask with the phrase that names the thing alone, not with the whole sub-task.
+    """
+    rows = [decode_json(line, _Alfred, path=path) for line in read_bytes(path).splitlines()]
+    found = map(_of_task, rows)
+    return [replace(q, text=raw.ref) if phrases else q for q, raw in zip(found, rows, strict=True)]
 
 
 def _of_task(raw: _Alfred) -> RecallQuestion:

@@ -18,7 +18,7 @@ from karma.household.ids import root_type
 from karma.household.pieces import base_type
 from karma.household.states import ALIKE
 from karma.household.uses import CHANGED_IN
-from karma.language.hints import TYPE_WORDS, Words, kept_words, own_texts
+from karma.language.hints import TYPE_WORDS, Words, kept_words, own_texts, singular
 from karma.memory.index import FoundUnit, UnitIndex
 from karma.memory.recall import name_in_words, row_of
 from karma.memory.wanted import Wanted, question_of
@@ -127,9 +127,14 @@ def _fits(state: str, there: Sequence[str]) -> float:
 
 
 def _named(kind: str, text: str) -> float:
-    """Return a bonus for each word of a type's name, if the text has them all."""
-    name, words = name_in_words(kind).split(), text.split()
-    return NAME_BONUS * len(name) * all(word in words for word in name)
+    """Return a bonus for each word of a type's name, if the text has them all.
+
+    "Pens" and "pen" are one word, and so are "remotecontrol" and "remote control".
+    """
+    name = name_in_words(kind).split()
+    words = [form for word in text.lower().split() for form in (word, singular(word))]
+    said = all(word in words for word in name) or "".join(name) in words
+    return NAME_BONUS * len(name) * said
 
 
 def _handled(bonus: float) -> Callable[[bool], float]:

@@ -85,6 +85,8 @@ def test_names_are_matched_by_all_their_words(minilm):
         ("get the soap bottle", "SoapBottle"),
         ("get the butter knife", "ButterKnife"),
         ("get the knife", "Knife"),
+        ("get two butter knives", "ButterKnife"),
+        ("get the SoapBottle", "SoapBottle"),
     ):
         assert types_found(minilm, query, units) == [wanted]
 
