@@ -49,6 +49,9 @@ class UnitIndex:
     ) -> None:
         self._rows, self._nearest = rows, nearest
         self._properties = (searched, *others)
+        self._forget()
+
+    def _forget(self) -> None:
         self._columns = [_Column() for _ in self._properties]
         self._units: tuple[MemoryUnit, ...] = ()
         self._slots: dict[int, int] = {}  # by the identity of units, which `_units` keeps alive
@@ -63,11 +66,17 @@ class UnitIndex:
         return int(self._index.ntotal) if self._index is not None else 0
 
     def follow(self, units: Sequence[MemoryUnit]) -> None:
-        """Take in the units that are new and let go of those that are not there any more."""
+        """Take in the units that are new and let go of those that are not there any more.
+
+        Where all are new it is another memory, and nothing is kept: what is asked of an embedder
+        for one episode depends on no other.
+        """
         units = tuple(units)
         if len(units) == len(self._units) and all(map(is_, units, self._units)):
             return
         there = set(map(id, units))
+        if there.isdisjoint(self._slots):
+            self._forget()
         self._add({id(unit): unit for unit in units if id(unit) not in self._slots})
         self._remove([key for key in self._slots if key not in there])
         slots = map(self._slots.__getitem__, map(id, units))

@@ -8,7 +8,6 @@ data, and are not fitted to any task.
 """
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -28,7 +27,6 @@ HANDLED_BONUS, LATELY_BONUS = 0.05, 0.2  # a small prior; what is said to have b
 DESTINATION = -0.3  # where something goes, beside what goes there
 REFERENT = 2.0  # what a pronoun stands for, before all else
 NEAREST = 3  # texts of a type that count
-_REMEMBERED = 1024  # rows of places
 
 
 class StatefulRecall:
@@ -46,9 +44,8 @@ class StatefulRecall:
     ) -> None:
         self._embedder = embedder
         self._words = words or kept_words(TYPE_WORDS, embedder)
-        self._texts = lru_cache(_REMEMBERED)(self._of_type)
         self._index = UnitIndex(
-            self._texts,
+            self._of_type,
             lambda unit: base_type(unit.object_type),
             lambda unit: unit.states,
             lambda unit: root_type(unit.place_id or ""),
@@ -112,7 +109,7 @@ class StatefulRecall:
         """Return how similar a type is to the nearest of some phrases; 0 without any."""
         if not phrases:
             return 0.0
-        return float(max((self._texts(kind) @ phrase).max() for phrase in phrases))
+        return float(max((self._of_type(kind) @ phrase).max() for phrase in phrases))
 
     def _of_type(self, kind: str) -> Vectors:
         """Return the vectors of a type's name and of what else is said of it, shape (n, d)."""

@@ -165,7 +165,7 @@ def test_server_killed_in_the_middle_ends_the_run_by_name_and_the_same_command_g
     tape, out = tmp_path / "tape", tmp_path / "run"
     command = ("eval", path, "--out", out, "--workers", 3, "--cassette", tape,
                "--cassette-mode", "record")  # fmt: skip
-    server = served(port, most=30)
+    server = served(port, most=100)
     said = " ".join(karma(*command, code=1).split())
     assert server.wait(20) == -9
     assert "m at 127.0.0.1: Connection error" in said
