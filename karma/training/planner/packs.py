@@ -62,8 +62,8 @@ class PlannerRecipe:
     alfred: tuple[float, float] = (0.4, 0.5)  # share of ALFRED's goals without and with it
     steps_said: float = 0.2  # share of what ALFRED's annotators said of single steps, without it
     plans: float = 0.4  # share of packs with long-term memory in rooms where ALFRED was recorded
-    refused: float = 0.08  # share of requests that are refused
-    near_misses: float = 0.03  # share of those that only sound like it
+    refused: float = 0.12  # share of requests that are refused
+    near_misses: float = 0.04  # share of those that only sound like it
     half: bool = False  # matrices in bfloat16, where the processor has instructions for it
 
 
