@@ -25,6 +25,7 @@ from karma.tasks.drawing.alfred import read_sentences
 from karma.tasks.drawing.lexicon import HELD_OUT, every_word
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
+from karma.tasks.drawing.rooms import is_authors_plan
 from karma.tasks.drawing.several import SEVERAL
 from karma.training.planner.checkpoints import export_gguf, load_weights
 from karma.training.planner.choosing import candidates, choose, trained_on_before, write_held_out
@@ -193,6 +194,9 @@ def tasks(
     dumps: Annotated[
         bool, typer.Option(help="In AI2-THOR's floor plans that have a layout, not in homes.")
     ] = False,
+    unknown: Annotated[
+        bool, typer.Option(help="In those floor plans that no training sees, not in homes.")
+    ] = False,
     unfiltered: Annotated[
         bool, typer.Option(help="Also what the expert does not do; the tasks are not run.")
     ] = False,
@@ -206,12 +210,13 @@ def tasks(
 ) -> None:
     """Draw tasks of rooms and phrasings that training never sees, each done once by the expert.
 
-    With --dumps the rooms are known to training; with --unfiltered the expert is not asked.
+    With --dumps most rooms are known to training; with --unfiltered the expert is not asked.
     """
     book = our_book().with_unseen_words() if lexemes else our_book().part(held_out=True)
     if disjoint:
         book = disjoint_book()
-    scenes = _floor_plans() if dumps else list(fresh_rooms(homes, seed))
+    plans = _floor_plans(unknown=unknown) if dumps or unknown else None
+    scenes = plans or list(fresh_rooms(homes, seed))
     drawn = draw_tasks(
         folder,
         book,
@@ -229,11 +234,16 @@ def tasks(
         say(f"  {number} with {count} held-out lexemes")
 
 
-def _floor_plans() -> list[Scene]:
-    """Return the rooms of the dumps of which it is known where one can stand."""
+def _floor_plans(*, unknown: bool) -> list[Scene]:
+    """Return the rooms of the dumps of which it is known where one can stand.
+
+    Args:
+        unknown: those that no training sees, in place of all.
+    """
     dumps, layouts = sources(FOLDER).floor_plans
     known = read_layouts(layouts)
-    return [scene for scene in import_dump(dumps, layouts=layouts) if scene.name in known]
+    found = [scene for scene in import_dump(dumps, layouts=layouts) if scene.name in known]
+    return [scene for scene in found if is_authors_plan(scene.name)] if unknown else found
 
 
 if __name__ == "__main__":

@@ -66,8 +66,13 @@ def generated_rooms(count: int, seed: int) -> Iterator[KnownRoom]:
 def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[KnownRoom]:
     """Yield AI2-THOR's floor plans, without those of the authors' tasks."""
     for scene in import_dump(dumps, layouts=layouts):
-        if int(scene.name.removeprefix("FloorPlan").split("_")[0]) not in AUTHORS_PLANS:
+        if not is_authors_plan(scene.name):
             yield room_of(scene, scene.name, seed=seed)
+
+
+def is_authors_plan(name: str) -> bool:
+    """Return whether a floor plan is one of the authors' tasks, which no training sees."""
+    return int(name.removeprefix("FloorPlan").split("_")[0]) in AUTHORS_PLANS
 
 
 def asked_pairs(tasks: Iterable[Path]) -> frozenset[tuple[str, str]]:
