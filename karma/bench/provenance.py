@@ -121,6 +121,17 @@ def _planner(models: Models) -> str:
     return f"{file.name} {file.sha256 or _file_sha(file.path)}{told}"
 
 
+def parts_of_planner(told: str) -> tuple[str, str, str]:
+    """Return name, SHA-256 of the weights, and what follows, of what is told of a planner.
+
+    >>> parts_of_planner("my planner 5e, words 7a, doubt 1c")
+    ('my planner', '5e', ', words 7a, doubt 1c')
+    """
+    weights, comma, rest = told.partition(", ")
+    name, _, sha256 = weights.rpartition(" ")
+    return name, sha256, comma + rest
+
+
 def _filled(models: Models, role: str) -> str:
     endpoint = getattr(models.hosted, role)
     return f"{OPENAI}: {endpoint.model}" if endpoint is not None else _named(getattr(models, role))

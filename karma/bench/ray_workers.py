@@ -18,7 +18,13 @@ import msgspec
 from karma.bench.experiment import Models, Row
 from karma.bench.experiment_tasks import scene_path
 from karma.bench.pool import JobQueue, WorkerError
-from karma.bench.provenance import model_hashes, prompt_hashes, scene_hashes, versions
+from karma.bench.provenance import (
+    model_hashes,
+    parts_of_planner,
+    prompt_hashes,
+    scene_hashes,
+    versions,
+)
 from karma.bench.run_folder import Finished, Header, differences
 from karma.bench.worker_count import worker_mb
 from karma.bench.workers import Job, Performer, Stage, lost_episode
@@ -247,9 +253,9 @@ def models_here(models: Models, wanted: Mapping[str, str]) -> Models:
     Raises:
         ModelError: the manifest of this machine has no such file.
     """
-    name, _, sha256 = wanted["planner"].rpartition(" ")
+    name, sha256, _ = parts_of_planner(wanted["planner"])
     try:
-        if model_hashes(models)["planner"].rpartition(" ")[2] == sha256:
+        if parts_of_planner(model_hashes(models)["planner"])[1] == sha256:
             return models
     except (ModelError, UnknownNameError):
         pass  # not under that name; perhaps under another
@@ -273,9 +279,8 @@ def check_node(
         KarmaError: something is another; names it.
     """
     hashes = model_hashes(models, rows)
-    hashes["planner"] = (
-        f"{header.models['planner'].rpartition(' ')[0]} " + (hashes["planner"].rpartition(" ")[2])
-    )
+    _, sha256, rest = parts_of_planner(hashes["planner"])
+    hashes["planner"] = f"{parts_of_planner(header.models['planner'])[0]} {sha256}{rest}"
     mine = replace(
         header,
         versions=versions(),

@@ -22,6 +22,7 @@ from support.needs import need_models, need_namespace
 from support.paths import ROOT
 from test_bundle import wheel_bytes
 
+from karma.bench.provenance import parts_of_planner
 from karma.bundle.build import BundleSpec, build, installer
 from karma.bundle.contents import BundleError
 from karma.bundle.install import install
@@ -93,7 +94,8 @@ def test_bundle_installs_and_runs_the_demo_where_there_is_no_interface(bundle, c
     assert len(lines) == 12
     assert all(json.loads(line)["error"] == "" for line in lines)
     found = json.loads((place / "runs/demo/header.json").read_text())
-    assert found["models"]["planner"].split()[1] == find_model("karma-nano").files[0].sha256
+    weights = parts_of_planner(found["models"]["planner"])[1]
+    assert weights == find_model("karma-nano").files[0].sha256
     inside = "import karma; print(karma.__file__)"
     assert str(place) in run(place / "venv/bin/python", "-c", inside, cwd=tmp_path)
 
