@@ -64,7 +64,7 @@ def main(
     count: Annotated[int, typer.Option(min=20, help="Requests to draw.")] = 1200,
     seed: int = 0,
     refused: Annotated[
-        float, typer.Option(help="Share of the requests to be done that may be refused.")
+        float, typer.Option(help="Share of requests to be done, in known words, refused at most.")
     ] = 0.02,
 ) -> None:
     """Draw requests, ask the planner, fit, and tell how far the fit can be trusted."""
@@ -103,7 +103,11 @@ def _asked(planner: str, count: int, seed: int) -> list[Judged]:
 
 def _scored(one: Judged, chance: float) -> Scored:
     return Scored(
-        kind=one.example.kind, to_refuse=one.to_refuse, chance=chance, refused=chance >= 0.5
+        kind=one.example.kind,
+        to_refuse=one.to_refuse,
+        in_known_words=one.in_known_words,
+        chance=chance,
+        refused=chance >= 0.5,
     )
 
 
@@ -112,7 +116,7 @@ def _tell(title: str, told: Sequence[Scored], *, whole: bool = False) -> None:
     for name, (times, number, interval) in shares(told).items():
         if (whole or name.startswith("to ")) and interval is not None:
             share = f"{times / number:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
-            say(f"  refused of {name:18} {share} ({times} of {number})")
+            say(f"  refused of {name:19} {share} ({times} of {number})")
 
 
 def _plotted(told: Sequence[Scored], threshold: float) -> bytes:

@@ -81,7 +81,9 @@ def test_cross_validated_figures_tell_a_feature_that_helps_from_one_that_does_no
 
 def said(chance, to_refuse, *, refused=False):
     kind = "refuse_deed" if to_refuse else "place"
-    return Scored(kind=kind, to_refuse=to_refuse, chance=chance, refused=refused)
+    return Scored(
+        kind=kind, to_refuse=to_refuse, in_known_words=True, chance=chance, refused=refused
+    )
 
 
 def test_brier_score_shares_and_bins_of_made_up_requests():

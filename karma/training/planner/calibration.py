@@ -16,6 +16,7 @@ from karma.agent.planner import Planner
 from karma.bench.statistics import ConfidenceInterval, wilson
 from karma.contracts import Completion, Decoding, Hints, LanguageModel, PlanRequest
 from karma.seeds import stream
+from karma.tasks.drawing.lexicon import unseen_lexemes
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book
 from karma.training.planner.refusals import draw_held_out_refusal, draw_near_miss
@@ -52,6 +53,11 @@ class Judged:
         if certainty is None:
             raise ValueError("a planner that tells no certainty has no doubt to be fitted")
         return {name: of(certainty, self.request) for name, of in FEATURES.items()}
+
+    @property
+    def in_known_words(self) -> bool:
+        """Whether none of its words is held out: it is surely within what the planner can do."""
+        return not unseen_lexemes().found_in(self.example.sentence)
 
 
 def drawn(
@@ -94,7 +100,7 @@ def fitted(
     Args:
         found: requests of both sorts.
         names: of the features.
-        refused: share of the requests to be done that may be refused.
+        refused: share that may be refused of the requests to be done in words that training has.
 
     Raises:
         ValueError: one sort is missing.
@@ -104,7 +110,8 @@ def fitted(
         raise ValueError("doubt is fitted on requests to refuse and on requests to do")
     weights, intercept = _regression(features, right)
     scores = _sigmoid(features @ weights + intercept)
-    done = np.sort(scores[right == 0])
+    known = np.array([one.in_known_words for one in found])
+    done = np.sort(scores[(right == 0) & known])
     allowed = min(int(len(done) * refused), len(done) - 1)
     threshold = (done[-allowed - 1] + min([*scores[scores > done[-allowed - 1]], 1.0])) / 2
     coefficients = {name: round(float(one), 5) for name, one in zip(names, weights, strict=True)}
@@ -159,6 +166,7 @@ class Scored:
 
     kind: str
     to_refuse: bool
+    in_known_words: bool
     chance: float
     refused: bool
 
@@ -170,6 +178,7 @@ def scored(doubt: LogisticDoubt, found: Iterable[Judged]) -> list[Scored]:
         Scored(
             kind=one.example.kind,
             to_refuse=one.to_refuse,
+            in_known_words=one.in_known_words,
             chance=chance,
             refused=chance >= doubt.threshold,
         )
@@ -199,8 +208,10 @@ def shares(
 ) -> Mapping[str, tuple[int, int, ConfidenceInterval | None]]:
     """Return how many were refused, of how many, with Wilson's interval: by sort, then by kind."""
     groups: dict[str, Callable[[Scored], bool]] = {
-        "to refuse": lambda one: one.to_refuse, "to do": lambda one: not one.to_refuse,
-    }  # fmt: skip
+        "to refuse": lambda one: one.to_refuse,
+        "to do": lambda one: not one.to_refuse,
+        "to do, known words": lambda one: not one.to_refuse and one.in_known_words,
+    }
     for kind in sorted({one.kind for one in told if one.to_refuse}):
         groups[kind] = lambda one, kind=kind: one.kind == kind  # type: ignore[misc]
     found = {}
