@@ -4,8 +4,8 @@ SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 PY := .venv/bin/python
 WORKERS ?= 2
-STEPS ?= 3000
-DECAY ?= 800
+STEPS ?= 1750
+DECAY ?= 550
 SEED ?= 29
 HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
 	policies tasks draw,tests/*/test_$(name).py))

@@ -53,9 +53,9 @@ class PlannerRecipe:
     start: str = ""  # a GGUF whose weights and tokenizer to begin with, below models/; "" is none
     packs: int = 32  # per step
     examples: int = 4  # per pack with long-term memory; half as many more without it
-    steps: int = 3000
+    steps: int = 1750
     warmup: int = 100
-    decay: int = 800  # last steps, in which the learning rate falls to zero
+    decay: int = 550  # last steps, in which the learning rate falls to zero
     learning_rate: float = 6e-4
     weight_decay: float = 0.05
     mapped: float = 0.6  # share of packs with long-term memory
