@@ -13,7 +13,7 @@ from support.run_files import ONLY, files, write_experiment
 from support.tiny import export_tiny
 
 from karma.bench.experiment import Models
-from karma.bench.provenance import model_hashes
+from karma.bench.provenance import model_hashes, parts_of_planner
 from karma.bench.run import Run
 from karma.errors import KarmaError, ModelError
 
@@ -106,7 +106,7 @@ def test_text_that_is_no_address_is_refused(address):
 def test_planner_is_found_by_its_hash_under_whatever_name(tmp_path):
     """A file that the manifest knows under another name is that model."""
     hashes = model_hashes(Models())
-    name, _, sha256 = hashes["planner"].rpartition(" ")
+    name, sha256, _ = parts_of_planner(hashes["planner"])
     elsewhere = Models(planner=str(tmp_path / "not-here.gguf"))
     wanted = {**hashes, "planner": f"mine {sha256}"}
     assert models_here(elsewhere, wanted).planner == name
