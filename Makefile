@@ -46,7 +46,8 @@ scenes: setup ## draw the rooms in karma/world/scenes again; equal seeds give eq
 planner: setup ## train the nano planner again, some hours on 2 cores; resumes
 	@$(PY) scripts/train_planner.py train --half --steps $(STEPS) --decay $(DECAY)
 	@$(PY) scripts/train_planner.py export models/nano/planner.gguf
-	@echo "planner: now put size and SHA-256 of models/nano/planner.gguf into models/manifest.toml"
+	@$(PY) scripts/calibrate_doubt.py models/nano/planner.gguf --out models/nano/doubt.json --plot docs/pictures/doubt.png
+	@echo "planner: now put sizes and SHA-256 of its four files in models/nano into models/manifest.toml"
 
 paper: setup ## every table and figure of the paper with the nano models; resumes
 	@bash scripts/reproduce.sh

@@ -16,7 +16,7 @@ from karma.household.ids import short_type
 from karma.household.places import LIKELY, SURFACES
 from karma.household.types import RULES, WIDEST, ObjectType, RuleSet, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART, with_basin
-from karma.language.hints import queries, types_called
+from karma.language.hints import queries, types_named
 
 _NEEDS = {
     "OpenObject": ("openable", "cannot be opened"),
@@ -99,7 +99,7 @@ def staying(calls: Sequence[SkillCall], instruction: str) -> Sequence[SkillCall]
         instruction: the request.
     """
     asked = queries(instruction)
-    named = [types_called(query.phrase) for query in asked if not query.is_deed]
+    named = [types_named(query.phrase) for query in asked if not query.is_deed]
     if sum(query.is_deed for query in asked) != 1 or not all(named):
         return calls
     types = {place for kinds in named for kind in kinds for place in with_basin(kind)}

@@ -66,10 +66,10 @@ class WordFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return False
 
 
-def types_called(phrase: str) -> frozenset[str]:
+def types_named(phrase: str) -> frozenset[str]:
     """Return the object types that a phrase names, by its last words; none where it is not known.
 
-    >>> sorted(types_called("black coffee mugs")), sorted(types_called("walrus"))
+    >>> sorted(types_named("black coffee mugs")), sorted(types_named("walrus"))
     (['Mug'], [])
     """
     words = phrase.lower().split()
