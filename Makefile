@@ -11,7 +11,7 @@ HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt
 	policies tasks draw,tests/*/test_$(name).py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format scenes planner paper airgap server clean
+.PHONY: help setup demo test check format scenes planner paper airgap docs server clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /  make \1|/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -54,6 +54,9 @@ paper: setup ## every table and figure of the paper with the nano models; resume
 
 airgap: setup ## the demo where no network interface is, and traced; needs unshare, and strace
 	@bash scripts/airgap.sh
+
+docs: setup ## the API reference, from the docstrings, in build/api; opens no network
+	@$(PY) scripts/make_reference.py build/api
 
 server: setup ## build llama.cpp's own server, an extra: 11 minutes on 2 cores, once
 	@bash scripts/build_llama_server.sh

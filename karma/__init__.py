@@ -15,4 +15,14 @@ Skills act on the world by naming AI2-THOR's actions. `perceive` is the one read
 other: only `method` joins them.
 """
 
+from importlib import import_module
+
+__all__ = ["Agent", "__version__"]
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> object:
+    """Return `Agent`, which is imported when it is asked for: the package itself stays light."""
+    if name == "Agent":
+        return import_module("karma.talk.agent").Agent
+    raise AttributeError(f"module 'karma' has no attribute {name!r}")

@@ -505,6 +505,28 @@ class Tour:
     actions: int  # of the world
 
 
+Found = Literal["seen", "done", "otherwise", "unseen"]  # done: by the agent's deed, out of sight
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """What a program was to bring about, held against what the agent has seen, never the truth."""
+
+    text: str  # "the apple is in the fridge"
+    found: Found
+    note: str = ""  # what was seen in its place
+
+    def __str__(self) -> str:
+        """Return it as people are told."""
+        words = {
+            "seen": "seen",
+            "done": "done, not seen",
+            "otherwise": "no",
+            "unseen": "not seen",
+        }[self.found]
+        return f"{self.text}: {words}" + (f", {self.note}" if self.note else "")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """The last thing a method yields for an instruction."""
@@ -516,6 +538,7 @@ class Outcome:
     tour: Tour | None = (
         None  # that made the map in use, now or in an earlier episode; no part of it
     )
+    checks: tuple[Check, ...] = ()  # of the last program, where the method looks back
 
 
 # ----------------------------------------------------------------- what it is asked
@@ -671,7 +694,11 @@ class Detector(Protocol):
 
 
 class Recall(Protocol):
-    """Chooses the units that go into the prompt (KARMA §3.5)."""
+    """Chooses the units that go into the prompt (KARMA §3.5).
+
+    A registered one is made as `made(embedder, text=...)`: an `Embedder`, and how a unit is put in
+    words, a key of `karma.memory.recall.VERBALISERS`; with `folder=` of the run if it takes that.
+    """
 
     def recall(self, query: str, units: Sequence[MemoryUnit], k: int) -> list[Recalled]:
         """Return at most k units, best first; ties keep the order of `units`."""

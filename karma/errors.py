@@ -1,6 +1,19 @@
 """The errors a caller can act on; every message names what is wrong, where, and what helps."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return the sentence that suggests the nearest known name, " " before it; "" if none is near.
+
+    >>> did_you_mean("kichen_1", ["kitchen_1", "bedroom_2"]), did_you_mean("x", ["kitchen_1"])
+    (" Did you mean 'kitchen_1'?", '')
+    """
+    folded = {one.lower(): one for one in known}
+    near = get_close_matches(name.lower(), folded, n=1)
+    return f" Did you mean {folded[near[0]]!r}?" if near else ""
 
 
 class KarmaError(Exception):

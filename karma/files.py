@@ -1,7 +1,17 @@
-"""Reading strictly and writing atomically: a bad file is named, a written one is never lost."""
+"""Reading strictly and writing atomically: a bad file is named, a written one is never lost.
 
+Files are not trusted before they are read: what is no regular file is not opened for long, what is
+too large is not taken into memory, and a name out of somebody's file never leads out of a folder.
+"""
+
+import errno
+import gzip
+import io
 import os
+import re
+import stat
 import tempfile
+import zlib
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +21,16 @@ import msgspec
 from karma.errors import FileError, UnwritableError
 
 T = TypeVar("T")
+LARGEST = 1 << 28  # bytes of a file that is read whole, and of what it unpacks to
+LARGEST_TOML = 1 << 24  # likewise
+LARGEST_LOG = 1 << 32  # bytes of a file of lines that grows with every episode
+TEMPORARY = ".karma-part"  # how files end that `write_atomic` has not put in place yet
+LONGEST_NAME = 200  # bytes; file systems take 255
+_QUOTED = re.compile(rb"\"[^\"\n]*+\"|'[^'\n]*+'")
+_CHAIN = re.compile(rb"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++){64}")
+_MOST_TEXT = 300  # characters of a reason
+_SPACE = "free some space there, or choose another folder"
+_DESCRIPTORS = "let this process open more files: ulimit -n 1024"
 
 
 def read_json(path: str | Path, kind: type[T], *, fix: str | None = None) -> T:
@@ -27,27 +47,109 @@ def decode_json(data: bytes | str, kind: type[T], *, path: str | Path, fix: str 
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise FileError(path, str(error), fix=fix) from error
+        raise FileError(path, _short(str(error)), fix=fix) from error
+    except RecursionError as error:
+        raise FileError(path, "nested too deeply", fix=fix) from error
 
 
 def read_toml(path: str | Path, kind: type[T], *, fix: str | None = None) -> T:
     """Read one TOML file into `kind`; errors as in `read_json`."""
+    data = read_bytes(path, fix=fix, most=LARGEST_TOML)
+    if _CHAIN.search(_QUOTED.sub(b"q", data)):  # tomllib takes hours for the longest
+        raise FileError(path, "a key of more than 64 parts", fix=fix)
     try:
-        return msgspec.toml.decode(read_bytes(path, fix=fix), type=kind)
+        return msgspec.toml.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, ValueError) as error:
-        raise FileError(path, str(error), fix=fix) from error
+        raise FileError(path, _short(str(error)), fix=fix) from error
+    except RecursionError as error:
+        raise FileError(path, "nested too deeply", fix=fix) from error
 
 
-def read_bytes(path: str | Path, *, fix: str | None = None) -> bytes:
-    """Return a file's bytes.
+def _short(text: str) -> str:
+    return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}..."
+
+
+def read_bytes(path: str | Path, *, fix: str | None = None, most: int = LARGEST) -> bytes:
+    """Return a regular file's bytes; pipes and devices, which may never end, are refused.
+
+    Args:
+        path: the file, or a link to it.
+        fix: what helps, for the message.
+        most: bytes that it may have.
 
     Raises:
-        FileError: it cannot be read.
+        FileError: it cannot be read, or is larger.
+    """
+    with open_regular(path, fix=fix) as file:
+        try:
+            data = file.read(most + 1)
+        except OSError as error:
+            raise FileError(path, error.strerror or str(error), fix=fix) from error
+    if len(data) > most:
+        raise FileError(path, f"larger than {_size(most)}", fix=fix)
+    return data
+
+
+def open_regular(path: str | Path, *, fix: str | None = None) -> io.BufferedReader:
+    """Open a regular file to be read, without waiting for whatever else stands there.
+
+    Raises:
+        FileError: there is none, it is no regular file, or it cannot be opened.
     """
     try:
-        return Path(path).read_bytes()
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        raise FileError(path, error.strerror or str(error), fix=fix) from error
+        help_ = _DESCRIPTORS if error.errno in (errno.EMFILE, errno.ENFILE) else fix
+        raise FileError(path, error.strerror or str(error), fix=help_) from error
+    except ValueError as error:  # a null byte, a lone surrogate
+        raise FileError(ascii(str(path)), "no name that a file can have", fix=fix) from error
+    kind = os.fstat(handle).st_mode
+    if not stat.S_ISREG(kind):
+        os.close(handle)
+        what = "a folder, not a file" if stat.S_ISDIR(kind) else "a pipe or device, not a file"
+        raise FileError(path, what, fix=fix)
+    return os.fdopen(handle, "rb")
+
+
+def unpack(data: bytes, *, path: str | Path, fix: str | None = None, most: int = LARGEST) -> bytes:
+    """Return what gzipped bytes that came from `path` hold.
+
+    Raises:
+        FileError: torn, no gzip, or more than `most` bytes come out.
+    """
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            found = file.read(most + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FileError(path, f"torn gzip: {error}", fix=fix) from error
+    if len(found) > most:
+        raise FileError(path, f"unpacks to more than {_size(most)}", fix=fix)
+    return found
+
+
+def _size(count: int) -> str:
+    return f"{count >> 20} MiB" if count >= 1 << 20 else f"{count} bytes"
+
+
+def below(folder: str | Path, name: str, *, source: str | Path | None = None) -> Path:
+    """Return the path of a file in a folder, whose name somebody else has chosen.
+
+    Args:
+        folder: the file's.
+        name: of the file itself; no path, not hidden, printable.
+        source: where the name was read, for the message.
+
+    Raises:
+        FileError: the name leads out of the folder, or no file can have it.
+
+    >>> below("runs", "FloorPlan1.json").as_posix()
+    'runs/FloorPlan1.json'
+    """
+    bad = name.startswith(".") or "/" in name or "\\" in name or not name.isprintable()
+    if not name or bad or len(name.encode(errors="replace")) > LONGEST_NAME:
+        reason = f"{_short(ascii(name))} cannot be the name of a file in {folder}"
+        raise FileError(source or folder, reason, fix="use letters, digits, -, _ and spaces in it")
+    return Path(folder) / name
 
 
 def to_json(value: Any, *, indent: int = 0) -> bytes:
@@ -70,9 +172,8 @@ def append_line(path: str | Path, data: bytes, *, sync: bool = True) -> None:
             file.flush()
             if sync:
                 os.fsync(file.fileno())
-    except OSError as error:
-        fix = "free some space there, or choose another folder"
-        raise UnwritableError(path, f"cannot write: {error.strerror or error}", fix=fix) from error
+    except (OSError, ValueError) as error:
+        raise _unwritable(path, error) from error
 
 
 @cache
@@ -85,24 +186,54 @@ def _umask() -> int:
 def write_atomic(path: str | Path, data: bytes | memoryview) -> None:
     """Replace `path` by `data`, or leave it as it was.
 
+    A link stays, and what it leads to is replaced. What is no regular file (a pipe, a device) is
+    written to as it stands.
+
     Raises:
         UnwritableError: the disk is full, or the folder read-only; nothing half-written stays.
     """
     path = Path(path)
     temporary: str | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        if _is_special(path):
+            _write_in_place(path, data)
+            return
+        target = path.resolve() if path.is_symlink() else path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(
+            dir=target.parent, prefix=f".{target.name}.", suffix=TEMPORARY
+        )
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         Path(temporary).chmod(0o666 & ~_umask())
-        Path(temporary).replace(path)
+        Path(temporary).replace(target)
         temporary = None
-    except OSError as error:
-        fix = "free some space there, or choose another folder"
-        raise UnwritableError(path, f"cannot write: {error.strerror or error}", fix=fix) from error
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
+        raise _unwritable(path, error) from error
     finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
+
+
+def _is_special(path: Path) -> bool:
+    """Return whether something stands there that is neither a file nor a folder."""
+    try:
+        kind = path.stat().st_mode
+    except FileNotFoundError:
+        return False
+    return not stat.S_ISREG(kind) and not stat.S_ISDIR(kind)
+
+
+def _write_in_place(path: Path, data: bytes | memoryview) -> None:
+    handle = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # waits for no reader
+    os.set_blocking(handle, True)
+    with os.fdopen(handle, "wb") as file:
+        file.write(data)
+
+
+def _unwritable(path: Path, error: Exception) -> UnwritableError:
+    reason = getattr(error, "strerror", None) or str(error)
+    few = getattr(error, "errno", None) in (errno.EMFILE, errno.ENFILE)
+    return UnwritableError(path, f"cannot write: {reason}", fix=_DESCRIPTORS if few else _SPACE)

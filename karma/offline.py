@@ -6,6 +6,7 @@ and cannot be taken off again. Not seen: what compiled code does past Python's `
 other programs that are started; `scripts/airgap.sh` runs all where there is no interface.
 """
 
+import atexit
 import ipaddress
 import json
 import os
@@ -55,6 +56,7 @@ _TRANSPORTS = frozenset({
     "requests", "urllib3", "httpx", "httpx2", "aiohttp", "websocket", "websockets", "httpcore",
     "httpcore2", "h11", "h2", "anyio", "sniffio", "trio", "truststore",
 })  # fmt: skip
+_RAW = int(socket.SOCK_RAW)
 _LOOK_UP = "a look-up of"
 _ASKED = {
     "socket.connect": "a connection to",
@@ -129,6 +131,7 @@ def go_offline(*, allow_network: bool = False) -> None:
         socket.getaddrinfo = _remembering
     if not _guard.hooked:
         _guard.hooked = True
+        atexit.register(_end)  # the first that is registered is the last that is called
         sys.addaudithook(_hook)
 
 
@@ -173,6 +176,15 @@ def settle() -> None:
         raise _guard.refused[0]
 
 
+def _end() -> None:
+    """Let a process fail in which the network was asked for, also while it was ending."""
+    if _guard.refused:
+        sys.stderr.write(f"error: {_guard.refused[0]}\n")
+        sys.stderr.flush()
+        sys.stdout.flush()
+        os._exit(1)
+
+
 def forget() -> tuple[NetworkRefused, ...]:
     """Return the refusals since the start and begin anew; for tests that provoke them."""
     found = tuple(_guard.refused)
@@ -186,6 +198,8 @@ def forget() -> tuple[NetworkRefused, ...]:
 def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     asked = _ASKED.get(event)
     if asked is None:
+        if past := _past_the_guard(event, arguments):
+            _refuse(past)
         return
     if asked == _LOOK_UP:
         host = _text(arguments[0][0] if isinstance(arguments[0], tuple) else arguments[0])
@@ -200,13 +214,42 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
     if _guard.log:
         _note(event, wanted, allowed, error)
     if not allowed:
-        if len(_guard.refused) < _KEPT:
-            _guard.refused.append(error)
+        _keep(error)
         raise error
 
 
+def _refuse(what: str) -> None:
+    error = _refusal(what)
+    _keep(error)
+    raise error
+
+
+def _keep(error: "NetworkRefused") -> None:
+    if len(_guard.refused) < _KEPT:
+        _guard.refused.append(error)
+
+
+def _past_the_guard(event: str, arguments: tuple[Any, ...]) -> str:
+    """Return what would go past the hook: other kinds of sockets, interpreters, its own code."""
+    if event == "socket.__new__":
+        family, kind = int(arguments[1]), int(arguments[2])
+        if family not in (-1, socket.AF_INET, socket.AF_INET6, *_LOCAL_FAMILIES):
+            return f"a socket of family {family}"
+        if family not in _LOCAL_FAMILIES and kind & 0xF == _RAW:
+            return "a raw socket"
+    elif event == "cpython.PyInterpreterState_New":
+        return "an interpreter without the guard"
+    elif event == "object.__setattr__" and arguments[1] == "__code__":
+        whose = getattr(arguments[0], "__module__", "")
+        return "other code in place of the guard's" if whose == __name__ else ""
+    return ""
+
+
 def _text(host: Any) -> str:
-    return host.decode(errors="replace") if isinstance(host, bytes) else str(host or "")
+    """Return what the socket will read, whatever a class of its own says of itself."""
+    if isinstance(host, bytes):
+        return bytes.decode(host, errors="replace")
+    return str.__str__(host) if isinstance(host, str) else str(host or "")
 
 
 def _may_ask(host: str) -> bool:
@@ -219,8 +262,7 @@ def _may_reach(event: str, one: Any, address: Any) -> bool:
         return True
     if not isinstance(address, tuple) or not address:
         return False
-    if event == "socket.bind" and address[1] == 0:  # any free port: for asking which are free
-        return True
+    address = tuple.__getitem__(address, slice(None))
     host = _text(address[0])
     if event == "socket.bind":
         return is_local(host)

@@ -1,10 +1,26 @@
 """Name -> implementation, by entry point: lazy, and loud about unknown names."""
 
-from difflib import get_close_matches
-from importlib.metadata import entry_points
+from collections.abc import Mapping, Sequence
+from importlib.metadata import EntryPoint, entry_points
+from inspect import signature
+from types import MappingProxyType
 from typing import Any
 
-from karma.errors import UnknownNameError
+from karma.errors import UnknownNameError, did_you_mean
+from karma.places import repair
+
+# how an implementation is made, positional arguments and keywords; which methods are called of it
+_MADE: Mapping[str, tuple[int, Sequence[str]]] = MappingProxyType(
+    {"policies": (1, ()), "recalls": (1, ("text",)), "worlds": (0, ())}
+)
+_CALLED: Mapping[str, Mapping[str, int]] = MappingProxyType(
+    {
+        "policies": {"touch": 1, "discard": 1, "__contains__": 1, "__len__": 0, "__iter__": 0},
+        "recalls": {"recall": 3},
+        "methods": {"build": 2, "begin": 2},
+        "worlds": {"reset": 1, "step": 1, "stop": 0},
+    }
+)
 
 
 def names(role: str) -> list[str]:
@@ -21,11 +37,57 @@ def load(role: str, name: str) -> Any:
     """
     found = {ep.name: ep for ep in entry_points(group=f"karma.{role}")}
     if name not in found:
-        near = get_close_matches(name, found, n=1)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
+        hint = did_you_mean(name, found)
         raise UnknownNameError(f"no {role} named {name!r}.{hint} Installed: {sorted(found)}")
     try:
-        return found[name].load()
+        made = found[name].load()
     except (AttributeError, ModuleNotFoundError) as error:
-        said = f"{role} {name!r} is installed as {found[name].value}: {error}"
-        raise UnknownNameError(f"{said}\n  To fix: make setup") from error
+        said = f"{_where(role, found[name])}: {error}"
+        raise UnknownNameError(f"{said}\n  To fix: {repair()}") from error
+    except Exception as error:  # a package's module may raise anything when it is imported
+        said = f"{_where(role, found[name])}: importing it raised {type(error).__name__}: {error}"
+        raise UnknownNameError(f"{said}\n  To fix: mend or uninstall that package") from error
+    if missing := _missing(role, made):
+        raise UnknownNameError(
+            f"{_where(role, found[name])}: {missing}\n"
+            "  To fix: docs/plugins.md has one of each kind that works"
+        )
+    return made
+
+
+def _where(role: str, entry: EntryPoint) -> str:
+    package = f" of the package {entry.dist.name}" if entry.dist else ""
+    return f"{role} {entry.name!r} is installed as {entry.value}{package}"
+
+
+def _missing(role: str, made: Any) -> str:
+    """Return what an implementation lacks of its role's Protocol, "" where nothing is seen."""
+    if not callable(made):
+        return f"it is no class or function but {type(made).__name__}"
+    if role in _MADE:
+        number, words = _MADE[role]
+        if why := _refuses(made, [None] * number, dict.fromkeys(words)):
+            given = ", ".join([*["..."] * number, *(f"{word}=..." for word in words)])
+            return f"it is made as {made.__name__}({given}), and does not take that: {why}"
+    for method, number in _CALLED.get(role, {}).items() if isinstance(made, type) else ():
+        called = getattr(made, method, None)
+        if not callable(called):
+            return f"it has no method {method}"
+        bound = isinstance(vars(made).get(method), classmethod) or hasattr(called, "__self__")
+        if role == "methods" and method == "build" and not bound:
+            return "its method build is no classmethod (cls, resources, options)"
+        told = ("seed", "folder") if method == "begin" else ()
+        if why := _refuses(called, [None] * (number + (not bound)), dict.fromkeys(told)):
+            return f"its method {method} does not take what it is called with: {why}"
+    return ""
+
+
+def _refuses(called: Any, arguments: Sequence[None], words: Mapping[str, None]) -> str:
+    """Return why something cannot be called so; "" where it can, or where nothing tells."""
+    try:
+        signature(called).bind(*arguments, **words)
+    except TypeError as error:
+        return str(error)
+    except ValueError:  # what is written in C need not say
+        return ""
+    return ""

@@ -39,11 +39,12 @@ from karma.files import to_json
 from karma.infer.hosted.cassette import FILE, Cassette, canonical, key_of
 
 NANO = "models/nano/planner.gguf"
+TASKS = Path("eval/alfred_l/tasks.jsonl")
 SLOTS = 8
 _STARTS_S = 120.0
 EXPERIMENT = """
 name = "flight"
-tasks = "eval/alfred_l/tasks.jsonl"
+tasks = "{tasks}"
 only = {only}
 [models]
 planner = "openai"
@@ -101,9 +102,9 @@ def table(name: str, numbers: Sequence[int], measure: Any) -> None:
 
 def experiment(folder: Path, url: str, tasks: int, *, rows: int) -> Path:
     """Write the experiment; its rows are equal."""
-    lines = Path("eval/alfred_l/tasks.jsonl").read_text().splitlines()
+    lines = TASKS.read_text().splitlines()
     only = json.dumps([json.loads(line)["id"] for line in lines[:tasks]])
-    text = EXPERIMENT.format(only=only, url=url)
+    text = EXPERIMENT.format(tasks=TASKS.resolve(), only=only, url=url)
     text += "".join(f'[[rows]]\nname = "row {number}"\n' for number in range(rows))
     path = folder / f"{rows}.toml"
     path.write_text(text)

@@ -18,6 +18,7 @@ from karma.bench.run_folder import EPISODES, read_run
 from karma.offline import go_offline
 from karma.testing import make_llama
 
+TASKS = Path("eval/alfworld_r/tasks.jsonl")
 WAYS = {  # what is done: its [run]
     "last room only": "states_memory_mb = 0",
     "rooms in memory": "",
@@ -34,7 +35,7 @@ def experiment(path: Path, options: argparse.Namespace, run: str) -> Path:
         shape = {"layers": 2, "width": 64, "heads": 4, "kv_heads": 2, "feed_forward": 128}
         make_llama(planner, **shape, vocabulary=1024, context=16_384)
     path.write_text(
-        f'name = "rooms"\ntasks = "eval/alfworld_r/tasks.jsonl"\nonly = ["{options.task}"]\n'
+        f'name = "rooms"\ntasks = "{TASKS.resolve()}"\nonly = ["{options.task}"]\n'
         '[[rows]]\nname = "KARMA"\noptions = { attempts = 1 }\n'
         f'[models]\nplanner = "{planner}"\nprofile = "{options.profile}"\n[run]\n{run}\n'
     )

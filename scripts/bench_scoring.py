@@ -36,7 +36,7 @@ from string import ascii_lowercase
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.bench.experiment_tasks import beside
+from karma.bench.experiment_file import beside
 from karma.benchmarks.lota_alfred.planner import followed
 from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, score_prompt
 from karma.benchmarks.lota_alfred.tasks import draw_tasks
@@ -256,7 +256,7 @@ def speed(model: GgufModel, texts: Sequence[str]) -> None:
 
 def lota_alfred(model: GgufModel, count: int) -> None:
     """Choose at every step of expert plans in LoTa-Bench's ALFRED; time it, and the naive way."""
-    lists, types, trials = (beside(f"../shared/data/{name}") for name in LOTA_FILES)
+    lists, types, trials = (beside(Path(), f"../shared/data/{name}") for name in LOTA_FILES)
     rooms, kinds, scorer = read_rooms(trials), read_types(types), SkillScorer(model)
     texts = [followed(str(skill), strict=False) for skill in skills_of(kinds)]
     asked: list[tuple[str, ...]] = []

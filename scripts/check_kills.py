@@ -27,9 +27,10 @@ import numpy as np
 from karma.seeds import stream
 
 KARMA = (sys.executable, "-c", "from karma.cli import app; app()", "eval")
+TASKS = Path("eval/alfred_l/tasks.jsonl")
 EXPERIMENT = """
 name = "kills"
-tasks = "eval/alfred_l/tasks.jsonl"
+tasks = "{tasks}"
 only = {only}
 seeds = [0, 1]
 
@@ -70,9 +71,9 @@ def main() -> int:
 
 def write_experiment(path: Path, tasks: int) -> Path:
     """Write the experiment with that many tasks."""
-    lines = Path("eval/alfred_l/tasks.jsonl").read_text().splitlines()
+    lines = TASKS.read_text().splitlines()
     only = [json.loads(line)["id"] for line in lines][:tasks]
-    path.write_text(EXPERIMENT.format(only=json.dumps(only)))
+    path.write_text(EXPERIMENT.format(tasks=TASKS.resolve(), only=json.dumps(only)))
     return path
 
 

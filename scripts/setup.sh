@@ -15,7 +15,7 @@ root=$(pwd -P)
 py=.venv/bin/python
 stamp=.venv/.karma-setup
 log=.venv/karma-setup.log
-locks="requirements.lock requirements-dev.lock"
+locks="requirements.lock requirements-extras.lock requirements-dev.lock"
 built=.venv/.karma-llama # of the wheel in .venv: who chose its options, the options, its folder
 portable="-DGGML_NATIVE=OFF -DLLAVA_BUILD=ON -DGGML_RPC=ON -DLLAMA_BUILD_TOOLS=OFF"
 portable+=" -DLLAMA_BUILD_TESTS=OFF -DLLAMA_BUILD_EXAMPLES=OFF -DLLAMA_BUILD_SERVER=OFF"

@@ -191,7 +191,7 @@ def test_leave_reaches_declared_hosts_only(tmp_path):
         "except NetworkRefused: print('refused')\n"
     )
     code, out, _ = python(program, tmp_path)
-    assert (code, out) == (0, "tried\nrefused\n")
+    assert (code, out) == (1, "tried\nrefused\n")  # a process that was refused has failed
 
 
 def test_leave_for_a_name_covers_the_addresses_it_has(tmp_path):

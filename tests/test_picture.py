@@ -16,14 +16,14 @@ NODES = {
     "perceive": [f"agent/{name}.py" for name in (
         "perceive", "eyes", "depth", "tracking", "support", "projection")],
     "skills": [f"agent/{name}.py" for name in (
-        "sightings", "naming", "walk", "refusals", "reach", "search", "handling", "switching",
-        "skills")],
+        "sightings", "afterwards", "naming", "walk", "refusals", "reach", "search", "handling",
+        "switching", "skills")],
     "memory": ["memory"],
     "method": [f"methods/{name}.py" for name in (
         "karma", "attempts", "experience", "picture_states", "tour")],
     "planner": [f"agent/{name}.py" for name in (
         "planner", "prompt", "full_profile", "short_names", "program", "several", "recovery",
-        "inspector", "doubt", "refused_requests")],
+        "inspector", "doubt", "refused_requests", "understood")],
     "infer": ["infer"],
 }  # a stop of the picture -> where its code is  # fmt: skip
 

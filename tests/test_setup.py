@@ -32,7 +32,7 @@ ROOMY = "-DGGML_NATIVE=OFF -DLLAVA_BUILD=ON -DGGML_RPC=ON"  # how ours begin
 @pytest.fixture
 def checkout(tmp_path):
     """A folder in which scripts/setup.sh runs, with a .venv that costs nothing."""
-    for name in ("requirements.lock", "requirements-dev.lock", "pyproject.toml"):
+    for name in (*(path.name for path in ROOT.glob("requirements*.lock")), "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path / name)
     (tmp_path / "scripts").mkdir()
     shutil.copy(ROOT / "scripts" / "setup.sh", tmp_path / "scripts" / "setup.sh")

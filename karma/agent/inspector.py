@@ -16,7 +16,8 @@ from karma.household.ids import short_type
 from karma.household.places import LIKELY, SURFACES
 from karma.household.types import RULES, WIDEST, ObjectType, RuleSet, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART, with_basin
-from karma.language.hints import queries, types_named
+from karma.language.hints import queries
+from karma.language.lexicon import types_named
 
 _NEEDS = {
     "OpenObject": ("openable", "cannot be opened"),

@@ -6,7 +6,6 @@ read with `ast`, matched against the signatures, and refused otherwise.
 """
 
 import ast
-import math
 import re
 import textwrap
 import warnings
@@ -268,6 +267,6 @@ def _metres(node: ast.expr) -> float:
             number = value
         case _:
             raise _RefusedError("a coordinate is a number in metres", node)
-    if isinstance(value, bool) or not math.isfinite(value) or abs(number) > MAX_METRES:
+    if isinstance(value, bool) or not abs(number) <= MAX_METRES:  # also where it is no number
         raise _RefusedError(f"a coordinate is a number within {MAX_METRES:.0f} metres", node)
     return float(number)

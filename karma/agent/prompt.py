@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import jinja2
+from jinja2.sandbox import ImmutableSandboxedEnvironment as SandboxedEnvironment
 
 from karma.agent.full_profile import (
     area_line,
@@ -26,7 +27,8 @@ from karma.agent.full_profile import (
 from karma.agent.program import OUR_SKILLS, SKILLS
 from karma.agent.short_names import fixture_names, name_for, one_of_each, short_names
 from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, SkillSignature, Vec3
-from karma.errors import UnknownNameError
+from karma.errors import FileError, UnknownNameError, did_you_mean
+from karma.files import read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import landmark_types
 
@@ -35,6 +37,7 @@ PROFILES: Mapping[str, tuple[SkillSignature, ...]] = MappingProxyType(
 )  # and the skills that each offers; the nano planner has learnt 13
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
 _TEMPLATES = Path(__file__).parent / "prompts"
+TEMPLATES = ("full_stable.txt", "full_changing.txt")  # of "full", or of a folder of one's own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,15 +49,40 @@ class Rendered:
 
 
 def skills_of(profile: str) -> tuple[SkillSignature, ...]:
-    """Return the skills that a profile offers.
+    """Return the skills that a profile offers; a folder of own templates has those of "full".
 
     Raises:
         UnknownNameError: no such profile.
     """
-    if profile not in PROFILES:
-        there = tuple(PROFILES)
-        raise UnknownNameError(f"no prompt profile named {profile!r}. There are: {there}")
-    return PROFILES[profile]
+    check_profile(profile)
+    return PROFILES.get(profile, PROFILES["full"])
+
+
+def check_profile(profile: str) -> None:
+    """See that a profile is one of ours, a folder with the templates of "full", or "".
+
+    Raises:
+        UnknownNameError: it is neither a name of ours nor a folder.
+        FileError: the folder has not both templates.
+    """
+    if profile in ("", *PROFILES):
+        return
+    if "/" not in profile:
+        hint = did_you_mean(profile, PROFILES)
+        raise UnknownNameError(
+            f"no prompt profile named {profile!r}.{hint} There are: {tuple(PROFILES)}, and folders"
+            " of templates by a path with '/' in it"
+        )
+    for name in TEMPLATES:
+        if not (Path(profile) / name).is_file():
+            fix = f"cp {_TEMPLATES}/*.txt {profile}, and change them"
+            raise FileError(Path(profile) / name, "the profile's folder has no such file", fix=fix)
+
+
+def template_files(profile: str) -> dict[str, Path]:
+    """Return the templates of a profile that are read: name -> file."""
+    own = Path(profile) if profile and profile not in PROFILES else _TEMPLATES
+    return {name: own / name for name in TEMPLATES}
 
 
 def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Rendered:
@@ -66,7 +94,7 @@ def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Ren
     skills = skills_of(profile)
     if profile == "compact":
         return compact(request)
-    return full(request, skills, refusing=refusing)
+    return full(request, skills, refusing=refusing, files=template_files(profile))
 
 
 def compact_areas(areas: Sequence[Area]) -> str:
@@ -140,23 +168,30 @@ def compact(request: PlanRequest) -> Rendered:
 
 
 def full(
-    request: PlanRequest, skills: Sequence[SkillSignature], *, refusing: bool = False
+    request: PlanRequest,
+    skills: Sequence[SkillSignature],
+    *,
+    refusing: bool = False,
+    files: Mapping[str, Path] | None = None,
 ) -> Rendered:
-    """Fill the profile of KARMA Fig. 8."""
+    """Fill the profile of KARMA Fig. 8, or own templates in its place."""
+    stable_file, changing_file = (files or template_files("full")).values()
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
     fixtures = {} if request.graph_text else fixture_names(request.areas)
     listed = {request.held_id, *(unit.object_id for unit in request.units)}
     seen = one_of_each(request.seen, besides=listed)
     names = short_names(request.units, held, fixtures=fixtures, seen=seen)
     name_of = {object_id: name for name, object_id in names.items()}
-    stable = template(_TEMPLATES / "full_stable.txt").render(
+    stable = filled(
+        stable_file,
         skills=skills,
         needs=skill_needs(),
         refusing=refusing,
         graph=request.graph_text,
         areas=[area_line(area, fixtures) for area in request.areas],
     )
-    changing = template(_TEMPLATES / "full_changing.txt").render(
+    changing = filled(
+        changing_file,
         units=[(name_of[unit.object_id], unit) for unit in request.units],
         place_of=lambda unit: place_name(unit.place_id, name_of),
         seen=by_place(seen, name_of),
@@ -182,11 +217,26 @@ def position_text(position_m: Vec3) -> str:
     return "[" + ", ".join(f"{round(v, 2) + 0.0:.2f}" for v in position_m) + "]"
 
 
+def filled(path: Path, **given: object) -> str:
+    """Fill a prompt's template; what it names and is not given is an error.
+
+    Raises:
+        FileError: it is missing or no template, or asks for what it is not given.
+    """
+    try:
+        return template(path).render(**given)
+    except jinja2.TemplateError as error:
+        line = getattr(error, "lineno", None)
+        where = f"line {line}: " if line else ""
+        fix = f"compare it with {_TEMPLATES / path.name}"
+        raise FileError(path, f"{where}{error.message}", fix=fix) from error
+
+
 @cache
 def template(path: Path) -> jinja2.Template:
-    """Return a prompt's template, read once; what it names and is not given is an error."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(path.parent),
+    """Return a prompt's template, read once; it reaches no other file, and no inside of Python."""
+    environment = SandboxedEnvironment(
+        loader=jinja2.DictLoader({path.name: read_bytes(path).decode("utf-8", "replace")}),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

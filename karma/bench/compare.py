@@ -1,7 +1,7 @@
 """Two arms over the same tasks and seeds: what differs, how sure that is, what went unseen."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from karma.bench.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task,
 from karma.bench.records import ALL, EpisodeRecord, is_of, kinds_of
 from karma.bench.statistics import (
     Estimate,
+    Floats,
     Resampled,
     bootstrap,
     detectable_mean,
@@ -223,7 +224,10 @@ def _line(
 
 
 def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) -> Resampled:
-    """Return the difference or ratio of two means over resampled tasks."""
+    """Return the difference or ratio of two means over resampled tasks.
+
+    Where it is the same in every task, resamples cannot tell how sure it is: no interval.
+    """
     sums: dict[str, list[float]] = {}
     for pair in pairs:
         mine = sums.setdefault(pair[0].record.task, [0.0] * 4)
@@ -232,11 +236,20 @@ def _resampled(metric: Metric, pairs: Sequence[Pair], *, ratio: bool = False) ->
             mine[2 * place] += sum(seen)
             mine[2 * place + 1] += len(seen)
     table = np.array([sums[task] for task in sorted(sums)])
-    if ratio:
-        return bootstrap(
-            table, lambda s: (s[:, 0] * s[:, 3]) / (s[:, 1] * s[:, 2]), number=len(pairs)
-        )
-    return bootstrap(table, lambda s: s[:, 0] / s[:, 1] - s[:, 2] / s[:, 3], number=len(pairs))
+    found = bootstrap(table, _ratio if ratio else _difference, number=len(pairs))
+    if found.deviation is not None:
+        return found
+    return replace(found, estimate=replace(found.estimate, interval=None))
+
+
+def _difference(sums: Floats) -> Floats:
+    gap: Floats = sums[:, 0] / sums[:, 1] - sums[:, 2] / sums[:, 3]
+    return gap
+
+
+def _ratio(sums: Floats) -> Floats:
+    share: Floats = (sums[:, 0] * sums[:, 3]) / (sums[:, 1] * sums[:, 2])
+    return share
 
 
 def _detectable(metric: Metric, pairs: Sequence[Pair], deviation: float | None) -> float | None:

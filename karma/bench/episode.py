@@ -1,5 +1,6 @@
 """One task, one method, one world -> one record."""
 
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,9 +31,9 @@ from karma.contracts import (
     Tour,
     World,
 )
-from karma.errors import KarmaError, ServerLost, UnwritableError
+from karma.errors import FileError, KarmaError, ServerLost, UnknownNameError
 from karma.household.pieces import base_type
-from karma.infer.hosted.cassette import Cassette, CassetteError
+from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.cost import Ledger
 from karma.tasks.files import required_types
 from karma.tasks.goals import GoalTracker, WatchedWorld
@@ -87,9 +88,10 @@ def run_episode(
         days: finds what the seed stands for; shared by a run's episodes it searches once.
 
     Raises:
-        CassetteError: a replay left its recording, or the recording cannot be written.
+        FileError: a replay left its recording, the disk is full, or a room, a map or another file
+            of a task with goals is missing or torn: no fault of the agent's.
+        UnknownNameError: something is registered under no such name.
         ServerLost: a hosted model cannot answer now.
-        UnwritableError: the disk is full.
         KarmaError: the task has no start for the seed.
         TypeError: the task has several rooms and the world is no home.
     """
@@ -115,17 +117,22 @@ def run_episode(
         tracker.start(world.last_event)
         alone = task.kind == "sequence"  # every sub-task is a task by itself
         met = [] if alone else [_met(tracker, sub, world.last_event) for sub in task.subtasks]
-        part = _Part(method.name, episode, watched, tracker, ledger, cassette, steps, times, tours)
+        part = EpisodePart(
+            method.name, episode, watched, tracker, ledger, cassette, steps, times, tours
+        )
         for number, subtask in enumerate(task.subtasks):
             scene = subtask.scene or task.scene
             if alone:
                 part.go(home, scene)
                 met.append(_met(tracker, subtask, world.last_event))
-            one = replace(part.run(number, subtask, scene.name), at_start=met[number])
+            one = _through(part.carry_out(number, subtask, scene.name))
+            one = replace(one, at_start=met[number])
             done.append(one if scene.name == first else replace(one, scene=scene.name))
-    except (CassetteError, ServerLost, UnwritableError):
+    except ServerLost:
         raise  # nothing that the agent did
     except KarmaError as failure:
+        if isinstance(failure, FileError | UnknownNameError) and not _unjudged(task):
+            raise  # a room, a map or a template that is gone is not the agent's doing either
         error = f"{type(failure).__name__}: {failure}"
     spent = ledger.take()
     times.hosted_s = waited(spent)
@@ -178,8 +185,21 @@ def _begun(
     return episode
 
 
+Moments = Generator[Plan | SkillResult | Outcome, None, SubTaskRecord]  # of one instruction
+
+
+def _through(moments: Moments) -> SubTaskRecord:
+    """Go through an instruction that nobody watches."""
+    while True:
+        try:
+            next(moments)
+        except StopIteration as end:
+            record: SubTaskRecord = end.value
+            return record
+
+
 @dataclass(frozen=True, slots=True)
-class _Part:
+class EpisodePart:
     """What the instructions of one episode share."""
 
     method: str  # its name
@@ -200,8 +220,8 @@ class _Part:
             self.episode.enter(scene)
         self.tracker.start(self.world.last_event)
 
-    def run(self, number: int, subtask: SubTask, room: str) -> SubTaskRecord:
-        """Carry out one instruction."""
+    def carry_out(self, number: int, subtask: SubTask, room: str) -> Moments:
+        """Carry out one instruction: yields what happens, returns its record."""
         self.tracker.begin_subtask(subtask, self.world.last_event)
         self.steps.instruction(number, subtask)
         plans: list[Plan] = []
@@ -217,6 +237,7 @@ class _Part:
                 plans.append(moment)
             else:
                 results.append(moment)
+            yield moment
         seconds = self.cassette.clock() - begun
         if outcome is None:
             raise KarmaError(f"{self.method} ended an instruction without an outcome")
@@ -232,6 +253,7 @@ class _Part:
                 hosted_s=waited(spent),
             )
         )
+        yield outcome
         wanted = required_types(subtask)
         here = tuple(unit for unit in outcome.resident if unit.scene in ("", room))
         return SubTaskRecord(

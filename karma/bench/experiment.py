@@ -1,17 +1,18 @@
 """An experiment is a TOML file: tasks, models, and one row per method."""
 
-import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, Self
 
 import msgspec
+from msgspec.structs import force_setattr
 
 from karma import registry
 from karma.bench.alfred_tasks import AlfredTasks
+from karma.bench.names import MODELS, check_models, whole_name
 from karma.bench.planner_doubt import doubt_of, may_refuse
 from karma.bench.planner_words import NO_WORDS, hints_for
 from karma.bench.precision import MAX_SEEDS, Precision
@@ -25,8 +26,7 @@ from karma.contracts import (
     Thinking,
     VisionModel,
 )
-from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
-from karma.files import read_toml
+from karma.errors import KarmaError, ModelError
 from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
@@ -34,6 +34,8 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.infer.torch_options import DType, TorchOptions
 
+MOST_SEEDS = 10_000
+_HOTTEST = 100.0
 OPENAI = "openai"  # the name of the hosted implementation in every role
 
 
@@ -48,8 +50,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     options: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
-        """Refuse an unknown preset, and a hosted model, whose host stands in [models]."""
+        """Refuse an unknown preset, and a hosted model: its host is in [models]. Name all whole."""
         _ = preset(self.preset)
+        if self.vision:
+            force_setattr(self, "vision", whole_name("vision", self.vision))
         if self.preset and self.method != "karma":
             raise ValueError(f"preset = {self.preset!r} is for rows of method 'karma'")
         if self.vision.partition(":")[0] == OPENAI:
@@ -65,7 +69,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Which models fill the roles."""
 
     planner: str = "karma-nano"  # a name of models/manifest.toml, a GGUF's path, or "openai"
-    profile: str = ""  # "compact" or "full"; "" = what the manifest says
+    profile: str = ""  # "compact", "full" or a folder of templates; "" = what the manifest says
     chat: bool = False  # through the GGUF's own chat template
     words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
@@ -91,13 +95,18 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     hosted: Hosted = Hosted()  # where the roles are that have "openai"
 
     def __post_init__(self) -> None:
-        """Refuse a hosted role without a place, and a place without its role."""
+        """Refuse a hosted role without a place, and a place without its role; name roles whole."""
+        for key, usual in (("embedder", "minilm"), ("vision", "metadata"), ("detector", "")):
+            if getattr(self, key) != usual:
+                force_setattr(self, key, whole_name(key, getattr(self, key)))
         for role in ("planner", "vision", "embedder"):
             hosted = getattr(self, role).partition(":")[0] == OPENAI
             if hosted != (getattr(self.hosted, role) is not None):
                 raise ValueError(f"{role} = {OPENAI!r} and [models.hosted.{role}] go together")
         if self.thinking_tokens < 1 or self.max_tokens < 1:
             raise ValueError("max_tokens and thinking_tokens are 1 or more")
+        if not 0 <= self.temperature <= _HOTTEST:
+            raise ValueError(f"temperature = {self.temperature:g}: 0 to {_HOTTEST:g}")
         try:
             _ = self.llama, self.torch
         except ModelError as error:
@@ -161,10 +170,12 @@ def check_listed(rows: Sequence[str], seeds: Sequence[int], only: Sequence[str])
     """Raise ValueError where an experiment has nothing to do, or names something twice."""
     listed: Sequence[object]
     for what, listed in (("rows", rows), ("seeds", seeds), ("only", only)):
-        if twice := [one for one in listed if listed.count(one) > 1]:
+        if twice := [one for one, times in Counter(listed).items() if times > 1]:
             raise ValueError(f"{what}: {twice[0]!r} stands twice")
     if not rows:
         raise ValueError("rows: there is none; an experiment has a [[rows]] or more")
+    if len(seeds) > MOST_SEEDS:
+        raise ValueError(f"seeds: {len(seeds)} are too many; {MOST_SEEDS} at most")
     if not seeds or min(seeds) < 0:
         raise ValueError(f"seeds = {list(seeds)}: one or more, each 0 or above")
 
@@ -179,17 +190,21 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     alfred: AlfredTasks | None = None  # or ALFRED's trials
     scenes: str = ""  # an AI2-THOR dump that the authors' floor plans come from
     layouts: str = ""  # reachable cells for them
-    only: tuple[str, ...] = ()  # task ids; () = all
+    only: tuple[str, ...] = ()  # task ids, "*" is any text; () = all
+    limit: int | None = None  # the first so many of them; None: all
     world: str = "embedded"
     models: Models = Models()
     seeds: tuple[int, ...] = (0,)
     half_width: float | None = None  # more seeds until success rates are as sure as that
     max_seeds: int = MAX_SEEDS  # with it, the listed ones counted
     run: RunOptions = RunOptions()
+    grid: tuple[dict[str, Any], ...] = ()  # sweeps: lists of values by key, see `karma.bench.sweep`
 
     def __post_init__(self) -> None:
         """Refuse what there is nothing to do for, or what would be done twice."""
         check_listed([row.name for row in self.rows], self.seeds, self.only)
+        if self.limit is not None and self.limit < 1:
+            raise ValueError(f"limit = {self.limit}: 1 or more, or none")
         _ = self.precision
 
     @property
@@ -198,59 +213,6 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         if self.half_width is None:
             return None
         return Precision(half_width=self.half_width, max_seeds=self.max_seeds)
-
-
-def read_experiment(path: Path) -> Experiment:
-    """Read an experiment.
-
-    Raises:
-        FileError: it is damaged, a key or a name in it is unknown, or something stands twice.
-    """
-    fix = "karma eval eval/demo.toml; experiments lie in eval/"
-    try:
-        experiment = read_toml(path, Experiment, fix=None if path.is_file() else fix)
-    except FileError as error:
-        raise FileError(path, error.reason, fix=error.fix or _meant(error.reason)) from error
-    models = experiment.models
-    named = [("methods", row.method, f"row {row.name!r}") for row in experiment.rows]
-    named += [("worlds", experiment.world, "world"), ("recalls", models.recall, "models.recall")]
-    named += [
-        ("embedders", models.embedder.partition(":")[0], "models.embedder"),
-        ("vision_models", models.vision.partition(":")[0], "models.vision"),
-    ]
-    named += [
-        ("vision_models", row.vision.partition(":")[0], f"row {row.name!r}")
-        for row in experiment.rows
-        if row.vision
-    ]
-    named += [("recalls", row.recall, f"row {row.name!r}") for row in experiment.rows if row.recall]
-    if models.detector:
-        named.append(("detectors", models.detector.partition(":")[0], "models.detector"))
-    for role, name, where in named:
-        try:
-            registry.load(role, name)
-        except UnknownNameError as error:
-            raise FileError(path, f"{where}: {error}") from error
-    return experiment
-
-
-def _meant(reason: str) -> str | None:
-    """Return what helps where a key is unknown: the nearest known one, or all that are known."""
-    found = re.search(r"unknown field `(.+?)`(?: - at `\$\.(\w+))?", reason)
-    if found is None:
-        return None
-    kinds: dict[str | None, type[msgspec.Struct]] = {
-        None: Experiment,
-        "rows": Row,
-        "models": Models,
-        "alfred": AlfredTasks,
-        "run": RunOptions,
-    }
-    if found[2] not in kinds:
-        return None
-    known = [field.name for field in msgspec.structs.fields(kinds[found[2]])]
-    near = get_close_matches(found[1], known, n=1)
-    return f"write {near[0]!r}" if near else f"known here: {', '.join(known)}"
 
 
 def load_resources(
@@ -268,6 +230,7 @@ def load_resources(
         ModelError: a model is missing, damaged or of the wrong kind, or a hosted one out of reach.
         UnknownNameError: a role has no such implementation.
     """
+    check_models({key: getattr(models, key) for key in MODELS})
     session = session or Session()
     model, profile = language_model(models, session, states, seed)
     refusing = bool(models.refusing)

@@ -3,15 +3,15 @@
 import fcntl
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
 from karma.errors import FileError, KarmaError
-from karma.files import decode_json, read_bytes, write_atomic
+from karma.files import LARGEST_LOG, TEMPORARY, decode_json, read_bytes, write_atomic
 
-_TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}")  # what `write_atomic` leaves when it is killed
+_BESIDE = frozenset({"exchanges.jsonl", "recording.lock"})  # a cassette may lie in the folder
 T = TypeVar("T")
 
 
@@ -43,11 +43,53 @@ def locked(path: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def sweep(path: Path) -> None:
-    """Take away what a killed run left half written."""
-    for place in path.rglob(".*"):
-        if _TEMPORARY.fullmatch(place.name):
-            place.unlink(missing_ok=True)
+def sweep(path: Path, ours: Collection[str]) -> None:
+    """Take away what a killed run left half written among its own files, and nothing else.
+
+    Args:
+        path: of the run folder.
+        ours: names of the files and folders in it that a run writes.
+    """
+    for name in ours:
+        place = path / name
+        inside = place.rglob(f".*{TEMPORARY}") if place.is_dir() else ()
+        for left in (*path.glob(f".{name}.*{TEMPORARY}"), *inside):
+            left.unlink(missing_ok=True)
+
+
+def check_ours(path: Path, ours: Collection[str], *, header: str) -> None:
+    """See that a folder may be a run's: a run's already, or with nothing else in it; no links.
+
+    Args:
+        path: of the folder.
+        ours: names of the files and folders in it that a run writes.
+        header: the one without which it is no run's yet.
+
+    Raises:
+        FileError: it holds something else, or a link leads out of it.
+    """
+    fix = "--out another folder"
+    found = sorted(entry.name for entry in os.scandir(path))
+    for name in found:
+        if name in ours and (link := _link(path / name)) is not None:
+            raise FileError(link, "is a link, and a run keeps to its own folder", fix=fix)
+    if header in found:
+        return
+    for name in found:
+        if not (name in ours or name in _BESIDE or name.endswith(TEMPORARY) or _taped(path / name)):
+            raise FileError(path, f"holds no run, but {ascii(name)[:80]}", fix=fix)
+
+
+def _link(place: Path) -> Path | None:
+    """Return the first link among a file and what lies below it."""
+    if place.is_symlink() or not place.is_dir():
+        return place if place.is_symlink() else None
+    inside = (Path(at) / name for at, dirs, files in os.walk(place) for name in (*dirs, *files))
+    return next((one for one in inside if one.is_symlink()), None)
+
+
+def _taped(place: Path) -> bool:
+    return any((place / name).exists() for name in _BESIDE)
 
 
 def read_lines(path: Path, kind: type[T]) -> list[T]:
@@ -59,7 +101,7 @@ def read_lines(path: Path, kind: type[T]) -> list[T]:
     if not path.exists():
         return []
     found = []
-    for number, line in enumerate(read_bytes(path).split(b"\n")[:-1], start=1):
+    for number, line in enumerate(read_bytes(path, most=LARGEST_LOG).split(b"\n")[:-1], start=1):
         try:
             found.append(decode_json(line, kind, path=path))
         except FileError as error:
@@ -73,7 +115,7 @@ def read_lines(path: Path, kind: type[T]) -> list[T]:
 
 def replace_file(path: Path, data: bytes) -> None:
     """Write a file unless that is what it holds."""
-    if not path.exists() or path.read_bytes() != data:
+    if not path.exists() or read_bytes(path, most=LARGEST_LOG) != data:
         write_atomic(path, data)
 
 

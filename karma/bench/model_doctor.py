@@ -17,16 +17,18 @@ import numpy as np
 
 from karma import registry
 from karma.bench.experiment import OPENAI, Models, filled, language_model
+from karma.bench.names import opened_as
 from karma.contracts import SeenObject
-from karma.errors import KarmaError, UnknownNameError
+from karma.errors import KarmaError, ModelError, UnknownNameError
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
 from karma.infer.hosted.session import Session
 from karma.infer.llama.devices import devices, free_mb
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import KV_BYTES
-from karma.infer.manifest.manifest import find_model, resolve_planner
+from karma.infer.manifest.manifest import ModelEntry, find_model, resolve_planner
 from karma.infer.torch_load import import_transformers
+from karma.places import rebuild_llama
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)
     "/dev/nvidia0": ("an NVIDIA card", "-DGGML_CUDA=on"),
@@ -59,14 +61,37 @@ class ModelSeen:
     error: str = ""
 
 
+def tried(entry: ModelEntry) -> ModelSeen | None:
+    """Open a model as a run does in its role, and ask it a little; None: a detector, or no role.
+
+    A detector runs in a pair, so it is not tried alone.
+
+    Raises:
+        ModelError: it does not open, or does not answer; whatever a library raised.
+    """
+    try:
+        if entry.role == "planner":
+            return _planner(Models(planner=entry.name))
+        for key, plural, ask in _ROLES:
+            name = opened_as(plural, entry)
+            if name and key != "detector":
+                return _torch(key, plural, ask, Models().computed_by({key: name}))
+    except KarmaError:
+        raise
+    except Exception as error:  # a file that fits its header may still be anything
+        why = str(error).splitlines() or [""]
+        raise ModelError(
+            f"{entry.name!r} does not run as {entry.role}: {type(error).__name__}: {why[0]}\n"
+            "  To fix: another --role, or another file"
+        ) from error
+    return None
+
+
 def examine(models: Models) -> Iterator[tuple[str, Callable[[], ModelSeen | None]]]:
     """Yield for each role its model's name, and what looks at it: None where nothing computes."""
     name = models.planner
     yield f"planner {name}", partial(_safely, "planner", name, models, _planner)
-    for role, plural, ask in (
-        ("embedder", "embedders", _embedder), ("vision", "vision_models", _vision),
-        ("detector", "detectors", _detector),
-    ):  # fmt: skip
+    for role, plural, ask in _ROLES:
         name = getattr(models, role)
         if not name:
             continue
@@ -157,12 +182,9 @@ def _about_gpu(gguf: GgufModel) -> Iterator[str]:
         return
     for place, (whose, build) in CARDS.items():
         if Path(place).exists():
-            yield (
-                f"{whose} is here, but llama.cpp was built without it: "
-                f'make setup CMAKE_ARGS="{build}"'
-            )
+            yield (f"{whose} is here, but llama.cpp was built without it: {rebuild_llama(build)}")
     if platform.system() == "Darwin" and platform.machine() == "arm64":
-        yield 'llama.cpp was built without Metal: make setup CMAKE_ARGS="-DGGML_METAL=on"'
+        yield f"llama.cpp was built without Metal: {rebuild_llama('-DGGML_METAL=on')}"
 
 
 def _about_threads(threads: int) -> Iterator[str]:
@@ -196,9 +218,7 @@ def _torch(
     name = getattr(models, role)
     if not hasattr(registry.load(plural, name.partition(":")[0]), "computed_on"):
         return None
-    import_transformers()  # what libraries take is not the model's
-    import sentence_transformers  # noqa: F401
-
+    _import_libraries(name.partition(":")[0])
     before = resident_mb()
     model = filled(plural, name, None, Session(), models)
     speeds = ask(model)
@@ -211,6 +231,17 @@ def _torch(
         predicted_mb=_listed_mb(name, model.name), advice=tuple(advice),
         measured_mb=resident_mb() - before if device.lower() == "cpu" else None,
     )  # fmt: skip
+
+
+def _import_libraries(kind: str) -> None:
+    """Import what a model is computed with, since what libraries take is not the model's."""
+    if kind == "minilm":
+        import scipy.special  # noqa: F401
+
+        return
+    import_transformers()
+    if kind == "sentence":
+        import sentence_transformers  # noqa: F401
 
 
 def _embedder(model: Any) -> dict[str, float]:
@@ -232,6 +263,13 @@ def _vision(model: Any) -> dict[str, float]:
     )  # fmt: skip
     _, seconds = _timed(lambda: model.read_states(_FRAME, "wash the cup", [cup]))
     return {"pictures/s": 1 / seconds}
+
+
+_ROLES: Sequence[tuple[str, str, Callable[[Any], dict[str, float]]]] = (
+    ("embedder", "embedders", _embedder),
+    ("vision", "vision_models", _vision),
+    ("detector", "detectors", _detector),
+)
 
 
 def _listed_mb(name: str, own: str) -> float | None:

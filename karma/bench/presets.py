@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from karma.errors import did_you_mean
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preset:
@@ -37,5 +39,7 @@ def preset(name: str) -> Preset:
         ValueError: there is none of that name.
     """
     if name not in PRESETS:
-        raise ValueError(f"preset = {name!r}; there is {', '.join(filter(None, PRESETS))!r}")
+        there = [*filter(None, PRESETS)]
+        hint = did_you_mean(name, there)
+        raise ValueError(f"preset = {name!r}; there is {', '.join(there)!r}.{hint}")
     return PRESETS[name]

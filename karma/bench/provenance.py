@@ -11,7 +11,9 @@ from typing import Any
 import msgspec
 
 from karma import __version__
+from karma.agent.prompt import template_files
 from karma.bench.experiment import OPENAI, Experiment, Models, Row, RunOptions
+from karma.bench.experiment_file import without_places
 from karma.bench.planner_doubt import doubt_path, may_refuse
 from karma.bench.planner_words import chosen_words
 from karma.bench.run_folder import FORMAT, Header, Machine
@@ -46,8 +48,12 @@ def header_of(
         ModelError: a model's file is missing.
         UnknownNameError: there is no such model.
     """
-    plain = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
+    plain = without_places(
+        msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
+    )
     for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
+        del plain[name]
+    for name in ("only", "limit", "grid"):  # what they select stands in `tasks`
         del plain[name]
     for endpoint in filter(None, plain["models"]["hosted"].values()):
         for name in ("timeout_s", "retries"):  # a request that is given up leaves no record
@@ -58,7 +64,7 @@ def header_of(
         tasks=_sha(to_json([_listed(task) for task in tasks])),
         versions=versions(),
         models=model_hashes(experiment.models, experiment.rows),
-        prompts=prompt_hashes(),
+        prompts=prompt_hashes(experiment.models.profile),
         scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
         network=network_allowed(),
         steps=steps,
@@ -141,7 +147,7 @@ def _named(name: str) -> str:
     """Return the name of an implementation with the hash of its model, if it has one."""
     kind, _, model = name.partition(":")
     if kind == "minilm":
-        from karma.infer.embed.sentence import FILES
+        from karma.infer.embed.minilm import FILES
 
         return f"{name} {_sha(to_json(FILES))}"
     model = model or _default_model(kind)
@@ -188,12 +194,11 @@ def _file_sha(path: Path) -> str:
 # ----------------------------------------------------------------- the rest
 
 
-def prompt_hashes() -> dict[str, str]:
-    """Return the hash of each template."""
-    return {
-        path.name: _sha(read_bytes(path))
-        for path in sorted(PACKAGE.rglob("*.txt"), key=lambda p: p.name)
-    }
+def prompt_hashes(profile: str = "") -> dict[str, str]:
+    """Return the hash of each template, of a profile's own in place of ours."""
+    shipped = {path.name: path for path in PACKAGE.rglob("*.txt")}
+    files = {**shipped, **template_files(profile)}
+    return {name: _sha(read_bytes(files[name])) for name in sorted(files)}
 
 
 def _listed(task: Task) -> dict[str, Any]:

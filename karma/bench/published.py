@@ -8,6 +8,7 @@ from pathlib import Path
 
 from karma.errors import FileError
 from karma.files import read_bytes
+from karma.places import shipped
 
 COLUMNS = ("success", "retrieved", "re", "rt")  # of Tables 1 and 2, by our keys
 
@@ -24,15 +25,17 @@ class Published:
 PublishedFigures = Mapping[tuple[str, str, str], Published]  # (our row, kind, column)
 
 
-def load_published(path: Path) -> PublishedFigures:
-    """Read the paper's figures.
+def load_published(path: Path | None) -> PublishedFigures:
+    """Read the paper's figures, by default those that ship.
 
     Raises:
         FileError: a line lacks a column, or its value is no number; names the line.
     """
     found: dict[tuple[str, str, str], Published] = {}
+    ours = shipped("eval") / "paper" / "published.csv"
+    path = path or ours
     try:
-        text = read_bytes(path, fix="--published FILE; ours is eval/paper/published.csv").decode()
+        text = read_bytes(path, fix=f"--published FILE; ours is {ours}").decode()
     except UnicodeDecodeError as error:
         raise FileError(path, str(error)) from error
     for number, row in enumerate(csv.DictReader(io.StringIO(text)), start=2):

@@ -285,7 +285,7 @@ def check_node(
         header,
         versions=versions(),
         models=hashes,
-        prompts=prompt_hashes(),
+        prompts=prompt_hashes(models.profile),
         scenes=scene_hashes((SceneRef(name=name) for name in header.scenes), scenes),
     )
     if found := differences(header, mine):

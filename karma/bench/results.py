@@ -1,11 +1,14 @@
 """Everything that is said of a run, from its folder."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 from karma.bench.compare import Arm, Comparison, arm_of, compare_kinds
+from karma.bench.configuration import Config, all_apart, read_config, rows_apart, told_apart
 from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, reductions
 from karma.bench.failures import Failure, failures
 from karma.bench.figures import figures_of
+from karma.bench.folder import changed
 from karma.bench.metrics import TimedEpisode, episodes_of
 from karma.bench.published import PublishedFigures
 from karma.bench.run_folder import RunData, differences, read_run
@@ -115,15 +118,41 @@ def _check_same_rooms(runs: list[RunData]) -> None:
 
 
 def set_apart(names: list[str]) -> list[str]:
-    """Return in words what sets each later run apart from the first: models, prompts, versions."""
-    runs = [read_run(_split(name)[0]) for name in names]
-    kept = ("models: ", "prompts: ", "versions: ")
+    """Return in words all that sets each later run or row apart from the first.
+
+    Options, tasks, models, prompts, versions, rooms and machines; nothing that is equal.
+    """
+    chosen = [_split(name) for name in names]
+    runs = [read_run(folder) for folder, _ in chosen]
+    first, first_row = runs[0], chosen[0][1]
     return [
-        f"{run.folder}: {words}"
-        for run in runs[1:]
-        for words in differences(runs[0].header, run.header)
-        if words.startswith(kept)
+        f"{name}: {words}"
+        for name, run, (_, row) in zip(names[1:], runs[1:], chosen[1:], strict=True)
+        for words in (*_headers_apart(first, run), *_told_apart(first, first_row, run, row))
     ]
+
+
+def _headers_apart(first: RunData, run: RunData) -> list[str]:
+    machines = ({k: str(v) for k, v in asdict(one.header.machine).items()} for one in (first, run))
+    found = differences(first.header, run.header)
+    left_out = ("experiment file: ", "name: ")  # said by the options
+    return [one for one in found if not one.startswith(left_out)] + changed("machine", *machines)
+
+
+def _told_apart(first: RunData, first_row: str, run: RunData, row: str) -> list[str]:
+    old, new = read_config(first.folder), read_config(run.folder)
+    if old is None or new is None:
+        unknown = first if old is None else run
+        return [f"options: {unknown.folder} was begun by an earlier version, which kept none"]
+    if not first_row and not row:
+        return all_apart(old, new)
+    mine, other = (_only_row(one, name) for one, name in ((old, first_row), (new, row)))
+    return told_apart(old, new) + rows_apart(old, mine, new, other)
+
+
+def _only_row(config: Config, row: str) -> str:
+    """Return the row that is meant where none is named."""
+    return row or next((str(one.get("name")) for one in config["rows"]), "")
 
 
 def unfinished(names: list[str]) -> list[str]:

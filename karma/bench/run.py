@@ -7,7 +7,9 @@ from typing import Any
 
 import msgspec
 
-from karma.bench.experiment import Experiment, read_experiment
+from karma.bench.configuration import configuration
+from karma.bench.experiment import Experiment
+from karma.bench.experiment_file import Changes, read_experiment
 from karma.bench.experiment_tasks import load, scene_path
 from karma.bench.folder import locked
 from karma.bench.precision import Precision, takes_another
@@ -22,7 +24,7 @@ from karma.bench.workers import (
     perform_in_processes,
 )
 from karma.contracts import Task
-from karma.errors import KarmaError
+from karma.errors import FileError, KarmaError
 from karma.files import write_atomic
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
@@ -34,8 +36,9 @@ class Run:
     """An experiment in its folder.
 
     Args:
-        path: the TOML file; paths in it are relative to the working directory.
+        path: the TOML file.
         folder: takes records, header, step logs, maps and imported scenes.
+        changes: what the experiment says otherwise than its file.
         fresh: throw away what an earlier run left there.
         cassette: records hosted models or stands for them, and is the run's clock.
         base_url: of all hosted models, in place of the experiment's.
@@ -56,6 +59,7 @@ class Run:
         path: Path,
         folder: Path,
         *,
+        changes: Changes | None = None,
         fresh: bool = False,
         cassette: Cassette | None = None,
         base_url: str = "",
@@ -66,7 +70,9 @@ class Run:
         max_seeds: int | None = None,
     ) -> None:
         self.path, self.folder = path, folder
-        self.experiment = read_experiment(path)
+        self.experiment = read_experiment(path, changes)
+        if self.experiment.grid:
+            raise FileError(path, "it has a [[grid]]: a sweep, not a run", fix=f"karma eval {path}")
         if computed:
             models = self.experiment.models.computed_by(computed)
             self.experiment = msgspec.structs.replace(self.experiment, models=models)
@@ -83,6 +89,7 @@ class Run:
         self.seeds = self.experiment.seeds
         self._files = RunFolder(folder, steps=self._steps)
         self._scenes = loaded.scenes
+        self._config = configuration(self.experiment)
         self.header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
         self.records: list[EpisodeRecord] = []
         self.timings: dict[Key, EpisodeTiming] = {}
@@ -167,7 +174,7 @@ class Run:
 
     def _claim(self) -> None:
         fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
-        self._files.claim(self.header, fix=fix)
+        self._files.claim(self.header, self._config, fix=fix)
         for name, data in self._scenes.items():
             place = scene_path(self.folder, name)
             if not place.exists() or place.read_bytes() != data:

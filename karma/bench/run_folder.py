@@ -12,8 +12,9 @@ from pathlib import Path
 
 import msgspec
 
+from karma.bench.configuration import CONFIG, Config, all_apart, read_config
 from karma.bench.figures import figures, plain
-from karma.bench.folder import brief, changed, refuse_other, replace_file, sweep
+from karma.bench.folder import brief, changed, check_ours, refuse_other, replace_file, sweep
 from karma.bench.records import (
     EpisodeRecord,
     EpisodeTiming,
@@ -32,7 +33,8 @@ FORMAT = 6  # of the folder; 1 had times among the records, 2 no methods or room
 HEADER, EPISODES, TIMINGS, RESULTS = (
     "header.json", "episodes.jsonl", "timings.jsonl", "results.json",
 )  # fmt: skip
-_OURS = (EPISODES, TIMINGS, RESULTS, STEPS, "short_term", "maps", "scenes", HEADER)
+CELLS, SWEEP = "cells", "sweep.json"  # of a sweep's folder, see `karma.bench.sweep_folder`
+_OURS = (EPISODES, TIMINGS, RESULTS, STEPS, "short_term", "maps", "scenes", CONFIG, HEADER)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +111,9 @@ def read_header(path: Path) -> Header:
         FileError: there is none, it is of an earlier form, or a benchmark's.
     """
     if not path.exists():
+        if (path.parent / SWEEP).exists():
+            fix = f"name one of the folders in {path.parent / CELLS}"
+            raise FileError(path.parent, "a sweep, of many runs", fix=fix)
         raise FileError(path, "there is no run in this folder", fix="karma eval FILE --out FOLDER")
     if benchmark := benchmark_in(path.parent):
         raise FileError(
@@ -128,6 +133,12 @@ def read_header(path: Path) -> Header:
     return header
 
 
+class _AnyHeader(msgspec.Struct, frozen=True):
+    """What the headers of all forms have."""
+
+    experiment: str
+
+
 class _Headed(msgspec.Struct, frozen=True):
     benchmark: str = ""
 
@@ -140,8 +151,18 @@ def benchmark_in(folder: Path) -> str:
         return ""
 
 
-def differences(old: Header, new: Header) -> list[str]:
-    """Return what tells two headers apart, in words."""
+def differences(
+    old: Header, new: Header, told: Config | None = None, now: Config | None = None
+) -> list[str]:
+    """Return what tells two headers apart, in words.
+
+    Args:
+        old: of a run.
+        new: of another one.
+        told: what the first was told, if that is known; then options that differ are named.
+        now: what the second was told, likewise.
+    """
+    options = all_apart(told, now) if told is not None and now is not None else []
     found = [
         f"{what}: {brief(str(one))} became {brief(str(other))}"
         for what, one, other in (
@@ -151,8 +172,9 @@ def differences(old: Header, new: Header) -> list[str]:
             ("--allow-network", old.network, new.network),
             ("step logs", old.steps, new.steps),
         )
-        if one != other
+        if one != other and not (what == "experiment file" and options)
     ]
+    found += options if old.experiment != new.experiment else []
     for what in ("versions", "models", "prompts", "scenes"):
         found += changed(what, getattr(old, what), getattr(new, what))
     return found
@@ -168,11 +190,21 @@ class RunFolder:
 
     def __init__(self, path: Path, *, steps: bool) -> None:
         self.path, self._steps = path, steps
+        self._is_ours = False  # what lies in it was seen to be a run's, or beside one
 
     def clear(self) -> None:
-        """Throw away what an earlier run left."""
+        """Throw away what an earlier run left.
+
+        Raises:
+            FileError: what is there is no run's.
+        """
+        if not self._is_ours:
+            check_ours(self.path, _OURS, header=HEADER)
+        if (self.path / HEADER).exists() and not (self.path / EPISODES).exists():
+            read_json(self.path / HEADER, _AnyHeader, fix="--out another folder")
         if not any((self.path / name).exists() for name in (HEADER, EPISODES)):
             return
+        self._is_ours = True
         for name in _OURS:
             place = self.path / name
             if place.is_dir():
@@ -180,14 +212,25 @@ class RunFolder:
             else:
                 place.unlink(missing_ok=True)
 
-    def claim(self, header: Header, *, fix: str) -> None:
+    def claim(self, header: Header, config: Config, *, fix: str) -> None:
         """Make the folder that run's, or see that it is; a run without an episode is no obstacle.
+
+        Args:
+            header: what the run depends on.
+            config: what it was told, which is kept beside it.
+            fix: what helps where the folder holds another run.
 
         Raises:
             FileError: it holds another run; names what differs.
         """
         path = self.path / HEADER
-        found = differences(read_header(path), header) if path.exists() else ["header: none"]
+        if (self.path / SWEEP).exists():
+            raise FileError(self.path, "this folder holds a sweep", fix="--out another folder")
+        if not self._is_ours:
+            check_ours(self.path, _OURS, header=HEADER)
+        found = ["header: none"]
+        if path.exists():
+            found = differences(read_header(path), header, read_config(self.path), config)
         begun = bool(read_records(self.path / EPISODES))
         if found and not begun:
             self.clear()
@@ -195,6 +238,7 @@ class RunFolder:
             write_atomic(path, to_json(header, indent=2))
         else:
             refuse_other(path, found, fix=fix)
+        replace_file(self.path / CONFIG, to_json(config, indent=2))
 
     def done(self) -> tuple[list[EpisodeRecord], dict[Key, EpisodeTiming]]:
         """Return the episodes that are done; traces of those that are not are swept away.
@@ -202,7 +246,7 @@ class RunFolder:
         Raises:
             FileError: a line that is not the last is damaged.
         """
-        sweep(self.path)
+        sweep(self.path, _OURS)
         timings = {timing.key: timing for timing in read_timings(self.path / TIMINGS)}
         found = {record.key: record for record in read_records(self.path / EPISODES)}
         kept = {key: found[key] for key in found if key in timings and self._has_steps(key)}
@@ -227,6 +271,21 @@ class RunFolder:
             write_atomic(steps_path(self.path, *one.record.key), packed(one.steps))
         write_record(self.path / TIMINGS, one.timing)
         write_record(self.path / EPISODES, one.record)
+
+    def put_only(self, header: Header, one: Finished) -> None:
+        """Have one episode in the folder, finished as far as it goes, in place of what was there.
+
+        Raises:
+            FileError: the disk is full.
+        """
+        for name, data in one.files.items():
+            replace_file(self.path / name, data)
+        if self._steps:
+            replace_file(steps_path(self.path, *one.record.key), packed(one.steps))
+        replace_file(self.path / TIMINGS, to_json(one.timing))
+        replace_file(self.path / EPISODES, to_json(one.record))
+        replace_file(self.path / RESULTS, to_json(plain(figures([one.record])), indent=2))
+        replace_file(self.path / HEADER, to_json(header, indent=2))
 
     def finish(self, order: Sequence[Key]) -> None:
         """Put all lines in their final order, and write what they add up to.

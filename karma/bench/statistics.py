@@ -23,6 +23,7 @@ LEVEL = 0.95  # of every interval
 DOUBT = 0.6  # level of the interval of a correlation; one in five lies below it
 POWER = 0.8  # of the minimum detectable effect
 RESAMPLES = 10_000
+FEWEST_TASKS = 6  # below it no sign-flip test of tasks reaches 0.05, and resamples pretend
 _MOST_SEEDS = 1_000
 _FEWEST = round(2 / (1 - LEVEL))  # a two-sided p below 0.05 is a tail below one in so many
 
@@ -142,7 +143,9 @@ def _least_correlation(groups: Groups, correlation: float) -> float:
         alike = np.where(scale > 1e-12, (between - within) / np.maximum(scale, 1e-12), 1.0)
         return np.asarray(np.clip(alike, 0.0, 1.0))
 
-    interval = bootstrap(rows, of, number=round(tasks * size), level=DOUBT).estimate.interval
+    interval = bootstrap(
+        rows, of, number=round(tasks * size), level=DOUBT, fewest=2
+    ).estimate.interval
     return correlation if interval is None else min(correlation, interval.low)
 
 
@@ -211,7 +214,12 @@ class Resampled:
 
 
 def bootstrap(
-    sums: Floats, statistic: Statistic, *, number: int, level: float = LEVEL
+    sums: Floats,
+    statistic: Statistic,
+    *,
+    number: int,
+    level: float = LEVEL,
+    fewest: int = FEWEST_TASKS,
 ) -> Resampled:
     """Return a statistic of sums over tasks, with its percentile interval over resampled tasks.
 
@@ -223,6 +231,7 @@ def bootstrap(
         statistic: of the sums over tasks.
         number: of observations behind it.
         level: of the interval.
+        fewest: tasks that an interval takes; of fewer there is none.
     """
     if not len(sums):
         return Resampled(estimate=Estimate(value=None), deviation=None)
@@ -230,7 +239,7 @@ def bootstrap(
         value = float(statistic(sums.sum(axis=0, keepdims=True))[0])
         if not math.isfinite(value):
             return Resampled(estimate=Estimate(value=None), deviation=None)
-        if len(sums) < 2:
+        if len(sums) < max(2, fewest):
             return Resampled(estimate=Estimate(value=value, number=number), deviation=None)
         ordered = sums[np.lexsort(sums.T)]
         drawn = statistic(_times(len(ordered)) @ ordered)
@@ -336,8 +345,7 @@ class _Power:
     def __init__(self, number: int) -> None:
         self.number = number
         counts = np.arange(number + 1)
-        logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, number + 1)))])
-        self._logs, self._counts = logs, counts
+        self._counts = counts
         limits = [_limit(differing) for differing in range(number + 1)]
         split = counts[None, :]
         reach = np.array(limits)[:, None]
@@ -353,14 +361,9 @@ class _Power:
 
     def _binomial(self, numbers: NDArray[np.int64], chance: float) -> Floats:
         """Return P(k of n) for each n, shape (numbers, self.number + 1)."""
-        n, k = numbers[:, None], self._counts[None, :]
-        inside = k <= n
-        rest = np.where(inside, n - k, 0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            one = np.where(k == 0, 0.0, k * np.log(chance))
-            other = np.where(rest == 0, 0.0, rest * np.log1p(-chance))
-            logs = self._logs[n] - self._logs[np.minimum(k, n)] - self._logs[rest] + one + other
-        return np.where(inside, np.exp(logs), 0.0)
+        from scipy.stats import binom
+
+        return np.asarray(binom.pmf(self._counts[None, :], numbers[:, None], chance))
 
 
 def _limit(number: int) -> int:

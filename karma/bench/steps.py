@@ -9,6 +9,7 @@ the room is not in it: after that it resets the world.
 import gzip
 import re
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from hashlib import blake2b
 from numbers import Integral, Real
 from pathlib import Path
@@ -20,9 +21,10 @@ from karma.agent.perceive import refusal
 from karma.agent.refused_requests import sentence
 from karma.contracts import Event, MemoryUnit, Outcome, Plan, SkillResult, SubTask, Vec3, World
 from karma.errors import FileError
-from karma.files import read_bytes, to_json
+from karma.files import read_bytes, to_json, unpack
 
 FOLDER = "steps"  # below the run folder
+_LONGEST_SLUG = 80  # characters
 
 
 class Unit(msgspec.Struct, frozen=True, kw_only=True):
@@ -196,6 +198,10 @@ class StepLog:
         self._written += self._lines()
         self._steps.clear()
 
+    def go_back(self, before: "StepLog") -> None:
+        """Hold what a copy of this log holds: what came after it never happened."""
+        vars(self).update(deepcopy(vars(before)))
+
     def data(self) -> bytes:
         """Return the lines so far."""
         return bytes(self._written) + self._lines()
@@ -277,7 +283,7 @@ def slug(text: str) -> str:
     >>> slug("KARMA (w/o short term memory)")
     'karma-w-o-short-term-memory-93c17b'
     """
-    plain = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+    plain = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:_LONGEST_SLUG]
     if plain == text:
         return plain
     return f"{plain}-{blake2b(text.encode(), digest_size=3).hexdigest()}".lstrip("-")
@@ -294,15 +300,13 @@ def read_steps(path: Path) -> list[Step]:
     Raises:
         FileError: it is missing or damaged; says in which line.
     """
-    try:
-        lines = gzip.decompress(read_bytes(path)).splitlines()
-    except (OSError, EOFError) as error:
-        raise FileError(path, f"no gzip file: {error}", fix="run it again: karma eval") from error
+    fix = "run it again: karma eval"
+    lines = unpack(read_bytes(path, fix=fix), path=path, fix=fix).splitlines()
     decoder: msgspec.json.Decoder[Step] = msgspec.json.Decoder(Step)
     found = []
     for number, line in enumerate(lines, start=1):
         try:
             found.append(decoder.decode(line))
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, RecursionError) as error:
             raise FileError(path, f"line {number}: {error}") from error
     return found

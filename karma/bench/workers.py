@@ -204,7 +204,7 @@ def imported(models: Models) -> tuple[str, ...]:
     hosted = models.hosted
     needed = {
         "llama_cpp": hosted.planner is None,
-        "sentence_transformers": hosted.embedder is None,
+        "sentence_transformers": models.embedder.partition(":")[0] == "sentence",
         "openai": hosted != Hosted(),
     }
     return tuple(name for name, wanted in needed.items() if wanted)

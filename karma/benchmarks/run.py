@@ -16,7 +16,16 @@ import msgspec
 
 from karma import registry
 from karma.bench.experiment import Models
-from karma.bench.folder import changed, locked, read_lines, refuse_other, replace_file, sweep
+from karma.bench.experiment_file import Changes, read_as, without_places
+from karma.bench.folder import (
+    changed,
+    check_ours,
+    locked,
+    read_lines,
+    refuse_other,
+    replace_file,
+    sweep,
+)
 from karma.bench.pool import JobQueue, Workshop, in_processes
 from karma.bench.provenance import model_hashes, versions
 from karma.bench.records import Key
@@ -97,6 +106,7 @@ class BenchmarkRun:
         cassette: records hosted models or stands for them.
         base_url: of hosted models, in place of the experiment's.
         computed: keys of its [models] that say how they are computed, in place of its own.
+        changes: what it says otherwise than its file.
 
     Raises:
         FileError: a file is damaged, a key in it is unknown, or the folder holds a run of
@@ -113,10 +123,11 @@ class BenchmarkRun:
         cassette: Cassette | None = None,
         base_url: str = "",
         computed: Mapping[str, Any] | None = None,
+        changes: Changes | None = None,
     ) -> None:
         self.path, self.folder = path, folder
         self._kind = kind_of(read_toml(path, _Benchmarked).benchmark, path)
-        read = read_toml(path, self._kind.experiment_kind)
+        read = read_as(path, self._kind.experiment_kind, changes)
         said = read.models.computed_by(computed or {})
         self.experiment: ExperimentFile = msgspec.structs.replace(read, models=said)
         models = said
@@ -127,6 +138,7 @@ class BenchmarkRun:
         self.chains = tuple(self.benchmark.chains())
         self._session = Session(cassette)
         with locked(folder):
+            check_ours(folder, _OURS, header=HEADER)
             if fresh:
                 for name in _OURS:
                     (folder / name).unlink(missing_ok=True)
@@ -247,7 +259,7 @@ class BenchmarkRun:
 
     def _read(self) -> list[Any]:
         """Return the records of chains that are whole; lines of others are dropped."""
-        sweep(self.folder)
+        sweep(self.folder, _OURS)
         place = self.folder / EPISODES
         found = {_key(one): one for one in read_lines(place, self._kind.record_kind)}
         whole = [chain.keys for chain in self.chains if found.keys() >= {*chain.keys}]
@@ -331,7 +343,7 @@ def _differences(old: BenchmarkHeader, new: BenchmarkHeader) -> list[str]:
 
 def _lines(experiment: Mapping[str, Any]) -> dict[str, str]:
     """Return an experiment as text by key, without what decides nothing."""
-    plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(experiment))
+    plain: dict[str, Any] = without_places(msgspec.json.decode(msgspec.json.encode(experiment)))
     for endpoint in filter(None, plain["models"]["hosted"].values()):
         for name in _WAITING:
             del endpoint[name]

@@ -70,6 +70,7 @@ class BundleSpec:
     scenes: tuple[Path, ...] = ()  # files or folders, beside those of the package
     thor: Path | None = None  # a Unity build's folder
     lock: Path = PROJECT / "requirements.lock"
+    extras: Path | None = None  # pins of what only extras need, if that is to come along
     project: Path = PROJECT
     own: Path | None = None  # the project's wheel, if it is built already
 
@@ -160,6 +161,8 @@ def _wheel_source(wheel: Wheel) -> MemberSource:
 
 def _wheels(spec: BundleSpec, scratch: Path, say: Say) -> list[Wheel]:
     wanted = read_lock(spec.lock)
+    if spec.extras is not None:
+        wanted += read_lock(spec.extras)
     if spec.download:
         say(f"fetching {len(wanted)} packages into {spec.wheels}; this takes minutes")
         download(wanted, spec.wheels)

@@ -6,9 +6,13 @@ can be refused by name. Travels in the bundle (karma/bundle/install.py), so: sta
 
 import hashlib
 import json
+import os
+import stat
 import tarfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from io import BufferedReader
+from pathlib import Path
 from typing import BinaryIO
 
 from karma.errors import KarmaError
@@ -20,6 +24,8 @@ CHUNK = 1 << 20
 END = bytes(2 * BLOCK)
 LARGEST_MANIFEST = 64 << 20
 LONGEST_PATH = 1000
+LONGEST_NAME = 200  # of one file or folder
+LARGEST_MEMBER = 1 << 45
 
 
 class BundleError(KarmaError):
@@ -48,6 +54,20 @@ class Contents:
     members: tuple[Member, ...]
     digest: str
     start: int  # offset of the first member after the manifest
+
+
+def open_bundle(path: Path) -> BufferedReader:
+    """Open a regular file; whatever else stands there is not waited for.
+
+    Raises:
+        OSError: it cannot be opened.
+        BundleError: it is a pipe, a device or a folder.
+    """
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise BundleError("no file, but a pipe, a device or a folder")
+    return os.fdopen(handle, "rb")
 
 
 def header(path: str, size: int, *, executable: bool = False) -> bytes:
@@ -126,11 +146,11 @@ def read_contents(file: BinaryIO) -> Contents:
 def _contents(data: bytes, start: int) -> Contents:
     first, _, body = data.partition(b"\n")
     words = first.decode(errors="replace").split(" ")
-    if len(words) != 3 or words[0] != "karma-bundle" or not words[1].isdigit():
+    if len(words) != 3 or words[0] != "karma-bundle" or not words[1].isdecimal():
         raise BundleError(f"{MANIFEST}: its first line is damaged")
-    if int(words[1]) != FORMAT:
+    if words[1] != str(FORMAT):
         raise BundleError(
-            f"{MANIFEST}: the bundle has version {words[1]}, and this program reads {FORMAT}\n"
+            f"{MANIFEST}: the bundle has version {words[1][:9]}, and this program reads {FORMAT}\n"
             "  To fix: use the install.pyz that lies in the bundle, or build it again"
         )
     if hashlib.sha256(body).hexdigest() != words[2]:
@@ -139,18 +159,25 @@ def _contents(data: bytes, start: int) -> Contents:
         said = json.loads(body)
         members = tuple(_member(row) for row in said["members"])
         found = Contents(
-            karma=str(said["karma"]),
-            python=str(said["python"]),
-            platform=str(said["platform"]),
-            models=tuple(str(name) for name in said["models"]),
+            karma=_plain(said["karma"]),
+            python=_plain(said["python"]),
+            platform=_plain(said["platform"]),
+            models=tuple(_plain(name) for name in said["models"]),
             members=members,
             digest=words[2],
             start=start,
         )
-    except (ValueError, KeyError, TypeError) as error:
-        raise BundleError(f"{MANIFEST}: not of the right form: {error}") from error
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise BundleError(f"{MANIFEST}: not of the right form: {str(error)[:200]!a}") from error
     _check_paths([member.path for member in members])
     return found
+
+
+def _plain(word: object) -> str:
+    """Return a word of the manifest that a terminal can have."""
+    if not isinstance(word, str) or not word.isprintable() or len(word) > LONGEST_PATH:
+        raise ValueError("a name is no plain text")
+    return word
 
 
 def _member(row: dict[str, object]) -> Member:
@@ -158,19 +185,22 @@ def _member(row: dict[str, object]) -> Member:
     unknown = set(row) - {"path", "bytes", "sha256", "executable", "unpacked"}
     if unknown:
         raise ValueError(f"unknown key {sorted(unknown)[0]!r}")
-    path, size, digest = row["path"], row["bytes"], row["sha256"]
-    unpacked = row.get("unpacked")
+    path, digest, unpacked = row["path"], row["sha256"], row.get("unpacked")
     if not isinstance(path, str) or not isinstance(digest, str) or len(digest) != 64:
         raise ValueError(f"member {path!r}")
-    if not isinstance(size, int) or size < 0 or not isinstance(unpacked, int | None):
-        raise ValueError(f"sizes of member {path!r}")
     return Member(
         path=path,
-        bytes=size,
+        bytes=_size(row["bytes"]),
         sha256=digest,
         executable=row.get("executable") is True,
-        unpacked=unpacked,
+        unpacked=None if unpacked is None else _size(unpacked),
     )
+
+
+def _size(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_MEMBER:
+        raise ValueError("a size of a member is none")
+    return value
 
 
 def _check_paths(paths: Sequence[str]) -> None:
@@ -204,6 +234,8 @@ def unsafe(path: str) -> str:
         return "leads out of the folder"
     if not path.isprintable():
         return "has control characters"
+    if len(path.encode()) > LONGEST_PATH or max(map(len, parts)) > LONGEST_NAME:
+        return "is too long"
     return ""
 
 

@@ -8,6 +8,7 @@ the same as that of `karma bundle install`: standard library only.
 """
 
 import argparse
+import errno
 import hashlib
 import os
 import platform
@@ -24,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from karma.bundle.contents import CHUNK, BundleError, Contents, Member, places
+from karma.bundle.contents import CHUNK, BundleError, Contents, Member, open_bundle, places
 from karma.bundle.verify import Say, parts, verify
 
 SPARE_BYTES = 64 << 20
@@ -56,7 +57,7 @@ def install(
             programs = _Programs(into=into, lock=lock, say=say)
             _claim(into, contents)
             _check_room(into, contents)
-            with bundle.open("rb") as file:
+            with open_bundle(bundle) as file:
                 _unpack(file, contents, into, say)
             _make_venv(contents, programs)
             _write(into / "karma", _launcher(contents), executable=True)
@@ -98,7 +99,7 @@ def _alone(into: Path) -> Iterator[int]:
     """
     import fcntl
 
-    with (into / ".karma-lock").open("wb") as lock:
+    with open(into / ".karma-lock", "wb", opener=_no_link) as lock:
         until = time.monotonic() + PATIENCE_S
         while True:
             try:
@@ -126,7 +127,7 @@ def _claim(into: Path, contents: Contents) -> None:
     """Refuse a folder that holds anything but this bundle's own beginnings."""
     stamp = into / ".karma-bundle"
     if stamp.exists():
-        if stamp.read_text().strip() != contents.digest:
+        if stamp.read_bytes().strip() != contents.digest.encode():
             raise BundleError(
                 f"{into}: another bundle is installed there\n  To fix: choose another folder"
             )
@@ -161,7 +162,7 @@ def _unpack(file: BinaryIO, contents: Contents, into: Path, say: Say) -> None:
             raise BundleError(f"{member.path}: refused, a link leads out of {into}")
         file.seek(offset)
         part, digest = into / ".karma-part", hashlib.sha256()
-        with part.open("wb") as sink:
+        with _new(part) as sink:
             for data in parts(file, member.bytes):
                 digest.update(data)
                 sink.write(data)
@@ -206,7 +207,7 @@ class _Programs:
         path = self.into / ".karma-install.log"
         last: list[str] = []
         with (
-            path.open("a", encoding="utf-8") as log,
+            open(path, "a", encoding="utf-8", opener=_no_link) as log,
             tempfile.TemporaryDirectory() as folder,
             subprocess.Popen(
                 command,
@@ -238,11 +239,11 @@ def _make_venv(contents: Contents, programs: _Programs) -> None:
     into, say = programs.into, programs.say
     venv = into / "venv"
     stamp = venv / ".karma-complete"
-    if stamp.exists() and stamp.read_text().strip() == contents.digest:
+    if stamp.exists() and stamp.read_bytes().strip() == contents.digest.encode():
         say("the virtual environment is there already")
         return
     if venv.exists():
-        shutil.rmtree(venv)
+        _remove(venv)
     wheels = [into / one.path for one in contents.members if one.path.endswith(".whl")]
     pip = next((one for one in wheels if one.name.startswith("pip-")), None)
     say(f"making a virtual environment with {len(wheels)} packages; this takes a while")
@@ -280,9 +281,31 @@ def _try_out(contents: Contents, programs: _Programs, smoke: bool) -> None:
         programs.run([karma, "world", "list"])
 
 
+def _remove(folder: Path) -> None:
+    """Remove a folder, also while a killed installation's last process still writes into it."""
+    until = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return shutil.rmtree(folder)
+        except OSError as error:
+            if error.errno != errno.ENOTEMPTY or time.monotonic() > until:
+                raise
+            time.sleep(0.05)
+
+
+def _new(path: Path) -> BinaryIO:
+    """Open a file that was not there; a link that somebody has put there is not followed."""
+    path.unlink(missing_ok=True)
+    return path.open("xb")
+
+
+def _no_link(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+
+
 def _write(path: Path, data: bytes, *, executable: bool = False) -> None:
     part = path.with_name(f".karma-{path.name.removeprefix('.karma-')}.new")
-    with part.open("wb") as file:
+    with _new(part) as file:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())

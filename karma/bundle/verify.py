@@ -20,6 +20,7 @@ from karma.bundle.contents import (
     Contents,
     Member,
     header,
+    open_bundle,
     padding,
     places,
     read_contents,
@@ -56,7 +57,7 @@ def verify(bundle: Path, *, sha256: str = "", say: Say = lambda _: None) -> Cont
         BundleError: something is not as it must be; names the first wrong member.
     """
     try:
-        with bundle.open("rb") as file:
+        with open_bundle(bundle) as file:
             if sha256:
                 _check_whole(file, sha256)
             contents = read_contents(file)
@@ -147,7 +148,7 @@ def _check_wheel(file: BinaryIO, member: Member, offset: int) -> None:
         try:
             with zipfile.ZipFile(copy) as wheel:
                 entries = wheel.infolist()
-        except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        except (zipfile.BadZipFile, ValueError, NotImplementedError, OverflowError) as error:
             raise BundleError(f"{member.path}: not a wheel: {error}") from error
     total = sum(entry.file_size for entry in entries)
     if total != member.unpacked:

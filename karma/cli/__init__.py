@@ -4,20 +4,37 @@ from typing import Annotated
 
 import typer
 
-from karma.cli import agents, bundle, compare, doctor, models, report, sequences, trace, vlm, worlds
+from karma import __version__ as karma_version
+from karma.cli import (
+    agents,
+    bundle,
+    compare,
+    doctor,
+    models,
+    report,
+    sequences,
+    sweeps,
+    talking,
+    tasks,
+    trace,
+    vlm,
+    worlds,
+)
 from karma.cli.shared import MACHINES, MATERIAL, PARTS, clear_errors
 from karma.offline import go_offline
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
     help="A household agent that remembers, offline.",
     epilog='Begin with: karma run "wash the tomato, then put it in the fridge"',
 )
+talking.add_to(app)
 agents.add_to(app)
 compare.add_to(app)
 report.add_to(app)
+sweeps.add_to(app)
 app.add_typer(worlds.app, name="world", rich_help_panel=MATERIAL)
+app.add_typer(tasks.app, name="tasks", rich_help_panel=MATERIAL)
 sequences.add_to(app)
 app.add_typer(models.app, name="models", rich_help_panel=MATERIAL)
 trace.add_to(app)
@@ -26,11 +43,20 @@ app.add_typer(doctor.app, name="doctor", rich_help_panel=MACHINES)
 app.add_typer(bundle.app, name="bundle", rich_help_panel=MACHINES)
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"karma-offline {karma_version}")
+        raise typer.Exit
+
+
 @app.callback()
 @clear_errors
 def karma(
     allow_network: Annotated[
         bool, typer.Option("--allow-network", help="Let a hosted model's host be reached.")
+    ] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Say which this is.", is_eager=True, callback=_version)
     ] = False,
 ) -> None:
     """Keep every command off the network."""

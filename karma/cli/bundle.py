@@ -37,6 +37,9 @@ def bundle_build(
         bool, typer.Option("--download", help="Fetch the wheels that are missing, by pip.")
     ] = False,
     thor: Annotated[Path | None, typer.Option(help="Folder of an AI2-THOR build.")] = None,
+    extras: Annotated[
+        bool, typer.Option("--extras", help="With what hosted models and AI2-THOR need.")
+    ] = False,
     lock: Annotated[Path | None, typer.Option(help="Other pins than requirements.lock.")] = None,
     json: Json = None,
 ) -> None:
@@ -52,6 +55,7 @@ def bundle_build(
         scenes=tuple(scenes or ()),
         thor=thor,
         lock=lock or PROJECT / "requirements.lock",
+        extras=PROJECT / "requirements-extras.lock" if extras or thor is not None else None,
     )
     with console.status("building the bundle ..."):
         built = build(out, spec, say=_say)
@@ -78,7 +82,8 @@ def bundle_verify(file: File, sha256: Sha256 = "") -> None:
         contents = verify(file, sha256=sha256, say=_say)
     console.print(
         f"[green]✓[/] all {len(contents.members)} members are right: karma {contents.karma}, "
-        f"Python {contents.python}, {contents.platform}, models {', '.join(contents.models)}",
+        f"Python {contents.python}, "
+        + escape(f"{contents.platform}, models {', '.join(contents.models)}"),
         soft_wrap=True,
     )
 

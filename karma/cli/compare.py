@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
 
 from karma.cli.benchmarks import write_table
-from karma.cli.shared import SHOWN, Json, clear_errors, console
+from karma.cli.shared import SHOWN, Json, clear_errors, console, sheet_table
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
 
@@ -49,8 +48,8 @@ def compare_command(
         for other in group[1:]
     ]
     for comparisons in found:
-        console.print(_rich(_side_by_side(comparisons[0]), kept="detectable"))
-        console.print(_rich(_by_kind(comparisons), kept="difference"))
+        console.print(sheet_table(_side_by_side(comparisons[0]), kept="detectable"))
+        console.print(sheet_table(_by_kind(comparisons), kept="difference"))
         console.print(escape(_remarks(comparisons[0])), soft_wrap=True, highlight=False)
     for words in set_apart(runs):
         console.print(escape(words), soft_wrap=True, highlight=False)
@@ -62,8 +61,8 @@ def compare_command(
 def table_command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     published: Annotated[
-        Path, typer.Option(help="The paper's figures, to stand beside ours.")
-    ] = Path("eval/paper/published.csv"),
+        Path | None, typer.Option(help="The paper's figures, to stand beside ours.")
+    ] = None,
     off: Annotated[str, typer.Option(help="Name of the row without memory.")] = "",
     lota: Annotated[str, typer.Option(help="Name of the LoTa-Bench row.")] = "",
     out: Annotated[
@@ -84,9 +83,14 @@ def table_command(
     from karma.bench.results import result_of, unfinished
     from karma.bench.run_folder import benchmark_in, read_run
     from karma.bench.sheet import to_latex, to_markdown
+    from karma.bench.sweep_folder import is_sweep, read_sweep
+    from karma.cli.sweeps import print_sweep
 
     if benchmark_in(run):
         write_table([run, *(beside or ())], out or run, json)
+        return
+    if is_sweep(run):
+        print_sweep(read_sweep(run), json)
         return
     if beside:
         raise KarmaError(
@@ -108,7 +112,7 @@ def table_command(
     margin = [sheet for sheet in (margin_sheet(result),) if sheet is not None]
     sheets = [*tables.sheets(result), *margin]
     for sheet in (*tables.main_sheets(result), *margin):
-        console.print(_rich(sheet))
+        console.print(sheet_table(sheet))
     for words in unfinished([str(run)]):
         console.print(escape(words), soft_wrap=True, highlight=False)
     folder = out or run
@@ -206,13 +210,3 @@ def _splits(splits: "tuple[Split, ...]") -> str:
 
     words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
     return "; ".join(words) or UNKNOWN
-
-
-def _rich(sheet: "Sheet", *, kept: str = "") -> Table:
-    """Return a sheet for the terminal; the column named `kept` is never broken."""
-    table = Table(title=escape(sheet.title), title_justify="left", caption=escape(sheet.caption))
-    for number, name in enumerate(sheet.head):
-        table.add_column(escape(name), justify="right" if number else "left", no_wrap=name == kept)
-    for cells in sheet.lines:
-        table.add_row(*map(escape, cells))
-    return table

@@ -89,7 +89,8 @@ def models_command(
 
     Each is opened as a run does and asked a little. Exit code 1 if one cannot be opened.
     """
-    from karma.bench.experiment import Models, read_experiment
+    from karma.bench.experiment import Models
+    from karma.bench.experiment_file import read_experiment
     from karma.bench.model_doctor import examine
 
     models = Models() if experiment is None else read_experiment(experiment).models

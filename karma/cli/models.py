@@ -122,8 +122,13 @@ def models_add(
         bool | None, typer.Option("--chat/--no-chat", help="Through its chat template.")
     ] = None,
     in_place: Annotated[bool, typer.Option("--in-place", help="Do not copy the files.")] = False,
+    untried: Annotated[
+        bool, typer.Option("--untried", help="Do not open it, e.g. for a larger machine.")
+    ] = False,
 ) -> None:
-    """Take files in: hash them, compare with the manifest, look at their headers, list them.
+    """Take files in: hash, compare with the manifest, look at headers, list, open and ask a little.
+
+    What does not open, or does not answer in its role, is not added.
 
     Files of a model of the manifest are recognised, and refused by name if they are not what it
     says; anything else becomes a model of its own. Nothing is ever fetched.
@@ -143,11 +148,37 @@ def models_add(
 
         added = add_model(path, options, progress=told)
     entry = added.entry
+    if not untried:
+        _try(entry)
     why = "as the manifest wants it" if added.known else "a model of your own"
     _say(f"added {entry.name} ({entry.role}, {_megabytes(entry)} MB), {why}")
     if added.left_out:
         _say(f"left out: {', '.join(added.left_out[:6])}")
     _say(f"`karma models verify {entry.name}` checks it at any time")
+
+
+def _try(entry: "ModelEntry") -> None:
+    """Open what was added as a run would; take it back if that fails."""
+    from karma.bench.formats import figure_text
+    from karma.bench.model_doctor import tried
+    from karma.infer.manifest.added_models import remove_model
+
+    try:
+        with console.status(escape(f"opening and asking {entry.name} ...")):
+            seen = tried(entry)
+    except BaseException as error:
+        remove_model(entry.name)
+        if isinstance(error, ModelError):
+            fix = "" if "To fix" in str(error) else "\n  To fix: --untried adds it all the same"
+            raise ModelError(f"not added, since it was tried: {error}{fix}") from error
+        raise
+    if seen is None:
+        _say(f"not tried: a {entry.role} runs together with others")
+        return
+    speeds = (f"{figure_text(rate, 1)} {what}" for what, rate in (seen.speeds or {}).items())
+    _say(f"tried as {entry.role} on {seen.device}: {', '.join(speeds)}")
+    for text in seen.advice:
+        _say(f"  note: {text}")
 
 
 @app.command("remove")

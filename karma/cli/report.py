@@ -39,8 +39,8 @@ def report_command(
         ),
     ] = "auto",
     published: Annotated[
-        Path, typer.Option(help="The paper's figures, to stand beside ours.")
-    ] = Path("eval/paper/published.csv"),
+        Path | None, typer.Option(help="The paper's figures, to stand beside ours.")
+    ] = None,
     rerun: Annotated[
         Path | None, typer.Option(help="Also write the replays as a recording for Rerun, *.rrd.")
     ] = None,
@@ -63,7 +63,7 @@ def _write_figure(run: Path, path: Path) -> None:
 
 
 def _write_run(
-    run: Path, path: Path, choice: tuple[str, str, str], published: Path, rerun: Path | None
+    run: Path, path: Path, choice: tuple[str, str, str], published: Path | None, rerun: Path | None
 ) -> None:
     from rich.progress import track
 
@@ -89,7 +89,7 @@ def _write_run(
             console=console, transient=True, disable=not console.is_terminal,
         )
     )  # fmt: skip
-    paper = load_published(published) if published.exists() else {}
+    paper = load_published(published)
     page = page_of(found, result_of(found, paper), shown)
     write_atomic(path, render(page, pictures).encode())
     console.print(

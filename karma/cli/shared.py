@@ -1,18 +1,57 @@
 """What all commands share: the console, options, and how errors are shown."""
 
-from collections.abc import Callable
+import unicodedata
+from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
+from rich.segment import Segment
+from rich.table import Table
 
 from karma.errors import KarmaError
 from karma.offline import settle
 
-console = Console()
+if TYPE_CHECKING:
+    from karma.bench.sheet import Sheet
+
+_HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
+
+
+def visible(text: str) -> str:
+    r"""Return a text as a terminal may have it: what would steer it is shown, not done.
+
+    Control characters, and those that turn the direction of writing, stand as their numbers.
+    Names in markup are for `rich.markup.escape`.
+
+    >>> visible("\x1b[2Jgone")
+    '\\x1b[2Jgone'
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(
+        ascii(sign)[1:-1]
+        if unicodedata.category(sign) in ("Cc", "Cf", "Cs") and sign not in _HARMLESS
+        else sign
+        for sign in text
+    )
+
+
+class SafeConsole(Console):
+    """A console whose every text, whoever wrote it, is shown and steers nothing."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """Render as any console does, then make the texts harmless; its own codes stay."""
+        for one in super().render(renderable, options):
+            yield one if one.control else Segment(visible(one.text), one.style)
+
+
+console = SafeConsole()
 
 ACTING = "The agent at work"  # panels of `karma --help`
 SHOWN = "What runs show"
@@ -37,8 +76,29 @@ def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
             finally:
                 settle()
         except KarmaError as error:
-            text = f"[red]error:[/] {escape(str(error))}"
-            Console(stderr=True).print(text, highlight=False, soft_wrap=True)
+            _show(str(error))
+            raise typer.Exit(1) from error
+        except MemoryError as error:
+            _show("there is not enough memory\n  To fix: take smaller models, or raise ulimit -v")
+            raise typer.Exit(1) from error
+        except OSError as error:  # of the machine: a full disk, no descriptors left
+            where = f"{error.filename}: " if error.filename else ""
+            _show(f"{where}{error.strerror or error}")
             raise typer.Exit(1) from error
 
     return wrapped
+
+
+def sheet_table(sheet: "Sheet", *, kept: str = "") -> Table:
+    """Return a sheet for the terminal; the column named `kept` is never broken."""
+    table = Table(title=escape(sheet.title), title_justify="left", caption=escape(sheet.caption))
+    for number, name in enumerate(sheet.head):
+        table.add_column(escape(name), justify="right" if number else "left", no_wrap=name == kept)
+    for cells in sheet.lines:
+        table.add_row(*map(escape, cells))
+    return table
+
+
+def _show(reason: str) -> None:
+    text = f"[red]error:[/] {escape(reason)}"
+    SafeConsole(stderr=True).print(text, highlight=False, soft_wrap=True)

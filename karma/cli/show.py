@@ -4,21 +4,14 @@ from collections.abc import Iterator, Sequence
 from textwrap import wrap
 
 from rich.box import HORIZONTALS
-from rich.console import Group, RenderableType
 from rich.markup import escape
-from rich.panel import Panel
 from rich.table import Table
-from rich.text import Text
 
-from karma.agent.planner import grounded
-from karma.agent.refused_requests import sentence
 from karma.bench.figures import COLUMNS, Figures, without_repeats
 from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.precision import Precision, Reached
 from karma.bench.records import EpisodeRecord
 from karma.bench.tables import left_out_of
-from karma.contracts import MemoryUnit, Outcome, Plan, SkillResult
-from karma.household.ids import root_type
 from karma.infer.hosted.cost import Ledger, Spent
 
 _NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns
@@ -26,96 +19,6 @@ _SHOWN = {  # in it: figure -> short title
     "success": "rate", "explorations": "places", "actions": "steps", "planner_calls": "calls",
     "seconds": "sec", "hits": "hits",
 }  # fmt: skip
-
-
-class InstructionView:
-    """One instruction as it happens: recalled memory, program, steps and results.
-
-    Args:
-        number: of the instruction, from 1.
-        instruction: what was asked.
-    """
-
-    def __init__(self, number: int, instruction: str) -> None:
-        self._title = f"{number}. {instruction}"
-        self._plan: Plan | None = None
-        self._results: list[SkillResult] = []
-        self._past: list[RenderableType] = []  # earlier programs of this instruction
-        self._outcome: Outcome | None = None
-
-    def add(self, moment: Plan | SkillResult | Outcome) -> None:
-        """Take in what a method yields."""
-        if isinstance(moment, Plan):
-            if self._plan is not None:
-                self._past.append(self._program(self._plan))
-            self._plan, self._results = moment, []
-        elif isinstance(moment, SkillResult):
-            self._results.append(moment)
-        else:
-            self._outcome = moment
-
-    def __rich__(self) -> RenderableType:
-        parts: list[RenderableType] = []
-        if self._plan is not None:
-            parts.append(memory_table(self._plan.units, "recalled from short-term memory"))
-            parts += self._past
-            parts.append(self._program(self._plan))
-        style = "yellow"
-        if self._outcome is not None:
-            style = "green" if self._outcome.finished else "red"
-        return Panel(Group(*parts), title=escape(self._title), title_align="left", style=style)
-
-    def _program(self, plan: Plan) -> RenderableType:
-        table = Table.grid(padding=(0, 1))
-        said = plan.completion
-        note = (
-            f"{figure_text(said.completion_tokens, 0)} tokens in {figure_text(said.total_s)} s, "
-            f"{figure_text(said.reused_tokens, 0)} of {figure_text(said.prompt_tokens, 0)} "
-            "prompt tokens kept"
-        )
-        if said.cost is not None:
-            note += f", cost {figure_text(said.cost, COLUMNS['cost'].digits)}"
-        table.add_row("", Text(f"program ({note})", style="dim"))
-        if plan.error:
-            table.add_row("[red]✗[/]", Text(plan.error, style="red"))
-        if plan.refused is not None:
-            table.add_row("[yellow]–[/]", Text(sentence(plan.refused), style="yellow"))
-        for number, call in enumerate(grounded(plan.calls, plan.names)):
-            written = plan.calls[number]
-            result = self._results[number] if number < len(self._results) else None
-            current = result is not None and str(result.call) == str(call)
-            table.add_row(*_line(str(written), result if current else None))
-        return table
-
-
-def _line(text: str, result: SkillResult | None) -> tuple[str, Text]:
-    if result is None:
-        return "[dim]·[/]", Text(text, style="dim")
-    cost = f"  {result.actions} steps"
-    if result.explorations:
-        cost += f", {result.explorations} places searched"
-    line = Text(text, style="bold" if result.ok else "red")
-    line.append(cost, style="dim")
-    if result.reason:
-        line.append(f"  {result.reason}", style="dim" if result.ok else "red")
-    return ("[green]✓[/]" if result.ok else "[red]✗[/]"), line
-
-
-def memory_table(units: Sequence[MemoryUnit], title: str) -> RenderableType:
-    """Return short-term memory as a table, the last used last."""
-    if not units:
-        return Text(f"{title}: nothing", style="dim")
-    table = Table(title=title, title_justify="left", box=None, title_style="dim", style="none")
-    for name in ("object", "states", "where", "position (m)"):
-        table.add_column(name, header_style="dim")
-    for unit in units:
-        table.add_row(
-            unit.object_type + (" *" if unit.handled else ""),
-            ", ".join(unit.states) or UNKNOWN,
-            root_type(unit.place_id or UNKNOWN),
-            " ".join(f"{v:+.2f}" for v in unit.position_m),
-        )
-    return table
 
 
 def spent_text(spent: Sequence[Spent]) -> str:
@@ -133,7 +36,7 @@ def spent_text(spent: Sequence[Spent]) -> str:
 
 def summary_table(lines: Sequence[Figures], title: str) -> Table:
     """Return the table at the end of a run."""
-    table = Table(title=title, title_justify="left", box=HORIZONTALS, padding=(0, 1, 0, 0))
+    table = Table(title=escape(title), title_justify="left", box=HORIZONTALS, padding=(0, 1, 0, 0))
     table.add_column("row")
     table.add_column("tasks", no_wrap=True)
     for name in ("success", *_SHOWN.values()):
@@ -216,7 +119,7 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
     rows = list(dict.fromkeys(record.row for record in records))
     table = Table(title="per task", title_justify="left")
     for name in ("task", "scene", "goals", *rows):
-        table.add_column(name)
+        table.add_column(escape(name))
     table.caption = (
         "goals: resolved of all; a task is judged by those that could be resolved, and by none "
         "where there are none; at start: all of them held when it began"
@@ -229,8 +132,8 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
         one = next(iter(found.values()))
         goals = sum(len(sub.goals) for sub in one.subtasks)
         table.add_row(
-            task,
-            one.scene,
+            escape(task),
+            escape(one.scene),
             f"{goals}/{goals + sum(note.startswith('unresolved') for note in one.notes)}",
             *(_mark(found.get(row)) for row in rows),
             "\n".join(escape(note) for note in one.notes) or "",

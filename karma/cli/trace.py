@@ -45,7 +45,7 @@ def trace_command(
         str, typer.Option(help='Between ";", e.g. "lru; wtinylfu-karma[9,1] W=200"; default: all.')
     ] = "",
     sizes: Annotated[str, typer.Option(help="Units of policies without a size.")] = "5,10,25",
-    seed: Annotated[int, typer.Option(help="Of what is drawn.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
     json: Json = None,
     plot: Annotated[Path | None, typer.Option(help="Draw hit rates by size here.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write the trace here, as our JSON.")] = None,
@@ -94,7 +94,7 @@ def trace_command(
 
 def _sizes(text: str) -> list[int]:
     parts = [part.strip() for part in text.split(",") if part.strip()]
-    if not all(part.isdigit() and int(part) for part in parts):
+    if not all(part.isdecimal() and int(part) for part in parts):
         raise KarmaError(f"--sizes {text!r}: give numbers of units, e.g. --sizes 5,10,25")
     return [int(part) for part in parts]
 

@@ -32,12 +32,12 @@ def eval_command(
         list[str] | None,
         typer.Option(help='Scenes or scene files, or "fresh"; all that ship and fresh ones.'),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of what is drawn.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
     json: Json = None,
     html: Annotated[Path | None, typer.Option(help="Also write a page with the failures.")] = None,
 ) -> None:
     """Score a vision model on frames of rooms that its training never saw."""
-    from rich.progress import track
+    from rich.progress import Progress
 
     from karma.infer.llama.vision import LlamaVision
     from karma.infer.vision.transformers import TransformersVision
@@ -51,8 +51,11 @@ def eval_command(
     clock = Clock()
     asked = []
     answers = examine(vision, places, frames=frames, seed=seed, clock=clock)
-    for one in track(answers, description="asking ...", console=console, transient=True):
-        asked.append(one)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        shown = progress.add_task("asking ...", total=frames)
+        for one in answers:
+            asked.append(one)
+            progress.update(shown, completed=clock.frames)
     found = score(asked, model=vision.name, seed=seed, clock=clock)
     _show(found)
     if json is not None:

@@ -14,7 +14,7 @@ from rich.table import Table
 from karma.bench.formats import figure_text, percent_text
 from karma.cli.shared import Json, clear_errors, console
 from karma.errors import FileError, KarmaError
-from karma.files import to_json, write_atomic
+from karma.files import below, to_json, write_atomic
 
 if TYPE_CHECKING:
     from karma.world.alfred.facts import Files
@@ -67,7 +67,7 @@ def world_show(
     from karma.world.render.top_down import draw_top_down
 
     one = scenes.load(scene)
-    path = out or Path(f"{one.name}.png")
+    path = out or below(".", f"{one.name}.png", source=scene)
     draw_top_down(one, path)
     console.print(escape(f"{path}: {one.name}, {one.room}, {len(one.objects)} objects"))
 
@@ -140,7 +140,7 @@ def _import_dump(
     rows = []
     cells = None if layouts in (None, "none") else layouts
     for scene in _shown(import_dump(dump, layouts=cells, only=only), f"importing {dump.name}"):
-        path = out / f"{scene.name}.json"
+        path = below(out, f"{scene.name}.json", source=dump)
         write_atomic(path, to_json(scene))
         row = {"scene": scene.name, "objects": len(scene.objects), "path": str(path)}
         rows.append({**row, "source": scene.source})
@@ -163,7 +163,7 @@ def _import_trials(
     rows = []
     for trial in _shown(chosen, "importing"):
         scene = fitted(trial, facts[trial.scene.floor_plan])
-        path = out / f"{trial.id}.json"
+        path = below(out, f"{trial.id}.json")
         write_atomic(path, to_json(scene))
         rows.append(
             {

@@ -127,7 +127,7 @@ def load_weights(
                 dtype=dtype,
                 trust_remote_code=False, output_loading_info=True,
             )  # fmt: skip
-        except (OSError, ValueError, RuntimeError, LookupError, TypeError, AttributeError) as error:
+        except Exception as error:  # whatever a library makes of a folder from elsewhere
             reason = str(error).strip().splitlines() or [type(error).__name__]
             raise ModelError(f"{folder.path}: not a {kind} that opens: {reason[0]}") from error
     missing = sorted(map(str, told["missing_keys"]))
@@ -169,7 +169,7 @@ def load_image_processor(folder: CheckedFolder) -> Any:
             return import_transformers().AutoImageProcessor.from_pretrained(
                 folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
             )
-        except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+        except Exception as error:  # as above
             raise ModelError(f"{where}: cannot be used: {error}") from error
 
 

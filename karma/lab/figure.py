@@ -92,7 +92,7 @@ def is_figure(path: Path) -> bool:
     Raises:
         FileError: it cannot be read as TOML.
     """
-    fix = None if path.is_file() else "karma eval eval/demo.toml; experiments lie in eval/"
+    fix = None if path.is_file() else "karma eval demo"
     return read_toml(path, _Kind, fix=fix).kind == KIND
 
 
@@ -188,9 +188,9 @@ def _with_bounds(policies: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _pool(figure: TraceFigure, path: Path) -> Pool:
-    from karma.bench.experiment_tasks import beside
+    from karma.bench.experiment_file import beside
 
-    files = [beside(name) for name in figure.tasks]
+    files = [beside(path.parent, name) for name in figure.tasks]
     missing = [file for file in files if not file.exists()]
     if files and not missing:
         return alfred_pool(files)

@@ -10,13 +10,14 @@ from karma.seeds import stream
 
 RESAMPLES = 2000
 LEVEL = 0.95
+FEWEST = 6  # sequences, or blocks, that an interval takes; of fewer resamples pretend
 
 Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bootstrapped:
-    """A figure and its 95 % percentile interval; `low` and `high` are None for a lone sequence."""
+    """A figure and its 95 % percentile interval; `low` and `high` are None for a few sequences."""
 
     value: float
     low: float | None = None
@@ -71,7 +72,7 @@ class Resampler:
         return self._interval(value, drawn[np.isfinite(drawn)])
 
     def _interval(self, value: float, drawn: Vector) -> Bootstrapped:
-        if self.count < 2 or not len(drawn):
+        if self.count < FEWEST or not len(drawn):
             return Bootstrapped(value=_short(value))
         low, high = np.quantile(drawn, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
         return Bootstrapped(value=_short(value), low=_short(float(low)), high=_short(float(high)))

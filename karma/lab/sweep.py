@@ -7,7 +7,7 @@ import msgspec
 
 from karma import registry
 from karma.errors import KarmaError
-from karma.lab.intervals import Bootstrapped, Resampler, block_interval
+from karma.lab.intervals import FEWEST, Bootstrapped, Resampler, block_interval
 from karma.lab.simulate import BELADY, FIRST_TASKS, TraceReplay, simulator
 from karma.lab.trace import Trace
 from karma.memory.policies import make_policy
@@ -163,14 +163,22 @@ def run_rows(
 def sweep_of(traces: Sequence[Trace], rows: Iterable[PolicyRow]) -> Sweep:
     """Return rows together with the sequences that they are of."""
     halves = [trace.starts[len(trace.tasks) // 2] for trace in traces]
-    blocks = "bootstrap over blocks of tasks"
     return Sweep(
         requests=[trace.requests for trace in traces],
         steady_requests=[t.requests - half for t, half in zip(traces, halves, strict=True)],
         units=round(sum(len(trace.keys) for trace in traces) / len(traces), 3),
-        interval="bootstrap over sequences" if len(traces) > 1 else blocks,
+        interval=_over(traces),
         rows=list(rows),
     )
+
+
+def _over(traces: Sequence[Trace]) -> str:
+    """Return what the intervals are over, or why there are none."""
+    if len(traces) == 1:
+        return "bootstrap over blocks of tasks; they speak of this sequence only"
+    if len(traces) < FEWEST:
+        return f"none: {len(traces)} sequences say little of others, it takes {FEWEST}"
+    return "bootstrap over sequences"
 
 
 class _Rates:

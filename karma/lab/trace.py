@@ -11,8 +11,6 @@ Four kinds of file, told apart by their names:
 - anything else: one key a line, as text; `*.gz` is unpacked.
 """
 
-import gzip
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +20,7 @@ import msgspec
 
 from karma.contracts import Task
 from karma.errors import FileError
-from karma.files import decode_json, read_bytes, to_json
+from karma.files import decode_json, read_bytes, to_json, unpack
 from karma.tasks.files import load_tasks, required_types
 
 Key = int | str
@@ -111,10 +109,7 @@ def traces_json(traces: Iterable[Trace]) -> bytes:
 
 
 def _unpacked(path: Path) -> bytes:
-    try:
-        return gzip.decompress(read_bytes(path))
-    except (OSError, EOFError, zlib.error) as error:
-        raise FileError(path, f"torn, or not packed by gzip: {error}") from error
+    return unpack(read_bytes(path), path=path)
 
 
 def _from_json(data: bytes, path: Path) -> tuple[Trace, ...]:

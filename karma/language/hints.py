@@ -66,28 +66,6 @@ class WordFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return False
 
 
-def types_named(phrase: str) -> frozenset[str]:
-    """Return the object types that a phrase names, by its last words; none where it is not known.
-
-    >>> sorted(types_named("black coffee mugs")), sorted(types_named("walrus"))
-    (['Mug'], [])
-    """
-    words = phrase.lower().split()
-    rests = (" ".join(words[first:]) for first in range(len(words)))
-    names = _types_by_name()
-    found = (names.get(rest) or names.get(singular(rest)) for rest in rests)
-    return next(filter(None, found), frozenset())
-
-
-@cache
-def _types_by_name() -> Mapping[str, frozenset[str]]:
-    found: dict[str, set[str]] = {}
-    for name, texts in read_json(TYPE_WORDS, WordFile).types.items():
-        for text in texts:
-            found.setdefault(text.lower(), set()).add(name)
-    return {text: frozenset(names) for text, names in found.items()}
-
-
 def is_content(word: str) -> bool:
     """Return whether a word is in no list of function words."""
     return word not in _function_words()

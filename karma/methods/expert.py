@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from karma.agent.perceive import truth_of
 from karma.agent.reach import SkillLimits
@@ -49,6 +49,7 @@ class ExpertMethod:
     """Writes programs from the goals and the true state, and acts by the same skills as others."""
 
     name = "expert"
+    settings_kind: ClassVar[type] = _NoOptions
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from karma.contracts import Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, World
 from karma.methods.options import settings_of
@@ -18,6 +18,7 @@ class IdleMethod:
     """Ends each instruction at once: the floor that other rows stand on."""
 
     name = "idle"
+    settings_kind: ClassVar[type] = _IdleOptions
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:

@@ -1,11 +1,15 @@
 """KARMA: both memories in the prompt; without one of them it is the paper's ablation (Table 2)."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from karma.agent.planner import Planner
+from msgspec import Meta
+
+from karma.agent.afterwards import checked
+from karma.agent.planner import Planner, grounded
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
@@ -20,6 +24,7 @@ from karma.contracts import (
     Recalled,
     Resources,
     SceneRef,
+    SkillCall,
     SkillResult,
     SubTask,
     VisionModel,
@@ -45,17 +50,21 @@ class KarmaSettings:
     long_term: bool = True
     short_term: bool = True
     policy: str = "wtinylfu-karma[9,1]"  # of short-term memory (§4.4: the best at 10 units)
-    recall_k: int = 3  # units in the prompt, 1 to the whole memory
+    recall_k: Annotated[int, Meta(ge=1)] = 3  # units in the prompt, to the whole memory
     whole_memory: bool | None = None  # the other units too; None: in the full profile only
     map_form: Literal["named", "paper"] = "named"  # of the map in the full profile, §3.3's or ours
     seen_listed: bool = True  # what is in sight and not remembered, in the full profile
     by_name: bool = True  # names are looked up in all of memory, else in what is recalled
     query: Literal["instruction", "subtask"] = "subtask"  # the paper's is the user's whole text
-    attempts: int = 3  # programs per instruction; later ones quote what failed
-    seen_kept: int = 2  # things only seen that are remembered per instruction
+    attempts: Annotated[int, Meta(ge=1)] = 3  # programs per instruction, which quote failures
+    seen_kept: Annotated[int, Meta(ge=0)] = 2  # things only seen, remembered per instruction
     perception: Kind = "metadata"  # how the agent sees
     boxes: BoxSource = "given"  # what finds things in pictures
     means: Literal["used", "recalled"] = "used"  # of several `Plate`s: used last, recalled best
+
+    def __post_init__(self) -> None:
+        """Refuse a policy that is none before a model loads."""
+        make_policy(self.policy)
 
 
 class KarmaMethod:
@@ -71,6 +80,8 @@ class KarmaMethod:
         learn: write what an episode learnt about a scene back to `maps`.
         detector: finds things in pictures; None: the simulator's boxes are given.
     """
+
+    settings_kind: ClassVar[type] = KarmaSettings
 
     def __init__(
         self,
@@ -88,7 +99,6 @@ class KarmaMethod:
         self.name = _name(self.settings)
         self.planner, self.recall, self.vision = planner, recall, vision
         self.maps, self.learn = maps, learn
-        make_policy(self.settings.policy)  # a wrong one is refused before the first episode
 
     @classmethod
     def build(cls, resources: Resources, options: Mapping[str, Any]) -> Self:
@@ -170,6 +180,7 @@ class KarmaEpisode:
         eyes = self._perception.eyes(self._scene, subtask.instruction)
         skills = Skills(self._world, beliefs, eyes=eyes)
         results: list[SkillResult] = []
+        calls: tuple[SkillCall, ...] = ()
         finished = False
         for _ in range(self.settings.attempts):
             plan = None
@@ -178,6 +189,7 @@ class KarmaEpisode:
                 request = after_answer(request, plan)
             if plan is None or not plan.calls:
                 break
+            calls = grounded(plan.calls, plan.names)
             results = yield from carried_out(plan, skills)
             finished = all(result.ok for result in results)
             if finished:
@@ -191,7 +203,24 @@ class KarmaEpisode:
             handled_ids=experience.handled_ids,
             kept=self.short_term.units(),
             tour=self.graph.tour if self.graph else None,
+            checks=checked(calls, results, experience),
         )
+
+    def where(self, name: str) -> Known | None:
+        """Return where the agent believes a thing to be, by its type or id; None if unknown."""
+        beliefs = _Beliefs(self._world, self.graph, self._found_by_name(()))
+        return beliefs.where(name)
+
+    def remembered(self) -> "Remembered":
+        """Return all that is remembered now, apart from what comes later."""
+        return Remembered(self._scene, *deepcopy((self.short_term, self._graphs, self._seen_types)))
+
+    def go_back(self, before: "Remembered") -> None:
+        """Remember what was remembered then, and nothing since."""
+        self._scene = before.scene
+        kept = deepcopy((before.short_term, before.graphs, before.seen_types))
+        self.short_term, self._graphs, self._seen_types = kept
+        self._keep_map()
 
     # ------------------------------------------------------------- memory into the prompt
 
@@ -225,7 +254,7 @@ class KarmaEpisode:
     def _tells_all(self) -> bool:
         """Whether all of short-term memory stands in the prompt."""
         told = self.settings.whole_memory
-        return self._planner.profile == "full" if told is None else told
+        return self._planner.profile != "compact" if told is None else told
 
     def _found_by_name(self, recalled: Sequence[MemoryUnit]) -> tuple[MemoryUnit, ...]:
         """Return the units that a name may mean: the recalled ones first, the last used first."""
@@ -278,8 +307,12 @@ class KarmaEpisode:
                 self.short_term.remember(unit)
         if self.graph is not None:
             self.graph.observe(experience.seen.values())
-            if self._learn and (path := self._map_path()) is not None:
-                self.graph.save(path)
+            self._keep_map()
+
+    def _keep_map(self) -> None:
+        """Write what was learnt of this room, where that is wanted."""
+        if self.graph is not None and self._learn and (path := self._map_path()) is not None:
+            self.graph.save(path)
 
     def _units(
         self,
@@ -299,6 +332,16 @@ class KarmaEpisode:
             seen_kept=seen_kept,
             folder=folder,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """Both memories of an episode at one moment."""
+
+    scene: str
+    short_term: ShortTermMemory
+    graphs: dict[str, SceneGraph]
+    seen_types: dict[str, dict[str, None]]
 
 
 class _Beliefs:

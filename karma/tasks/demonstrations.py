@@ -10,9 +10,11 @@ from typing import TypeVar
 import msgspec
 
 from karma.errors import FileError
+from karma.files import open_regular
 from karma.world.alfred.trial import Annotation
 
 T = TypeVar("T")
+_LONGEST_LINE = 1 << 24  # bytes of a record
 
 
 class _Described(msgspec.Struct, frozen=True, kw_only=True):
@@ -50,12 +52,13 @@ def read_demonstrations(path: Path, kind: type[T]) -> Iterator[T]:
     """
     decoder, number = msgspec.json.Decoder(kind), 0
     try:
-        with gzip.open(path, "rb") as lines:
-            for line in lines:
+        with (
+            open_regular(path, fix="give ALFRED's *.jsonl.gz") as packed,
+            gzip.GzipFile(fileobj=packed) as lines,
+        ):
+            while line := lines.readline(_LONGEST_LINE):
                 number += 1
                 yield decoder.decode(line)
-    except FileNotFoundError as error:
-        raise FileError(path, "no such file", fix="give ALFRED's *.jsonl.gz") from error
-    except (OSError, EOFError, zlib.error, msgspec.DecodeError) as error:
+    except (OSError, EOFError, zlib.error, msgspec.DecodeError, RecursionError) as error:
         text = f"not ALFRED demonstrations, near line {number}: {error}"
         raise FileError(path, text, fix="give ALFRED's records as *.jsonl.gz") from error

@@ -51,12 +51,20 @@ def load_tasks(path: str | Path) -> tuple[Task, ...]:
             continue
         try:
             task = _task(msgspec.json.decode(line, type=_Task))
-        except (KarmaError, msgspec.DecodeError, UnicodeDecodeError) as error:
+        except (KarmaError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise FileError(path, f"line {number}: {error}") from error
         if task.id in tasks:
             raise FileError(path, f"line {number}: id: {task.id!r} stands twice")
         tasks[task.id] = task
+    if not tasks:
+        raise FileError(path, "there is no task in it")
     return tuple(tasks.values())
+
+
+def task_lines(path: str | Path) -> dict[str, int]:
+    """Return on which line of a file that `load_tasks` has read each task stands."""
+    lines = enumerate(read_bytes(path).splitlines(), start=1)
+    return {msgspec.json.decode(line, type=_Task).id: at for at, line in lines if line.strip()}
 
 
 def required_types(subtask: SubTask) -> tuple[str, ...]:

@@ -339,5 +339,5 @@ def _ids(things: Sequence[TrueObject]) -> tuple[str, ...]:
 
 
 def _near(thing: TrueObject, place: Sequence[float]) -> bool:
-    squares = ((a - b) ** 2 for a, b in zip(thing.position_m, place, strict=True))
-    return sum(squares) <= NEAR_M**2
+    gaps = [a - b for a, b in zip(thing.position_m, place, strict=True)]
+    return max(map(abs, gaps)) <= NEAR_M and sum(gap**2 for gap in gaps) <= NEAR_M**2

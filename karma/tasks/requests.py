@@ -115,7 +115,7 @@ def _load(path: str | Path, row: type[_Row]) -> tuple[_Row, ...]:
     for number, line in enumerate(read_bytes(path).splitlines(), start=1):
         try:
             one = msgspec.json.decode(line, type=row)
-        except (KarmaError, msgspec.DecodeError, UnicodeDecodeError) as error:
+        except (KarmaError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise FileError(path, f"line {number}: {error}") from error
         if one.id in found:
             raise FileError(path, f"line {number}: id: {one.id!r} stands twice")

@@ -1,9 +1,12 @@
-"""Make tiny models of random weights in the architectures and formats of real ones.
+"""For tests of what is built on this package, without weights: models that cost nothing.
 
-They load, chat, plan and look as the real ones do, and know nothing: for tests without a download.
+Tiny models of random weights, in the architectures and formats of real ones, load, chat, plan and
+look as those do; stand-ins answer what they were told to. Fixtures: `karma.testing.plugin`.
 """
 
+from karma.infer.scripted import ScriptedModel
 from karma.testing.architectures import Size
+from karma.testing.doubles import StubEmbedder, StubVision
 from karma.testing.families import FAMILIES, PICTURE_FAMILIES
 from karma.testing.pictures import MadePair, make_picture_model
 from karma.testing.planners import make_llama, make_planner
@@ -12,7 +15,10 @@ __all__ = [
     "FAMILIES",
     "PICTURE_FAMILIES",
     "MadePair",
+    "ScriptedModel",
     "Size",
+    "StubEmbedder",
+    "StubVision",
     "make_llama",
     "make_picture_model",
     "make_planner",

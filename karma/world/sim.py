@@ -135,7 +135,11 @@ class EmbeddedWorld:
             ValueError: the action is unknown, or its arguments do not fit; nothing changes.
         """
         if not isinstance(action, str):
-            arguments = {**action, **arguments}
+            given: object = action
+            if not isinstance(given, Mapping):
+                kind = type(given).__name__
+                raise ValueError(f"an action is a name, or a mapping with one, not {kind}")
+            arguments = {**given, **arguments}
             action = str(arguments.pop("action", None))
         loud = bool(arguments.pop("raise_for_failure", False))
         event = _act(self.last_event, action, arguments)

@@ -10,7 +10,7 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.bench.alfred_tasks import AlfredTasks, alfred_tasks
-from karma.bench.experiment import read_experiment
+from karma.bench.experiment_file import read_experiment
 from karma.bench.experiment_tasks import load
 from karma.bench.figures import figures
 from karma.bench.run import Run

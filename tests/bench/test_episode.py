@@ -6,6 +6,7 @@ from karma import registry
 from karma.agent.planner import Planner
 from karma.bench.episode import run_episode
 from karma.contracts import MemoryUnit, Outcome, SceneRef, SubTask, Task
+from karma.errors import FileError
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
@@ -142,10 +143,9 @@ def test_error_ends_the_episode_and_is_recorded_with_what_was_done(run):
     assert not record.success
 
 
-def test_scene_that_is_not_there_is_a_recorded_error(run):
-    record = run([AWAY], task(("Go.", "OPEN(Fridge)"), scene="attic"))
-    assert "no scene named 'attic'" in record.error
-    assert (record.subtasks, record.success) == ((), False)
+def test_scene_that_is_not_there_is_no_agent_s_fault_and_ends_the_run(run):
+    with pytest.raises(FileError, match="no scene named 'attic'"):
+        run([AWAY], task(("Go.", "OPEN(Fridge)"), scene="attic"))
 
 
 def test_task_without_goals_cannot_succeed(run):

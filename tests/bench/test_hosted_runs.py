@@ -90,7 +90,8 @@ def test_recorded_run_replays_the_same_bytes_with_the_server_stopped(tmp_path, m
     recorded, replayed, cassette = (tmp_path / name for name in ("recorded", "replayed", "tape"))
     with llama_server(tmp_path / "server", key=KEY) as url:
         demo = tmp_path / "hosted_demo.toml"
-        demo.write_text(DEMO.read_text().replace('model = "karma-nano"', 'model = "nano"'))
+        text = DEMO.read_text().replace('model = "karma-nano"', 'model = "nano"')
+        demo.write_text(text.replace('tasks = "', f'tasks = "{DEMO.parent}/'))
         karma("eval", demo, "--out", recorded, "--cassette", cassette,
               "--cassette-mode", "record", "--base-url", url)  # fmt: skip
     place = urllib.parse.urlsplit(url)
@@ -170,14 +171,14 @@ def test_replay_of_another_experiment_ends_the_run_and_shows_the_difference(expe
 def test_failing_server_is_recorded_as_the_episode_s_error_and_replayed(experiment, tmp_path):
     tape = tmp_path / "tape"
     shutil.rmtree(tape, ignore_errors=True)
-    with wire_server(echo(401, b'{"error": {"message": "Incorrect API key provided: KEY."}}')) as (
+    with wire_server(echo(400, b'{"error": {"message": "no model for KEY."}}')) as (
         url,
         _,
     ):
         run = Run(experiment(only=["simple-12"], url=url), tmp_path / "run",
                   cassette=Cassette(tape, "record"))  # fmt: skip
         (record,) = run.episodes()
-    assert "HTTP 401" in record.error
+    assert "HTTP 400" in record.error
     assert KEY not in to_json(record).decode()
     assert [one.failures for one in record.hosted] == [1]
     replayed = Run(experiment(only=["simple-12"], url=url), tmp_path / "again",

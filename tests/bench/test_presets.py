@@ -10,11 +10,12 @@ from support.paths import ROOT
 from typer.testing import CliRunner
 
 from karma import registry
-from karma.bench.experiment import Models, Row, for_row, read_experiment
+from karma.bench.experiment import Models, Row, for_row
+from karma.bench.experiment_file import read_experiment
 from karma.bench.presets import PRESETS
 from karma.benchmarks.run import is_benchmark
 from karma.cli import app
-from karma.cli.agents import run_command
+from karma.cli.talking import run_command
 from karma.contracts import Resources
 from karma.errors import FileError
 from karma.infer.scripted import ScriptedModel
@@ -85,7 +86,7 @@ def row_of(tmp_path, text):
         ('preset = "papers"', "preset = 'papers'; there is 'paper'"),
         ('preset = "paper"\nmethod = "helper"', "is for rows of method 'karma'"),
         ('vision = "openai"', "it stands in"),
-        ('vision = "eyes"', "row 'one': no vision_models named 'eyes'"),
+        ('vision = "eyes"', "row 'one': vision: no vision_models named 'eyes'"),
     ],
 )
 def test_row_that_names_what_there_is_not_is_refused(tmp_path, text, words):

@@ -17,6 +17,7 @@ from support.run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started,
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.bench.configuration import CONFIG
 from karma.bench.folder import locked
 from karma.bench.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
 from karma.bench.run import Run
@@ -37,6 +38,7 @@ from karma.bench.steps import Action, Ended, Instruction, Start, read_steps, slu
 from karma.cli import app
 from karma.contracts import SubTask
 from karma.errors import FileError, KarmaError
+from karma.files import TEMPORARY
 from karma.seeds import stream
 from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.world.sim import EmbeddedWorld
@@ -175,7 +177,7 @@ def test_damaged_step_log_is_named(tmp_path):
     with pytest.raises(FileError, match="No such file"):
         read_steps(path)
     path.write_bytes(b"no gzip")
-    with pytest.raises(FileError, match=r"x\.jsonl\.gz: no gzip file"):
+    with pytest.raises(FileError, match=r"x\.jsonl\.gz: torn gzip"):
         read_steps(path)
     path.write_bytes(gzip.compress(b'{"kind":"start","scene":"a","seed":0}\n{"kind":"jump"}\n'))
     with pytest.raises(FileError, match=r"line 2: .*jump"):
@@ -194,7 +196,7 @@ def test_run_goes_on_to_the_same_bytes_wherever_it_was_cut(whole, tmp_path, kept
     timings = (cut / TIMINGS).read_bytes().splitlines(keepends=True)
     (cut / EPISODES).write_bytes(b"".join(records[:kept]) + records[kept][:99])
     (cut / TIMINGS).write_bytes(b"".join(timings[: kept + 1]))
-    (cut / ".episodes.jsonl.a1b2c3d4").write_bytes(b"torn")
+    (cut / f".episodes.jsonl.a1b2c3d4{TEMPORARY}").write_bytes(b"torn")
     run = Run(path, cut)
     assert len(run.records) == kept
     assert len(list(run.episodes())) == 12 - kept
@@ -261,8 +263,8 @@ def changed(text, path):
     [
         ("task file", r"tasks: [0-9a-f]{12} became [0-9a-f]{12}"),
         ("weights", r"models: planner: tiny [0-9a-f]{12} became tiny [0-9a-f]{12}"),
-        ("row", "experiment file: .* became "),
-        ("seeds", "experiment file: .* became "),
+        ("row", r"row babble \(K = 3\): options\.recall_k: 3 became 4"),
+        ("seeds", r"seeds: \[0,1\] became \[0,1,2\]"),
     ],
 )
 def test_changed_input_is_refused_by_name_and_with_the_fix(whole, tmp_path, what, named):
@@ -341,7 +343,7 @@ def test_fresh_run_forgets_what_the_earlier_one_left_and_nothing_else(whole, tmp
     (run / "notes.txt").write_text("mine")
     (run / HEADER).write_text('{"torn')
     assert Run(path, run, fresh=True).records == []
-    assert sorted(p.name for p in run.iterdir()) == [HEADER, "notes.txt"]
+    assert sorted(p.name for p in run.iterdir()) == [CONFIG, HEADER, "notes.txt"]
 
 
 # ----------------------------------------------------------------- killed at any byte
@@ -399,7 +401,7 @@ def test_run_killed_at_any_byte_ends_in_the_same_bytes(
             path.write_bytes(old)
     if stage == "steps":
         log = steps_path(folder, *ORDER[order[whole_episodes]])
-        log.rename(log.with_name(f".{log.name}.0a1b2c3d"))
+        log.rename(log.with_name(f".{log.name}.0a1b2c3d{TEMPORARY}"))
     complete(folder, order)
     assert files(folder) == files(base / "whole")
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from karma.bench.statistics import (
     POWER,
@@ -45,6 +46,15 @@ AMOUNTS = st.lists(
 def test_wilson_equals_published_intervals(successes, number, low, high):
     found = wilson(successes, number)
     assert (round(found.low, 4), round(found.high, 4)) == (low, high)
+
+
+@given(number=st.integers(1, 400), share=st.floats(0, 1))
+def test_wilson_and_mcnemar_agree_with_scipy(number, share):
+    successes = round(number * share)
+    tested = stats.binomtest(successes, number)
+    theirs, found = tested.proportion_ci(method="wilson"), wilson(successes, number)
+    assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+    assert mcnemar(successes, number - successes) == pytest.approx(tested.pvalue, abs=1e-9)
 
 
 @given(number=st.integers(1, 400), share=st.floats(0, 1))
@@ -191,12 +201,29 @@ def test_bootstrap_equals_all_resamples_of_a_small_table():
     """Three tasks have 27 resamples; quantiles of their means are what 10,000 draws come to."""
     values = [1.0, 2.0, 6.0]
     exact = sorted(sum(drawn) / 3 for drawn in itertools.product(values, repeat=3))
-    found = mean([[v] for v in values])
-    assert found.interval.low == exact[0]
-    assert found.interval.high == exact[-1]
     sums = np.array([[v, 1.0] for v in values])
-    deviation = bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=3).deviation
+    found = bootstrap(sums, lambda s: s[:, 0] / s[:, 1], number=3, fewest=2)
+    assert found.estimate.interval.low == exact[0]
+    assert found.estimate.interval.high == exact[-1]
+    deviation = found.deviation
     assert deviation == pytest.approx(np.std(exact), rel=0.03)
+
+
+@pytest.mark.parametrize("tasks", [1, 2, 5, 6])
+def test_mean_of_fewer_than_six_tasks_has_no_interval(tasks):
+    found = mean([[float(number)] for number in range(tasks)])
+    assert found.value == (tasks - 1) / 2
+    assert (found.interval is None) == (tasks < 6)
+
+
+def test_bootstrap_agrees_with_scipy_where_every_task_is_seen_once():
+    random = np.random.default_rng(2)
+    values = random.exponential(2.0, size=25)
+    ours = mean([[value] for value in values]).interval
+    theirs = stats.bootstrap(
+        (values,), np.mean, n_resamples=20_000, method="percentile", rng=random
+    ).confidence_interval
+    assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), rel=0.03)
 
 
 def test_bootstrap_covers_the_truth_about_as_often_as_it_says():

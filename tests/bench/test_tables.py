@@ -10,7 +10,7 @@ from support.made_records import plain, write_run
 from support.paths import ROOT
 from typer.testing import CliRunner
 
-from karma.bench.experiment import read_experiment
+from karma.bench.experiment_file import read_experiment
 from karma.bench.figures import COLUMNS
 from karma.bench.margins import margins
 from karma.bench.published import COLUMNS as PUBLISHED_COLUMNS

@@ -318,6 +318,19 @@ def test_bill_of_materials_lists_all_packages_and_what_they_need(spec, tmp_path)
     assert "timestamp" not in bill["metadata"]
 
 
+def test_what_only_extras_need_comes_along_where_it_is_asked_for(spec, tmp_path):
+    (spec.wheels / "extra-1.0-py3-none-any.whl").write_bytes(wheel_bytes("extra"))
+    (tmp_path / "extras").write_text("extra==1.0\n")
+    more = replace(spec, extras=tmp_path / "extras")
+    with_, without = (
+        {one.path for one in verify(build(tmp_path / name, one).path).members}
+        for name, one in (("with.tar", more), ("without.tar", spec))
+    )
+    assert {p for p in with_ - without if p.startswith("wheels/")} == {
+        "wheels/extra-1.0-py3-none-any.whl"
+    }
+
+
 def test_missing_wheels_are_named_with_the_way_out(spec, tmp_path):
     spec.lock.write_text("small==2.0\nabsent==1.0\n")
     with pytest.raises(BundleError, match=r"small==2\.0; absent==1\.0(.|\n)*--download"):

@@ -1,14 +1,23 @@
-"""MiniLM from the installed package: unit rows, no network, the same bits in any company."""
+"""MiniLM from the installed package: unit rows, no network, the same bits in any company.
 
+It is computed without sentence-transformers and must give what that gives.
+"""
+
+import json
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+import threadpoolctl
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from karma.errors import ModelError
-from karma.infer.embed.sentence import FILES, MiniLm, SentenceEmbedder
+from karma.infer.embed.minilm import FILES, MiniLm
+from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.manifest.manifest import file_paths, find_model
+from karma.language.hints import TYPE_WORDS
 
 TEXTS = ["apple", "red fruit", "a sofa in the living room", "", "apple", "ünïcödé 苹果", "x " * 600]
 
@@ -37,11 +46,42 @@ def test_embed_row_does_not_depend_on_its_company(minilm):
         assert np.array_equal(minilm.embed([text])[0], row)
 
 
-def test_embed_agrees_with_the_batched_reference(minilm):
-    expected = minilm._model.encode(
-        TEXTS, batch_size=8, normalize_embeddings=True, show_progress_bar=False
-    )
-    assert np.abs(minilm.embed(TEXTS) - expected).max() < 1e-5
+ODD = [
+    "", " ", "\n\t", "x", "[CLS] [MASK] [PAD]", "a\x00b\u200bc", "e\u0301 é", "👩‍🚀🪣", "İ ß",
+    "苹果在冰箱里", "מקרר ثلاجة", "a" * 101, "." * 700, "the quick fox " * 70, "-1 +3e8", "\ufffe",
+]  # fmt: skip
+
+
+def said_of_types():
+    """What the words file says of object types: short phrases as people say them."""
+    texts = [
+        text for texts in json.loads(TYPE_WORDS.read_bytes())["types"].values() for text in texts
+    ]
+    return texts[::25]
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return SentenceEmbedder("minilm")
+
+
+def test_embed_gives_the_vectors_of_sentence_transformers(minilm, reference):
+    texts = [*TEXTS, *ODD, *said_of_types()]
+    assert len(texts) > 200
+    assert np.abs(minilm.embed(texts) - reference.embed(texts)).max() < 1e-6
+
+
+@given(st.text(max_size=400))
+@settings(max_examples=60, deadline=None)
+def test_embed_gives_the_vectors_of_sentence_transformers_for_any_text(minilm, reference, text):
+    text = text.encode("utf-8", "ignore").decode("utf-8")
+    assert np.abs(minilm.embed([text]) - reference.embed([text])).max() < 1e-6
+
+
+def test_text_that_is_no_unicode_is_refused_or_embedded_as_the_reference_does(minilm, reference):
+    for embedder in (minilm, reference):
+        with pytest.raises((UnicodeEncodeError, TypeError)):
+            embedder.embed(["\ud800"])
 
 
 def test_embed_is_semantic(minilm):
@@ -49,18 +89,24 @@ def test_embed_is_semantic(minilm):
     assert apple @ fruit > apple @ sofa
 
 
-def test_any_folder_of_sentence_transformers_gives_what_minilm_gives(minilm):
+def test_a_folder_by_path_gives_what_the_name_gives(minilm, reference):
     folder = file_paths(find_model("minilm"))[0].parent
-    for model in ("minilm", folder):
-        assert np.array_equal(SentenceEmbedder(model).embed(TEXTS[:4]), minilm.embed(TEXTS[:4]))
+    assert np.array_equal(SentenceEmbedder(folder).embed(TEXTS[:4]), reference.embed(TEXTS[:4]))
 
 
-def test_embed_leaves_torch_s_threads_alone(minilm):
-    import torch
-
-    before = torch.get_num_threads()
+def test_embed_leaves_the_threads_of_numpy_as_they_were(minilm):
+    before = threadpoolctl.threadpool_info()
     minilm.embed(["one more text"])
-    assert torch.get_num_threads() == before
+    assert threadpoolctl.threadpool_info() == before
+
+
+def test_embed_row_does_not_depend_on_the_number_of_cores(minilm):
+    with threadpoolctl.threadpool_limits(2):
+        minilm._row.cache_clear()
+        two = minilm.embed(TEXTS)
+    minilm._row.cache_clear()
+    with threadpoolctl.threadpool_limits(1):
+        assert np.array_equal(minilm.embed(TEXTS), two)
 
 
 @pytest.mark.parametrize("content", [None, b"other weights"])
@@ -81,6 +127,18 @@ def test_importing_loads_nothing_heavy():
         "import karma.infer.vision.transformers, karma.infer.hosted.vision\n"
         "heavy = {'torch', 'transformers', 'llama_cpp', 'sentence_transformers', 'gguf', 'openai',"
         " 'PIL', 'safetensors'}\n"
+        "sys.exit(' '.join(heavy & set(sys.modules)) or 0)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_minilm_is_computed_without_the_libraries_that_take_seconds_to_import():
+    program = (
+        "import sys; from karma.infer.embed.minilm import MiniLm; MiniLm().embed(['mug'])\n"
+        "heavy = {'torch', 'transformers', 'sentence_transformers', 'sklearn'}\n"
         "sys.exit(' '.join(heavy & set(sys.modules)) or 0)\n"
     )
     done = subprocess.run(

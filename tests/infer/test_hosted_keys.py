@@ -17,8 +17,9 @@ from support.hosted_server import (
 from karma.contracts import Prompt
 from karma.errors import ModelError
 from karma.infer.hosted.cassette import Cassette
+from karma.infer.hosted.key import Key
 from karma.infer.hosted.model import HostedLanguageModel
-from karma.infer.hosted.session import Endpoint, Key, Session
+from karma.infer.hosted.session import Endpoint, Session
 
 
 @pytest.fixture(autouse=True)
@@ -32,7 +33,6 @@ def planted_key(monkeypatch):
 LEAKS = {
     "in the text": (200, chat("your key is KEY")[2]),
     "as a name": (200, chat("x", KEY={"KEY": ["KEY"]})[2]),
-    "unauthorized": (401, b'{"error": {"message": "Incorrect API key provided: KEY."}}'),
     "bad request": (400, b'{"error": "KEY"}'),
     "server error as text": (500, b"<html>KEY</html>"),
     "not JSON": (200, b'{"KEY": '),
@@ -40,7 +40,11 @@ LEAKS = {
     "another form": (200, b'{"choices": [{"message": {"content": ["KEY"]}}]}'),
     "elsewhere": (302, b"KEY"),
 }
-LOST = {"too many": (429, b'{"error": "KEY"}'), "hanging up": (None, b"")}
+LOST = {
+    "too many": (429, b'{"error": "KEY"}'),
+    "hanging up": (None, b""),
+    "unauthorized": (401, b'{"error": {"message": "Incorrect API key provided: KEY."}}'),
+}
 
 
 @pytest.mark.parametrize("how", [*LEAKS, *LOST])

@@ -7,7 +7,7 @@ import pytest
 from support.paths import ROOT
 
 from karma.errors import FileError, ModelError, UnknownNameError
-from karma.infer.embed import sentence as embed
+from karma.infer.embed import minilm as embed
 from karma.infer.manifest.manifest import (
     ModelEntry,
     ModelFile,
@@ -220,5 +220,5 @@ def test_planner_unknown_name_suggests_the_nearest(manifest):
 
 
 def test_check_file_of_a_folder_is_a_model_error(tmp_path):
-    with pytest.raises(ModelError, match="directory"):
+    with pytest.raises(ModelError, match="a folder, not a file"):
         check_file(tmp_path, SHA)

@@ -10,8 +10,10 @@ from support import tiny_models
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
+from karma.bench.experiment import Models, Row
+from karma.bench.names import check_models
 from karma.cli import app
-from karma.errors import FileError, ModelError
+from karma.errors import FileError, ModelError, UnknownNameError
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.llama.model import LlamaModel
 from karma.infer.manifest import added_entry, added_models
@@ -367,3 +369,38 @@ def test_verify_goes_on_after_a_wrong_file(manifest, gguf, monkeypatch):
     said = karma("models", "verify", code=1)
     assert "✗ ours" in said
     assert "✓ tiny-Q8" in said
+
+
+# ------------------------------------------------------------------------------ tried before
+
+
+def test_add_tries_a_planner_and_says_how_fast_it_is(manifest, gguf, monkeypatch):
+    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
+    said = karma("models", "add", gguf, "--name", "mine", "--profile", "compact")
+    assert "tried as planner on " in said and "decode tokens/s" in said
+    assert said.index("tried as planner") < said.index("added mine")
+
+
+def test_what_does_not_run_in_its_role_is_not_added(manifest, clip, monkeypatch, tmp_path):
+    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
+    said = karma("models", "add", clip, "--name", "eyes", "--role", "vlm", code=1)
+    assert "not added, since it was tried" in said
+    assert "added eyes" not in said and "Traceback" not in said
+    assert not read_local(manifest).models
+    assert not (manifest.parent / "weights" / "eyes").exists()
+    said = karma("models", "add", clip, "--name", "eyes", "--role", "vlm", "--untried")
+    assert "added eyes" in said and "tried as" not in said
+
+
+def test_model_is_found_by_its_name_alone_in_the_role_that_it_has(manifest, clip, monkeypatch):
+    monkeypatch.setenv("KARMA_MODELS", str(manifest.parent))
+    karma("models", "add", clip, "--name", "mysmol", "--role", "vlm", "--untried")
+    karma("models", "add", clip, "--name", "myclip")
+    assert Models(vision="mysmol").vision == "transformers:mysmol"
+    assert Row(name="x", vision="mysmol").vision == "transformers:mysmol"
+    assert Models(embedder="myclip").embedder == "clip:myclip"
+    assert Models(embedder="clip").embedder == "clip"  # what is registered goes first
+    with pytest.raises(ModelError, match="vision: model 'myclip' is not for role vlm"):
+        check_models({"vision": Models(vision="myclip").vision})
+    with pytest.raises(UnknownNameError, match="Did you mean 'mysmol'"):
+        check_models({"vision": "mysmoll"})

@@ -15,7 +15,7 @@ from karma import registry
 from karma.bench.experiment import Models, load_resources
 from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError
-from karma.infer.embed.sentence import MiniLm
+from karma.infer.embed.sentence import SentenceEmbedder
 from karma.infer.torch_load import bytes_of, device_of
 from karma.infer.torch_options import TorchOptions
 from karma.infer.vision.transformers import TransformersVision, VisionOptions
@@ -48,7 +48,7 @@ def test_auto_is_the_cpu_where_there_is_no_card_and_float32():
 @pytest.mark.parametrize("device", ["cuda:7", "mps", "xpu"])
 @pytest.mark.parametrize("role", ["vision", "embedder"])
 def test_device_that_is_not_there_is_refused_with_the_way_out(device, role):
-    filled = {"vision": {"vision": "nano-vlm"}, "embedder": {"embedder": "minilm"}}[role]
+    filled = {"vision": {"vision": "nano-vlm"}, "embedder": {"embedder": "sentence:minilm"}}[role]
     models = Models(device=device, **filled)
     with pytest.raises(
         ModelError, match=rf"device = '{device}': torch .* finds no such .*\n.*auto"
@@ -68,7 +68,8 @@ def test_value_that_cannot_be_is_refused_by_name(options, words):
 
 
 def test_sixteen_bits_on_the_cpu_give_nearly_the_same_rows():
-    half, whole = MiniLm(torch_options=HALF), MiniLm()
+    half = SentenceEmbedder("minilm", torch_options=HALF)
+    whole = SentenceEmbedder("minilm")
     texts = ["a clean mug", "a dirty plate in the sink"]
     one, other = half.embed(texts), whole.embed(texts)
     assert one.dtype == other.dtype == np.float32

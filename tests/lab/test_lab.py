@@ -292,6 +292,14 @@ def test_one_sequence_has_blocks_and_nothing_asked_no_interval():
     assert Resampler(1, 0).mean([0.5]).low is None
 
 
+@pytest.mark.parametrize("count", [2, 5, 6])
+def test_a_few_sequences_have_no_interval_and_it_is_said(count):
+    traces = [single(zipf_keys(60, seed=seed)) for seed in range(count)]
+    found = sweep_of(traces, run_rows(traces, ["lru[5]"]))
+    assert (found.rows[0].cold.low is None) == (count < 6)
+    assert found.interval.startswith(f"none: {count} sequences" if count < 6 else "bootstrap")
+
+
 def test_rows_have_the_hits_of_each_sequence():
     traces = [single(zipf_keys(300, seed=seed)) for seed in (1, 2, 3)]
     rows = list(run_rows(traces, ["lru[5]", "belady[5]"], checkpoints=[10, 300, 900]))

@@ -118,7 +118,7 @@ def make_run(folder, keys=KEYS):
         name="small <i>run</i>", experiment="e" * 64, tasks="t" * 64, versions={"karma": "0"},
         models={"planner": "scripted"}, prompts={}, scenes={}, format=FORMAT, machine=machine,
     )  # fmt: skip
-    files.claim(header, fix="")
+    files.claim(header, {"rows": []}, fix="")
     for row, name, seed in keys:
         world = Home(EmbeddedWorld) if len(TASKS[name].scenes) > 1 else EmbeddedWorld()
         steps, times = StepLog(), TimeLog()

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.bench.experiment_tasks import beside
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.eb_alfred.experiment import EbExperiment, EbRow, remarks_on, tasks_of
 from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, lost_episode, play
@@ -55,15 +54,15 @@ class EbAlfred:
     def files(self) -> list[Path]:
         """Return the prompt's and the benchmark's files."""
         one = self._experiment
-        theirs = [beside(path) for path in (one.tasks, one.types, one.trials)]
+        theirs = [Path(path) for path in (one.tasks, one.types, one.trials)]
         return [_HERE / "prompt.toml", _HERE / "examples.toml", *theirs]
 
     def begin(self, session: Session) -> Play:
         """Load rooms, lists of types and, where a row asks it, the planner."""
         one = self._experiment
         stage = EbStage(
-            rooms=read_rooms(beside(one.trials)),
-            types=read_types(beside(one.types)),
+            rooms=read_rooms(Path(one.trials)),
+            types=read_types(Path(one.types)),
             model=planner_of(one.models, session, one.seeds[0]) if one.plans else None,
         )
         rows = {row.name: row for row in one.rows}
@@ -87,7 +86,7 @@ class EbAlfred:
         published = self._experiment.published
         return BenchmarkResults(
             figures=figures,
-            table=success_sheet(figures, beside(published) if published else None),
+            table=success_sheet(figures, Path(published) if published else None),
             behind=(detail_sheet(figures),),
             remarks=tuple(remarks_on(self._experiment)),
         )

@@ -6,7 +6,7 @@ from typing import Literal
 import msgspec
 
 from karma.bench.experiment import Models, check_listed
-from karma.bench.experiment_tasks import beside, select
+from karma.bench.experiment_tasks import select
 from karma.benchmarks.eb_alfred.prompt import PromptOptions
 from karma.benchmarks.eb_alfred.tasks import read_tasks
 from karma.tasks.alfred_lists import ListedTask
@@ -52,7 +52,7 @@ def tasks_of(experiment: EbExperiment, path: Path) -> tuple[ListedTask, ...]:
     Raises:
         FileError: the lists are damaged, or a task of `only` is not in them.
     """
-    tasks = read_tasks(beside(experiment.tasks), experiment.subsets)
+    tasks = read_tasks(Path(experiment.tasks), experiment.subsets)
     return select(tasks, experiment.only, path)
 
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.bench.experiment_tasks import beside
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.lota_alfred.experiment import LotaExperiment, tasks_of
 from karma.benchmarks.lota_alfred.play import LotaRecord, LotaStage, lost_episode, play
@@ -45,15 +44,15 @@ class LotaAlfred:
     def files(self) -> list[Path]:
         """Return the prompt's and the benchmark's files."""
         one = self._experiment
-        return [*FILES, *map(beside, (one.tasks, one.types, one.trials))]
+        return [*FILES, *map(Path, (one.tasks, one.types, one.trials))]
 
     def begin(self, session: Session) -> Play:
         """Load rooms, lists of types and, where a row asks it, the planner."""
         one = self._experiment
         model = planner_of(one.models, session, one.seeds[0]) if one.plans else None
         stage = LotaStage(
-            rooms=read_rooms(beside(one.trials)),
-            types=read_types(beside(one.types)),
+            rooms=read_rooms(Path(one.trials)),
+            types=read_types(Path(one.types)),
             model=model,
             scorer=_scorer(one, model),
         )

@@ -6,7 +6,7 @@ from typing import Literal
 import msgspec
 
 from karma.bench.experiment import Models, check_listed
-from karma.bench.experiment_tasks import beside, select
+from karma.bench.experiment_tasks import select
 from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions
 from karma.benchmarks.lota_alfred.tasks import draw_tasks
 from karma.contracts import Scoring
@@ -58,7 +58,7 @@ def tasks_of(experiment: LotaExperiment, path: Path) -> tuple[ListedTask, ...]:
     Raises:
         FileError: the lists are damaged, none is drawn, or a task of `only` is not drawn.
     """
-    lists = beside(experiment.tasks)
+    lists = Path(experiment.tasks)
     seed, percent = experiment.draw_seed, experiment.percent
     tasks = draw_tasks(lists, experiment.lists, percent=percent, seed=seed)
     if not tasks:

@@ -10,7 +10,8 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from karma.errors import ModelError
+from karma.errors import FileError, ModelError
+from karma.files import open_regular, read_bytes
 
 PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt", ".npy", ".msgpack", ".h5")
 _MOST_CONFIG = 50_000_000  # bytes
@@ -93,13 +94,9 @@ def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
         ModelError: missing, huge, torn, or not an object.
     """
     try:
-        if path.stat().st_size > _MOST_CONFIG:
-            raise ModelError(
-                f"{path}: {path.stat().st_size} bytes are too many for a configuration"
-            )
-        found = json.loads(path.read_bytes())
-    except OSError as error:
-        raise ModelError(f"{path}: {error.strerror or error}\n  To fix: {fix}") from error
+        found = json.loads(read_bytes(path, most=_MOST_CONFIG))
+    except FileError as error:
+        raise ModelError(f"{path}: {error.reason}\n  To fix: {fix}") from error
     except (ValueError, RecursionError) as error:
         raise ModelError(f"{path}: not JSON: {error}\n  To fix: {fix}") from error
     if not isinstance(found, dict):
@@ -152,11 +149,12 @@ def check_safetensors(path: Path) -> Mapping[str, int]:
     from safetensors import SafetensorError, safe_open
 
     try:
+        open_regular(path).close()
         with safe_open(path, framework="numpy") as file:
             sizes = {name: prod(file.get_slice(name).get_shape()) for name in sorted(file.keys())}
-    except OSError as error:
-        raise ModelError(f"{path}: {error.strerror or error}") from error
-    except SafetensorError as error:
+    except FileError as error:
+        raise ModelError(f"{path}: {error.reason}") from error
+    except (SafetensorError, OSError, ValueError, OverflowError, TypeError) as error:
         raise ModelError(f"{path}: damaged or not safetensors (cut off?): {error}") from error
     if not sizes:
         raise ModelError(f"{path}: damaged or not safetensors: no tensors")

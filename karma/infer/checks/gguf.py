@@ -10,7 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from karma.errors import ModelError
+from karma.errors import FileError, ModelError
+from karma.files import open_regular
+from karma.infer.checks.template import check_template
 
 _SCALARS = {
     0: "<B", 1: "<b", 2: "<H", 3: "<h", 4: "<I", 5: "<i", 6: "<f", 7: "<?",
@@ -49,12 +51,16 @@ def read_header(path: Path, *, sizes: Sequence[str]) -> GgufHeader:
             several: llama.cpp would open the others too, and nobody would have looked at them.
     """
     try:
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
+        with open_regular(path) as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
             header = _HeaderReader(data, sizes).read()
     except (_TornError, struct.error, UnicodeDecodeError) as error:
         raise ModelError(f"{path}: damaged or not a GGUF model: {error}") from error
+    except FileError as error:
+        raise ModelError(f"{path}: cannot be read: {error.reason}") from error
     except (OSError, ValueError) as error:  # ValueError: an empty file cannot be mapped
         raise ModelError(f"{path}: cannot be read: {error}") from error
+    if isinstance(template := header.metadata.get("tokenizer.chat_template"), str):
+        check_template(path, template)
     parts = header.metadata.get("split.count", 0)
     if isinstance(parts, int) and parts > 1:
         raise ModelError(

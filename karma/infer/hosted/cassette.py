@@ -25,7 +25,7 @@ from typing import Any, Literal, Self
 import msgspec
 
 from karma.errors import FileError
-from karma.files import decode_json, read_bytes, to_json
+from karma.files import LARGEST_LOG, decode_json, read_bytes, to_json
 from karma.infer.hosted.nearest_request import describe_miss
 from karma.infer.hosted.recording import Recording
 
@@ -300,7 +300,7 @@ class Cassette:
         if not self.path.exists():
             fix = "record one first: --cassette-mode record"
             raise CassetteError(self.path, "there is no such cassette", fix=fix)
-        *lines, torn = read_bytes(self.path).split(b"\n")
+        *lines, torn = read_bytes(self.path, most=LARGEST_LOG).split(b"\n")
         if torn:
             reason = f"line {len(lines) + 1} is torn: the end is missing"
             raise CassetteError(self.path, reason, fix=f"{self._again()}; what is whole is kept")

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from karma.errors import FileError
-from karma.files import append_line, read_bytes
+from karma.files import LARGEST_LOG, append_line, read_bytes
 
 LOCK = "recording.lock"
 _CLAIM, _TURN = 0, 1  # bytes of the lock file
@@ -104,5 +104,5 @@ class Recording:
             size = file.seek(0, os.SEEK_END)
             if not size or os.pread(file.fileno(), 1, size - 1) == b"\n":
                 return
-        whole = read_bytes(self._path).rfind(b"\n") + 1
+        whole = read_bytes(self._path, most=LARGEST_LOG).rfind(b"\n") + 1
         os.truncate(self._path, whole)

@@ -14,56 +14,19 @@ from urllib.parse import urlsplit
 import msgspec
 
 from karma.errors import KarmaError, ModelError, ServerLost
+from karma.infer.hosted.bounded import bounded_transport
 from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
+from karma.infer.hosted.key import SHORTEST_KEY, Key
 from karma.offline import allow_host, is_local
 
-HIDDEN = "[key]"  # what stands where a key was
-SHORTEST_KEY = 8  # characters; anything shorter would be found in innocent text
 DialectName = Literal["auto", "llama-server", "vllm", "sglang", "ollama", "transformers", "plain"]
 Constraint = Literal["grammar", "regex", "schema"]
 _KEY = re.compile(r"[!-~]+")
 _NOTHING = Usage(prompt_tokens=0, completion_tokens=0)  # what a failure takes
 _LONGEST_MESSAGE = 500
-_BUSY = frozenset({429, 502, 503, 504})  # HTTP: not now; another time the same may be answered
+_BUSY = frozenset({401, 403, 429, 502, 503, 504})  # HTTP: not now, or not with this key
 _OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
-
-
-class Key:
-    """A key that shows itself to nobody who prints it, not even as a local variable.
-
-    Args:
-        text: the key; "" for none, as servers on this machine mostly want.
-    """
-
-    __slots__ = ("_text",)
-
-    def __init__(self, text: str = "") -> None:
-        self._text = text
-
-    def __bool__(self) -> bool:
-        return bool(self._text)
-
-    def __repr__(self) -> str:
-        return f"Key({HIDDEN!r})" if self._text else "Key()"
-
-    def for_header(self) -> str:
-        """Return the key itself."""
-        return self._text or "none"
-
-    def out_of(self, value: Any) -> Any:
-        """Return a JSON value without the key, wherever in it that stood."""
-        if not self._text:
-            return value
-        match value:
-            case str():
-                return value.replace(self._text, HIDDEN)
-            case dict():
-                return {self.out_of(name): self.out_of(one) for name, one in value.items()}
-            case list() | tuple():
-                return [self.out_of(one) for one in value]
-            case _:
-                return value
 
 
 class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -283,24 +246,27 @@ class Session:
             url = f"{endpoint.root}{path[2:]}"
         try:
             if body is None:
-                answer = client.get(url, cast_to=object, options={"max_retries": 1})
+                said = client.get(url, cast_to=_response(), options={"max_retries": 1})
             else:
-                answer = client.post(url, cast_to=object, body=dict(body))
+                said = client.post(url, cast_to=_response(), body=dict(body))
+            answer = msgspec.json.decode(said.content)
         except openai.APIStatusError as error:
-            fix = f"\n  To fix: see what ${endpoint.key_variable} holds"
             reason = f"HTTP {error.status_code}: {error.message}"
             if error.status_code in _BUSY:
                 return _lost(endpoint, reason, key)
-            return _failed(f"{reason}{fix if error.status_code in (401, 403) else ''}", key)
+            return _failed(reason, key)
         except openai.APIConnectionError as error:  # timeouts too
             reason = f"{error.message} {error.__cause__ or ''}".strip()
             return _lost(endpoint, reason, key)
-        except (openai.OpenAIError, ValueError) as error:  # ValueError: not the JSON it says it is
+        except (openai.OpenAIError, ValueError, RecursionError) as error:  # no JSON
             return _failed(f"{type(error).__name__}: {error}", key)
         if not isinstance(answer, dict):
             return _failed("the answer is no JSON object; is base_url right, up to /v1?", key)
         kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
-        return Reply(answer=key.out_of(kept))
+        kept = key.out_of(kept)
+        if key.is_disguised_in(kept):
+            return _lost(endpoint, "its answer holds the key in another form; not kept", key)
+        return Reply(answer=kept)
 
     def _client(self, endpoint: Endpoint, key: Key) -> Any:
         """Return the client of an endpoint: no proxy, no redirection, no name of a customer."""
@@ -317,8 +283,9 @@ class Session:
                 http_client=openai.DefaultHttpxClient(
                     trust_env=False,
                     follow_redirects=False,
-                    verify=not plain,
+                    transport=bounded_transport(total_s=endpoint.timeout_s, verify=not plain),
                 ),
+                default_headers={"Accept-Encoding": "identity"},
             )
             client.organization = client.project = None  # it takes them from the environment
             self._clients[name] = client
@@ -333,15 +300,22 @@ def _lost(endpoint: Endpoint, reason: str, key: Key) -> ServerLost:
     """Return the error of a server that cannot answer now; the request is not recorded."""
     tried = f"asked {endpoint.retries + 1} times, {endpoint.timeout_s:g} s each at most"
     url = key.out_of(endpoint.base_url)
+    if reason.startswith(("HTTP 401", "HTTP 403")):
+        help_ = f"see what ${endpoint.key_variable} holds; then the same command goes on"
+    else:
+        help_ = (
+            f"see that a server answers at {url}, and that it can take so much at once"
+            " (--workers, timeout_s, retries); then the same command goes on"
+        )
     return ServerLost(
-        f"{endpoint.model} at {endpoint.host}: {_brief(reason, key)} ({tried})\n"
-        f"  To fix: see that a server answers at {url}, and that it can take so much at once"
-        " (--workers, timeout_s, retries); then the same command goes on"
+        f"{endpoint.model} at {endpoint.host}: {_brief(reason, key)} ({tried})\n  To fix: {help_}"
     )
 
 
 def _brief(reason: str, key: Key) -> str:
     text: str = key.out_of(reason)
+    if key.is_disguised_in(text):
+        text = "what it said holds the key in another form"
     return text if len(text) <= _LONGEST_MESSAGE else f"{text[:_LONGEST_MESSAGE]}..."
 
 
@@ -370,3 +344,10 @@ def _openai() -> Any:
             "\n  To fix: pip install 'karma-offline[hosted]'"
         ) from error
     return openai
+
+
+def _response() -> Any:
+    """Return the class of a whole response, in place of what the client would make of it."""
+    import httpx2
+
+    return httpx2.Response

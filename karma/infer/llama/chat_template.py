@@ -6,6 +6,7 @@ from typing import Any
 
 from karma.contracts import Prompt, Thinking
 from karma.errors import ModelError
+from karma.infer.checks.template import try_template
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.thinking import CLOSE, prepared
 
@@ -36,6 +37,8 @@ class ChatTemplate:
                 f"{model.name}: its chat template knows no {CLOSE}; only a model that was taught to"
                 ' think can\n  To fix: thinking = "off"'
             )
+
+        try_template(model.name, text)
 
         class Formatter(Jinja2ChatFormatter):  # type: ignore[misc]
             @staticmethod

@@ -16,13 +16,12 @@ from karma.errors import ModelError
 from karma.infer.checks.memory import Footprint
 from karma.infer.llama.options import LlamaOptions
 from karma.offline import allow_host
+from karma.places import rebuild_llama
 
 Kind = Literal["cpu", "gpu", "integrated", "accelerator"]
 _KINDS: tuple[Kind, ...] = ("cpu", "gpu", "integrated", "accelerator")  # by ggml's number
 _PATIENCE_S = 5.0  # for a remote device's server
 _SPARE_MB = 256.0  # of a GPU: what its driver takes beside what is asked for
-
-GPU_BUILD = 'make setup CMAKE_ARGS="-DGGML_CUDA=on" (or -DGGML_METAL=on, -DGGML_VULKAN=on)'
 
 _remote: dict[str, tuple[str, ...]] = {}  # names of the devices at an address, once registered
 
@@ -125,7 +124,7 @@ def add_remote(address: str) -> tuple[str, ...]:
     if not rpc:
         raise ModelError(
             f"rpc = {address!r}: llama.cpp was built without RPC\n"
-            '  To fix: make setup CMAKE_ARGS="... -DGGML_RPC=on"'
+            f"  To fix: {rebuild_llama('... -DGGML_RPC=on')}"
         )
     if not _answers(address):
         raise ModelError(
@@ -168,7 +167,8 @@ def place(name: str, size: Footprint, options: LlamaOptions, *, context: int) ->
         raise ModelError(
             f"gpu_layers = {options.gpu_layers}, but llama.cpp as it is built here knows no GPU, "
             f"only {', '.join(one.name for one in devices() if not one.address)}\n"
-            f'  To fix: {GPU_BUILD}, or gpu_layers = "auto"'
+            f"  To fix: {rebuild_llama('-DGGML_CUDA=on')} (or -DGGML_METAL=on, -DGGML_VULKAN=on), "
+            'or gpu_layers = "auto"'
         )
     alone = len(chosen) < len(gpus)
     one = gpus.index(chosen[0]) if alone else None

@@ -26,6 +26,7 @@ from karma.infer.llama.opening import open_context, open_gguf, try_in_own_proces
 from karma.infer.llama.options import KV_BYTES, LlamaOptions, check_width
 from karma.infer.llama.room_states import RoomStates, StateOptions
 from karma.infer.manifest.manifest import check_file, sha256_of
+from karma.places import repair
 
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
 _PLANNED = 8192  # tokens that layers on a GPU leave room for, where the context is not said
@@ -273,7 +274,7 @@ def _check_there(path: Path, sha256: str | None) -> None:
     if sha256 is not None:
         check_file(path, sha256)
     elif not path.is_file():
-        fix = "`karma models verify` tells which models are there, `make setup` restores them"
+        fix = f"`karma models verify` tells which models are there, `{repair()}` restores them"
         expected = "any (no manifest vouches for this path)"
         raise ModelError(f"{path}: no such file\n  Expected SHA-256: {expected}\n  To fix: {fix}")
 

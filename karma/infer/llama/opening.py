@@ -15,6 +15,7 @@ _TRIAL = (
     "import sys, llama_cpp\n"
     "llama_cpp.Llama(sys.argv[1], n_ctx=32, n_threads=1, verbose=False).eval([0])\n"
 )
+_TRIAL_S = 900  # the largest models, from a slow disk
 
 
 def try_in_own_process(path: Path) -> None:
@@ -25,9 +26,13 @@ def try_in_own_process(path: Path) -> None:
     Raises:
         ModelError: the trial failed.
     """
-    result = subprocess.run(
-        [sys.executable, "-c", _TRIAL, str(path)], capture_output=True, check=False
-    )
+    try:
+        result = subprocess.run(
+            [sys.executable, "-c", _TRIAL, str(path)],
+            capture_output=True, check=False, timeout=_TRIAL_S,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as error:
+        raise ModelError(f"{path}: llama.cpp had not opened it after {_TRIAL_S} s") from error
     if result.returncode != 0:
         said = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
         code = result.returncode

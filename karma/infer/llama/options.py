@@ -10,6 +10,7 @@ KvType = Literal["f16", "f32", "q8_0"]
 Switch = Literal["auto", "on", "off"]
 
 KV_BYTES = {"f16": 2.0, "f32": 4.0, "q8_0": 34 / 32}  # of a number: q8_0 has a scale per 32
+_MOST = {"n_ctx": 1 << 24, "threads": 512}
 _BLOCK = 32  # numbers of q8_0 that share a scale
 
 
@@ -37,8 +38,8 @@ class LlamaOptions:
             raise ModelError(f'gpu_layers = {self.gpu_layers!r}: a number from 0 on, or "auto"')
         for name in ("n_ctx", "threads"):
             value = getattr(self, name)
-            if value is not None and value < 1:
-                raise ModelError(f"{name} = {value}: 1 or more")
+            if value is not None and not 1 <= value <= _MOST[name]:  # beyond, it ends the process
+                raise ModelError(f"{name} = {value}: 1 to {_MOST[name]}")
         for name, value, known in (
             ("flash_attention", self.flash_attention, get_args(Switch)),
             ("kv", self.kv, get_args(KvType)),

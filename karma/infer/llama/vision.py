@@ -12,6 +12,7 @@ from karma.infer.llama.picture_chat import PictureChat
 from karma.infer.manifest.picture_pair import resolve_pair
 from karma.infer.vision.pictures import picture_url
 from karma.infer.vision.text import question, some_picture, states_told
+from karma.places import rebuild_llama, repair
 
 MAX_TOKENS = 768  # of an answer with its four steps
 ATTEMPTS = 2
@@ -110,9 +111,9 @@ def require_pictures() -> None:
     if has_pictures():
         return
     if find_spec("llama_cpp") is None:
-        raise ModelError("llama-cpp-python is not installed\n  To fix: make setup")
+        raise ModelError(f"llama-cpp-python is not installed\n  To fix: {repair()}")
     raise ModelError(
         "llama-cpp-python was built without pictures (no libmtmd in its lib folder)\n"
-        "  To fix: make setup CMAKE_ARGS= (empty: our own options, which have them)\n"
+        f"  To fix: {rebuild_llama('')} (our own options, which have them)\n"
         '  Or use a folder of safetensors: vision = "transformers:NAME"'
     )

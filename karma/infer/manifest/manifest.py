@@ -9,15 +9,15 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
 import msgspec
 
-from karma.errors import FileError, ModelError, UnknownNameError
-from karma.files import read_toml
+from karma.errors import FileError, ModelError, UnknownNameError, did_you_mean
+from karma.files import open_regular, read_toml
+from karma.places import repair, shipped
 
 Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "detector"]
 State = Literal["ok", "absent", "open", "wrong"]
@@ -81,7 +81,8 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     def fix(self) -> str:
         """The step that brings the files."""
         if self.restore:
-            return self.restore
+            in_git = self.restore.startswith("git ")
+            return repair(self.restore) if in_git else self.restore
         at = f" at revision {self.revision}" if self.revision else ""
         return f"fetch {self.source}{at} where there is a network, then `karma models add FOLDER`"
 
@@ -127,9 +128,9 @@ class ModelCheck:
 
 
 def manifest_path() -> Path:
-    """Return models/manifest.toml: below $KARMA_MODELS if set, else beside the package."""
+    """Return models/manifest.toml: below $KARMA_MODELS if set, else the one that ships."""
     folder = os.environ.get("KARMA_MODELS")
-    return (Path(folder) if folder else Path(__file__).parents[3] / "models") / "manifest.toml"
+    return (Path(folder) if folder else shipped("models")) / "manifest.toml"
 
 
 def local_path(path: str | Path | None = None) -> Path:
@@ -188,8 +189,7 @@ def find_model(name: str, path: str | Path | None = None) -> ModelEntry:
     """
     found = {entry.name: entry for entry in read_manifest(path).models}
     if name not in found:
-        near = get_close_matches(name, found, n=1)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
+        hint = did_you_mean(name, found)
         raise UnknownNameError(
             f"no model named {name!r}, nor such a file.{hint} In the manifest: {sorted(found)}\n"
             "  Nothing is ever fetched. To use another: `karma models add PATH` (docs/models.md)"
@@ -274,7 +274,7 @@ def is_present(entry: ModelEntry, path: str | Path | None = None) -> bool:
 
 
 def check_file(
-    path: Path, sha256: str | None, *, size: int | None = None, restore: str = "make setup"
+    path: Path, sha256: str | None, *, size: int | None = None, restore: str = ""
 ) -> None:
     """Check one file, by size first because that costs nothing.
 
@@ -286,6 +286,8 @@ def check_file(
         if size is not None and found != size:
             raise _wrong(path, f"it has {found} bytes instead of {size}", sha256, restore)
         digest = sha256_of(path)
+    except FileError as error:
+        raise _wrong(path, error.reason, sha256, restore) from error
     except OSError as error:
         raise _wrong(path, error.strerror or str(error), sha256, restore) from error
     if digest != sha256:
@@ -296,10 +298,11 @@ def sha256_of(path: Path, *, progress: Callable[[int], None] | None = None) -> s
     """Return a file's SHA-256; `progress` is told of every piece read, in bytes.
 
     Raises:
+        FileError: it cannot be opened.
         OSError: it cannot be read.
     """
     digest = hashlib.sha256()
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         while piece := file.read(_CHUNK):
             digest.update(piece)
             if progress is not None:
@@ -384,7 +387,7 @@ def _filled(entry: ModelEntry, local: ModelEntry, where: Path) -> ModelEntry:
 
 
 def _wrong(where: str | Path, reason: str, sha256: str | None, restore: str) -> ModelError:
-    expected = sha256 or "not known"
+    expected, fix = sha256 or "not known", restore or repair()
     return ModelError(
-        f"{where}: {reason}\n  Expected SHA-256: {expected}\n  To fix: {restore}, then `{_VERIFY}`"
+        f"{where}: {reason}\n  Expected SHA-256: {expected}\n  To fix: {fix}, then `{_VERIFY}`"
     )

@@ -6,7 +6,7 @@ The source's networks are not rebuilt; what stands for them is in docs/methods-c
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from karma.agent.planner import Planner
 from karma.agent.search import cover
@@ -75,6 +75,7 @@ class CapeamMethod:
     """
 
     name = "CAPEAM-style"
+    settings_kind: ClassVar[type] = CapeamSettings
 
     def __init__(self, planner: Planner, settings: CapeamSettings | None = None) -> None:
         self.settings = settings or CapeamSettings()
@@ -88,7 +89,8 @@ class CapeamMethod:
         Raises:
             KarmaError: an option is unknown or of the wrong type.
         """
-        return cls(Planner.of(resources), settings_of(CapeamSettings, options))
+        settings = settings_of(CapeamSettings, options)
+        return cls(Planner.of(resources), settings)
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "CapeamEpisode":
         """Start an episode: an empty map."""

@@ -6,7 +6,7 @@ Where it deviates from its source is in docs/methods-helper.md.
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from karma.agent.planner import Planner
 from karma.agent.skills import Skills
@@ -79,6 +79,7 @@ class HelperMethod:
     """
 
     name = "HELPER"
+    settings_kind: ClassVar[type] = HelperSettings
 
     def __init__(
         self, planner: Planner, embedder: Embedder, settings: HelperSettings | None = None

@@ -8,7 +8,7 @@ sources is in docs/methods-lota.md.
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from karma.agent.inspector import mend
 from karma.agent.planner import Planner, grounded
@@ -82,6 +82,8 @@ class LotaScore:
         form: "words", or "compact" for a planner that was trained on it.
         settings: its numbers.
     """
+
+    settings_kind: ClassVar[type] = LotaScoreSettings
 
     def __init__(
         self, chooser: ScoringModel, form: Form, settings: LotaScoreSettings | None = None
@@ -163,6 +165,8 @@ class LotaGenerate:
         settings: see there.
     """
 
+    settings_kind: ClassVar[type] = LotaGenerateSettings
+
     def __init__(self, planner: Planner, settings: LotaGenerateSettings | None = None) -> None:
         self.settings = settings or LotaGenerateSettings()
         self.form = "compact" if planner.profile == "compact" else "code"
@@ -178,7 +182,8 @@ class LotaGenerate:
         Raises:
             KarmaError: an option is unknown or of the wrong type.
         """
-        return cls(Planner.of(resources), settings_of(LotaGenerateSettings, options))
+        settings = settings_of(LotaGenerateSettings, options)
+        return cls(Planner.of(resources), settings)
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "LotaEpisode":
         """Start an episode: no plans made; only the cells of the floor are known."""

@@ -258,7 +258,7 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
     for place, text in _documents(data):
         try:
             trial = decoder.decode(text)
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise FileError(path, f"{place}: {error}", fix=_help(error)) from error
         trial = msgspec.structs.replace(
             trial, id=trial.id or trial.task_id, scene=_as_named(trial.scene, trial.plan)
@@ -387,5 +387,5 @@ def read_ids(path: str | Path) -> tuple[str, ...]:
 def _table(path: str | Path, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(read_unzipped(path), type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise FileError(path, str(error), fix=_help(error)) from error

@@ -4,18 +4,25 @@ A scene file is one JSON object of `Scene`; the running world keeps the same rec
 them (they are frozen), so a snapshot of the world is a scene again.
 """
 
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
 from karma.contracts import Vec3
-from karma.errors import FileError
+from karma.errors import FileError, did_you_mean
 from karma.files import read_json
 from karma.household.types import Capability, RoomType, RuleSet, object_types
 
 Temperature = Literal["RoomTemp", "Hot", "Cold"]
+
+FARTHEST_M = 1000.0  # of anything, from the origin; houses are a hundredth of that
+LARGEST_M = 200.0  # a room's or a thing's side
+GRIDS_M = (0.01, 5.0)
+MOST_OBJECTS, MOST_CELLS, MOST_NESTED = 5_000, 100_000, 50  # a room of 5.0.0's has 100, 500 and 4
 
 
 class SceneObject(
@@ -90,7 +97,8 @@ def find(name: str | Path) -> Path:
         with suppress(OSError, ValueError):  # too long for a path, or no path at all
             if path.suffix == ".json" and path.exists():
                 return path
-    reason = f"no scene named {str(name)!r}, and no file *.json of a scene"
+    hint = did_you_mean(str(name), (path.stem for path in SCENES.glob("*.json")))
+    reason = f"no scene named {str(name)!r}, and no file *.json of a scene.{hint}"
     raise FileError(name, reason, fix="karma world list")
 
 
@@ -107,7 +115,9 @@ def load(name: str | Path) -> Scene:
 
 
 def check(scene: Scene, path: str | Path) -> None:
-    """Raise FileError unless types exist, ids and names are unique, and parents without loops."""
+    """Raise FileError unless sizes make sense, types exist, names are unique, parents no loops."""
+    if reason := _senseless(scene):
+        raise FileError(path, reason)
     by_id: dict[str, SceneObject] = {}
     for thing in scene.objects:
         if thing.type not in object_types():
@@ -124,22 +134,56 @@ def check(scene: Scene, path: str | Path) -> None:
     _refuse_loops(by_id, path)
 
 
+def _senseless(scene: Scene) -> str:
+    """Return which number is none that a room has, before anything is computed from it."""
+    for what, count, most in (
+        ("objects", len(scene.objects), MOST_OBJECTS),
+        ("reachable cells", len(scene.reachable), MOST_CELLS),
+    ):
+        if count > most:
+            return f"{count} {what} are too many; {most} at most"
+    if not GRIDS_M[0] <= scene.grid_m <= GRIDS_M[1]:
+        return f"grid_m: {scene.grid_m:g} is not within {GRIDS_M[0]:g} and {GRIDS_M[1]:g} m"
+    for where, values, most_m in _lengths(scene):
+        if not all(-most_m <= value <= most_m for value in values):
+            return f"{where}: farther or larger than {most_m:g} m"
+    sizes = {"bounds_size": scene.bounds_size, **{one.id: one.size for one in scene.objects}}
+    if shrunk := next((where for where, size in sizes.items() if min(size) < 0), ""):
+        return f"{shrunk}: a size below 0"
+    return ""
+
+
+def _lengths(scene: Scene) -> Iterator[tuple[str, Iterable[float], float]]:
+    """Yield all lengths of a scene: where they stand, what they are, how much they may be."""
+    yield "agent", scene.agent.position, FARTHEST_M
+    yield "floor_y", (scene.floor_y,), FARTHEST_M
+    yield "reachable", chain.from_iterable(scene.reachable), FARTHEST_M
+    yield "bounds_center", scene.bounds_center, FARTHEST_M
+    yield "bounds_size", scene.bounds_size, LARGEST_M
+    for thing in scene.objects:
+        yield f"{thing.id!r}", (*thing.position, *thing.center), FARTHEST_M
+        yield f"{thing.id!r}", thing.size, LARGEST_M
+        yield f"{thing.id!r}", chain.from_iterable(thing.corners or ()), FARTHEST_M
+
+
 def _refuse_loops(by_id: dict[str, SceneObject], path: str | Path) -> None:
-    """Raise FileError if something lies in itself, through however many others."""
-    safe: set[str] = set()
+    """Raise FileError if something lies in itself, or too deep, through however many others."""
+    depth: dict[str, int] = {}  # of what is known to lie in no loop
     for start in by_id:
-        chain, stack = {start}, [iter(by_id[start].parents)]
+        inside, stack = {start}, [iter(by_id[start].parents)]
         order = [start]
         while stack:
             parent = next(stack[-1], None)
             if parent is None:
                 stack.pop()
                 done = order.pop()
-                chain.discard(done)
-                safe.add(done)
-            elif parent in chain:
+                inside.discard(done)
+                depth[done] = 1 + max((depth[one] for one in by_id[done].parents), default=0)
+                if depth[done] > MOST_NESTED:
+                    raise FileError(path, f"{done!r}: more than {MOST_NESTED} lie in one another")
+            elif parent in inside:
                 raise FileError(path, f"{start!r} and {parent!r} contain each other")
-            elif parent not in safe:
-                chain.add(parent)
+            elif parent not in depth:
+                inside.add(parent)
                 order.append(parent)
                 stack.append(iter(by_id[parent].parents))

@@ -1,8 +1,6 @@
 """Decode AI2-THOR metadata from files strictly; errors name the place."""
 
-import gzip
 import json
-import zlib
 from collections.abc import Iterator, Mapping
 from math import isfinite
 from pathlib import Path
@@ -12,7 +10,7 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.errors import FileError
-from karma.files import read_bytes
+from karma.files import read_bytes, unpack
 from karma.household.types import object_types
 from karma.world.core.boxes import Box, Cell
 from karma.world.core.scene import AgentPose, Temperature
@@ -110,10 +108,7 @@ def read_unzipped(path: str | Path) -> bytes:
     data = read_bytes(path, fix=f"ls {Path(path).parent}")
     if data[:2] != b"\x1f\x8b" and Path(path).suffix != ".gz":
         return data
-    try:
-        return gzip.decompress(data)
-    except (OSError, EOFError, zlib.error) as error:
-        raise FileError(path, f"torn gzip: {error}", fix=COPY) from error
+    return unpack(data, path=path, fix=COPY)
 
 
 def rows(path: Path) -> Iterator[tuple[str, Any]]:
@@ -205,7 +200,7 @@ def read_layouts(path: str | Path) -> dict[str, tuple[Cell, ...]]:
     data = read_unzipped(path)
     try:
         table = msgspec.json.decode(data, type=dict[str, _Cells])
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise FileError(path, str(error), fix="--layouts none goes without") from error
     return {name: row.reachable for name, row in table.items()}
 

@@ -1,0 +1,3 @@
+from karma.talk.agent import Agent as Agent
+
+__version__: str

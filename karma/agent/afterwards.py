@@ -1,0 +1,225 @@
+"""What a program was to bring about, and whether it is so by the agent's own eyes.
+
+Of each thing the last deed counts: an apple that was washed and then put away is to be clean, and
+where it was put. "Seen" is what the last look that had the thing in view shows. What only the deed
+itself tells (a tap ran over it, its door is shut) is "done, not seen". Nothing asks the world.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+from karma.agent.perceive import place_of
+from karma.contracts import Check, Experience, Found, SeenObject, SkillCall, SkillResult
+from karma.household.ids import is_part, root_id, type_of
+from karma.household.pieces import goes_by
+from karma.household.places import HAND
+from karma.household.saying import name_of, preposition, told_place
+from karma.household.uses import BASINS, BURNER, MICROWAVE, SINK, STOVE, TAP_OF, TAPS, covers
+
+_SWITCH = {"SwitchOn": "on", "ToggleOn": "on", "SwitchOff": "off", "ToggleOff": "off"}
+_DOOR = {"OpenObject": "open", "CloseObject": "closed"}
+_STATE_OF_DOOR = {"open": "opened", "closed": "closed"}
+
+
+def checked(
+    calls: Sequence[SkillCall], results: Sequence[SkillResult], experience: Experience
+) -> tuple[Check, ...]:
+    """Return what a program was to bring about, thing by thing in the order of its deeds.
+
+    Args:
+        calls: of the program, with ids where a thing was known.
+        results: of those calls that were tried.
+        experience: of the whole instruction.
+    """
+    ends = _Ends()
+    for number, call in enumerate(calls):
+        ends.add(call, results[number] if number < len(results) else None)
+    eyes = _Eyes(experience)
+    found = [_moved(one, eyes) for one in ends.moved.values()]
+    found += [_changed(one, eyes) for one in ends.changed.values()]
+    found += [_switched(one, eyes) for one in ends.switched.values() if not ends.is_a_means(one)]
+    found += [_door(one, eyes) for one in ends.doors.values() if not ends.is_a_means(one)]
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    """How one thing is to be at the end of a program."""
+
+    thing: str  # id, or type where it came to nothing
+    word: str  # "hand", "in", "near", "away", or a state
+    place: str = ""
+    happened: bool = True
+
+
+@dataclass(slots=True)
+class _Ends:
+    """What a program's deeds add up to."""
+
+    moved: dict[str, _End] = field(default_factory=dict)
+    changed: dict[tuple[str, str], _End] = field(default_factory=dict)
+    switched: dict[str, _End] = field(default_factory=dict)
+    doors: dict[str, _End] = field(default_factory=dict)
+
+    def add(self, call: SkillCall, result: SkillResult | None) -> None:
+        """Take in one call; later ones undo earlier ones."""
+        ok = result is not None and result.ok
+        ids = result.object_ids if result is not None else ()
+        thing = _id_of(call.objects[0], ids)
+        if call.skill in _SWITCH:
+            self._switch(call.objects[-1], ids, _SWITCH[call.skill], ok)
+        elif call.skill in _DOOR:
+            self.doors[thing] = _End(thing, _DOOR[call.skill], happened=ok)
+        elif call.skill in ("SliceObject", "BreakObject", "EmptyObject"):
+            word = {"S": "sliced", "B": "broken", "E": "empty"}[call.skill[0]]
+            self.changed[thing, word] = _End(thing, word, happened=ok)
+        elif call.skill in ("PickupObject", "ThrowObject"):
+            word = HAND if call.skill[0] == "P" else "away"
+            self.moved.pop(thing, None)
+            self.moved[thing] = _End(thing, word, happened=ok)
+        elif call.skill in ("PutObject", "PutNear"):
+            self._put(call, ids, ok)
+
+    def _put(self, call: SkillCall, ids: Sequence[str], ok: bool) -> None:
+        place = _id_of(call.objects[-1], ids[::-1])
+        held = next((end.thing for end in self.moved.values() if end.word == HAND), "")
+        thing = _id_of(call.objects[0], ids) if call.objects[1:] else held
+        if not thing:
+            return
+        self.moved.pop(thing, None)
+        word = "near" if call.skill == "PutNear" else "in"
+        self.moved[thing] = _End(thing, word, place, ok)
+
+    def _switch(self, name: str, ids: Sequence[str], word: str, ok: bool) -> None:
+        kind = type_of(name)
+        used = name if kind in (BURNER, STOVE) or not ids else ids[-1]
+        self.switched[used] = _End(used, word, happened=ok)
+        if word != "on":
+            return
+        tap, oven = kind in TAPS or kind in TAP_OF, kind == MICROWAVE
+        for end in list(self.moved.values()):
+            lies = type_of(end.place)
+            if tap and (lies in BASINS or lies == SINK):
+                self.changed[end.thing, "cleaned"] = _End(end.thing, "cleaned", happened=ok)
+            if oven and lies == MICROWAVE:
+                self.changed[end.thing, "heated"] = _End(end.thing, "heated", happened=ok)
+
+    def is_a_means(self, end: _End) -> bool:
+        """Return whether a switch or door was used for something else, which is told already."""
+        kind = type_of(end.thing)
+        if end.word in ("on", "off") and (kind in TAPS or kind == MICROWAVE):
+            return end.word == "off" and bool(self.changed)
+        places = {one.place for one in self.moved.values()}
+        holds = end.thing in places or kind in map(type_of, places)
+        return end.word == "closed" and (holds or bool(self.moved or self.changed))
+
+
+@dataclass(frozen=True, slots=True)
+class _Eyes:
+    """What the agent can say of a thing by its log."""
+
+    experience: Experience
+
+    def sight(self, thing: str) -> SeenObject | None:
+        """Return the latest knowledge of a thing: what was seen or touched of it."""
+        return self.experience.seen.get(thing)
+
+    def in_view(self, thing: str) -> SeenObject | None:
+        """Return the latest sight that had a thing in view or in the hand."""
+        view = self.experience.views.get(thing)
+        if view is None:
+            return None
+        sights = (*view.seen, *((view.held,) if view.held else ()))
+        return next((one for one in sights if one.object_id == thing), None)
+
+    def judged(
+        self, end: _End, holds: Callable[[SeenObject], bool]
+    ) -> tuple[Found, SeenObject | None]:
+        """Return how it stands with a thing of which the last deed went well."""
+        known, looked = self.sight(end.thing), self.in_view(end.thing)
+        if not end.happened or known is None:
+            return "unseen", known
+        if looked is not None and holds(looked):
+            return ("seen", looked) if holds(known) else ("otherwise", known)
+        return ("done", known) if holds(known) else ("otherwise", known)
+
+
+def _moved(end: _End, eyes: _Eyes) -> Check:
+    thing = name_of(end.thing)
+    if end.word == "away":
+        text = f"the {thing} is thrown away"
+        held = eyes.experience.held
+        gone = end.happened and (held is None or held.object_id != end.thing)
+        return Check(text=text, found="done" if gone else "unseen")
+    if end.word == HAND:
+        held = eyes.experience.held
+        has = held is not None and goes_by(end.thing, held.object_id, held.object_type)
+        return Check(text=f"the {thing} is in the hand", found="seen" if has else "unseen")
+    text = f"the {thing} is {end.word if end.word == 'near' else preposition(end.place)} the "
+    text += name_of(end.place)
+    if end.word == "near":
+        found, sight = eyes.judged(end, lambda one: place_of(one) != HAND)
+    else:
+        found, sight = eyes.judged(end, lambda one: _lies_in(one, end.place))
+    note = f"it is {told_place(place_of(sight))}" if found == "otherwise" and sight else ""
+    return _check(text, found, note)
+
+
+def _changed(end: _End, eyes: _Eyes) -> Check:
+    thing, word = end.thing, end.word
+    text = f"the {name_of(thing)} is {_SAID.get(word, word)}"
+    if not end.happened:
+        return Check(text=text, found="unseen")
+    gone = eyes.experience.effects.get(thing, ())
+    pieces = [name for name in eyes.experience.seen if is_part(name, thing)]
+    if word in ("sliced", "broken") and pieces:
+        shown = any(eyes.in_view(name) is not None for name in pieces)
+        return Check(text=text, found="seen" if shown else "done")
+    sight = eyes.in_view(thing)
+    if word == "cleaned" and sight is not None and "dirty" in sight.states:
+        return Check(text=text, found="otherwise", note="it looks dirty")
+    if word == "empty" and sight is not None:
+        return _check(text, "otherwise" if "filled" in sight.states else "seen")
+    if sight is not None and word in sight.states:
+        return Check(text=text, found="seen")
+    return Check(text=text, found="done" if word in gone or word == "broken" else "unseen")
+
+
+def _switched(end: _End, eyes: _Eyes) -> Check:
+    text = f"the {name_of(end.thing)} is {end.word}"
+    if type_of(end.thing) in (BURNER, STOVE):
+        return Check(text=text, found="done" if end.happened else "unseen")
+    return _check(text, eyes.judged(end, lambda one: end.word in one.states)[0])
+
+
+def _door(end: _End, eyes: _Eyes) -> Check:
+    text = f"the {name_of(end.thing)} is {end.word}"
+    return _check(text, eyes.judged(end, lambda one: _STATE_OF_DOOR[end.word] in one.states)[0])
+
+
+def _check(text: str, found: Found, note: str = "") -> Check:
+    return Check(text=text, found=found, note=note)
+
+
+# ----------------------------------------------------------------- what a name means
+
+_SAID = {"cleaned": "clean", "heated": "hot"}
+
+
+def _lies_in(sight: SeenObject, place: str) -> bool:
+    """Return whether a thing lies in or on a place: an id, a type, or a sink for its basin."""
+    return any(
+        parent == place
+        or is_part(parent, place)
+        or (place == type_of(place) and covers(place, type_of(parent)))
+        or root_id(parent) == place
+        for parent in sight.parent_ids
+    )
+
+
+def _id_of(name: str, ids: Iterable[str]) -> str:
+    """Return the first of the ids that a call used which its name may mean; else the name."""
+    for one in ids:
+        if goes_by(name, one, type_of(one)) or covers(type_of(name), type_of(one)):
+            return one
+    return name

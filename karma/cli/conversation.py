@@ -1,0 +1,179 @@
+"""A conversation in the terminal: what an agent says in colours, and what begins with a slash."""
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+
+from karma.cli.shared import console
+from karma.errors import KarmaError
+
+if TYPE_CHECKING:
+    from karma.talk.agent import Agent
+    from karma.talk.replies import AgentReply, Line
+
+ROWS = 22  # of an answer: with the line that is typed it fits a screen of 24
+_STYLES = {
+    "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",
+    "failed": "red", "seen": "green", "not seen": "yellow",
+}  # fmt: skip
+_HELP = (
+    "Say what to do, in plain words. Or:",
+    "  /memory   what I remember of things (short-term memory)",
+    "  /map      what I know of the room (long-term memory)",
+    "  /undo     go back to before the last thing you said: room, memory and records",
+    "  /why      what I went by: memory, program, what came of each step",
+    "  /help     this",
+    "  /quit     end; Ctrl-D does the same, Ctrl-C stops what I am doing",
+)
+
+
+def say(agent: "Agent", instruction: str) -> "AgentReply":
+    """Have something carried out in view; what was understood is printed before it is done."""
+    from karma.agent.understood import Understanding
+    from karma.contracts import SkillResult
+    from karma.talk.replies import (
+        Line,
+        RequestReply,
+        lines_after,
+        lines_again,
+        lines_before,
+        rows_for,
+    )
+    from karma.tasks.sentences import split_instruction
+
+    clauses = split_instruction(instruction)
+    most = rows_for(len(clauses))
+    number, printed = 0, 0
+    with console.status("thinking ...") as status:
+        for moment in agent.doing(instruction):
+            if isinstance(moment, SkillResult):
+                status.update(escape(f"{moment.call} ..."))
+            elif isinstance(moment, Understanding | RequestReply):
+                lines: list[Line] = []
+                if isinstance(moment, RequestReply):
+                    lines = lines_after(moment, max(most - printed, 1))
+                elif printed:
+                    lines = lines_again(moment)
+                else:
+                    lines = lines_before(moment, max(most // 2, 1))
+                if not printed:
+                    lines.insert(0, Line("said", f"{number + 1}. {clauses[number]}"))
+                show_lines(lines)
+                printed += len(lines)
+                if isinstance(moment, RequestReply):
+                    number, printed = number + 1, 0
+    return agent.replies[-1]
+
+
+def show_lines(lines: Sequence["Line"]) -> None:
+    """Print lines of an answer, each in one row."""
+    for line in lines:
+        console.print(
+            escape(line.text), style=_STYLES[line.mark], no_wrap=True, overflow="ellipsis",
+            highlight=False,
+        )  # fmt: skip
+
+
+def figures_of(reply: "AgentReply") -> Mapping[str, Any]:
+    """Return what `--json` keeps of a reply."""
+    lines = []
+    for part in reply.parts:
+        record = part.record
+        line: dict[str, Any] = {
+            "instruction": part.instruction,
+            "answers": record.answers if record else (),
+            "calls": record.calls if record else (),
+            "understood": part.understood[:1],
+            "afterwards": part.checks,
+        }
+        lines.append({**line, "refused": part.refused} if part.refused else line)
+    return {"finished": bool(reply), "hosted": reply.spent, "instructions": lines}
+
+
+def show_folder(agent: "Agent") -> None:
+    """Say where the run is, and what makes a page of it."""
+    text = escape(f"run: {agent.folder} (karma report {agent.folder})")
+    console.print(text, soft_wrap=True, highlight=False)
+
+
+# ----------------------------------------------------------------- the conversation
+
+
+def converse(agent: "Agent") -> None:
+    """Take what is typed, or piped in, until it ends."""
+    console.print(escape(f"{agent.map.lines()[0]}. Say what to do, or /help."), soft_wrap=True)
+    for typed in _typed():
+        word = typed.split()[0] if typed.startswith("/") else ""
+        if word == "/quit":
+            break
+        try:
+            _commands().get(word, _unknown)(agent) if word else say(agent, typed)
+        except KeyboardInterrupt:
+            console.print("stopped; all is as it was before you said that", style="yellow")
+        except KarmaError as error:
+            console.print(escape(f"error: {error}"), style="red", soft_wrap=True, highlight=False)
+    if agent.replies:
+        show_folder(agent)
+
+
+def _typed() -> Iterator[str]:
+    """Yield what is typed, without blank lines; Ctrl-D, and Ctrl-C at the prompt, end it."""
+    asks = sys.stdin.isatty()
+    while True:
+        try:
+            line = console.input("> ") if asks else sys.stdin.readline()
+        except (EOFError, KeyboardInterrupt):
+            console.print()
+            return
+        if not asks and not line:
+            return
+        if not asks and line.strip():
+            console.print(escape(f"> {line.strip()}"), highlight=False, soft_wrap=True)
+        if line.strip():
+            yield line.strip()
+
+
+def _commands() -> Mapping[str, Callable[["Agent"], None]]:
+    return {"/memory": _memory, "/map": _map, "/undo": _undo, "/why": _why, "/help": _help}
+
+
+def _plain(lines: Sequence[str]) -> None:
+    shown = list(lines[:ROWS])
+    if len(lines) > ROWS:
+        shown[-1] = f"  and {len(lines) - ROWS + 1} more"
+    for line in shown:
+        console.print(escape(line), no_wrap=True, overflow="ellipsis", highlight=False)
+
+
+def _memory(agent: "Agent") -> None:
+    _plain(agent.memory.lines())
+
+
+def _map(agent: "Agent") -> None:
+    _plain(agent.map.lines())
+
+
+def _undo(agent: "Agent") -> None:
+    undone = agent.undo()
+    console.print("nothing to undo" if undone is None else escape(f"undone: {undone}"))
+
+
+def _why(agent: "Agent") -> None:
+    from karma.talk.replies import lines_why, rows_for
+
+    if not agent.replies:
+        console.print("nothing was said yet")
+        return
+    parts = agent.replies[-1].parts
+    for part in parts:
+        show_lines(lines_why(part, rows_for(len(parts))))
+
+
+def _help(_: "Agent") -> None:
+    _plain(_HELP)
+
+
+def _unknown(_: "Agent") -> None:
+    console.print(escape("there is no such command; /help lists them"), style="yellow")

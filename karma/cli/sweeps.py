@@ -1,0 +1,112 @@
+"""`karma eval` of a grid of settings, and `karma export`."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from karma.cli.eval_options import end_below, write_junit
+from karma.cli.progress import bar
+from karma.cli.shared import SHOWN, clear_errors, console, sheet_table
+from karma.files import to_json, write_atomic
+
+if TYPE_CHECKING:
+    from karma.bench.experiment_file import Changes
+    from karma.bench.floors import SuccessFloor
+    from karma.bench.sweep import SweepRun
+    from karma.bench.sweep_folder import SweepData
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command to the top level."""
+    app.command("export", rich_help_panel=SHOWN)(export_command)
+
+
+@clear_errors
+def export_command(
+    run: Annotated[Path, typer.Argument(help="Folder of a run or a sweep.")],
+    to: Annotated[str, typer.Option(help='"csv", "parquet" or "junit".')] = "csv",
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; default episodes.FORM in the folder.")
+    ] = None,
+) -> None:
+    """Write a run's episodes for other programs: one line each, with every metric."""
+    from karma.bench.export import exported
+
+    data = exported(run, to)
+    place = out or run / {"junit": "junit.xml"}.get(to, f"episodes.{to}")
+    write_atomic(place, data)
+    console.print(escape(f"written: {place}"))
+
+
+def do_sweep(
+    file: Path,
+    folder: Path,
+    *,
+    changes: "Changes",
+    planner_dir: Path | None,
+    fresh: bool,
+    workers: int,
+    ray: str,
+    opened: Mapping[str, Any],
+    floors: "list[SuccessFloor]",
+    junit: Path | None,
+    json: Path | None,
+) -> None:
+    """Do what is missing of a sweep, and print its table.
+
+    Raises:
+        typer.Exit: code 1 where a cell failed, 4 where one is below a floor, 130 when stopped.
+    """
+    from karma.bench.floors import check_floors
+    from karma.bench.sweep import SweepRun
+
+    with console.status(escape(f"reading {file} ...")):
+        sweep = SweepRun(
+            file, folder, changes=changes, planner_dir=planner_dir, fresh=fresh, opened=opened
+        )
+    check_floors(floors, [row.name for row in sweep.experiment.rows])
+    try:
+        _do_cells(sweep, workers, ray)
+    except KeyboardInterrupt:
+        console.print("stopped; the same command (without --fresh) goes on")
+        raise typer.Exit(130) from None
+    print_sweep(sweep.data, json)
+    write_junit(folder, junit)
+    if sweep.failed:
+        raise typer.Exit(1)
+    from karma.bench.sweep_folder import figures_by_cell
+
+    end_below([(cell.name, lines) for cell, lines in figures_by_cell(sweep.data)], floors)
+
+
+def _do_cells(sweep: "SweepRun", workers: int, ray: str) -> None:
+    with bar() as progress:
+        line = progress.add_task("cells", total=len(sweep.cells))
+        for one in sweep.episodes(workers, ray=ray):
+            mark = "[green]✓[/]" if one.record.success else "[red]✗[/]"
+            text = f"{mark} {escape(one.cell)}: {one.done} of {one.total} episodes"
+            progress.update(line, completed=one.number - 1 + one.done / one.total, description=text)
+        progress.update(line, completed=len(sweep.cells), description="cells")
+
+
+def print_sweep(data: "SweepData", json: Path | None) -> None:
+    """Print a sweep's table and what failed; also write its figures where that is wanted."""
+    from karma.bench.figures import plain
+    from karma.bench.sweep_folder import TABLE, figures_by_cell, sweep_sheet
+
+    console.print(sheet_table(sweep_sheet(data)))
+    for cell in data.cells:
+        if cell.failed:
+            console.print(
+                f"[red]failed:[/] {escape(f'{cell.name}: {cell.failed}')}", soft_wrap=True
+            )
+    console.print(escape(f"table: {data.folder / TABLE}"))
+    if json is not None:
+        figures = [
+            {"cell": cell.name, "values": cell.values, "figures": plain(lines)}
+            for cell, lines in figures_by_cell(data)
+        ]
+        write_atomic(json, to_json(figures, indent=2))

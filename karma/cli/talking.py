@@ -1,0 +1,192 @@
+"""`karma run` and `karma chat`: an agent that carries out what it is told, in view."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from karma.cli.conversation import converse, figures_of, say, show_folder
+from karma.cli.model_options import (
+    BaseUrl,
+    CassetteFolder,
+    CassetteMode,
+    States,
+    cassette_of,
+    hosted_of,
+    model_options,
+)
+from karma.cli.shared import ACTING, Json, clear_errors, console
+from karma.errors import KarmaError
+from karma.files import to_json, write_atomic
+
+if TYPE_CHECKING:
+    from karma.bench.presets import Preset
+    from karma.talk.agent import Agent
+
+CODES: Mapping[str, int] = {"done": 0, "unfinished": 2, "refused": 3}  # exit; 1 is an error
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands to the top level."""
+    app.command("run", rich_help_panel=ACTING)(run_command)
+    app.command("chat", rich_help_panel=ACTING)(chat_command())
+
+
+@clear_errors
+@model_options
+def run_command(
+    instruction: Annotated[
+        str | None, typer.Argument(help="What to do, in plain words; without it, a conversation.")
+    ] = None,
+    scene: Annotated[str, typer.Option(help="A scene's name or file.")] = "kitchen_1",
+    planner: Annotated[str, typer.Option(help="Name in the manifest, or a GGUF.")] = "karma-nano",
+    profile: Annotated[str, typer.Option(help='"compact" or "full".')] = "",
+    chat: Annotated[bool, typer.Option(help="Use the GGUF's chat template.")] = False,
+    long_term: Annotated[bool, typer.Option(help="With long-term memory.")] = True,
+    short_term: Annotated[bool, typer.Option(help="With short-term memory.")] = True,
+    policy: Annotated[str, typer.Option(help='e.g. "fifo-merge[10]".')] = "wtinylfu-karma[9,1]",
+    preset: Annotated[str, typer.Option(help='"paper": recall, K and query as in the paper.')] = "",
+    recall: Annotated[str, typer.Option(help='"stateful" unless told otherwise.')] = "",
+    recall_k: Annotated[
+        int | None,
+        typer.Option("--k", min=1, help="Units in the prompt; 3, or all with --profile full."),
+    ] = None,
+    vision: Annotated[
+        str, typer.Option(help='"nano-vlm", or a model of the manifest by name, reads pictures.')
+    ] = "metadata",
+    perception: Annotated[
+        str, typer.Option(help='"pictures": sees by boxes, depth and the vision model alone.')
+    ] = "metadata",
+    detector: Annotated[
+        str, typer.Option(help='"grounded-sam:BOXES+MASKS" in place of given boxes.')
+    ] = "",
+    maps: Annotated[Path, typer.Option(help="Folder of long-term memories.")] = Path("runs/maps"),
+    base_url: BaseUrl = "",
+    model: Annotated[str, typer.Option(help="A hosted planner's, with --planner openai.")] = "",
+    api: Annotated[str, typer.Option(help='"chat" or "completions" of it.')] = "chat",
+    dialect: Annotated[str, typer.Option(help='Of its server, e.g. "vllm".')] = "auto",
+    thinking: Annotated[str, typer.Option(help='"off" or "on", for thinking models.')] = "off",
+    constrained: Annotated[
+        bool, typer.Option(help="Hold answers to programs; a server must prove that it does.")
+    ] = True,
+    refusing: Annotated[
+        bool | None,
+        typer.Option(
+            "--refusing/--no-refusing",
+            help="Whether requests may be refused; by default if the planner has learnt to, or is "
+            "told how by the full prompt.",
+        ),
+    ] = None,
+    max_tokens: Annotated[int, typer.Option(min=1, help="Of an answer.")] = 512,
+    cassette: CassetteFolder = None,
+    cassette_mode: CassetteMode = "",
+    states: States = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the planner's sampling.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="Run folder; default the next in runs/talks.")
+    ] = None,
+    json: Json = None,
+    *,
+    computed: Mapping[str, Any],
+) -> None:
+    """Carry out an instruction in a room, while you watch; of several requests one by one.
+
+    It says what it understood before it acts, and afterwards what is so by its own eyes. Exit code
+    0: all was done; 2: something was not; 3: the rest was, and something was refused.
+    """
+    from karma.bench.experiment import Models
+    from karma.infer.hosted.session import Session
+    from karma.infer.llama.room_states import StateOptions
+    from karma.talk.agent import Agent
+
+    if instruction is not None and not instruction.strip():
+        raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
+    hosted = hosted_of(planner, base_url, model, api=api, dialect=dialect)
+    chosen = _preset(preset)
+    options = {
+        "long_term": long_term,
+        "short_term": short_term,
+        "policy": policy,
+        "perception": perception,
+        "boxes": "detector" if detector else "given",
+        **chosen.options,
+        **({} if recall_k is None else {"recall_k": recall_k, "whole_memory": False}),
+    }
+    session = Session(cassette_of(cassette, cassette_mode))
+    session.cassette.begin("run")
+    models = Models().computed_by(
+        {
+            "planner": planner,
+            "profile": profile,
+            "chat": chat,
+            "recall": recall or chosen.recall,
+            "recall_text": chosen.recall_text,
+            "vision": vision,
+            "detector": detector,
+            "constrained": constrained,
+            "refusing": refusing,
+            "max_tokens": max_tokens,
+            "hosted": hosted,
+            "thinking": thinking,
+            **computed,
+        }
+    )
+    with console.status(escape(f"loading models, getting to know {scene} ...")):
+        agent = Agent(
+            scene,
+            models=models,
+            options=options,
+            folder=out,
+            maps=maps,
+            seed=seed,
+            session=session,
+            states=StateOptions(folder=states),
+        )
+    if instruction is None:
+        converse(agent)
+        return
+    reply = say(agent, instruction)
+    _close(agent)
+    if json is not None:
+        write_atomic(json, to_json(figures_of(reply), indent=2))
+    if not reply:
+        raise typer.Exit(CODES[reply.status])
+
+
+def chat_command() -> Callable[..., None]:
+    """Return `karma chat`: what `karma run` takes, without an instruction."""
+
+    @wraps(run_command)
+    def chat(**options: Any) -> None:
+        run_command(instruction=None, json=None, **options)
+
+    parts = inspect.signature(run_command).parameters.values()
+    kept = [one for one in parts if one.name not in ("instruction", "json")]
+    chat.__signature__ = inspect.Signature(kept)  # type: ignore[attr-defined]
+    chat.__annotations__ = {one.name: one.annotation for one in kept}
+    chat.__doc__ = "Talk with an agent in a room: it remembers what was said and done before."
+    return chat
+
+
+def _close(agent: "Agent") -> None:
+    """Say what is remembered, what it cost, and where the run is."""
+    from karma.cli import show
+
+    kinds = ", ".join(dict.fromkeys(unit.object_type for unit in agent.memory)) or "nothing"
+    console.print(escape(f"remembers now: {kinds}"), style="dim", soft_wrap=True)
+    if agent.spent:
+        console.print(escape(show.spent_text(agent.spent)), soft_wrap=True)
+    show_folder(agent)
+
+
+def _preset(name: str) -> "Preset":
+    from karma.bench.presets import preset
+
+    try:
+        return preset(name)
+    except ValueError as error:
+        raise KarmaError(str(error)) from error

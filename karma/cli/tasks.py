@@ -1,0 +1,102 @@
+"""`karma tasks`: is a task file one that measures something?"""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+
+from karma.cli.shared import Json, clear_errors, console
+from karma.errors import KarmaError
+from karma.files import to_json, write_atomic
+
+if TYPE_CHECKING:
+    from karma.bench.run import Run
+    from karma.bench.task_check import TaskFinding
+
+_NAMED = 5  # tasks in a warning
+
+app = typer.Typer(no_args_is_help=True, help="Task files: look for tasks that measure nothing.")
+
+
+@app.callback()
+def _tasks() -> None:
+    """Keep `check` a command of its own."""
+
+
+@app.command("check")
+@clear_errors
+def tasks_check(
+    file: Annotated[Path, typer.Argument(help="A task file, e.g. eval/alfred_l/tasks.jsonl.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only what the rooms tell; the expert does not try.")
+    ] = False,
+    world: Annotated[str, typer.Option(help="Name of the world.")] = "embedded",
+    json: Json = None,
+) -> None:
+    """Look for tasks that are done already, that name nothing, or that nobody can do; exit 1.
+
+    A goal that is true beside others, or after other work, is only mentioned: it may be meant so.
+    """
+    from tempfile import TemporaryDirectory
+
+    from rich.progress import track
+
+    from karma import registry
+    from karma.bench.task_check import findings, quick_findings
+    from karma.tasks.files import load_tasks, task_lines
+
+    tasks, make = load_tasks(file), registry.load("worlds", world)
+    lines = task_lines(file)
+    found: list[TaskFinding] = []
+    with TemporaryDirectory() as folder:
+        for task in track(tasks, "tasks", console=console, transient=True):
+            some = quick_findings([task], make) if quick else findings(task, make, Path(folder))
+            found += some
+    for one in found:
+        mark = "" if one.serious else "note: "
+        text = f"{file}:{lines[one.task]}: {mark}{one}"
+        console.print(escape(text), soft_wrap=True, highlight=False)
+    if json is not None:
+        write_atomic(json, to_json(found, indent=2))
+    _end(file, len(tasks), found, quick)
+
+
+def _end(file: Path, number: int, found: Sequence["TaskFinding"], quick: bool) -> None:
+    bad = [one for one in found if one.serious]
+    if not bad:
+        how = "the expert did not try" if quick else "the expert solves all"
+        console.print(escape(f"{file}: {number} tasks, nothing wrong ({how})"), soft_wrap=True)
+        return
+    counts = Counter(one.what for one in bad)
+    said = ", ".join(f"{times} × {what}" for what, times in counts.items())
+    tasks = len({one.task for one in bad})
+    raise KarmaError(
+        f"{file}: {tasks} of {number} tasks measure less than they seem to: {said}\n"
+        "  To fix: the lines above; docs/goals.md says what goals mean"
+    )
+
+
+def warn_of_tasks(run: "Run") -> None:
+    """Say before a run's first episode which of its tasks measure less than they seem to."""
+    from karma import registry
+    from karma.bench.task_check import quick_findings
+
+    if run.records or not run.left:
+        return
+    try:
+        found = list(quick_findings(run.tasks, registry.load("worlds", run.experiment.world)))
+    except KarmaError:  # the episodes will say it of each task
+        return
+    ids: dict[str, list[str]] = {}
+    for one in found:
+        if one.serious and one.task not in ids.setdefault(one.what, []):
+            ids[one.what].append(one.task)
+    for what, tasks in ids.items():
+        said = ", ".join(tasks[:_NAMED]) + (" ..." if len(tasks) > _NAMED else "")
+        console.print(escape(f"tasks: {what}: {len(tasks)} of {len(run.tasks)}: {said}"),
+                      style="yellow", soft_wrap=True, highlight=False)  # fmt: skip
+    if ids and run.experiment.tasks:
+        console.print(escape(f"  more: karma tasks check {run.experiment.tasks}"), soft_wrap=True)

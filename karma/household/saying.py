@@ -1,0 +1,63 @@
+"""How things and places are said to people: "the mug is in the sink", from types and ids."""
+
+from karma.household.ids import type_of
+from karma.household.pieces import base_type
+from karma.household.places import HAND
+from karma.household.types import object_types
+from karma.household.uses import BASINS, SINK, without_basin
+
+_HOLLOW = frozenset(
+    (
+        SINK, *BASINS, "Bathtub", "GarbageCan", "Bowl", "Mug", "Cup", "Pot", "WateringCan",
+        "Toaster", "CoffeeMachine",
+    )
+)  # fmt: skip
+
+
+def name_of(name: str) -> str:
+    """Return what people call a thing, from its id or type.
+
+    >>> name_of("CounterTop|+01.00|+00.90|-02.00"), name_of("Sink|1|2|3|SinkBasin")
+    ('counter top', 'sink')
+    """
+    return spoken(without_basin(base_type(type_of(name))))
+
+
+def spoken(kind: str) -> str:
+    """Return a type as words.
+
+    >>> spoken("CounterTop"), spoken("CellPhone"), spoken("TVStand")
+    ('counter top', 'cell phone', 'TV stand')
+    """
+    words, word = [], ""
+    for at, letter in enumerate(kind):
+        after = kind[at + 1 : at + 2]
+        if letter.isupper() and word and (word[-1].islower() or after.islower()):
+            words.append(word)
+            word = ""
+        word += letter
+    return " ".join(
+        one if one.isupper() and len(one) > 1 else one.lower() for one in [*words, word]
+    )
+
+
+def preposition(place: str) -> str:
+    """Return "in" or "on", as it is said of a receptacle.
+
+    >>> preposition("Fridge"), preposition("CounterTop"), preposition("Sink"), preposition("Plate")
+    ('in', 'on', 'in', 'on')
+    """
+    name = type_of(place)
+    kind = object_types().get(name)
+    return "in" if name in _HOLLOW or (kind is not None and kind.can("openable")) else "on"
+
+
+def told_place(place_id: str | None) -> str:
+    """Return where a thing is, in words.
+
+    >>> told_place("hand"), told_place(None), told_place("Fridge|1|2|3")
+    ('in the hand', 'somewhere', 'in the fridge')
+    """
+    if place_id is None:
+        return "somewhere"
+    return f"{preposition(place_id)} the {name_of(place_id)}" if place_id != HAND else "in the hand"

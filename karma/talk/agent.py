@@ -1,0 +1,313 @@
+"""`from karma import Agent`: an agent in a room, in five lines of Python.
+
+    from karma import Agent
+    agent = Agent("kitchen_1")
+    agent.do("wash the mug")
+    agent.memory
+    agent.map
+
+It is the agent of the tables and of `karma run`: the same method, models, world and records. What
+it learns of a room lasts in `maps`; what it has handled is remembered as long as the agent lives.
+"""
+
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from karma.agent.understood import Understanding, understood
+from karma.bench.episode import EpisodePart, TimeLog
+from karma.bench.experiment import Models, Row, load_resources
+from karma.bench.names import check_options
+from karma.bench.presets import preset as preset_of
+from karma.bench.records import SubTaskRecord
+from karma.bench.steps import LoggedWorld, StepLog
+from karma.bench.workers import world_maker
+from karma.contracts import Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, Tour
+from karma.errors import KarmaError
+from karma.files import read_bytes
+from karma.infer.hosted.cost import Spent
+from karma.infer.hosted.session import Session
+from karma.infer.llama.room_states import StateOptions
+from karma.infer.manifest.manifest import resolve_planner
+from karma.language.lexicon import Lexicon
+from karma.methods.karma import KarmaMethod, Remembered
+from karma.talk.keeping import Keeper, next_folder
+from karma.talk.replies import AgentReply, RequestReply
+from karma.talk.views import Memory, RoomMap
+from karma.tasks.goals import GoalTracker
+from karma.tasks.sentences import split_instruction
+
+if TYPE_CHECKING:
+    from karma.world.event import WorldEvent
+    from karma.world.sim import EmbeddedWorld
+
+MAPS = Path("runs/maps")
+Moment = Understanding | Plan | SkillResult | RequestReply  # what happens while an agent acts
+
+
+@dataclass(frozen=True, slots=True)
+class _Before:
+    """All that an instruction may change, as it was before it."""
+
+    event: "WorldEvent"
+    remembered: Remembered
+    steps: StepLog
+    times: TimeLog
+    tours: dict[str, Tour]
+    done: int
+
+
+class Agent:
+    """An agent in a room.
+
+    Args:
+        scene: a scene's name or file.
+        planner: a name of the manifest or a GGUF's path; for more, `models`.
+        models: which models fill the roles, in place of `planner`.
+        options: of the agent, as in a row of an experiment, e.g. `{"policy": "fifo-merge[10]"}`.
+        preset: "paper": recall, K and query as in the paper.
+        folder: takes the run: records, step log, pictures; None: the next in `runs/talks`.
+        maps: folder of long-term memories.
+        seed: of the planner's sampling.
+        session: of hosted models.
+        states: where a local planner keeps what it computed of rooms.
+        resources: models that are loaded already, in place of all by name.
+
+    Raises:
+        KarmaError: a model, scene or option is not there or not as it should be.
+    """
+
+    def __init__(
+        self,
+        scene: str = "kitchen_1",
+        *,
+        planner: str = "karma-nano",
+        models: Models | None = None,
+        options: Mapping[str, Any] | None = None,
+        preset: str = "",
+        folder: str | Path | None = None,
+        maps: str | Path = MAPS,
+        seed: int = 0,
+        session: Session | None = None,
+        states: StateOptions | None = None,
+        resources: Resources | None = None,
+    ) -> None:
+        self.scene = SceneRef.of(scene)
+        self.session = session or Session()
+        named = None if resources else asking(models or _models(planner, preset))
+        row = Row(name="KARMA", preset=preset, options=dict(options or {}))
+        self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
+        self._world.reset(self.scene.source)  # wrong names are told before models are loaded
+        check_options(row.method, row.all_options)
+        check_options("karma", row.all_options)
+        loaded = resources or load_resources(
+            named or Models(),
+            maps=Path(maps),
+            seed=seed,
+            learn=True,
+            session=self.session,
+            states=states,
+        )
+        self.session.ledger.take()  # what loading asked, such as the canary, is no part of the bill
+        self._method = KarmaMethod.build(loaded, row.all_options)
+        self._lexicon = Lexicon(loaded.embedder)
+        where = Path(folder) if folder is not None else next_folder(self.scene.name)
+        self._keeper = Keeper(where, self.scene, row, named, loaded)
+        self._maps = Path(maps)
+        self._begin(seed)
+
+    def _begin(self, seed: int) -> None:
+        """Get to know the room, and be at its start."""
+        self._steps, self._times = StepLog(), TimeLog()
+        self._tours: dict[str, Tour] = {}
+        world = LoggedWorld(self._world, self._steps)
+        world.reset(self.scene.source)
+        self._episode = self._method.begin(world, self.scene, seed=seed, folder=self.folder)
+        self._steps.start(self.scene.name, seed)
+        self._logged = world
+        self._done: list[SubTaskRecord] = []
+        self._before: list[_Before] = []
+        self.replies: list[AgentReply] = []
+
+    # ------------------------------------------------------------- what it does
+
+    def do(self, instruction: str) -> AgentReply:
+        """Carry out what is said; of several requests one by one.
+
+        Returns:
+            What was understood, done, and seen afterwards; it is true where all was done.
+
+        Raises:
+            KarmaError: nothing was said, or a model failed.
+        """
+        for _ in self.doing(instruction):
+            pass
+        return self.replies[-1]
+
+    def doing(self, instruction: str) -> Iterator[Moment]:
+        """Do the same, and yield what happens as it happens: of each request its reply last.
+
+        What was understood comes before the first action. When the last is done, the run is
+        written to `folder`.
+        """
+        if not instruction.strip():
+            raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
+        self._before.append(self._now())
+        parts: list[RequestReply] = []
+        try:
+            for clause in split_instruction(instruction):
+                for moment in self._one(clause, instruction):
+                    if isinstance(moment, RequestReply):
+                        parts.append(moment)
+                    yield moment
+        except BaseException:
+            self._return(self._before.pop())
+            raise
+        self.replies.append(AgentReply(said=instruction, parts=tuple(parts)))
+        self.save()
+
+    def _one(self, clause: str, whole: str) -> Iterator[Moment]:
+        """Carry out one request."""
+        subtask = SubTask(instruction=clause, whole=whole)
+        taken: list[Understanding] = []
+        plans: list[Plan] = []
+        results: list[SkillResult] = []
+        outcome = None
+        going = self._share().carry_out(len(self._done), subtask, self.scene.name)
+        while True:
+            try:
+                moment = next(going)
+            except StopIteration as end:
+                record: SubTaskRecord = end.value
+                break
+            if isinstance(moment, Outcome):
+                outcome = moment
+                continue
+            if isinstance(moment, SkillResult):
+                results.append(moment)
+            else:
+                plans.append(moment)
+                if moment.refused is not None or (moment.calls and not moment.error):
+                    taken.append(self._understood(clause, moment))
+                    yield taken[-1]
+            yield moment
+        self._done.append(record)
+        yield RequestReply(
+            instruction=clause,
+            understood=tuple(taken),
+            plans=tuple(plans),
+            results=tuple(results),
+            checks=outcome.checks if outcome else (),
+            finished=record.finished,
+            record=record,
+        )
+
+    def _share(self) -> EpisodePart:
+        return EpisodePart(
+            method=self._method.name,
+            episode=self._episode,
+            world=self._logged,
+            tracker=GoalTracker(),  # nothing that is said has goals
+            ledger=self.session.ledger,
+            cassette=self.session.cassette,
+            steps=self._steps,
+            times=self._times,
+            tours=self._tours,
+        )
+
+    def _understood(self, clause: str, plan: Plan) -> Understanding:
+        here = {*self.map.types(), *(unit.object_type for unit in self.memory)}
+        return understood(clause, plan, self._episode.where, self._lexicon, sorted(here))
+
+    def undo(self) -> str | None:
+        """Go back to before the last thing that was said: room, memory and records.
+
+        Returns:
+            What was undone; None where nothing was said.
+        """
+        if not self._before:
+            return None
+        self._return(self._before.pop())
+        undone = self.replies.pop().said
+        self.save()
+        return undone
+
+    def _now(self) -> _Before:
+        return _Before(
+            self._world.last_event,
+            self._episode.remembered(),
+            *deepcopy((self._steps, self._times, self._tours)),
+            len(self._done),
+        )
+
+    def _return(self, before: _Before) -> None:
+        self._world.back_to(before.event)
+        self._episode.go_back(before.remembered)
+        self._steps.go_back(before.steps)
+        self._times, self._tours = before.times, before.tours
+        del self._done[before.done :]
+
+    # ------------------------------------------------------------- what it knows
+
+    @property
+    def memory(self) -> Memory:
+        """Short-term memory: what was handled or seen last, and its states."""
+        short = self._episode.short_term
+        return Memory(short.units(), short.capacity)
+
+    @property
+    def map(self) -> RoomMap:
+        """Long-term memory of the room: places to stand, and the furniture near them."""
+        return RoomMap.of(self.scene.name, self._episode.graph)
+
+    @property
+    def folder(self) -> Path:
+        """Where the run is kept; `karma report FOLDER` makes a page of it."""
+        return self._keeper.folder
+
+    @property
+    def spent(self) -> tuple[Spent, ...]:
+        """What hosted models have cost, with the seconds they took."""
+        spent = (one for record in self._done for one in record.hosted)
+        seconds = (s for timing in self._times.subtasks for s in timing.hosted_s)
+        return tuple(replace(one, seconds=s) for one, s in zip(spent, seconds, strict=True))
+
+    def save(self) -> Path:
+        """Write the run as it stands; returns its folder.
+
+        Raises:
+            FileError: the folder cannot be written.
+        """
+        path = self._maps / f"{self.scene.name}.json"
+        self._keeper.write(
+            self._done,
+            method=self._method.name,
+            steps=self._steps,
+            times=self._times,
+            tours=self._tours.values(),
+            maps={self.scene.name: read_bytes(path)} if path.exists() else {},
+        )
+        return self.folder
+
+    def __repr__(self) -> str:
+        said = len(self.replies)
+        remembered = f"{said} said, {len(self.memory)} things remembered"
+        return f"Agent({self.scene.source!r}): {self._method.name}, {remembered}"
+
+
+def _models(planner: str, preset: str) -> Models:
+    chosen = preset_of(preset)
+    return Models(planner=planner, recall=chosen.recall, recall_text=chosen.recall_text)
+
+
+def asking(models: Models) -> Models:
+    """Return models of which a big planner is told how to refuse; others do if they learnt to."""
+    if models.refusing is not None:
+        return models
+    hosted = models.hosted.planner is not None
+    profile = models.profile or (
+        "full" if hosted else resolve_planner(models.planner).prompt_profile
+    )
+    return models.computed_by({"refusing": True}) if profile == "full" else models

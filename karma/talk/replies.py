@@ -1,0 +1,194 @@
+"""What an agent says to a request: before it acts, while it acts, and afterwards.
+
+A reply is told in lines, each with a mark that says what kind of line it is. The terminal colours
+them, Python prints them, notebooks make a list of them; the words are the same.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from textwrap import wrap
+from typing import Literal
+
+from karma.agent.understood import Understanding
+from karma.bench.records import SubTaskRecord
+from karma.contracts import Check, Found, Plan, SkillResult
+from karma.infer.hosted.cost import Spent
+
+Status = Literal["done", "unfinished", "refused"]
+Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]
+_MARKS: Mapping[Found, Mark] = {
+    "seen": "seen", "done": "seen", "otherwise": "not seen", "unseen": "not seen",
+}  # fmt: skip
+ROWS = 22  # that an answer has on a screen of 24, with the line that is typed
+_WIDTH = 76  # of deeds, which may take several rows
+_LEAST = 2  # rows of one request among several
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of an answer."""
+
+    mark: Mark
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class RequestReply:
+    """What became of one request."""
+
+    instruction: str
+    understood: tuple[Understanding, ...] = ()  # one for each answer of the planner that stood
+    plans: tuple[Plan, ...] = ()
+    results: tuple[SkillResult, ...] = ()  # of all programs
+    checks: tuple[Check, ...] = ()
+    finished: bool = False
+    record: SubTaskRecord | None = None
+
+    @property
+    def refused(self) -> str:
+        """Why it was not carried out; "" where it was tried."""
+        return self.understood[-1].refused if self.understood else ""
+
+    @property
+    def status(self) -> Status:
+        """Whether it was done, tried in vain, or refused."""
+        return "refused" if self.refused else "done" if self.finished else "unfinished"
+
+    def __repr__(self) -> str:
+        return "\n".join(line.text for line in lines_of(self))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class AgentReply:
+    """What became of all that was said at once."""
+
+    said: str
+    parts: tuple[RequestReply, ...]
+
+    @property
+    def spent(self) -> tuple[Spent, ...]:
+        """What hosted models cost, without the seconds."""
+        return tuple(one for part in self.parts if part.record for one in part.record.hosted)
+
+    @property
+    def status(self) -> Status:
+        """The worst of the parts: unfinished, then refused, then done."""
+        every = {part.status for part in self.parts}
+        return next((s for s in ("unfinished", "refused") if s in every), "done")
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """What is so afterwards, of all parts."""
+        return tuple(check for part in self.parts for check in part.checks)
+
+    def __bool__(self) -> bool:
+        """Return whether all was done."""
+        return self.status == "done"
+
+    def __repr__(self) -> str:
+        most = rows_for(len(self.parts))
+        return "\n".join(line.text for part in self.parts for line in lines_of(part, most))
+
+    def _repr_html_(self) -> str:
+        """Return the lines as a list for notebooks; all text is escaped."""
+        lines = (line for part in self.parts for line in lines_of(part))
+        items = "".join(f"<li>{escape(line.text.strip())}</li>" for line in lines)
+        return f'<ul class="karma-reply">{items}</ul>'
+
+
+def rows_for(parts: int) -> int:
+    """Return how many rows each of so many requests may take.
+
+    >>> rows_for(1), rows_for(2), rows_for(9)
+    (22, 11, 2)
+    """
+    return max(ROWS // max(parts, 1), _LEAST)
+
+
+def lines_of(part: RequestReply, most: int = ROWS) -> list[Line]:
+    """Return what is said of one request, in at most so many rows."""
+    before = [line for one in part.understood[:1] for line in lines_before(one, max(most // 2, 1))]
+    again = [line for one in part.understood[1:] for line in lines_again(one)][: most // 3]
+    after = lines_after(part, max(most - 1 - len(before) - len(again), 1))
+    return [Line("said", part.instruction), *before, *again, *after][:most]
+
+
+def lines_before(one: Understanding, most: int = ROWS) -> list[Line]:
+    """Return what is said before anything is done, in at most so many rows."""
+    sure = Line("sure", f"  sure: {one.sure}")
+    if one.refused:
+        why = [Line("failed", f"  not done: {one.refused}"), Line("asked", f"  {one.question}")]
+        return [sure, *why] if most > len(why) else why[:most]
+    meant = [Line("meant" if said.things else "asked", f"  {said}") for said in one.meant]
+    if one.unnamed:
+        meant.append(Line("meant", f"  not named, but used: {', '.join(one.unnamed)}"))
+    if one.forbidden:
+        meant.append(Line("failed", f"  it says not to: {', '.join(one.forbidden)}"))
+    rows = wrap(f"I will {_few(one.deeds, 8)}", _WIDTH, max_lines=max(most // 3, 1))
+    doing = [Line("meant", f"  {row}") for row in rows]
+    room = most - len(doing) - 1
+    return [*_cut(meant, room), *doing, sure] if room > 0 else doing
+
+
+def lines_again(one: Understanding) -> list[Line]:
+    """Return what is said when a program has failed and another answer stands in its place."""
+    if one.refused:
+        return [Line("failed", f"  not done: {one.refused}"), Line("asked", f"  {one.question}")]
+    return [Line("meant", f"  again: I will {_few(one.deeds, 6)}")]
+
+
+def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
+    """Return what came of a request, and what is so by the agent's own eyes."""
+    if part.refused and not part.results:
+        return []
+    steps = sum(result.actions for result in part.results)
+    places = sum(result.explorations for result in part.results)
+    cost = f"{steps} steps" + (f", {places} places searched" if places else "")
+    if part.finished:
+        told = [Line("did", f"  done: {cost}")]
+    else:
+        told = [Line("failed", f"  not finished: {reason_of(part)} ({cost})")]
+    eyes = [
+        Line("seen" if c.found in ("seen", "done") else "not seen", f"  {c}") for c in part.checks
+    ]
+    return [*told, *_cut(eyes, max(most - 1, 1))]
+
+
+def reason_of(part: RequestReply) -> str:
+    """Return why a request came to nothing."""
+    failed = next((result for result in reversed(part.results) if not result.ok), None)
+    if failed is not None:
+        return f"{failed.call}: {failed.reason}"
+    error = next((plan.error for plan in reversed(part.plans) if plan.error), "")
+    return error or "the planner gave no program"
+
+
+def lines_why(part: RequestReply, most: int = ROWS) -> list[Line]:
+    """Return what a request went by: memory that was told, the program, and what came of it."""
+    found = [Line("said", part.instruction)]
+    if part.plans:
+        told = [f"{unit.object_type}" for unit in part.plans[0].units]
+        found.append(Line("meant", f"  remembered for it: {', '.join(told) or 'nothing'}"))
+    found += [line for one in part.understood[-1:] for line in lines_before(one, most // 3)]
+    found += [Line("failed", f"  answer refused: {p.error}") for p in part.plans if p.error][:2]
+    results = [
+        Line(
+            "did" if one.ok else "failed", f"  {one.call}" + (f": {one.reason}" * bool(one.reason))
+        )
+        for one in part.results
+    ]
+    return [*found, *_cut(results, max(most - len(found), 1))][:most]
+
+
+def _cut(lines: Sequence[Line], most: int) -> list[Line]:
+    """Return at most so many lines; the last one says how many are left out."""
+    if len(lines) <= most:
+        return list(lines)
+    kept = list(lines[: max(most - 1, 0)])
+    return [*kept, Line("meant", f"  and {len(lines) - len(kept)} more")]
+
+
+def _few(words: Sequence[str], most: int) -> str:
+    shown = [*words[:most], *([f"{len(words) - most} more deeds"] if len(words) > most else [])]
+    return ", ".join(shown) or "do nothing"

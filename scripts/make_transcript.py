@@ -1,0 +1,121 @@
+"""Write docs/transcript.md: what `karma chat` makes of requests as people say them.
+
+    python scripts/make_transcript.py [--planner NAME] [--said FILE] [--out FILE]
+
+It runs the command itself, a conversation a room, in an empty folder, and keeps all that it
+prints. Equal weights give equal bytes. A line of the list is a request that can be done there
+("+") or not ("-"); "@" begins a room.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+HEAD = """# Requests as people say them
+
+What `karma chat` printed, all of it, 80 columns wide, with the planner `{planner}`. Written by
+`python scripts/make_transcript.py` from [the list](../eval/talk/said.txt); nothing is left out or
+put right. "Done" and "seen" are the agent's own words, not a judge's.
+
+| the request | number | done, by its own account | not finished | refused |
+|---|---|---|---|---|
+"""
+KINDS = {"+": "can be done there", "-": "cannot be done, or should not"}
+
+
+@dataclass
+class Talk:
+    """A conversation in one room."""
+
+    scene: str
+    said: list[tuple[str, str]] = field(default_factory=list)  # kind and words
+
+
+def read(path: Path) -> list[Talk]:
+    """Return the conversations of a list."""
+    talks: list[Talk] = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        mark, _, words = line.partition(" ")
+        if mark == "@":
+            talks.append(Talk(words.strip()))
+        elif mark in KINDS:
+            talks[-1].said.append((mark, words.strip()))
+    return talks
+
+
+def printed(talk: Talk, options: Sequence[str]) -> list[str]:
+    """Return what the command prints in an empty folder."""
+    command = [
+        str(Path(sys.executable).with_name("karma")),
+        "chat",
+        "--scene",
+        talk.scene,
+        *options,
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            env={**os.environ, "COLUMNS": "80", "PYTHONHASHSEED": "0"},
+            input="".join(f"{words}\n" for _, words in talk.said),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if done.returncode:
+        sys.exit(done.stdout + done.stderr)
+    return done.stdout.splitlines()
+
+
+def answers(lines: Sequence[str]) -> Iterator[str]:
+    """Yield what became of each request, in a word."""
+    blocks: list[list[str]] = []
+    for line in lines:
+        if line.startswith("> "):
+            blocks.append([])
+        elif blocks:
+            blocks[-1].append(line)
+    for block in blocks:
+        text = "\n".join(block)
+        unfinished = "  not finished:" in text or "error:" in text
+        yield "not finished" if unfinished else "refused" if "  not done:" in text else "done"
+
+
+def page(talks: Sequence[Talk], options: Sequence[str], planner: str) -> str:
+    """Return the whole page."""
+    counts = {kind: dict.fromkeys(("done", "not finished", "refused"), 0) for kind in KINDS}
+    parts = []
+    for talk in talks:
+        lines = printed(talk, options)
+        for (kind, _), what in zip(talk.said, answers(lines), strict=True):
+            counts[kind][what] += 1
+        shown = "\n".join(line.rstrip() for line in lines)
+        parts.append(f"## {talk.scene}\n\n```\n$ karma chat --scene {talk.scene}\n{shown}\n```\n")
+    rows = "".join(
+        f"| {KINDS[kind]} | {sum(found.values())} | {' | '.join(map(str, found.values()))} |\n"
+        for kind, found in counts.items()
+    )
+    return HEAD.format(planner=Path(planner).name) + rows + "\n" + "\n".join(parts)
+
+
+def main() -> None:
+    """Write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--planner", default="karma-nano")
+    parser.add_argument("--profile", default="")
+    parser.add_argument("--said", type=Path, default=ROOT / "eval" / "talk" / "said.txt")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "transcript.md")
+    given = parser.parse_args()
+    options = ["--planner", given.planner, *(["--profile", given.profile] if given.profile else [])]
+    given.out.write_text(page(read(given.said), options, given.planner), encoding="utf-8")
+    print(f"written: {given.out}")
+
+
+if __name__ == "__main__":
+    main()

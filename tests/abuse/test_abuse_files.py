@@ -1,0 +1,235 @@
+"""Files that mean harm: refused by name and within bounds, and nothing of the user's is lost."""
+
+import json
+import os
+import threading
+
+import pytest
+from support.abuse import all_held, refused
+from support.abuse.files import a_gguf, files
+from support.household import kitchen
+from support.made_records import episode, write_run
+from typer.testing import CliRunner
+
+from karma.bench.folder import check_ours, sweep
+from karma.bench.run_folder import _OURS as OURS
+from karma.bench.run_folder import HEADER, RunFolder
+from karma.cli import app
+from karma.errors import FileError, ModelError, UnwritableError
+from karma.files import TEMPORARY, below, read_toml, unpack, write_atomic
+from karma.infer.checks.gguf import check_gguf
+from karma.infer.checks.template import try_template
+from karma.methods.karma import KarmaSettings
+from karma.methods.options import settings_of
+from karma.tasks.goals import _near
+from karma.world.core import scene as scenes
+from karma.world.sim import EmbeddedWorld
+
+
+def test_hostile_files_of_every_kind_are_refused_by_name_and_leave_nothing(tmp_path):
+    assert all_held(files(0, 520), tmp_path).tried == 520
+
+
+# ----------------------------------------------------------------- the user's own files
+
+
+def test_folder_that_is_no_run_is_refused_and_keeps_every_file(tmp_path):
+    for name in (".env.template", "sub/.bashrc.original", "sub/.x.folder_1/y"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("mine")
+    before = sorted(tmp_path.rglob("*"))
+    sweep(tmp_path, OURS)
+    with pytest.raises(FileError, match="holds no run, but"):
+        check_ours(tmp_path, OURS, header=HEADER)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_run_folder_sweeps_its_own_leftovers_only(tmp_path):
+    folder = write_run(tmp_path / "run", [episode()])
+    mine = folder / ".notes.original"
+    left = [folder / f".episodes.jsonl.ab12cd34{TEMPORARY}", folder / f"maps/.a.json.x{TEMPORARY}"]
+    for path in (mine, *left):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("x")
+    sweep(folder, OURS)
+    assert mine.exists()
+    assert not any(path.exists() for path in left)
+
+
+def test_fresh_run_throws_away_no_folder_that_is_not_a_run_s(tmp_path):
+    (tmp_path / HEADER).write_text('{"title": "my page"}')
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "one.txt").write_text("mine")
+    with pytest.raises(FileError, match=r"header\.json"):
+        RunFolder(tmp_path, steps=True).clear()
+    assert (tmp_path / "scenes" / "one.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("part", ["episodes.jsonl", "maps", "scenes/a.json"])
+def test_run_folder_with_a_link_in_it_is_refused(part, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    folder = write_run(tmp_path / "run", [])
+    (folder / part).unlink(missing_ok=True)
+    (folder / part).parent.mkdir(exist_ok=True)
+    (folder / part).symlink_to(elsewhere)
+    with pytest.raises(FileError, match="is a link"):
+        check_ours(folder, OURS, header=HEADER)
+
+
+def test_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
+    (tmp_path / "to").mkdir()
+    target, link = tmp_path / "to" / "figures.json", tmp_path / "link.json"
+    target.write_text("old")
+    link.symlink_to(target)
+    write_atomic(link, b"new")
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
+    assert sorted(path.name for path in (tmp_path / "to").iterdir()) == ["figures.json"]
+
+
+def test_pipe_is_written_to_and_stays_a_pipe(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(UnwritableError):  # nobody reads: said at once, not waited for
+        write_atomic(pipe, b"x")
+    handle = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        thread = threading.Thread(target=write_atomic, args=(pipe, b"figures"))
+        thread.start()
+        thread.join()
+        assert os.read(handle, 100) == b"figures"
+    finally:
+        os.close(handle)
+    assert pipe.is_fifo()
+
+
+# ----------------------------------------------------------------- names that become paths
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../x", "/tmp/x", "a/b", "..", "", ".hidden", "a\0b", "a\nb", "\x1b[2J", "x" * 300, "a\\b"],
+)
+def test_name_of_somebody_s_file_never_leads_out_of_the_folder(name, tmp_path):
+    with pytest.raises(FileError, match="cannot be the name of a file"):
+        below(tmp_path, name)
+
+
+@pytest.mark.parametrize("name", ["../out", "/tmp/karma-never-written", "a/../../out"])
+def test_imported_room_s_name_never_leaves_the_folder_for_scenes(name, tmp_path):
+    objects = [dict(thing) for thing in EmbeddedWorld(kitchen()).last_event.metadata["objects"]]
+    dump = tmp_path / "dump.jsonl"
+    dump.write_text(json.dumps({"scene": name, "objects": objects}, default=list) + "\n")
+    out = tmp_path / "in" / "scenes"
+    result = CliRunner().invoke(app, ["world", "import", str(dump), "--out", str(out)])
+    assert result.exit_code == 1, result.output
+    assert sorted(path.name for path in tmp_path.rglob("*.json")) == []
+
+
+# ----------------------------------------------------------------- numbers and sizes
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"grid_m": 0}, "grid_m"),
+        ({"grid_m": -0.25}, "grid_m"),
+        ({"agent": {"position": [1e308, 0, 0]}}, "agent"),
+        ({"bounds_size": [1e9, 3, 1e9]}, "bounds_size"),
+        ({"bounds_size": [4, -1, 4]}, "below 0"),
+        ({"floor_y": 1e300}, "floor_y"),
+        ({"reachable": [[1e308, 0]]}, "reachable"),
+        ({"reachable": [[0, 0]] * 100_001}, "too many"),
+    ],
+)
+def test_scene_with_senseless_numbers_is_refused_before_anything_is_computed(
+    changes, named, tmp_path
+):
+    path = tmp_path / "home.json"
+    raw = json.loads((scenes.SCENES / "kitchen_1.json").read_text())
+    path.write_text(json.dumps({**raw, **changes}))
+    with pytest.raises(FileError, match=named):
+        scenes.load(path)
+
+
+def test_scene_with_a_thousand_things_in_one_another_is_refused(tmp_path):
+    raw = json.loads((scenes.SCENES / "kitchen_1.json").read_text())
+    thing = {**raw["objects"][0], "parents": []}
+    chain = [
+        {**thing, "id": f"b{n}", "name": f"b{n}", "parents": [f"b{n - 1}"] if n else []}
+        for n in range(1000)
+    ]
+    path = tmp_path / "home.json"
+    path.write_text(json.dumps({**raw, "objects": chain}))
+    with pytest.raises(FileError, match="lie in one another"):
+        scenes.load(path)
+
+
+@pytest.mark.parametrize("option", [{"recall_k": 0}, {"attempts": 0}, {"seen_kept": -1}])
+def test_option_out_of_range_is_refused(option):
+    refused(lambda: settings_of(KarmaSettings, option))
+
+
+def test_goal_s_position_beyond_all_rooms_is_simply_not_near():
+    class Thing:
+        position_m = (0.0, 0.0, 0.0)
+
+    assert not _near(Thing, (1e308, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("action", [None, 7, 1.5, ("MoveAhead",)])
+def test_action_that_is_no_name_is_misuse_and_changes_nothing(action):
+    world = EmbeddedWorld(kitchen())
+    before = world.last_event
+    with pytest.raises(ValueError, match="an action is a name"):
+        world.step(action)
+    assert world.last_event is before
+
+
+def test_gzip_bomb_is_unpacked_to_its_limit_only(tmp_path):
+    import gzip
+
+    with pytest.raises(FileError, match="unpacks to more than 1 MiB"):
+        unpack(gzip.compress(bytes(50 << 20)), path="x.gz", most=1 << 20)
+
+
+def test_key_of_endless_parts_in_a_toml_is_refused_at_once(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text(".".join(["a"] * 100_000) + " = 1\n")
+    with pytest.raises(FileError, match=r"x\.toml: a key of more than 64 parts"):
+        read_toml(path, dict)
+
+
+# ----------------------------------------------------------------- chat templates
+
+
+@pytest.mark.parametrize(
+    "template",
+    [
+        "{{ 9**9**9 }}",
+        "{{ 'a' * 999999999 }}",
+        "{{ 'a' * 99999 * 99999 }}",
+        "{% for a in range(99999) %}{% for b in range(99999) %}{{ a }}{% endfor %}{% endfor %}",
+        "{{ '%999999999d' % 1 }}",
+        "{{" + "(" * 5000 + "1" + ")" * 5000 + "}}",
+        "x" * 300_000,
+    ],
+)
+def test_chat_template_that_could_take_any_time_is_refused_before_it_is_compiled(
+    template, tmp_path
+):
+    path = tmp_path / "tiny.gguf"
+    path.write_bytes(a_gguf(template))
+    with pytest.raises(ModelError, match=r"tiny\.gguf: its chat template"):
+        check_gguf(path)
+
+
+def test_chat_template_that_grows_in_a_loop_is_stopped_in_its_own_process():
+    growing = (
+        "{% set n = namespace(x='aaaaaaaa') %}{% for i in range(64) %}{% set n.x = n.x ~ n.x %}"
+        "{% endfor %}{{ n.x }}"
+    )
+    with pytest.raises(ModelError, match="tiny: its chat template"):
+        try_template("tiny", growing)
+    try_template("tiny", "{% for m in messages %}{{ m.content }}{% endfor %}")

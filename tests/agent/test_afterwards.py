@@ -1,0 +1,90 @@
+"""Afterwards it is said what is so: by what the agent has seen, never by how the room is."""
+
+from dataclasses import replace
+
+from support.household import bring
+from support.talking import STORE, TAKE, WASH, agent_saying
+
+from karma.agent.afterwards import checked
+from karma.contracts import Experience, SkillCall, SkillResult
+
+
+def told(reply):
+    return [str(check) for check in reply.checks]
+
+
+def test_what_was_put_away_before_the_eyes_is_seen(tmp_path):
+    reply = agent_saying(tmp_path, [STORE]).do("put the apple in the fridge")
+    assert told(reply) == ["the apple is in the fridge: seen"]
+
+
+def test_what_was_washed_is_seen_where_it_lies_and_clean_by_the_deed(tmp_path):
+    reply = agent_saying(tmp_path, [TAKE + WASH]).do("wash the apple")
+    assert told(reply) == ["the apple is in the sink: seen", "the apple is clean: done, not seen"]
+
+
+def test_last_deed_with_a_thing_counts(tmp_path):
+    reply = agent_saying(tmp_path, [TAKE + WASH + STORE]).do("wash the apple and store it")
+    assert told(reply) == ["the apple is in the fridge: seen", "the apple is clean: done, not seen"]
+
+
+def test_what_was_not_come_to_is_not_seen(tmp_path):
+    program = "GoToObject(robot, 'Sofa')\n" + STORE
+    reply = agent_saying(tmp_path, [program] * 9).do("put the apple in the fridge")
+    assert reply.status == "unfinished"
+    assert told(reply) == ["the apple is in the fridge: not seen"]
+
+
+def test_truth_behind_the_agents_back_changes_nothing_that_it_says(tmp_path):
+    honest, watched = (agent_saying(tmp_path, [STORE, TAKE]) for _ in range(2))
+    honest.do("put the apple in the fridge")
+    said = [moment for moment in watched.doing("put the apple in the fridge")]
+    world = watched._world
+    world.step("OpenObject", objectId=_id(world, "Fridge"), forceAction=True)
+    assert bring(world, "Apple", "DiningTable")[0]
+    assert said[-1].checks == honest.replies[-1].checks
+
+
+def test_sight_that_contradicts_the_deed_is_told(tmp_path):
+    agent = agent_saying(tmp_path, [STORE])
+    *_, part = agent.doing("put the apple in the fridge")
+    calls = tuple(result.call for result in part.results)
+    apple = next(name for result in part.results for name in result.object_ids if "Apple" in name)
+    shown = _experience_with(agent, apple, ("CounterTop|1|2|3",))
+    (check,) = checked(calls, part.results, shown)
+    assert str(check) == "the apple is in the fridge: no, it is on the counter top"
+
+
+def test_thing_that_was_handled_and_never_in_view_again_is_not_called_seen():
+    call = SkillCall(skill="PutObject", objects=("Apple", "Fridge"))
+    result = SkillResult(call=call, ok=True, object_ids=("Apple|1|2|3", "Fridge|1|2|3"))
+    (check,) = checked((call,), (result,), _nothing())
+    assert str(check) == "the apple is in the fridge: not seen"
+
+
+def _nothing():
+    return Experience(
+        seen={},
+        views={},
+        held=None,
+        handled_ids=(),
+        effects={},
+        missed=frozenset(),
+        cut=frozenset(),
+    )
+
+
+def _experience_with(agent, name, parents):
+    """What an agent knows that last saw a thing elsewhere."""
+    from karma.agent.perceive import observe
+
+    view = observe(agent._world.last_event, touched=[name])
+    sight = next(one for one in (*view.seen, *view.touched) if one.object_id == name)
+    moved = replace(sight, parent_ids=parents)
+    view = replace(view, seen=(moved,), touched=())
+    return replace(_nothing(), seen={name: moved}, views={name: view})
+
+
+def _id(world, kind):
+    things = world.last_event.metadata["objects"]
+    return next(thing["objectId"] for thing in things if thing["objectType"] == kind)

@@ -1,0 +1,116 @@
+"""What a run was told, and that a comparison names every difference."""
+
+import json
+
+import msgspec
+import pytest
+from support.run_files import TASKS, copy
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma import registry
+from karma.bench.configuration import CONFIG, all_apart, configuration, read_config, rows_apart
+from karma.bench.experiment import Experiment, Models, Row
+from karma.bench.experiment_file import Changes, setting_of
+from karma.bench.run import Run
+from karma.cli import app
+from karma.errors import FileError, KarmaError
+
+ROW = '[[rows]]\nname = "expert"\nmethod = "expert"\n[[rows]]\nname = "idle"\nmethod = "idle"\n'
+
+
+def told(**models):
+    rows = (Row(name="a"), Row(name="b", preset="paper", options={"attempts": 1}))
+    experiment = Experiment(name="x", rows=rows, tasks="t.jsonl", models=Models(**models))
+    return configuration(experiment)
+
+
+def test_configuration_has_every_key_of_the_experiment_with_its_default():
+    found = told()
+    for kind, there in ((Experiment, found), (Models, found["models"]), (Row, found["rows"][0])):
+        assert {field.name for field in msgspec.structs.fields(kind)} <= there.keys()
+    models = found["models"]
+    assert (models["profile"], models["constrained"], models["max_tokens"]) == (
+        "compact",
+        True,
+        512,
+    )
+    assert models["refusing"] in (True, False)
+
+
+def test_configuration_of_a_row_has_what_its_method_and_preset_fill_in():
+    plain, paper = told()["rows"]
+    assert (plain["recall"], paper["recall"]) == ("stateful", "cosine")
+    assert (plain["options"]["recall_k"], paper["options"]["recall_k"]) == (3, 10)
+    assert (plain["options"]["attempts"], paper["options"]["attempts"]) == (3, 1)
+    assert plain["vision"] == "metadata"
+
+
+@pytest.mark.parametrize("name", registry.names("methods"))
+def test_every_method_of_ours_tells_its_options_by_what_it_refuses_others(name):
+    kind = registry.load("methods", name)
+    known = msgspec.to_builtins(kind.settings_kind()).keys()
+    with pytest.raises(KarmaError, match="unknown option 'zzz'") as caught:
+        kind.build(None, {"zzz": 1})
+    assert all(option in str(caught.value) for option in known)
+
+
+def test_differences_name_each_option_and_nothing_that_is_equal():
+    assert all_apart(told(), told()) == []
+    assert all_apart(told(), told(constrained=False, temperature=0.5)) == [
+        "models.constrained: true became false",
+        "models.temperature: 0.0 became 0.5",
+    ]
+    words = rows_apart(told(), "a", told(), "b")
+    assert 'row a -> b: preset: "" became "paper"' in words
+    assert "row a -> b: options.recall_k: 3 became 10" in words
+    assert not any("seen_kept" in word for word in words)
+
+
+def test_damaged_configuration_is_named(tmp_path):
+    assert read_config(tmp_path) is None
+    for text in ("{", "[]", "{}", '{"rows": 1}', '{"rows": [1]}'):
+        (tmp_path / CONFIG).write_text(text)
+        with pytest.raises(FileError, match=r"config\.json"):
+            read_config(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two runs that differ in one switch."""
+    folder = tmp_path_factory.mktemp("runs")
+    planner = export_tiny(folder / "tiny.gguf")
+    path = folder / "x.toml"
+    path.write_text(
+        f'name = "x"\ntasks = "{TASKS}"\nonly = ["simple-12"]\n{ROW}'
+        f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
+    )
+    for name, more in (("a", ()), ("b", ("models.constrained=false",))):
+        changes = Changes(settings=tuple(map(setting_of, more)))
+        list(Run(path, folder / name, changes=changes).episodes())
+    return folder
+
+
+def compared(*runs):
+    result = CliRunner().invoke(app, ["compare", *map(str, runs)], env={"COLUMNS": "200"})
+    assert result.exit_code == 0, result.output
+    return result.output.replace("\n", " ")
+
+
+def test_compare_names_every_difference(runs):
+    a, b = runs / "a", runs / "b"
+    assert f"{b}: models.constrained: true became false" in compared(a, b)
+    assert f"{b}:idle: row expert -> idle: method:" in compared(f"{a}:expert", f"{b}:idle")
+    assert "models.constrained" not in compared(a, copy(a, runs / "c"))
+
+
+def test_compare_says_where_options_are_not_known(runs):
+    old = copy(runs / "b", runs / "old")
+    (old / CONFIG).unlink()
+    assert f"options: {old} was begun by an earlier version" in compared(runs / "a", old)
+
+
+def test_configuration_is_what_the_folder_keeps(runs):
+    kept = json.loads((runs / "b" / CONFIG).read_text())
+    assert kept["models"]["constrained"] is False
+    assert [row["name"] for row in kept["rows"]] == ["expert", "idle"]

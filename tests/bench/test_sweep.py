@@ -1,0 +1,317 @@
+"""Sweeps: every cell a run, one table, the same bytes however often they are killed."""
+
+import csv
+import io
+import os
+import signal
+import time
+from xml.etree import ElementTree as ET
+
+import pytest
+from support.run_files import TASKS, copy, files, lines_in, started
+from typer.testing import CliRunner
+
+from karma.bench.experiment_file import Changes
+from karma.bench.export import exported, to_arrow, to_csv, to_junit
+from karma.bench.folder import locked
+from karma.bench.metrics import METRICS
+from karma.bench.records import read_records
+from karma.bench.run import Run
+from karma.bench.run_folder import EPISODES, HEADER, RESULTS, read_run
+from karma.bench.sweep import SweepRun, cells_of, planners_in
+from karma.bench.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
+from karma.cli import app
+from karma.errors import FileError, KarmaError
+from karma.testing import make_planner
+
+ONLY = ["simple-11", "simple-14"]
+TEXT = f"""
+name = "swept"
+tasks = "{TASKS}"
+only = {ONLY}
+[[rows]]
+name = "babble"
+options = {{ attempts = 1 }}
+[[rows]]
+name = "expert"
+method = "expert"
+[models]
+max_tokens = 24
+[run]
+steps = false
+"""
+GRID = """
+[[grid]]
+models.planner = ["a.gguf", "b.gguf"]
+rows."babble".options.recall_k = [1, 3]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with two planners, one of them of another family, and an experiment."""
+    place = tmp_path_factory.mktemp("sweep")
+    make_planner(place / "a.gguf", "llama3", seed=1)
+    make_planner(place / "b.gguf", "qwen2.5", seed=2)
+    (place / "x.toml").write_text(TEXT + GRID)
+    return place
+
+
+@pytest.fixture(scope="module")
+def whole(folder):
+    """An undisturbed sweep."""
+    sweep = SweepRun(folder / "x.toml", folder / "whole")
+    done = list(sweep.episodes(1))
+    assert len(done) == 4 * 2 * 2
+    assert sweep.failed == {}
+    return folder / "whole"
+
+
+def swept(folder):
+    """All that must be the same in every sweep, cell by cell."""
+    cells = {place.name: files(place) for place in sorted((folder / CELLS).iterdir())}
+    return cells, (folder / SWEEP).read_bytes(), (folder / TABLE).read_bytes()
+
+
+def karma_eval(*words):
+    return CliRunner().invoke(app, ["eval", *map(str, words)], env={"COLUMNS": "200"})
+
+
+# ----------------------------------------------------------------- cells
+
+
+def cells(folder, text):
+    path = folder / "x.toml"
+    path.write_text(TEXT + text)
+    return SweepRun(path, folder / "run").cells
+
+
+def test_cells_are_every_combination_and_several_grids_stand_side_by_side(tmp_path):
+    found = cells(
+        tmp_path,
+        '[[grid]]\nmodels.recall = ["stateful", "cosine"]\nseeds = [[0], [1, 2]]\n'
+        '[[grid]]\nmodels.recall = "cosine"\nmodels.temperature = [0.5]\n'
+        '[[grid]]\nmodels.recall = ["cosine"]\nseeds = [[0]]\n',
+    )
+    assert [cell.name for cell in found] == [
+        "recall=stateful, seeds=[0]",
+        "recall=stateful, seeds=[1,2]",
+        "recall=cosine, seeds=[0]",
+        "recall=cosine, seeds=[1,2]",
+        "recall=cosine, temperature=0.5",
+    ]
+    assert len({cell.kept.folder for cell in found}) == 5
+
+
+def test_planners_of_one_name_are_told_apart(tmp_path):
+    found = cells(tmp_path, '[[grid]]\nmodels.planner = ["one/p.gguf", "two/p.gguf"]\n')
+    assert [cell.name for cell in found] == ["planner=one/p.gguf", "planner=two/p.gguf"]
+    assert len({cell.kept.folder for cell in found}) == 2
+
+
+@pytest.mark.parametrize(
+    ("grid", "words"),
+    [
+        ("[[grid]]\nmodels.plannr = ['x']", "write 'planner'"),
+        ("[[grid]]\nmodels.planner = []", "models.planner has no value"),
+        ("[[grid]]\n", "it sets nothing"),
+        ("[[grid]]\nseeds = [[0], ['x']]", "seeds = "),
+        ("[[grid]]\nrows.expret.method = ['idle']", "Did you mean 'expert'"),
+        ("[[grid]]\nmodels.vision = ['metdata']", "Did you mean 'metadata'"),
+    ],
+)
+def test_wrong_grid_is_refused_before_anything_is_done(tmp_path, grid, words):
+    with pytest.raises(KarmaError, match=words):
+        cells(tmp_path, grid)
+    assert not (tmp_path / "run").exists()
+
+
+def test_planners_of_a_folder_are_its_ggufs_by_name(folder, tmp_path):
+    assert [path.name for path in planners_in(folder)] == ["a.gguf", "b.gguf"]
+    with pytest.raises(FileError, match=r"no planner's \.gguf is in it"):
+        planners_in(tmp_path)
+    with pytest.raises(KarmaError, match="give one of them"):
+        cells_of(folder / "x.toml", [{"models": {"planner": ["a"]}}], Changes(), folder)
+
+
+# ----------------------------------------------------------------- one folder, one table
+
+
+def test_each_cell_is_a_run_of_its_own_with_what_it_was_told(whole):
+    data = read_sweep(whole)
+    runs = [data.run(cell) for cell in data.cells]
+    assert [run.finished for run in runs] == [True] * 4
+    planners = [run.header.models["planner"].partition(" ")[0] for run in runs]
+    assert planners == ["a", "a", "b", "b"]
+    assert len({run.header.experiment for run in runs}) == 4
+    assert [cell.values for cell in data.cells][:2] == [
+        {"planner": "a", "recall_k": "1"},
+        {"planner": "a", "recall_k": "3"},
+    ]
+
+
+def test_table_has_a_line_per_cell_and_row(whole):
+    lines = (whole / TABLE).read_text().splitlines()
+    table = [line.strip("| ").split(" | ") for line in lines if line.startswith("| ")]
+    assert table[0][:5] == ["planner", "recall_k", "method", "SR", "solved"]
+    assert [line[:3] for line in table[1:]] == [
+        [planner, k, row] for planner in "ab" for k in "13" for row in ("babble", "expert")
+    ]
+    assert all(line[4] == "2 of 2" for line in table[1:] if line[2] == "expert")
+    result = CliRunner().invoke(app, ["table", str(whole)], env={"COLUMNS": "200"})
+    assert result.exit_code == 0
+    assert result.output.count("expert") == 4
+
+
+def test_cell_that_cannot_be_done_is_named_and_the_others_are_done(folder, tmp_path):
+    path = tmp_path / "x.toml"
+    (tmp_path / "broken.gguf").write_bytes(b"GGUF" + bytes(40))
+    grid = f'[[grid]]\nmodels.planner = ["broken.gguf", "none.gguf", "{folder}/a.gguf"]\n'
+    path.write_text(TEXT + grid)
+    result = karma_eval(path, "--out", tmp_path / "run", "--workers", 1, "--limit", 1)
+    assert result.exit_code == 1
+    data = read_sweep(tmp_path / "run")
+    assert [bool(cell.failed) for cell in data.cells] == [True, True, False]
+    assert "none.gguf" in data.cells[1].failed
+    assert read_run(tmp_path / "run" / CELLS / data.cells[2].folder).finished
+    assert "Failed: planner=broken" in (tmp_path / "run" / TABLE).read_text()
+    suites = ET.fromstring(to_junit(tmp_path / "run"))
+    assert [suite.get("errors") for suite in suites] == ["1", "1", "0", "0"]
+    make_planner(tmp_path / "none.gguf", "llama3", seed=3)
+    again = karma_eval(path, "--out", tmp_path / "run", "--workers", 1, "--limit", 1)
+    assert [bool(c.failed) for c in read_sweep(tmp_path / "run").cells] == [True, False, False]
+    assert again.exit_code == 1
+
+
+def test_grid_that_grows_keeps_what_is_done(folder, whole, tmp_path):
+    run = copy(whole, tmp_path / "run")
+    path = folder / "more.toml"
+    path.write_text(TEXT + GRID.replace("[1, 3]", "[1, 3, 5]"))
+    sweep = SweepRun(path, run)
+    assert len(list(sweep.episodes(1))) == 2 * 2 * 2
+    before = swept(whole)[0]
+    assert {name: found for name, found in swept(run)[0].items() if name in before} == before
+
+
+def test_folders_of_sweeps_and_runs_are_not_mixed(folder, whole, tmp_path):
+    plain = tmp_path / "plain.toml"
+    plain.write_text(TEXT)
+    with pytest.raises(FileError, match="this folder holds a sweep"):
+        Run(plain, whole)
+    with pytest.raises(FileError, match=r"it has a \[\[grid\]\]: a sweep, not a run"):
+        Run(folder / "x.toml", tmp_path / "run")
+    with pytest.raises(FileError, match="a sweep, of many runs"):
+        read_run(whole)
+    with pytest.raises(FileError, match="this folder holds a run, not a sweep"):
+        SweepRun(folder / "x.toml", next((whole / CELLS).iterdir()))
+    with locked(whole), pytest.raises(KarmaError, match="another run is at work"):
+        SweepRun(folder / "x.toml", whole)
+
+
+def test_cell_of_a_damaged_sweep_file_never_lies_elsewhere(whole, tmp_path):
+    run = copy(whole, tmp_path / "run")
+    first = read_sweep(run).cells[0].folder
+    text = (run / SWEEP).read_text()
+    for bad in ("../../x", "", "a/b", ".."):
+        (run / SWEEP).write_text(text.replace(f'"{first}"', f'"{bad}"'))
+        with pytest.raises(FileError, match="no folder below cells"):
+            read_sweep(run)
+
+
+# ----------------------------------------------------------------- killed
+
+
+def test_sweep_killed_twice_gives_the_bytes_of_one_that_was_not(folder, whole, tmp_path):
+    run = tmp_path / "run"
+    for kill in (1, 2):
+        process = started(folder / "x.toml", run)
+        end = time.monotonic() + 300
+        while process.is_alive() and time.monotonic() < end:
+            if sum(map(lines_in, run.glob(f"{CELLS}/*/{EPISODES}"))) >= 5 * kill:
+                break
+            time.sleep(0.02)
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        assert not all((place / RESULTS).exists() for place in (run / CELLS).iterdir())
+    done = sum(len(read_records(place)) for place in run.glob(f"{CELLS}/*/{EPISODES}"))
+    assert done >= 10
+    sweep = SweepRun(folder / "x.toml", run)
+    assert len(list(sweep.episodes(1))) >= 1
+    assert swept(run) == swept(whole)
+    assert to_junit(run).replace(b'name="run"', b'name="whole"') == to_junit(whole)
+    timed = [
+        metric.key for metric in METRICS if metric.key in ("seconds", "first_token_s", "answer_s")
+    ]
+    assert to_arrow(run).drop(timed).equals(to_arrow(whole).drop(timed))
+
+
+# ----------------------------------------------------------------- export
+
+
+def test_csv_and_parquet_have_a_line_per_episode_with_the_same_values(whole, tmp_path):
+    rows = list(csv.DictReader(io.StringIO(to_csv(whole).decode())))
+    assert len(rows) == 16
+    assert {row["cell"] for row in rows} == {cell.name for cell in read_sweep(whole).cells}
+    assert rows[0]["set.planner"] == "a"
+    assert {row["succeeded"] for row in rows if row["row"] == "expert"} == {"True"}
+    assert {row["planner_calls"] for row in rows if row["row"] == "expert"} == {""}
+    parquet = pytest.importorskip("pyarrow.parquet")
+    (tmp_path / "x.parquet").write_bytes(exported(whole, "parquet"))
+    table = parquet.read_table(tmp_path / "x.parquet")
+    assert table.column_names == list(rows[0])
+    for mine, row in zip(table.to_pylist(), rows, strict=True):
+        assert {key: "" if value is None else str(value) for key, value in mine.items()} == row
+
+
+def test_export_writes_beside_the_run_or_where_it_is_told(whole, tmp_path):
+    run = copy(whole, tmp_path / "run")
+    for form, name in (("csv", "episodes.csv"), ("junit", "junit.xml")):
+        result = CliRunner().invoke(app, ["export", str(run), "--to", form])
+        assert result.exit_code == 0, result.output
+        assert (run / name).read_bytes() == exported(run, form)
+    out = tmp_path / "out.csv"
+    CliRunner().invoke(app, ["export", str(run), "--out", str(out)])
+    assert out.read_bytes() == to_csv(run)
+    wrong = CliRunner().invoke(app, ["export", str(run), "--to", "xls"])
+    assert wrong.exit_code == 1
+    assert "there is csv, parquet, junit" in wrong.output
+
+
+def test_junit_counts_what_the_records_say(whole):
+    suites = list(ET.fromstring(to_junit(whole)))
+    assert len(suites) == 8
+    for suite in suites:
+        cases = list(suite)
+        assert len(cases) == int(suite.get("tests")) == 2
+        assert len(suite.findall("*/failure")) == int(suite.get("failures"))
+        assert len(suite.findall("*/error")) == int(suite.get("errors"))
+    expert = [suite for suite in suites if suite.get("name").endswith("expert")]
+    assert {suite.get("failures") for suite in expert} == {"0"}
+    babble = suites[0]
+    assert "unmet" in babble.find("*/failure").get("message")
+
+
+# ----------------------------------------------------------------- floors
+
+
+def test_rate_below_the_floor_has_an_exit_code_of_its_own(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text(
+        TEXT.replace(
+            '[[rows]]\nname = "babble"\noptions = { attempts = 1 }',
+            '[[rows]]\nname = "idle"\nmethod = "idle"',
+        )
+    )
+    run = ("--out", tmp_path / "run", "--workers", 1)
+    junit = tmp_path / "junit.xml"
+    assert karma_eval(path, *run, "--fail-under", 0.5, "--junit", junit).exit_code == 0
+    assert junit.read_bytes() == to_junit(tmp_path / "run")
+    below = karma_eval(path, *run, "--fail-under", 0.6)
+    assert below.exit_code == 4
+    assert "success of all rows: 0.500 (2 of 4), below 0.6" in below.output
+    assert karma_eval(path, *run, "--fail-under", "expert=1").exit_code == 0
+    assert karma_eval(path, *run, "--fail-under", "idle=0.1").exit_code == 4
+    wrong = karma_eval(path, *run, "--fail-under", "exprt=1")
+    assert wrong.exit_code == 1
+    assert "Did you mean 'expert'" in wrong.output
+    assert (tmp_path / "run" / HEADER).exists()

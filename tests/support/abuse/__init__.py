@@ -1,0 +1,78 @@
+"""Attacks on the stack, drawn by seed: the same for the tests and for `scripts/check_abuse.py`.
+
+A class of attacks is a function `(seed, count) -> Iterator[Case]`. What holds returns from
+`Case.attack`; whatever it raises is what gave way. Files, links and pipes are made in the folder
+that the attack is given, and nowhere else; connections go to this machine only.
+"""
+
+import random
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from karma.errors import KarmaError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One attack."""
+
+    name: str
+    attack: Callable[[Path], None]  # in an empty folder
+
+
+@dataclass(kw_only=True)
+class Tally:
+    """What became of some attacks."""
+
+    tried: int = 0
+    gave_way: list[tuple[str, str]] = field(default_factory=list)  # name, and how
+    slowest_s: float = 0.0  # of processor
+    slowest: str = ""
+
+
+def attacked(cases: Iterator[Case], folder: Path) -> Iterator[Tally]:
+    """Try one case after the other, each in a folder of its own; yields the tally so far."""
+    tally = Tally()
+    for number, case in enumerate(cases):
+        place = folder / str(number)
+        place.mkdir(parents=True)
+        begun = time.process_time()
+        try:
+            case.attack(place)
+        except BaseException as error:
+            if isinstance(error, KeyboardInterrupt):
+                raise
+            tally.gave_way.append((case.name, f"{type(error).__name__}: {str(error)[:300]}"))
+        took_s = time.process_time() - begun
+        if took_s > tally.slowest_s:
+            tally.slowest_s, tally.slowest = took_s, case.name
+        tally.tried += 1
+        yield tally
+
+
+def all_held(cases: Iterator[Case], folder: Path) -> Tally:
+    """Try all cases and return the tally; raises AssertionError with what gave way."""
+    tally = Tally()
+    for now in attacked(cases, folder):
+        tally = now
+    assert not tally.gave_way, tally.gave_way[:5]
+    return tally
+
+
+def refused(act: Callable[[], object], *, naming: str = "") -> None:
+    """See that something is refused as the command line shows it: karma's error, in few lines."""
+    try:
+        act()
+    except KarmaError as error:
+        said = str(error)
+        assert naming in said, f"does not name {naming!r}: {said[:200]}"
+        assert len(said.splitlines()[0]) < 2000, "a line of any length"
+        return
+    raise AssertionError("was not refused")
+
+
+def stream(seed: int, name: str) -> random.Random:
+    """Return the generator of a class."""
+    return random.Random(f"{seed}/{name}")

@@ -1,0 +1,356 @@
+"""Files that mean harm, of every kind that is read: damaged, too large, or no files at all."""
+
+import gzip
+import json
+import os
+import random
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from support.abuse import Case, refused, stream
+
+Read = Callable[[Path], object]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """One kind of file that is read."""
+
+    name: str  # of a file of that kind
+    sound: Callable[[], bytes]
+    read: Read
+    text: bool = True  # JSON, lines of it, or TOML
+
+
+def _scene(path: Path) -> object:
+    from karma.world.core import scene
+
+    return scene.load(path)
+
+
+def _tasks(path: Path) -> object:
+    from karma.tasks.files import load_tasks
+
+    return load_tasks(path)
+
+
+def _authors(path: Path) -> object:
+    from karma.tasks.authors import load_authors_tasks
+
+    return load_authors_tasks([path])
+
+
+def _requests(path: Path) -> object:
+    from karma.tasks.requests import load_texts
+
+    return load_texts(path)
+
+
+def _experiment(path: Path) -> object:
+    from karma.bench.experiment_file import read_experiment
+
+    return read_experiment(path)
+
+
+def _dump(path: Path) -> object:
+    from karma.world.importing.scenes import import_dump
+
+    return list(import_dump(path))
+
+
+def _trial(path: Path) -> object:
+    from karma.world.alfred.trial import read_trials
+
+    return list(read_trials(path))
+
+
+def _layouts(path: Path) -> object:
+    from karma.world.importing.dump import read_layouts
+
+    return read_layouts(path)
+
+
+def _map(path: Path) -> object:
+    from karma.memory.scene_graph import SceneGraph
+
+    return SceneGraph.load(path)
+
+
+def _steps(path: Path) -> object:
+    from karma.bench.steps import read_steps
+
+    return read_steps(path)
+
+
+def _trace(path: Path) -> object:
+    from karma.lab.trace import read_traces
+
+    return read_traces(path)
+
+
+def _cassette(path: Path) -> object:
+    from karma.infer.hosted.cassette import Cassette
+
+    return Cassette(path.parent, "replay")
+
+
+def _header(path: Path) -> object:
+    from karma.bench.run_folder import read_run
+
+    return read_run(path.parent)
+
+
+def _manifest(path: Path) -> object:
+    from karma.infer.manifest.manifest import read_manifest
+
+    return read_manifest(path)
+
+
+def _gguf(path: Path) -> object:
+    from karma.infer.checks.gguf import check_gguf
+
+    return check_gguf(path)
+
+
+def _projector(path: Path) -> object:
+    from karma.infer.checks.projector import check_projector
+
+    return check_projector(path)
+
+
+def _safetensors(path: Path) -> object:
+    from karma.infer.checks.folder import check_safetensors
+
+    return check_safetensors(path)
+
+
+def _config(path: Path) -> object:
+    from karma.infer.checks.folder import read_config
+
+    return read_config(path, fix="bring another")
+
+
+def _bundle(path: Path) -> object:
+    from karma.bundle.verify import verify
+
+    return verify(path, say=lambda _: None)
+
+
+# ----------------------------------------------------------------- sound ones
+
+
+@cache
+def _kitchen() -> bytes:
+    from karma.files import to_json
+    from support.household import kitchen
+
+    return to_json(kitchen())
+
+
+def _json(value: object) -> Callable[[], bytes]:
+    return lambda: json.dumps(value).encode() + b"\n"
+
+
+@cache
+def _dumped() -> bytes:
+    from karma.world.sim import EmbeddedWorld
+    from support.household import kitchen
+
+    objects = EmbeddedWorld(kitchen()).last_event.metadata["objects"]
+    row = {"scene": "FloorPlan1", "objects": [dict(thing) for thing in objects][:6]}
+    return json.dumps(row, default=list).encode() + b"\n"
+
+
+@cache
+def _graph() -> bytes:
+    import tempfile
+
+    from karma.memory.scene_graph import SceneGraph
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map.json"
+        SceneGraph([], floor="one").save(path)
+        return path.read_bytes()
+
+
+def _gguf_bytes(*, architecture: str = "llama", template: str = "") -> bytes:
+    """Return the smallest model: sizes, one number, and a chat template."""
+
+    def text(value: str) -> bytes:
+        return struct.pack("<Q", len(value.encode())) + value.encode()
+
+    pairs = [("general.architecture", 8, text(architecture))]
+    sizes = ("context_length", "embedding_length", "block_count", "attention.head_count")
+    pairs += [(f"{architecture}.{name}", 4, struct.pack("<I", 8)) for name in sizes]
+    if template:
+        pairs.append(("tokenizer.chat_template", 8, text(template)))
+    tensor = text("t") + struct.pack("<IQIQ", 1, 1, 0, 0)  # one number
+    body = b"".join(text(name) + struct.pack("<I", kind) + value for name, kind, value in pairs)
+    whole = b"GGUF" + struct.pack("<IQQ", 3, 1, len(pairs)) + body + tensor
+    return whole + bytes(-len(whole) % 32 + 32)
+
+
+@cache
+def _bundled() -> bytes:
+    import hashlib
+
+    from karma.bundle.contents import END, MANIFEST, Member, header, manifest_bytes, padding
+
+    data = b"a licence\n"
+    member = Member(path="licences/x", bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+    about: dict[str, object] = {"karma": "1", "python": "3.11", "platform": "x", "models": []}
+    manifest = manifest_bytes(about, [member])
+    parts = [(MANIFEST, manifest), (member.path, data)]
+    return b"".join(header(n, len(d)) + d + bytes(padding(len(d))) for n, d in parts) + END
+
+
+def _tensors() -> bytes:
+    about = {"w": {"dtype": "F32", "shape": [2], "data_offsets": [0, 8]}}
+    head = json.dumps(about).encode()
+    return struct.pack("<Q", len(head)) + head + bytes(8)
+
+
+TASK = {"id": "a", "kind": "simple", "scene": "kitchen_1",
+        "subtasks": [{"instruction": "Open it.", "goals": ["OPEN(Fridge)"]}]}  # fmt: skip
+EXPERIMENT = (
+    b'name = "x"\ntasks = "t.jsonl"\nseeds = [0]\n[[rows]]\nname = "r"\n[models]\nthreads = 1\n'
+)
+TICK = {"type": "Tick", "scope": "a", "count": 0, "seconds": 1.0}
+KINDS = (
+    Kind(name="home.json", sound=_kitchen, read=_scene),
+    Kind(name="tasks.jsonl", sound=_json(TASK), read=_tasks),
+    Kind(name="requests.jsonl", sound=_json({"id": "a", "text": "Go."}), read=_requests),
+    Kind(name="authors.json", sound=_json([]), read=_authors),
+    Kind(name="x.toml", sound=lambda: EXPERIMENT, read=_experiment),
+    Kind(name="dump.jsonl", sound=_dumped, read=_dump),
+    Kind(name="dump.jsonl.gz", sound=lambda: gzip.compress(_dumped()), read=_dump, text=False),
+    Kind(name="trials.jsonl", sound=_json({"id": "t"}), read=_trial),
+    Kind(name="layouts.json", sound=_json({"a": {"reachable": [[0, 0]]}}), read=_layouts),
+    Kind(name="map.json", sound=_graph, read=_map),
+    Kind(name="a-0.jsonl.gz", sound=lambda: gzip.compress(b"{}"), read=_steps, text=False),
+    Kind(name="one.json", sound=_json({"trace": ["a", "b"]}), read=_trace),
+    Kind(name="one.trace.gz", sound=lambda: gzip.compress(b"1\n2\n"), read=_trace, text=False),
+    Kind(name="exchanges.jsonl", sound=_json(TICK), read=_cassette),
+    Kind(name="header.json", sound=_json({"name": "x"}), read=_header),
+    Kind(name="manifest.toml", sound=lambda: b"", read=_manifest),
+    Kind(name="config.json", sound=_json({"a": 1}), read=_config),
+    Kind(name="model.gguf", sound=_gguf_bytes, read=_gguf, text=False),
+    Kind(name="mmproj.gguf", sound=_gguf_bytes, read=_projector, text=False),
+    Kind(name="model.safetensors", sound=_tensors, read=_safetensors, text=False),
+    Kind(name="karma.tar", sound=_bundled, read=_bundle, text=False),
+)
+
+
+# ----------------------------------------------------------------- harm
+
+
+def _bomb(seed: int) -> bytes:
+    """Return a gzip of 4 MB that holds 4 GB of zeros; made in a moment by repeating members."""
+    return gzip.compress(bytes(1 << 24), compresslevel=9) * 256
+
+
+def _deep(opening: bytes) -> bytes:
+    return opening * 100_000
+
+
+HOSTILE_TEXTS: tuple[tuple[str, Callable[[int], bytes]], ...] = (
+    ("empty", lambda _: b""),
+    ("zeros", lambda _: bytes(10_000)),
+    ("deep lists", lambda _: _deep(b"[")),
+    ("deep objects", lambda _: _deep(b'{"a":')),
+    ("deep in TOML", lambda _: b"a = " + _deep(b"[")),
+    ("dots in TOML", lambda _: b".".join([b"a"] * 20_000) + b" = 1\n"),
+    ("no UTF-8", lambda _: b'{"id": "\xff\xfe"}'),
+    ("lone surrogate", lambda _: rb'{"id": "\ud800", "name": "\udfff"}'),
+    ("endless number", lambda _: b'{"version": 1' + b"0" * 50_000 + b"}"),
+    ("number beyond floats", lambda _: b'{"version": 1e999, "grid_m": -1e999}'),
+    ("no number", lambda _: b'{"version": NaN}'),
+    ("a list", lambda _: b"[1, 2, 3]"),
+    ("a text", lambda _: b'"' + b"x" * 1_000_000 + b'"'),
+    ("null", lambda _: b"null"),
+    ("many keys", lambda _: b"{" + b",".join(b'"k%d":0' % n for n in range(50_000)) + b"}"),
+    ("escape sequences", lambda _: b'{"\x1b[2J": "\x1b]0;x\x07"}'),
+    ("gzip bomb", _bomb),
+)
+
+
+def files(seed: int, count: int) -> Iterator[Case]:
+    """Yield damaged and hostile files of all kinds, in turns."""
+    rng = stream(seed, "files")
+    fixed = [(kind, what) for what in _whole_kinds() for kind in KINDS]
+    for number in range(count):
+        kind, (name, make) = fixed[number] if number < len(fixed) else (
+            KINDS[number % len(KINDS)], ("damaged", _damaged(rng.randrange(1 << 30)))
+        )  # fmt: skip
+        attack = _attack(kind, make, rng.randrange(1 << 30))
+        yield Case(name=f"{kind.name}: {name} {number}", attack=attack)
+
+
+def _whole_kinds() -> list[tuple[str, Callable[[Kind, Path, int], None]]]:
+    made: list[tuple[str, Callable[[Kind, Path, int], None]]] = [
+        ("a pipe", lambda _, path, __: os.mkfifo(path)),
+        ("a folder", lambda _, path, __: path.mkdir()),
+        ("a link to itself", lambda _, path, __: path.symlink_to(path.name)),
+        ("a link to a pipe", _linked_pipe),
+        ("not there", lambda *_: None),
+    ]
+    for name, content in HOSTILE_TEXTS:
+        made.append((name, lambda _, path, seed, c=content: _put(path, c(seed))))
+    return made
+
+
+def _put(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def _linked_pipe(kind: Kind, path: Path, seed: int) -> None:
+    os.mkfifo(path.with_name("pipe"))
+    path.symlink_to("pipe")
+
+
+def _damaged(seed: int) -> Callable[[Kind, Path, int], None]:
+    """Return what spoils a sound file: cuts, flipped bits, repeats, other values."""
+
+    def make(kind: Kind, path: Path, _: int) -> None:
+        rng = random.Random(seed)
+        data = bytearray(kind.sound())
+        for _ in range(rng.randrange(1, 6)):
+            at = rng.randrange(len(data) or 1)
+            match rng.randrange(5):
+                case 0:
+                    data = data[:at]
+                case 1:
+                    data[at : at + 1] = bytes([rng.randrange(256)])
+                case 2:
+                    data[at:at] = data[at : at + rng.randrange(200)]
+                case 3:
+                    data[at : at + rng.randrange(9)] = b"1e308"
+                case _:
+                    data[at : at + 8] = struct.pack("<Q", rng.choice((1 << 63, (1 << 32) - 1, 7)))
+        path.write_bytes(data)
+
+    return make
+
+
+def _attack(
+    kind: Kind, make: Callable[[Kind, Path, int], None], seed: int
+) -> Callable[[Path], None]:
+    def attack(folder: Path) -> None:
+        path = folder / kind.name
+        make(kind, path, seed)
+        before = sorted(one.name for one in folder.iterdir())
+        try:
+            kind.read(path)
+        except Exception:  # noqa: BLE001  it must be an error of karma's
+            refused(lambda: kind.read(path), naming=kind.name.partition(".")[0])
+        assert sorted(one.name for one in folder.iterdir()) == before, "something was left"
+
+    return attack
+
+
+def a_gguf(template: str) -> bytes:
+    """Return a header with a chat template."""
+    return _gguf_bytes(template=template)

@@ -1,0 +1,54 @@
+"""Agents that are told what to say, in a kitchen made by hand."""
+
+import numpy as np
+
+from karma.contracts import Decoding, Resources
+from karma.files import to_json
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+from karma.memory.recall import CosineRecall
+from karma.talk.agent import Agent
+from support.household import kitchen
+
+TAKE = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
+AWAY = (
+    "OpenObject(robot, 'Fridge')\nPutObject(robot, 'Apple', 'Fridge')\n"
+    "CloseObject(robot, 'Fridge')\n"
+)
+STORE = TAKE + AWAY
+WASH = "PutObject(robot, 'Apple', 'Sink')\nToggleOn(robot, 'Faucet')\nToggleOff(robot, 'Faucet')\n"
+
+
+def resources(answers, model=None, doubt=None, maps=None, embedder=None):
+    """What an agent is built from that says those programs; it may refuse."""
+    return Resources(
+        model=model or ScriptedModel(answers),
+        profile="compact",
+        decoding=Decoding(attempts=1, refusing=True),
+        doubt=doubt,
+        recall=CosineRecall(_Alike(), text="sentence"),
+        vision=MetadataVision(),
+        embedder=embedder,
+        maps=maps,
+        learn=maps is not None,
+    )
+
+
+def agent_saying(folder, answers, **given):
+    """An agent in the kitchen made by hand, with its run and its maps in a folder."""
+    scene = folder / "handmade.json"
+    scene.write_bytes(to_json(kitchen()))
+    maps = folder / "maps"
+    loaded = resources(answers, maps=maps, **given)
+    return Agent(str(scene), resources=loaded, folder=folder / "run", maps=maps)
+
+
+class _Alike:
+    """An embedder to which all texts are the same."""
+
+    name, dimension = "alike", 2
+
+    def embed(self, texts):
+        rows = np.zeros((len(texts), 2), dtype=np.float32)
+        rows[:, 0] = 1.0
+        return rows

@@ -1,0 +1,185 @@
+"""`from karma import Agent`: one path for Python, `karma run` and `karma chat`."""
+
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import pytest
+from support.run_files import files
+from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
+from support.tiny import export_tiny
+
+from karma import Agent
+from karma.bench.experiment import Models
+from karma.bench.run_folder import read_run
+from karma.bench.steps import read_steps, steps_path
+from karma.errors import KarmaError
+from karma.talk.agent import asking
+from karma.talk.keeping import next_folder
+from karma.talk.replies import ROWS, lines_of, lines_why, rows_for
+
+
+class Balanced(HTMLParser):
+    """Takes HTML whose tags are closed in order; says what text it has."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.text, self.tags = [], [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def everything(agent, folder):
+    """All bytes that an agent leaves, and what it remembers."""
+    maps = (folder / "maps" / "handmade.json").read_bytes()
+    return files(agent.folder), maps, repr(agent.memory), repr(agent.map), agent._steps.data()
+
+
+def test_package_is_light_and_still_has_the_agent():
+    code = "import sys, karma; print('numpy' in sys.modules, 'Agent' in karma.__all__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True"]
+    from karma.talk.agent import Agent as same
+
+    assert Agent is same
+
+
+def test_reply_is_true_where_all_was_done_and_reads_like_the_terminal(tmp_path):
+    agent = agent_saying(tmp_path, [STORE])
+    reply = agent.do("put the apple in the fridge")
+    assert reply
+    assert repr(reply).splitlines()[0] == "put the apple in the fridge"
+    assert "  the apple is in the fridge: seen" in repr(reply).splitlines()
+    assert "1 said" in repr(agent)
+
+
+def test_memory_lasts_from_one_request_to_the_next(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE, AWAY])
+    agent.do("take the apple")
+    assert [unit.object_type for unit in agent.memory][-1] == "Apple"
+    assert agent.do("put it in the fridge")
+    assert "Apple in the fridge" in repr(agent.memory)
+
+
+def test_several_requests_at_once_are_parts_of_one_reply(tmp_path):
+    reply = agent_saying(tmp_path, [TAKE + WASH, "refuse('deed')\n"]).do(
+        "wash the apple, then paint the wall"
+    )
+    assert [part.status for part in reply.parts] == ["done", "refused"]
+    assert reply.status == "refused" and not reply
+
+
+def test_undo_brings_back_the_same_bytes(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE + WASH, STORE, STORE])
+    agent.do("wash the apple")
+    event, before = agent._world.last_event, everything(agent, tmp_path)
+    agent.do("put it in the fridge")
+    after = everything(agent, tmp_path)
+    assert after != before
+    assert agent.undo() == "put it in the fridge"
+    assert everything(agent, tmp_path) == before
+    assert agent._world.last_event is event
+    agent.do("put it in the fridge")
+    assert everything(agent, tmp_path) == after
+
+
+def test_undo_ends_at_the_beginning(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE])
+    assert agent.undo() is None
+    agent.do("take the apple")
+    assert agent.undo() == "take the apple"
+    assert agent.undo() is None
+    assert len(agent.memory) == 0
+
+
+def test_request_that_fails_halfway_leaves_everything_as_it_was(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE])  # the script runs out at the second request
+    with pytest.raises(KarmaError, match="run out"):
+        agent.do("wash the apple, then open the cabinet")
+    assert len(agent.memory) == 0 and agent.replies == []
+    assert agent._done == []
+
+
+def test_run_is_read_like_any_other(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE, AWAY])
+    agent.do("take the apple")
+    agent.do("put it in the fridge")
+    run = read_run(agent.folder)
+    (record,) = run.records
+    assert [one.instruction for one in record.subtasks] == [
+        "take the apple",
+        "put it in the fridge",
+    ]
+    assert record.unjudged
+    assert run.header.models["planner"] == "scripted"
+    assert len(read_steps(steps_path(agent.folder, *record.key))) > 10
+    assert (agent.folder / "maps" / "handmade.json").exists()
+
+
+def test_same_talk_twice_leaves_the_same_bytes(tmp_path):
+    left = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        agent = agent_saying(tmp_path / name, [TAKE, AWAY])
+        agent.do("take the apple")
+        agent.do("put it in the fridge")
+        left.append(files(agent.folder))
+    for name in left[0]:
+        assert name == "header.json" or left[0][name] == left[1][name], name
+    assert left[0].keys() == left[1].keys()
+
+
+def test_map_and_memory_and_reply_are_sound_html(tmp_path):
+    agent = agent_saying(tmp_path, [STORE])
+    reply = agent.do("put the <b>apple</b> in the fridge & close it")
+    drawn = Balanced(agent.map._repr_html_())
+    assert drawn.tags[0] == "svg" and "circle" in drawn.tags
+    table = Balanced(agent.memory._repr_html_())
+    assert "Apple" in table.text
+    told = Balanced(reply._repr_html_())
+    assert "b" not in told.tags
+
+
+def test_answers_fit_a_screen_of_24_rows_however_much_there_is(tmp_path):
+    long = STORE + "GoToObject(robot, 'Mug')\n" * 30
+    agent = agent_saying(tmp_path, [long] * 12)
+    part, *_ = agent.do("put the apple next to the mug by the plate in the fridge").parts
+    assert len(lines_of(part, rows_for(1))) <= ROWS
+    assert len(lines_why(part)) <= ROWS
+    assert all("\n" not in line.text for line in lines_of(part))
+
+
+def test_next_folder_is_the_first_that_is_free(tmp_path):
+    assert next_folder("kitchen_1", tmp_path).name == "kitchen_1-1"
+    (tmp_path / "kitchen_1-1").mkdir()
+    assert next_folder("kitchen_1", tmp_path).name == "kitchen_1-2"
+
+
+def test_nothing_said_is_refused(tmp_path):
+    with pytest.raises(KarmaError, match="what to do"):
+        agent_saying(tmp_path, []).do("  ")
+
+
+def test_big_planner_is_told_how_to_refuse_unless_that_is_said_otherwise(tmp_path):
+    planner = str(export_tiny(tmp_path / "tiny.gguf"))
+
+    def refusing(**said):
+        return asking(Models(planner=planner, **said)).refusing
+
+    assert refusing(profile="full") is True
+    assert refusing() is True  # a GGUF by its path has the full prompt
+    assert refusing(profile="full", refusing=False) is False
+    assert refusing(profile="compact") is None  # who has learnt it does

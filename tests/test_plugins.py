@@ -1,0 +1,70 @@
+"""A plug-in that is not what its role asks for is named at load, with its package."""
+
+import sys
+
+import pytest
+
+from karma import registry
+from karma.errors import UnknownNameError
+
+MODULE = """
+class Deaf:
+    def __init__(self, embedder): pass
+    def recall(self, query, units, k): return []
+
+class Unbuilt:
+    name = "unbuilt"
+    def build(self, resources, options): return self
+    def begin(self, world, scene, *, seed, folder): return None
+
+class Mute:
+    def __init__(self, capacity): self.capacity = capacity
+    def touch(self, key): return None
+
+NUMBER = 3
+
+class Good:
+    def __init__(self, embedder, *, text="listing"): pass
+    def recall(self, query, units, k): return []
+"""
+POINTS = {
+    ("recalls", "deaf"): ("planted:Deaf", "text"),
+    ("recalls", "number"): ("planted:NUMBER", "no class or function but int"),
+    ("recalls", "gone"): ("planted:Gone", "has no attribute 'Gone'"),
+    ("recalls", "raising"): ("planted_raising:X", "importing it raised RuntimeError: early"),
+    ("recalls", "good"): ("planted:Good", ""),
+    ("methods", "unbuilt"): ("planted:Unbuilt", "build is no classmethod"),
+    ("policies", "mute"): ("planted:Mute", "no method discard"),
+}
+
+
+@pytest.fixture
+def planted(tmp_path, monkeypatch):
+    (tmp_path / "planted.py").write_text(MODULE)
+    (tmp_path / "planted_raising.py").write_text("raise RuntimeError('early')\n")
+    info = tmp_path / "planted_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: planted-package\nVersion: 1.0\n")
+    lines: dict[str, list[str]] = {}
+    for (role, name), (value, _) in POINTS.items():
+        lines.setdefault(role, [f"[karma.{role}]"]).append(f"{name} = {value}")
+    (info / "entry_points.txt").write_text(
+        "\n".join("\n".join(part) for part in lines.values()) + "\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    yield
+    for name in ("planted", "planted_raising"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("role, name", POINTS)
+def test_plugin_that_is_not_its_role_is_named_with_package_and_lack(role, name, planted):
+    value, lack = POINTS[role, name]
+    if not lack:
+        assert registry.load(role, name).__name__ == "Good"
+        return
+    with pytest.raises(UnknownNameError) as told:
+        registry.load(role, name)
+    assert all(part in str(told.value) for part in (name, value, lack, "To fix"))
+    assert "planted-package" in str(told.value)
+    assert len(str(told.value).splitlines()) == 2

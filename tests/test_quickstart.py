@@ -1,0 +1,117 @@
+"""The quickstart runs as it stands: the page, the notebook, the transcript, the reference."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from support.needs import need_models
+from support.paths import ROOT
+from support.tiny import export_tiny
+
+PAGE, NOTEBOOK = ROOT / "docs" / "quickstart.md", ROOT / "docs" / "quickstart.ipynb"
+
+
+def run(code, folder):
+    """What a program prints in an empty folder; it must end well."""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def cells():
+    """The code of each cell."""
+    told = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert told["nbformat"] == 4
+    return ["".join(cell["source"]) for cell in told["cells"] if cell["cell_type"] == "code"]
+
+
+def shown(code):
+    """A cell as a notebook runs it: its last line is shown, as HTML where it can be."""
+    tree = ast.parse(code)
+    last = tree.body[-1]
+    if isinstance(last, ast.Expr):
+        last.value = ast.Call(ast.Name("show", ast.Load()), [last.value], [])
+    return ast.unparse(ast.fix_missing_locations(tree))
+
+
+@pytest.mark.model
+def test_page_runs_from_the_first_line_to_the_last(tmp_path):
+    need_models("karma-nano")
+    code = "\n".join(
+        re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    )
+    said = run(code, tmp_path)
+    assert "short-term memory:" in said
+    assert "undone: put it in the fridge" in said
+    assert "runs/talks/kitchen_1-1" in said
+    assert "Agent('kitchen_2')" in said
+
+
+@pytest.mark.model
+def test_every_cell_of_the_notebook_runs_and_shows_something(tmp_path):
+    need_models("karma-nano")
+    show = "def show(one):\n    told = getattr(one, '_repr_html_', lambda: repr(one))()\n"
+    code = f"{show}    print('CELL', told)\n" + "\n".join(map(shown, cells()))
+    said = run(code, tmp_path)
+    assert said.count("CELL ") == len(cells())
+    for part in ("<svg", "<table>", "<ul class=", "Agent('kitchen_1')", "runs/talks/kitchen_1-1"):
+        assert part in said
+
+
+def test_notebook_is_committed_without_outputs():
+    told = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert not any(cell.get("outputs") for cell in told["cells"])
+
+
+def test_first_lines_of_python_are_five():
+    first = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len([line for line in first[1].splitlines() if line.strip()]) == 5
+
+
+def test_transcript_is_the_same_each_time(tmp_path):
+    planner = export_tiny(tmp_path / "tiny.gguf")
+    said = tmp_path / "said.txt"
+    said.write_text("@ kitchen_1\n+ open the fridge\n- sing\n", encoding="utf-8")
+    pages = []
+    for name in ("one.md", "two.md"):
+        command = [sys.executable, str(ROOT / "scripts" / "make_transcript.py"), "--planner"]
+        command += [str(planner), "--profile", "compact", "--said", str(said)]
+        subprocess.run([*command, "--out", str(tmp_path / name)], check=True, capture_output=True)
+        pages.append((tmp_path / name).read_text(encoding="utf-8"))
+    assert pages[0] == pages[1]
+    assert "> open the fridge" in pages[0] and "> sing" in pages[0]
+    assert "| can be done there | 1 |" in pages[0]
+
+
+def test_list_of_the_transcript_has_thirty_requests_of_both_kinds():
+    lines = (ROOT / "eval" / "talk" / "said.txt").read_text(encoding="utf-8").splitlines()
+    kinds = [line[0] for line in lines if line[:1] in ("+", "-")]
+    assert len(kinds) == 30
+    assert min(kinds.count("+"), kinds.count("-")) >= 10
+
+
+def test_transcript_in_the_documents_is_of_that_list():
+    page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8")
+    lines = (ROOT / "eval" / "talk" / "said.txt").read_text(encoding="utf-8").splitlines()
+    said = [line[2:] for line in lines if line[:1] in ("+", "-")]
+    assert re.findall(r"^> (.*)$", page, re.MULTILINE) == said
+
+
+def test_reference_is_written_from_the_docstrings(tmp_path):
+    pytest.importorskip("pdoc")
+    code = (
+        f"import runpy; m = runpy.run_path({str(ROOT / 'scripts' / 'make_reference.py')!r})\n"
+        "import pdoc, pathlib\n"
+        "pdoc.render.configure(docformat='google', search=False, show_source=False)\n"
+        "pdoc.pdoc('karma.talk.agent', output_directory=pathlib.Path('out'))\n"
+        "print(len(m['modules'].__doc__) > 0)"
+    )
+    assert "True" in run(code, tmp_path)
+    page = (tmp_path / "out" / "karma" / "talk" / "agent.html").read_text(encoding="utf-8")
+    assert "Go back to before the last thing that was said" in page
+    assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=[\"']https?://", page)
