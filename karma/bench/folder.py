@@ -69,7 +69,7 @@ def check_ours(path: Path, ours: Collection[str], *, header: str) -> None:
         FileError: it holds something else, or a link leads out of it.
     """
     fix = "--out another folder"
-    found = sorted(entry.name for entry in os.scandir(path))
+    found = sorted(entry.name for entry in os.scandir(path)) if path.is_dir() else []
     for name in found:
         if name in ours and (link := _link(path / name)) is not None:
             raise FileError(link, "is a link, and a run keeps to its own folder", fix=fix)

@@ -122,7 +122,8 @@ def _check_listed(role: str, name: str) -> None:
         _check_role(name, roles)
     near = did_you_mean(name, [*registry.names(role), *(e.name for e in models if e.role in roles)])
     if near:
-        raise UnknownNameError(f"no {role} named {name!r}, nor such a model.{near}")
+        model = ", nor such a model" if roles else ""
+        raise UnknownNameError(f"no {role} named {name!r}{model}.{near}")
 
 
 def _check_role(name: str, roles: Sequence[str]) -> None:

@@ -11,7 +11,7 @@ import signal
 import threading
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -145,7 +145,8 @@ class _Pool(Generic[J, D]):
         forking = multiprocessing.get_context("forkserver")
         forking.set_forkserver_preload([__name__, *self._shop.imports])
         ours, theirs = forking.Pipe()
-        process = forking.Process(target=_work, args=(theirs, self._shop.begin), daemon=True)
+        arguments = (theirs, self._shop.begin, _settings())
+        process = forking.Process(target=_work, args=arguments, daemon=True)
         with _one_thread():
             process.start()
         theirs.close()
@@ -236,8 +237,18 @@ def _one_thread() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _work(line: Connection, begin: Callable[[], Callable[[J], D]]) -> None:
+def _settings() -> dict[str, str]:
+    """Return what the environment says of karma: processes are forked from one that has the old."""
+    return {name: value for name, value in os.environ.items() if name.startswith("KARMA_")}
+
+
+def _work(
+    line: Connection, begin: Callable[[], Callable[[J], D]], settings: Mapping[str, str]
+) -> None:
     """What a worker process does: load, say that it is ready, then one job after the other."""
+    for name in _settings():
+        del os.environ[name]
+    os.environ.update(settings)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which ends its workers
     threading.Thread(target=_follow_parent, daemon=True).start()
     try:

@@ -29,7 +29,7 @@ from karma.bench.run_folder import Finished, Header, differences
 from karma.bench.worker_count import worker_mb
 from karma.bench.workers import Job, Performer, Stage, lost_episode
 from karma.contracts import SceneRef
-from karma.errors import KarmaError, ModelError, UnknownNameError
+from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
 from karma.infer.manifest.manifest import read_manifest, resolve_planner
 from karma.offline import allow_host, go_offline, is_local, network_allowed
@@ -257,7 +257,7 @@ def models_here(models: Models, wanted: Mapping[str, str]) -> Models:
     try:
         if parts_of_planner(model_hashes(models)["planner"])[1] == sha256:
             return models
-    except (ModelError, UnknownNameError):
+    except (FileError, ModelError, UnknownNameError):
         pass  # not under that name; perhaps under another
     for entry in read_manifest().models:
         if entry.role == "planner" and entry.files[0].sha256 == sha256:

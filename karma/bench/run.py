@@ -84,12 +84,15 @@ class Run:
         self.tasks = loaded.tasks
         self._steps = self.experiment.run.steps if steps is None else steps
         self.precision = _precision(self.experiment, half_width, max_seeds)
+        told = self.experiment
         if self.precision is not None:
             _check_seeds_differ(self.tasks)
+            width, most = self.precision.half_width, self.precision.max_seeds
+            told = msgspec.structs.replace(told, half_width=width, max_seeds=most)
         self.seeds = self.experiment.seeds
         self._files = RunFolder(folder, steps=self._steps)
         self._scenes = loaded.scenes
-        self._config = configuration(self.experiment)
+        self._config = configuration(told)
         self.header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
         self.records: list[EpisodeRecord] = []
         self.timings: dict[Key, EpisodeTiming] = {}

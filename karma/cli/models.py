@@ -126,7 +126,7 @@ def models_add(
         bool, typer.Option("--untried", help="Do not open it, e.g. for a larger machine.")
     ] = False,
 ) -> None:
-    """Take files in: hash, compare with the manifest, look at headers, list, open and ask a little.
+    """Take files in: hash, compare with the manifest, look at headers, list, open, ask a little.
 
     What does not open, or does not answer in its role, is not added.
 

@@ -6,6 +6,7 @@ import pytest
 from support.run_files import ROOT, files
 from support.tiny import export_tiny
 
+from karma.bench.configuration import CONFIG
 from karma.bench.records import read_records
 from karma.bench.run import Run
 from karma.bench.run_folder import EPISODES, read_run
@@ -43,7 +44,10 @@ def write(tmp_path, planner):
 
 
 def done(path, folder, workers=1, **options):
-    """Do a run; returns its files, where states came from, and the prompt tokens evaluated."""
+    """Do a run; returns its files, where states came from, and the prompt tokens evaluated.
+
+    Where states are kept is an option, so it stands in the configuration; that file is left out.
+    """
     assert len(list(Run(path, folder, **options).episodes(workers=workers))) == 2
     answers = [
         (answer, timing)
@@ -54,7 +58,8 @@ def done(path, folder, workers=1, **options):
         for answer, timing in zip(sub.answers, times.answers, strict=True)
     ]
     spent = sum(answer.prompt_tokens - timing.reused_tokens for answer, timing in answers)
-    return files(folder), [timing.state for _, timing in answers], spent
+    found = {name: content for name, content in files(folder).items() if name != CONFIG}
+    return found, [timing.state for _, timing in answers], spent
 
 
 def test_home_of_four_rooms_is_paid_for_once_and_by_later_runs_not_at_all(write, tmp_path):

@@ -20,7 +20,7 @@ from karma.bench.run import Run
 from karma.bench.run_folder import EPISODES, HEADER, RESULTS, read_run
 from karma.bench.sweep import SweepRun, cells_of, planners_in
 from karma.bench.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
-from karma.cli import app
+from karma.cli import app, shared
 from karma.errors import FileError, KarmaError
 from karma.testing import make_planner
 
@@ -150,7 +150,7 @@ def test_each_cell_is_a_run_of_its_own_with_what_it_was_told(whole):
     ]
 
 
-def test_table_has_a_line_per_cell_and_row(whole):
+def test_table_has_a_line_per_cell_and_row(whole, monkeypatch):
     lines = (whole / TABLE).read_text().splitlines()
     table = [line.strip("| ").split(" | ") for line in lines if line.startswith("| ")]
     assert table[0][:5] == ["planner", "recall_k", "method", "SR", "solved"]
@@ -158,7 +158,8 @@ def test_table_has_a_line_per_cell_and_row(whole):
         [planner, k, row] for planner in "ab" for k in "13" for row in ("babble", "expert")
     ]
     assert all(line[4] == "2 of 2" for line in table[1:] if line[2] == "expert")
-    result = CliRunner().invoke(app, ["table", str(whole)], env={"COLUMNS": "200"})
+    monkeypatch.setattr(shared.console, "width", 200)
+    result = CliRunner().invoke(app, ["table", str(whole)])
     assert result.exit_code == 0
     assert result.output.count("expert") == 4
 

@@ -191,8 +191,8 @@ def test_refusal_and_missing_text_are_answers_that_hold_no_program():
         (b'{"choices": [{"message": "x"}]}', "no choice with a text"),
         (b'{"choices": [{"message": {"content": ["x"]}}]}', "a list where a text should be"),
         (b"[1]", "no JSON object"),
-        (b'{"choices": ', "Expecting value|JSON"),
-        (b"", "JSON"),
+        (b'{"choices": ', "no JSON: Input data was truncated"),
+        (b"", "no JSON"),
     ],
 )
 def test_odd_answer_is_a_model_error_naming_model_and_host(data, named):
@@ -205,7 +205,7 @@ def test_odd_answer_is_a_model_error_naming_model_and_host(data, named):
 
 @pytest.mark.parametrize(
     ("row", "named"),
-    [("x", "no row"), ([], "length 0"), ([0.0, 0.0], "length 0"), ([1.0, 1e999], "length inf")],
+    [("x", "no row"), ([], "length 0"), ([0.0, 0.0], "length 0"), ([1.0, 1e999], "no JSON")],
 )
 def test_odd_row_is_a_model_error(row, named):
     data = json.dumps({"data": [{"embedding": row}]}).encode()

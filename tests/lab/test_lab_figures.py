@@ -56,6 +56,7 @@ def test_saved_exploration_weighs_hits_by_what_they_save():
 
 
 def made_row(policy, size, hits):
+    """A row of made-up hits; six sequences or more, as fewer have no interval."""
     cold = Bootstrapped(value=sum(hits) / 100 / len(hits))
     return PolicyRow(
         policy=policy, size=size, cold=cold, first=None, steady=None, warm=None, hits=hits,
@@ -81,20 +82,21 @@ def made_cell(rows):
     ],
 )
 def test_best_split_must_beat_every_other_one_and_fifo(nine, eight, fifo, holds):
-    rows = [made_row("wtinylfu-karma[9,1] W=9", 10, nine),
-            made_row("wtinylfu-karma[8,2] W=9", 10, eight),
-            made_row("wtinylfu-caffeine[8,2]", 10, [99, 99, 99]),
-            made_row("fifo-merge[10]", 10, fifo)]  # fmt: skip
+    rows = [made_row("wtinylfu-karma[9,1] W=9", 10, 2 * nine),
+            made_row("wtinylfu-karma[8,2] W=9", 10, 2 * eight),
+            made_row("wtinylfu-caffeine[8,2]", 10, 6 * [99]),
+            made_row("fifo-merge[10]", 10, 2 * fifo)]  # fmt: skip
     (claim,) = claims_of(["split"], [made_cell(rows)])
     assert (claim.policy, claim.holds) == ("wtinylfu-karma W=9", holds)
 
 
 @pytest.mark.parametrize("large, holds", [([46, 92, 69], "yes"), ([40, 80, 60], "no")])
 def test_ratio_of_sizes_is_held_against_the_published_one(large, holds):
-    rows = [made_row("fifo-merge[5]", 5, [10, 20, 15]), made_row("fifo-merge[25]", 25, large),
-            made_row("belady[5]", 5, [20, 20, 20]), made_row("belady[25]", 25, [40, 40, 40]),
-            made_row("wtinylfu-karma[4,1]", 5, [10, 20, 15]),
-            made_row("wtinylfu-karma[23,2]", 25, [39, 78, 58])]  # fmt: skip
+    rows = [made_row("fifo-merge[5]", 5, 2 * [10, 20, 15]),
+            made_row("fifo-merge[25]", 25, 2 * large),
+            made_row("belady[5]", 5, 6 * [20]), made_row("belady[25]", 25, 6 * [40]),
+            made_row("wtinylfu-karma[4,1]", 5, 2 * [10, 20, 15]),
+            made_row("wtinylfu-karma[23,2]", 25, 2 * [39, 78, 58])]  # fmt: skip
     fifo, other = claims_of(["fifo-ratio", "wtinylfu-ratio"], [made_cell(rows)])
     assert (fifo.policy, fifo.holds) == ("fifo-merge", holds)
     assert dict(fifo.figures)["Belady's ratio"].startswith("2.00")
@@ -117,8 +119,9 @@ def test_line_is_a_line_where_the_interval_says_so(r, holds):
 
 
 def test_headroom_names_the_best_policy_of_ten():
-    rows = [made_row("lru[10]", 10, [40, 42]), made_row("lfu[10]", 10, [50, 52]),
-            made_row("belady[10]", 10, [60, 62]), made_row("lru[25]", 25, [90, 92])]  # fmt: skip
+    rows = [made_row("lru[10]", 10, 3 * [40, 42]), made_row("lfu[10]", 10, 3 * [50, 52]),
+            made_row("belady[10]", 10, 3 * [60, 62]),
+            made_row("lru[25]", 25, 3 * [90, 92])]  # fmt: skip
     (claim,) = claims_of(["headroom"], [made_cell(rows)])
     assert claim.policy == "lfu[10]"
     assert dict(claim.figures)["headroom"] == "+10.00 [+10.00, +10.00]"

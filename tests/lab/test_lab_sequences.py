@@ -373,7 +373,7 @@ def test_same_bytes_whatever_the_hash_seed(tmp_path):
         (["--workload", "hose"], "no workload 'hose'; there are type, house"),
         (["--length", "0"], "--length"),
         (["--tasks", "nowhere.jsonl.gz"], "--tasks and --scenes go together"),
-        (["--tasks", "nowhere.jsonl.gz", "--scenes", "no.jsonl"], "nowhere.jsonl.gz: no such file"),
+        (["--tasks", "nowhere.jsonl.gz", "--scenes", "no.jsonl"], "nowhere.jsonl.gz: No such file"),
     ],
 )
 def test_command_refuses_what_cannot_be_drawn(words, said, tmp_path):

@@ -258,8 +258,10 @@ class Session:
         except openai.APIConnectionError as error:  # timeouts too
             reason = f"{error.message} {error.__cause__ or ''}".strip()
             return _lost(endpoint, reason, key)
-        except (openai.OpenAIError, ValueError, RecursionError) as error:  # no JSON
+        except openai.OpenAIError as error:
             return _failed(f"{type(error).__name__}: {error}", key)
+        except (ValueError, RecursionError) as error:
+            return _failed(f"the answer is no JSON: {error}", key)
         if not isinstance(answer, dict):
             return _failed("the answer is no JSON object; is base_url right, up to /v1?", key)
         kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
