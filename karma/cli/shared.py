@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from karma.bench.sheet import Sheet
 
 _HARMLESS = frozenset("\n\t\u200d")  # the last joins the parts of one sign
+_PLAIN = str.maketrans("→–—…✓·×", ">--.*.x")  # where the terminal has ASCII only
+_LONGEST = 2000  # characters of a line of an error: a quoted goal or name may have millions
 
 
 def visible(text: str) -> str:
@@ -40,6 +42,15 @@ def visible(text: str) -> str:
     )
 
 
+def _fitting(text: str, encoding: str) -> str:
+    """Return a text with signs that a terminal lacks replaced; a C locale has ASCII only."""
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        return text.translate(_PLAIN).encode(encoding, errors="replace").decode(encoding)
+    return text
+
+
 class SafeConsole(Console):
     """A console whose every text, whoever wrote it, is shown and steers nothing."""
 
@@ -48,7 +59,10 @@ class SafeConsole(Console):
     ) -> Iterable[Segment]:
         """Render as any console does, then make the texts harmless; its own codes stay."""
         for one in super().render(renderable, options):
-            yield one if one.control else Segment(visible(one.text), one.style)
+            if one.control:
+                yield one
+            else:
+                yield Segment(_fitting(visible(one.text), self.encoding), one.style)
 
 
 console = SafeConsole()
@@ -100,5 +114,7 @@ def sheet_table(sheet: "Sheet", *, kept: str = "") -> Table:
 
 
 def _show(reason: str) -> None:
+    lines = (one if len(one) < _LONGEST else f"{one[:_LONGEST]} ..." for one in reason.split("\n"))
+    reason = "\n".join(lines)
     text = f"[red]error:[/] {escape(reason)}"
     SafeConsole(stderr=True).print(text, highlight=False, soft_wrap=True)

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from karma.errors import ModelError
-from karma.infer.checks.folder import CheckedFolder, check_folder, read_config
+from karma.errors import KarmaError, ModelError
+from karma.infer.checks.folder import CheckedFolder, check_folder, check_sizes, read_config
 from karma.infer.checks.memory import check_memory, weights_mb
 from karma.infer.manifest.manifest import Role, resolve_folder
 from karma.infer.torch_options import TorchOptions
@@ -120,16 +120,12 @@ def load_weights(
     auto = "bfloat16" if half else "float32"
     dtype = getattr(torch, auto if options.dtype == "auto" else options.dtype)
     transformers = import_transformers()
-    with quiet():
-        try:
-            model, told = getattr(transformers, kind).from_pretrained(
-                folder.path, local_files_only=True, use_safetensors=True,
-                dtype=dtype,
-                trust_remote_code=False, output_loading_info=True,
-            )  # fmt: skip
-        except Exception as error:  # whatever a library makes of a folder from elsewhere
-            reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise ModelError(f"{folder.path}: not a {kind} that opens: {reason[0]}") from error
+    with quiet(), foreign(f"{folder.path}: not a {kind} that opens"):
+        model, told = getattr(transformers, kind).from_pretrained(
+            folder.path, local_files_only=True, use_safetensors=True,
+            dtype=dtype,
+            trust_remote_code=False, output_loading_info=True,
+        )  # fmt: skip
     missing = sorted(map(str, told["missing_keys"]))
     if missing:
         raise ModelError(
@@ -137,6 +133,28 @@ def load_weights(
             f"e.g. {missing[0]}"
         )
     return model.eval().to(device)
+
+
+@contextmanager
+def foreign(what: str) -> Iterator[None]:
+    """Turn whatever a library makes of files from elsewhere into one error.
+
+    Args:
+        what: names the file or folder, and says what is wrong with it.
+
+    Raises:
+        ModelError: the library raised anything but an error of ours or for lack of memory.
+    """
+    try:
+        yield
+    except (KarmaError, MemoryError):
+        raise
+    except BaseException as error:
+        panics = type(error).__module__ == "pyo3_runtime"  # of tokenizers and safetensors, in Rust
+        if not (panics or isinstance(error, Exception)):
+            raise
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise ModelError(f"{what}: {reason[0][:300]}") from error
 
 
 def place_of(model: Any) -> str:
@@ -164,13 +182,11 @@ def load_image_processor(folder: CheckedFolder) -> Any:
     kinds = [said.get(key) for key in ("image_processor_type", "feature_extractor_type")]
     if not any(isinstance(kind, str) for kind in kinds):  # else sizes would be guessed
         raise ModelError(f"{where}: cannot be used: no image_processor_type")
-    with quiet():
-        try:
-            return import_transformers().AutoImageProcessor.from_pretrained(
-                folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
-            )
-        except Exception as error:  # as above
-            raise ModelError(f"{where}: cannot be used: {error}") from error
+    check_sizes(where, said)
+    with quiet(), foreign(f"{where}: cannot be used"):
+        return import_transformers().AutoImageProcessor.from_pretrained(
+            folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
+        )
 
 
 def load_tokenizer(folder: CheckedFolder) -> Any:
@@ -182,10 +198,10 @@ def load_tokenizer(folder: CheckedFolder) -> Any:
     from tokenizers import Tokenizer
 
     path = folder.path / "tokenizer.json"
-    try:
-        return Tokenizer.from_file(str(path))
-    except Exception as error:  # the library raises Exception itself
-        raise ModelError(f"{path}: not a tokenizer: {error}") from error
+    with foreign(f"{path}: not a tokenizer"):
+        found = Tokenizer.from_file(str(path))
+        found.encode("7 red apples")  # some open, and end in a panic of the library's when asked
+        return found
 
 
 @contextmanager

@@ -62,7 +62,7 @@ def started(path, folder, **how):
     """`karma eval` in a process of its own, which finds the libraries imported."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["karma.cli", "karma.bench.run", "llama_cpp", "sentence_transformers"]
+        ["karma.cli", "karma.bench.run", "llama_cpp", "karma.infer.embed.minilm"]
     )
     process = context.Process(target=evaluate, args=(path, folder), kwargs=how)
     process.start()

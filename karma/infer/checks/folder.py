@@ -15,6 +15,11 @@ from karma.files import open_regular, read_bytes
 
 PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt", ".npy", ".msgpack", ".h5")
 _MOST_CONFIG = 50_000_000  # bytes
+_MOST: Mapping[str, int] = {  # of numbers whose names end so: a library makes that many things
+    "layers": 1_000, "depth": 1_000, "depths": 1_000, "edge": 10_000, "height": 10_000,
+    "width": 10_000, "crop_size": 10_000, "image_size": 10_000, "size": 10_000_000,
+    "embeddings": 10_000_000, "heads": 10_000, "labels": 1_000_000,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +71,7 @@ def check_folder(
         raise ModelError(
             f"{folder / 'config.json'}: model_type is {model_type!r}, this adapter opens {wanted}"
         )
+    check_sizes(folder / "config.json", config)
     named = config.get("architectures") or ()
     if not isinstance(named, list | tuple) or not all(isinstance(one, str) for one in named):
         raise ModelError(f"{folder / 'config.json'}: architectures is {named!r}, not a list")
@@ -102,6 +108,30 @@ def read_config(path: Path, *, fix: str) -> Mapping[str, Any]:
     if not isinstance(found, dict):
         raise ModelError(f"{path}: not a JSON object\n  To fix: {fix}")
     return found
+
+
+def check_sizes(path: Path, said: Any, name: str = "") -> None:
+    """Refuse numbers for which a library would make things without end.
+
+    Args:
+        path: of the file.
+        said: what it holds, or a part.
+        name: of that part.
+
+    Raises:
+        ModelError: a size beyond all models; names it.
+    """
+    match said:
+        case dict():
+            for key, value in said.items():
+                check_sizes(path, value, str(key))
+        case list():
+            for value in said:
+                check_sizes(path, value, name)
+        case int() | float():
+            ending = next((one for one in sorted(_MOST, key=len)[::-1] if name.endswith(one)), "")
+            if ending and not said <= _MOST[ending]:
+                raise ModelError(f"{path}: {name} is {said!r:.40}; {_MOST[ending]} at most")
 
 
 def whole_number(path: Path, config: Mapping[str, Any], *keys: str, default: int) -> int:

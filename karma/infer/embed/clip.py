@@ -18,6 +18,7 @@ from karma.infer.checks.folder import CheckedFolder
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.torch_load import (
     checked_folder,
+    foreign,
     load_image_processor,
     load_tokenizer,
     load_weights,
@@ -56,7 +57,9 @@ class ClipEmbedder:
         self._words = _Words(folder)
         self._pictures = load_image_processor(folder)
         self._model = load_weights(FAMILIES[folder.model_type][0], folder, torch_options)
-        self.dimension = int(self._text("a").shape[0])
+        with foreign(f"{folder.path}: it opens and cannot be asked"):
+            self.dimension = len(self._text("a"))
+            self._picture(np.full((37, 53, 3), 100, np.uint8))
         self._row = lru_cache(maxsize=REMEMBERED)(self._text)
 
     @property
@@ -84,7 +87,7 @@ class ClipEmbedder:
 
         with threads(1), torch.inference_mode():
             ids = torch.tensor([self._words.ids(text)], device=self._model.device)
-            return _unit(_features(self._model.get_text_features(input_ids=ids)))
+            return self._unit(_features(self._model.get_text_features(input_ids=ids)))
 
     def _picture(self, frame: Frame) -> Vectors:
         import torch
@@ -94,7 +97,13 @@ class ClipEmbedder:
         with threads(1), torch.inference_mode():
             pixels = self._pictures(images=[frame], return_tensors="pt")["pixel_values"]
             pixels = pixels.to(self._model.device, self._model.dtype)
-            return _unit(_features(self._model.get_image_features(pixel_values=pixels)))
+            return self._unit(_features(self._model.get_image_features(pixel_values=pixels)))
+
+    def _unit(self, row: Any) -> Vectors:
+        try:
+            return unit_row(row[0].float().cpu().numpy())
+        except ValueError as error:
+            raise ModelError(f"{self.name}: {error}: damaged weights") from error
 
 
 class _Words:
@@ -125,10 +134,3 @@ class _Words:
 def _features(found: Any) -> Any:
     """Return the tensor of features: transformers 5 wraps what 4 gave as it is."""
     return getattr(found, "pooler_output", found)
-
-
-def _unit(row: Any) -> Vectors:
-    try:
-        return unit_row(row[0].float().cpu().numpy())
-    except ValueError as error:
-        raise ModelError(f"{error}: damaged weights") from error

@@ -10,12 +10,13 @@ from karma.contracts import Vectors
 from karma.errors import FileError, ModelError
 from karma.files import read_bytes
 from karma.infer.checks.folder import PICKLES, CheckedFolder, check_folder
-from karma.infer.embed.rows import REMEMBERED, stacked
+from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.manifest.manifest import resolve_folder
 from karma.infer.torch_load import (
     bytes_of,
     check_room,
     device_of,
+    foreign,
     import_transformers,
     place_of,
     quiet,
@@ -57,7 +58,8 @@ class SentenceEmbedder:
         self._model = _load(place.path, options)
         _refuse_missing(self._model, checked)
         self._row = _encoder(self._model)
-        self.dimension = int(self._row("a").shape[0])
+        with foreign(f"{place.path}: it opens and cannot be asked"):
+            self.dimension = len(unit_row(self._row("a")))
 
     @property
     def computed_on(self) -> str:
@@ -136,14 +138,8 @@ def _load(folder: Path, options: TorchOptions) -> Any:
     import_transformers()
     from sentence_transformers import SentenceTransformer
 
-    with quiet():
-        try:
-            return SentenceTransformer(
-                str(folder), device=device, local_files_only=True, trust_remote_code=False,
-                model_kwargs={"use_safetensors": True, "dtype": dtype},
-            ).eval()  # fmt: skip
-        except (OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError) as error:
-            reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise ModelError(
-                f"{folder}: sentence-transformers cannot open it: {reason[0]}"
-            ) from error
+    with quiet(), foreign(f"{folder}: sentence-transformers cannot open it"):
+        return SentenceTransformer(
+            str(folder), device=device, local_files_only=True, trust_remote_code=False,
+            model_kwargs={"use_safetensors": True, "dtype": dtype},
+        ).eval()  # fmt: skip

@@ -6,6 +6,7 @@ the labels that come out are always words that were asked for.
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from karma.errors import ModelError
 from karma.infer.checks.folder import CheckedFolder, read_config, whole_number
 from karma.infer.torch_load import (
     checked_folder,
+    foreign,
     load_image_processor,
     load_tokenizer,
     load_weights,
@@ -28,6 +30,8 @@ MASKS = {"sam": ("SamModel",)}
 PICTURES = ("preprocessor_config.json",)
 
 _BRING = "bring the model's whole folder and run `karma models add FOLDER`"
+
+_GREY = np.full((37, 53, 3), 100, np.uint8)  # to see at once whether pictures can be prepared
 
 Span = tuple[int, int]  # first token, and one after the last
 
@@ -109,18 +113,25 @@ class _Boxes:
         work_mb = _boxes_work_mb(folder)
         kind = "GroundingDinoForObjectDetection"
         self.model = load_weights(kind, folder, options, work_mb=work_mb)
+        with foreign(f"{folder.path}: it opens and cannot be asked"):
+            self._prepared(_GREY)
+
+    def _prepared(self, image: Frame) -> tuple[Any, Any]:
+        """Return the picture's numbers and which of them are not padding."""
+        found = self._pictures(images=[image], return_tensors="pt")
+        pixels = found["pixel_values"].to(self.model.device, self.model.dtype)
+        return pixels, found["pixel_mask"].to(self.model.device)
 
     def find(self, image: Frame, words: Sequence[str], threshold: float) -> tuple[Detection, ...]:
         import torch
 
         ids, spans = self._asked(words)
-        device = self.model.device
-        tokens = torch.tensor([ids], device=device)
-        prepared = self._pictures(images=[image], return_tensors="pt")
-        with torch.inference_mode():
+        tokens = torch.tensor([ids], device=self.model.device)
+        with torch.inference_mode(), foreign(f"{self._name}: cannot be asked"):
+            pixels, mask = self._prepared(image)
             out = self.model(
-                pixel_values=prepared["pixel_values"].to(device, self.model.dtype),
-                pixel_mask=prepared["pixel_mask"].to(device),
+                pixel_values=pixels,
+                pixel_mask=mask,
                 input_ids=tokens,
                 attention_mask=torch.ones_like(tokens),
                 token_type_ids=torch.zeros_like(tokens),
@@ -166,33 +177,38 @@ class _Masks:
 
     def __init__(self, model: str | Path, options: TorchOptions | None) -> None:
         folder = checked_folder(model, "detector", MASKS, needs=(PICTURES,))
+        self._name = folder.name
         self._pictures = load_image_processor(folder)
         self._model = load_weights("SamModel", folder, options, work_mb=_masks_work_mb(folder))
+        with foreign(f"{folder.path}: it opens and cannot be asked"):
+            self._prepared(_GREY)
+
+    def _prepared(self, image: Frame) -> tuple[Any, Any, Any]:
+        """Return the picture's numbers, its size, and the size that it was brought to."""
+        found = self._pictures(images=[image], return_tensors="pt")
+        pixels = found["pixel_values"].to(self._model.device, self._model.dtype)
+        return pixels, found["original_sizes"], found["reshaped_input_sizes"]
 
     def cut(self, image: Frame, boxes: Sequence[Region]) -> list[NDArray[np.bool_]]:
         import torch
 
         if not boxes:
             return []
-        prepared = self._pictures(images=[image], return_tensors="pt")
+        with foreign(f"{self._name}: cannot be asked"):
+            pixels, sizes, resized = self._prepared(image)
         (height, width), (high, wide) = (
-            [int(extent) for extent in np.asarray(prepared[key])[0]]
-            for key in ("original_sizes", "reshaped_input_sizes")
+            [int(extent) for extent in np.asarray(one)[0]] for one in (sizes, resized)
         )
         scale = np.array([wide / width, high / height] * 2, np.float32)
         place = {"device": self._model.device, "dtype": self._model.dtype}
         asked = torch.from_numpy(np.asarray(boxes, np.float32) * scale)[None]
-        with torch.inference_mode():
+        with torch.inference_mode(), foreign(f"{self._name}: cannot be asked"):
             out = self._model(
-                pixel_values=prepared["pixel_values"].to(**place),
+                pixel_values=pixels,
                 input_boxes=asked.to(**place),
                 multimask_output=False,
             )
-        masks = self._pictures.post_process_masks(
-            out.pred_masks.float().cpu(),
-            prepared["original_sizes"],
-            prepared["reshaped_input_sizes"],
-        )
+        masks = self._pictures.post_process_masks(out.pred_masks.float().cpu(), sizes, resized)
         return [np.asarray(mask[0].numpy(), np.bool_) for mask in masks[0]]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from karma.errors import ModelError
 from karma.infer.checks.folder import CheckedFolder
-from karma.infer.torch_load import import_transformers, quiet
+from karma.infer.torch_load import foreign, import_transformers, quiet
 
 _PARTS = ["image_processor", "tokenizer"]
 _CLASSES = {
@@ -26,14 +26,10 @@ def load_processor(folder: CheckedFolder) -> Any:
         ModelError: a file of it is missing or damaged, or there is no chat template.
     """
     kind = pictures_only(folder.model_type)
-    with quiet():
-        try:
-            found = kind.from_pretrained(
-                folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
-            )
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise ModelError(f"{folder.path}: its processor does not open: {reason[0]}") from error
+    with quiet(), foreign(f"{folder.path}: its processor does not open"):
+        found = kind.from_pretrained(
+            folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
+        )
     if not (found.chat_template or found.tokenizer.chat_template):
         raise ModelError(
             f"{folder.path}: no chat template (chat_template.jinja, or in "

@@ -9,10 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from karma.contracts import Frame, SeenObject
 from karma.files import read_json
-from karma.infer.torch_load import checked_folder, load_weights, place_of, quiet, threads
+from karma.infer.torch_load import (
+    checked_folder,
+    foreign,
+    load_weights,
+    place_of,
+    quiet,
+    threads,
+)
 from karma.infer.torch_options import TorchOptions
 from karma.infer.vision.pictures import cut
 from karma.infer.vision.processors import load_processor
@@ -98,6 +106,9 @@ class TransformersVision:
         kind = "AutoModelForImageTextToText"
         self._model = load_weights(kind, folder, torch_options, half=half)
         self._batch = self.options.batch or (1 if self._model.device.type == "cpu" else _BATCH)
+        if folder.parameters < LARGE:  # others take minutes for a picture
+            with foreign(f"{folder.path}: it opens and cannot be asked"):
+                self._said([np.full((37, 53, 3), 100, np.uint8)], [_TRIAL], most=1)
 
     @property
     def computed_on(self) -> str:
@@ -187,6 +198,11 @@ class TransformersVision:
         They go through the network together, padded on the left, which moves logits in their last
         bits; so what stands beside a question is part of what decides its answer.
         """
+        return self._said(images, conversations, most=self.options.max_tokens)
+
+    def _said(
+        self, images: Sequence[Frame], conversations: Sequence[Conversation], *, most: int
+    ) -> list[str]:
         import torch
         from PIL import Image
 
@@ -204,7 +220,7 @@ class TransformersVision:
         with threads(self.options.threads), torch.inference_mode(), quiet():
             tokens = self._model.generate(
                 **batch,
-                max_new_tokens=self.options.max_tokens,
+                max_new_tokens=most,
                 do_sample=False,
                 pad_token_id=self._processor.tokenizer.pad_token_id,
             )
@@ -215,3 +231,6 @@ class TransformersVision:
 def _message(role: str, text: str, *, picture: bool = False) -> dict[str, Any]:
     parts = [{"type": "image"}] if picture else []
     return {"role": role, "content": [*parts, {"type": "text", "text": text}]}
+
+
+_TRIAL = (_message("user", "What is it?", picture=True),)
