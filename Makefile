@@ -4,8 +4,6 @@ SHELL := /bin/bash
 MAKEFLAGS += --no-print-directory
 PY := .venv/bin/python
 WORKERS ?= 2
-STEPS ?= 1750
-DECAY ?= 550
 SEED ?= 29
 HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
 	policies tasks draw,tests/*/test_$(name).py))
@@ -44,7 +42,7 @@ scenes: setup ## draw the rooms in karma/world/scenes again; equal seeds give eq
 	@$(PY) scripts/make_scenes.py --seed $(SEED)
 
 planner: setup ## train the nano planner again, some hours on 2 cores; resumes
-	@$(PY) scripts/train_planner.py train --half --steps $(STEPS) --decay $(DECAY)
+	@$(PY) scripts/train_planner.py train --half --seed 10
 	@$(PY) scripts/train_planner.py export models/nano/planner.gguf
 	@$(PY) scripts/calibrate_doubt.py models/nano/planner.gguf --out models/nano/doubt.json --plot docs/pictures/doubt.png
 	@echo "planner: now put sizes and SHA-256 of its four files in models/nano into models/manifest.toml"

@@ -42,7 +42,7 @@ from karma.world.importing.scenes import import_dump
 
 ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
-LOCKED = (ROOT / "eval" / "locked" / "tasks.jsonl",)
+LOCKED = ROOT / "eval" / "locked" / "tasks.jsonl"
 SAID = tuple(ROOT / "eval" / "requests" / f"{name}.jsonl" for name in ("refuse", "do", "several"))
 FOLDER = ROOT / "runs" / "planner"
 START = "nano/start.gguf"
@@ -69,8 +69,7 @@ def sources(folder: Path, generated: int = 300) -> Sources:
         folder=folder,
         models=models,
         shared=SHARED,
-        tests=(ROOT / DEVELOPMENT,),
-        locked=LOCKED,
+        tests=(ROOT / DEVELOPMENT, LOCKED),
         said=SAID,
         generated=generated,
         say=say,

@@ -98,7 +98,7 @@ def situation(name="kitchen_1", **changes):
     facts = PlanRequest(instruction="", areas=room.areas, units=())
     return Situation(
         room=room, facts=facts, names=dict(compact(facts).names), book=replace(BOOK, **changes),
-        excluded=frozenset(), mapped=True,
+        mapped=True,
     )  # fmt: skip
 
 

@@ -105,9 +105,7 @@ def test_a_locked_sentence_that_training_would_say_is_drawn_again(tmp_path):
     line["subtasks"] = [{"instruction": text, "goals": ["OPEN(Fridge)"]} for text in said]
     path = tmp_path / "locked.jsonl"
     path.write_text(json.dumps(line))
-    kept = Sources(
-        folder=tmp_path, models=tmp_path, shared=tmp_path, tests=(), locked=(path,), generated=8
-    )
+    kept = Sources(folder=tmp_path, models=tmp_path, shared=tmp_path, tests=(path,), generated=8)
     data = kept.material(recipe)
     again = [plain(one.sentence) for n in range(20) for one in draw_pack(recipe, data, "t", str(n))]
     assert not {plain(text) for text in said} & set(again)

@@ -32,9 +32,7 @@ def situation(rng, number):
         held_id=held.object_id if held else None, held_type=held.object_type if held else None,
     )  # fmt: skip
     names = {object_id: name for name, object_id in compact(facts).names.items()}
-    return Situation(
-        room=room, facts=facts, names=names, book=BOOK, excluded=frozenset(), mapped=True
-    )
+    return Situation(room=room, facts=facts, names=names, book=BOOK, mapped=True)
 
 
 def drawn(count):

@@ -15,7 +15,6 @@ from karma.agent.program import parse_program
 from karma.contracts import Area, PlanRequest
 from karma.errors import FileError
 from karma.files import to_json
-from karma.household.pieces import base_type
 from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.seeds import stream
@@ -24,7 +23,7 @@ from karma.tasks.drawing import phrases
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import make_template, our_book
 from karma.tasks.drawing.requests import KINDS
-from karma.tasks.drawing.rooms import asked_pairs, room_of
+from karma.tasks.drawing.rooms import room_of
 from karma.training.planner import checkpoints, network, packs, train
 from karma.training.planner.held_out import Unseen
 from karma.training.planner.samples import draw
@@ -126,32 +125,6 @@ def test_drawn_prompts_are_those_of_the_compact_profile(rooms):
 def test_draw_gives_every_kind_of_request(rooms):
     kinds = Counter(example.kind for _, example in examples(rooms, 1500))
     assert set(KINDS) <= set(kinds)
-
-
-def test_excluded_pairs_are_never_asked_for(rooms):
-    every = Counter(pair for _, e in examples(rooms, 300) if (pair := asked_pair(e)))
-    excluded = frozenset(pair for pair, _ in every.most_common(60))
-    left = [asked_pair(e) for _, e in examples(rooms, 300, excluded=excluded)]
-    assert len([pair for pair in left if pair]) > 30
-    assert not set(left) & excluded
-
-
-def asked_pair(example):
-    """The types of the last thing put somewhere, where the request was to put it there."""
-    if example.kind not in ("place", "trash", "clean_place", "heat_place", "cool_place", "stack"):
-        return None
-    puts = [call for call in parse_program(example.program) if call.skill == "PutObject"]
-    if not puts:  # what does not fit as it is, is only cut
-        return None
-    thing, place = puts[-1].objects
-    return base_type(thing.split("_")[0]), place.split("_")[0]
-
-
-def test_asked_pairs_are_the_placements_of_the_tasks():
-    pairs = asked_pairs([TASKS])
-    assert ("SaltShaker", "DiningTable") in pairs  # of simple-03
-    assert all(place not in ("Sink", "SinkBasin") for _, place in pairs)
-    assert len(pairs) > 30
 
 
 def test_room_knows_landmarks_and_what_can_be_carried(rooms):

@@ -95,7 +95,7 @@ class TaskDraft:
         )
         names = {object_id: name for name, object_id in compact(facts).names.items()}
         return Situation(
-            room=self._room, facts=facts, names=names, book=self._book, excluded=frozenset(),
+            room=self._room, facts=facts, names=names, book=self._book,
             mapped=True, strict=True, vague=1.0 if vague else -1.0,
         )  # fmt: skip
 

@@ -33,7 +33,6 @@ class Situation:
     facts: PlanRequest  # without the instruction
     names: dict[str, str]  # object id -> short name
     book: Book
-    excluded: frozenset[tuple[str, str]]
     mapped: bool  # long-term memory is there
     strict: bool = False  # words must fit one handled unit only
     about: MemoryUnit | None = None  # what an earlier clause is about, if this one is, too

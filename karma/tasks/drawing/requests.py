@@ -96,8 +96,6 @@ def _thing_ask(rng: Rng, scene: Situation, kind: str) -> Ask | None:
         slots |= {**_slots("s", lamp), "s2": "it"}
         goals = [_goal("HOLDON", "robot", x.name), _goal("TOGGLEON", lamp.name)]
     if kind == "trash":
-        if (base_type(x.object_type), uses.BIN) in scene.excluded:
-            return None
         goals = [_goal("INSIDE", x.name, uses.BIN)]
         bin_ = _pick_landmark(rng, scene, (uses.BIN,))
         if bin_ is None:
@@ -305,10 +303,9 @@ def _goes_in(object_type: str, place: str) -> bool:
     return any(kinds[object_type].fits(kinds[name]) for name in places)
 
 
-def takes(scene: Situation, object_type: str, place: str) -> bool:
+def takes(object_type: str, place: str) -> bool:
     """Return whether a thing of a type may be asked to go to a type of place."""
-    allowed = (base_type(object_type), place) not in scene.excluded
-    return allowed and _fits(object_types()[object_type], place)
+    return _fits(object_types()[object_type], place)
 
 
 def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Ref | None:
@@ -323,7 +320,6 @@ def _draw_receptacle(rng: Rng, scene: Situation, x: Ref, *, movable: bool) -> Re
         name
         for name, kind in object_types().items()
         if (_fits(info, name) or (anything and "receptacle" in kind.capabilities))
-        and (base_type(x.object_type), name) not in scene.excluded
     ]
     if not movable:
         there = scene.room.landmarks if scene.mapped else sorted(landmark_types())

@@ -1,17 +1,15 @@
 """Rooms to draw training examples from: generated ones and imported floor plans."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from karma.contracts import SeenObject
 from karma.household.pieces import base_type
 from karma.household.places import ROOMS
-from karma.household.uses import SINK, with_basin
 from karma.memory.scene_graph import SceneGraph
 from karma.seeds import stream
 from karma.tasks.drawing.memories import KnownRoom
-from karma.tasks.files import load_tasks
 from karma.world.core.scene import Scene
 from karma.world.generation.generate import build_scene
 from karma.world.importing.scenes import import_dump
@@ -73,15 +71,3 @@ def imported_rooms(dumps: Path, layouts: Path | None, seed: int) -> Iterator[Kno
 def is_authors_plan(name: str) -> bool:
     """Return whether a floor plan is one of the authors' tasks, which no training sees."""
     return int(name.removeprefix("FloorPlan").split("_")[0]) in AUTHORS_PLANS
-
-
-def asked_pairs(tasks: Iterable[Path]) -> frozenset[tuple[str, str]]:
-    """Return the (object, receptacle) type pairs of the test tasks, which training leaves out."""
-    return frozenset(
-        (base_type(goal.arguments[0]), goal.arguments[1])
-        for path in tasks
-        for task in load_tasks(path)
-        for subtask in task.subtasks
-        for goal in subtask.goals
-        if goal.predicate in ("ON", "INSIDE") and goal.arguments[1] not in with_basin(SINK)
-    )

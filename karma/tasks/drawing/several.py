@@ -212,7 +212,7 @@ def _moved(scene: Situation, ask: Ask, first: Ask) -> Ask | None:
         return ask
     place = first.goals[-1].arguments[1]
     thing = ask.goals[-1].arguments[0]
-    if thing == place or not takes(scene, short_type(thing), short_type(place)):
+    if thing == place or not takes(short_type(thing), short_type(place)):
         return None
     return replace(ask, goals=(replace(ask.goals[-1], arguments=(thing, place)),))
 

@@ -3,7 +3,6 @@
 * Lexemes: words for things, states and deeds, in `held_out.toml`; `choosing` has the rule.
 * Sentence forms: about one template in twelve, by `Book.is_held_out`; `forms` says how far off.
 * Sentences: what the test tasks and requests say, word for word.
-* Pairs: things and the places where the test tasks put them.
 * Rooms: those that figures are taken in have seeds of their own; of AI2-THOR's floor plans, those
   of the authors' tasks.
 
@@ -18,7 +17,6 @@ from pathlib import Path
 from karma.tasks.authors import load_authors_tasks
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.lexicon import unseen_lexemes
-from karma.tasks.drawing.rooms import asked_pairs
 from karma.tasks.files import load_tasks
 from karma.tasks.requests import load_texts
 
@@ -28,38 +26,32 @@ TRAINED_ROOMS, WATCHED_ROOMS, DRAWN_ROOMS = 77, 78, 79  # added to a seed for ro
 
 @dataclass(frozen=True, kw_only=True)
 class Unseen:
-    """What examples may not say or ask for, besides held-out lexemes.
+    """What examples may not say, besides held-out lexemes.
 
     Args:
         sentences: as `plain` has them.
-        pairs: (object type, receptacle type) that nothing may be asked to be put into.
     """
 
     sentences: frozenset[str] = frozenset()
-    pairs: frozenset[tuple[str, str]] = frozenset()
 
     def admits(self, sentence: str) -> bool:
         """Return whether an example may say a sentence."""
         return not unseen_lexemes().found_in(sentence) and plain(sentence) not in self.sentences
 
 
-def unseen_of(
-    tests: Iterable[Path], *, locked: Iterable[Path], said: Iterable[Path], shared: Path
-) -> Unseen:
+def unseen_of(tests: Iterable[Path], *, said: Iterable[Path], shared: Path) -> Unseen:
     """Return what training may not know of the tests.
 
     Args:
-        tests: task files of ours.
-        locked: task files of which no sentence may be said; things may be put where theirs are.
+        tests: task files of ours; things may be put where theirs are.
         said: files of requests, one or several in each.
         shared: the reference data with the authors' tasks; what is missing is done without.
     """
-    tests = tuple(tests)
     folder = shared / "data" / "alfred_l"
     files = [folder / f"{kind}_tasks.json" for kind in ("simple", "composite", "complex")]
-    tasks = [task for path in (*tests, *locked) for task in load_tasks(path)]
+    tasks = [task for path in tests for task in load_tasks(path)]
     tasks += load_authors_tasks([path for path in files if path.exists()])
     told = [sub.instruction for task in tasks for sub in task.subtasks]
     told += chain(*map(load_texts, said))
     sentences = frozenset(map(plain, told)) - {""}  # what has no Latin letters has no plain form
-    return Unseen(sentences=sentences, pairs=asked_pairs(tests))
+    return Unseen(sentences=sentences)

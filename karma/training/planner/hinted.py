@@ -32,7 +32,7 @@ from karma.tasks.drawing.lexicon import Entry, lexicon, types_called, unseen_lex
 from karma.tasks.drawing.memories import Rng, pick
 from karma.training.planner.samples import TrainingExample
 
-UNKNOWN = 0.15  # share of examples in which known phrases are treated as unknown
+UNKNOWN = 0.20  # share of examples in which known phrases are treated as unknown
 EACH = {False: 0.6, True: 0.25}  # share of their noun phrases then, and of their verbs
 INVENTED = 0.05  # share of examples with an invented noun
 OFTEN = 3  # times that a word must occur in the sampled sentences to be known

@@ -145,7 +145,7 @@ def draw_refusal(
         group = groups[weighted(rng, {name: one.weight for name, one in groups.items()})]
         if group.bare:
             facts = replace(facts, units=(), held_id=None, held_type=None)
-        scene = situation(rng, room, facts, book, frozenset(), mapped=mapped)
+        scene = situation(rng, room, facts, book, mapped=mapped)
         text = group.drawn(rng, scene)
         if not text:
             continue
@@ -170,7 +170,7 @@ def draw_held_out_refusal(
         facts, _ = draw_facts(rng, room, mapped=mapped)
         if kind == "unclear":
             facts = replace(facts, units=(), held_id=None, held_type=None)
-        scene = situation(rng, room, facts, book, frozenset(), mapped=mapped)
+        scene = situation(rng, room, facts, book, mapped=mapped)
         text = _Slots(rng, scene).fill(pick(rng, unseen_refusals()[kind]))
         if text:
             facts = replace(scene.facts, instruction=wrapped(rng, book, text))
@@ -189,13 +189,12 @@ def draw_near_miss(
     book: Book,
     *,
     mapped: bool,
-    excluded: frozenset[tuple[str, str]] = frozenset(),
 ) -> TrainingExample:
     """Draw one request that sounds like one to refuse and is carried out; see `samples.draw`."""
     if rng.random() < WHOLE:
         book = replace(book, templates={**book.templates, **_near()}, spoken={}, mined={})
-        return draw(rng, room, book, mapped=mapped, excluded=excluded)
-    return draw(rng, room, book, mapped=mapped, excluded=excluded, told=_heeded)
+        return draw(rng, room, book, mapped=mapped)
+    return draw(rng, room, book, mapped=mapped, told=_heeded)
 
 
 @cache

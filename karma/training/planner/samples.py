@@ -58,7 +58,6 @@ def draw(
     book: Book,
     *,
     mapped: bool,
-    excluded: frozenset[tuple[str, str]] = frozenset(),
     told: Callable[[Rng, Situation, str], str] | None = None,
 ) -> TrainingExample:
     """Draw one example.
@@ -68,12 +67,11 @@ def draw(
         room: where.
         book: phrases of this side of the split.
         mapped: whether long-term memory is in the prompt.
-        excluded: (object type, receptacle type) pairs that must not be asked for.
         told: puts the sentence in other words, of the same meaning.
     """
     while True:
         facts, held = draw_facts(rng, room, mapped=mapped)
-        scene = situation(rng, room, facts, book, excluded, mapped=mapped)
+        scene = situation(rng, room, facts, book, mapped=mapped)
         ask = _draw_ask(rng, scene)
         if ask is None:
             continue
@@ -183,7 +181,7 @@ def draw_alfred(
     if rng.random() < 0.8:
         facts, held = replace(facts, units=(), held_id=None, held_type=None), None
     book = Book(templates={}, adjectives={}, just={}, around={}, references={})
-    scene = situation(rng, room, facts, book, frozenset(), mapped=mapped)
+    scene = situation(rng, room, facts, book, mapped=mapped)
     known = {base_type(unit.object_type) for unit in facts.units}
     if known & {wanted.thing, wanted.movable} and (wanted.task == "two" or wanted.sliced):
         return None
@@ -232,7 +230,6 @@ def situation(
     room: KnownRoom,
     facts: PlanRequest,
     book: Book,
-    excluded: frozenset[tuple[str, str]],
     *,
     mapped: bool,
 ) -> Situation:
@@ -244,7 +241,6 @@ def situation(
         facts=facts,
         names=names,
         book=book,
-        excluded=excluded,
         mapped=mapped,
         vague=vague,
     )

@@ -1,8 +1,8 @@
 """Where the planner's examples come from, and what stays out of them.
 
 Rooms come from the generator (seeds of their own) and, where the reference data lies at hand, from
-AI2-THOR floor plans; phrases from our phrase book and ALFRED's annotators. Sentences and placements
-of the test tasks stay out.
+AI2-THOR floor plans; phrases from our phrase book and ALFRED's annotators. Sentences of the test
+tasks stay out.
 """
 
 from collections.abc import Callable
@@ -47,9 +47,8 @@ class Sources:
         folder: keeps rooms, tokenizer, known words and, of new weights, first embeddings.
         models: where a recipe's `start` lies.
         shared: the reference data; what is missing there is done without.
-        tests: task files that training must not know.
-        locked: task files of which it must not say a sentence; things may be put where theirs are.
-        said: files of requests, one or several in each, that it must not know either.
+        tests: task files of which training must not say a sentence.
+        said: files of requests, one or several in each, of which it must not say one either.
         generated: rooms to make.
         say: takes a line about what is being made or is missing.
     """
@@ -58,7 +57,6 @@ class Sources:
     models: Path
     shared: Path
     tests: tuple[Path, ...]
-    locked: tuple[Path, ...] = ()
     said: tuple[Path, ...] = ()
     generated: int = 300
     say: Callable[[str], None] = lambda line: None
@@ -154,7 +152,7 @@ class Sources:
 
     def unseen(self) -> Unseen:
         """Return what examples may not say or ask for."""
-        return unseen_of(self.tests, locked=self.locked, said=self.said, shared=self.shared)
+        return unseen_of(self.tests, said=self.said, shared=self.shared)
 
     def known_plans(self) -> dict[str, KnownRoom]:
         """Return floor plan -> what an agent knows of it that overlooked nothing."""
