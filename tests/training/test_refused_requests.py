@@ -73,7 +73,7 @@ def test_things_and_places_that_are_not_there_mean_nothing_of_the_lexicon():
 def test_every_pattern_of_a_group_can_be_filled(group, rooms):
     rng = stream(1, "patterns", group)
     facts, _ = draw_facts(rng, rooms[0], mapped=True)
-    scene = situation(rng, rooms[0], facts, BOOK, frozenset(), mapped=True)
+    scene = situation(rng, rooms[0], facts, BOOK, mapped=True)
     slots = refusals._Slots(rng, scene, request="wash the plate")
     for pattern in getattr(refusals.phrases(), group):
         said = slots.fill(pattern)
