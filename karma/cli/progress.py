@@ -8,8 +8,12 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 
-def bar() -> "Progress":
-    """Return a bar with how many are done, of how many, since when, and the time left."""
+def bar(*, passing: bool = False) -> "Progress":
+    """Return a bar with how many are done, of how many, since when, and the time left.
+
+    Args:
+        passing: it goes when all is done, and nothing is said where nobody watches.
+    """
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -27,4 +31,6 @@ def bar() -> "Progress":
         TextColumn("left"),
         TimeRemainingColumn(),
         console=console,
+        transient=passing,
+        disable=passing and not console.is_terminal,
     )

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from karma.cli.progress import bar
 from karma.cli.shared import SHOWN, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import write_atomic
@@ -65,13 +66,11 @@ def _write_figure(run: Path, path: Path) -> None:
 def _write_run(
     run: Path, path: Path, choice: tuple[str, str, str], published: Path | None, rerun: Path | None
 ) -> None:
-    from rich.progress import track
-
     from karma.bench.published import load_published
     from karma.bench.results import result_of
     from karma.bench.run_folder import read_run
     from karma.report.choice import choose
-    from karma.report.episodes import Replayer
+    from karma.report.episodes import EpisodeReplay, Replayer
     from karma.report.frames import Frames
     from karma.report.page import page_of, render
     from karma.report.replay import frame_choice
@@ -83,15 +82,18 @@ def _write_run(
     pictures = Frames()
     replayer = Replayer(found, pictures, frame_choice(frames))
     chosen = choose(found.records, episodes)
-    shown = list(
-        track(
-            replayer.episodes(chosen, instructions), "replaying", total=len(chosen),
-            console=console, transient=True, disable=not console.is_terminal,
-        )
-    )  # fmt: skip
     paper = load_published(published)
-    page = page_of(found, result_of(found, paper), shown)
-    write_atomic(path, render(page, pictures).encode())
+    with bar(passing=True) as progress:
+        line = progress.add_task("doing again, %", total=100)
+        shown = []
+        for one in replayer.replaying(chosen, instructions):
+            if isinstance(one, EpisodeReplay):
+                shown.append(one)
+            else:
+                progress.update(line, completed=round(100 * one))
+        progress.update(line, completed=100, description="figures, pictures")
+        page = page_of(found, result_of(found, paper), shown)
+        write_atomic(path, render(page, pictures).encode())
     console.print(
         escape(
             f"page: {path}: {len(shown)} of {page.episodes} episodes to step through, "

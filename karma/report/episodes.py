@@ -10,8 +10,9 @@ from karma.bench.run_folder import RunData
 from karma.bench.steps import read_steps, steps_path
 from karma.memory.scene_graph import SceneGraph
 from karma.report.choice import choose_instructions
+from karma.report.failing import FailedAt, broke_off_at, failed_at
 from karma.report.frames import Frames
-from karma.report.replay import FrameChoice, Replay, Rooms, replay
+from karma.report.replay import FrameChoice, Replay, Rooms, replaying
 from karma.report.room import RoomPlan, plan_of
 from karma.report.story import EpisodeStory, told
 from karma.world.core import scene as scenes
@@ -26,6 +27,7 @@ class EpisodeReplay:
     replay: Replay
     rooms: Mapping[str, RoomPlan]  # by scene, in the order in which they are entered
     shown: frozenset[int]  # numbers of the instructions that can be stepped through
+    goals: tuple[tuple[str, ...], ...] = ()  # of each instruction of the task, as far as is known
 
     @property
     def steps(self) -> tuple[int, ...]:
@@ -33,6 +35,21 @@ class EpisodeReplay:
         parts = {-1, *self.shown}
         moments = self.story.moments[: len(self.replay.sights)]
         return tuple(number for number, moment in enumerate(moments) if moment.part in parts)
+
+    @property
+    def failed(self) -> FailedAt | None:
+        """Where it failed; None if it did not, or not in what can be stepped through."""
+        if self.record.success:
+            return None
+        found = failed_at(self.story, self.shown)
+        if found is None and self.record.error and self.steps:
+            return broke_off_at(self.story, self.steps[-1] + 1)
+        return found
+
+    @property
+    def opens_at(self) -> int:
+        """Which of `steps` a reader wants to see first: where it failed, else the first."""
+        return bisect_left(self.steps, self.failed.moment) if self.failed else 0
 
     @property
     def trouble(self) -> str:
@@ -45,6 +62,12 @@ class EpisodeReplay:
             f"In the replay {count} of {self.replay.actions} actions did not go as logged, the "
             f"first at step {first}: what is drawn after it may be wrong."
         )
+
+
+def goals_of(records: Sequence[EpisodeRecord], task: str) -> tuple[tuple[str, ...], ...]:
+    """Return the goals of each instruction of a task, by its longest record."""
+    mine = (record.subtasks for record in records if record.task == task)
+    return tuple(sub.goals for sub in max(mine, key=len, default=()))
 
 
 class Replayer:
@@ -63,7 +86,17 @@ class Replayer:
     def episodes(
         self, records: Sequence[EpisodeRecord], instructions: str = "all"
     ) -> Iterator[EpisodeReplay]:
-        """Yield those of the episodes that have a step log with a beginning.
+        """Yield those of the episodes that can be replayed, see `replaying`."""
+        for one in self.replaying(records, instructions):
+            if isinstance(one, EpisodeReplay):
+                yield one
+
+    def replaying(
+        self, records: Sequence[EpisodeRecord], instructions: str = "all"
+    ) -> "Iterator[EpisodeReplay | float]":
+        """Yield those of the episodes that have a step log with a beginning, and how far it is.
+
+        That is a number between them: the share that is done of all, in [0, 1].
 
         An episode that was lost with its worker has none, nor one whose method did not get to work.
 
@@ -77,19 +110,28 @@ class Replayer:
         """
         there = [r for r in records if steps_path(self._run.folder, *r.key).exists()]
         chosen = choose_instructions(there, instructions)
-        for record, numbers in zip(there, chosen, strict=True):
+        for count, (record, numbers) in enumerate(zip(there, chosen, strict=True)):
             story = told(read_steps(steps_path(self._run.folder, *record.key)))
-            if story.moments:
-                yield self._one(record, story, frozenset(numbers))
+            if not story.moments:
+                continue
+            for one in self._one(record, story, frozenset(numbers)):
+                yield one if isinstance(one, EpisodeReplay) else (count + one) / len(there)
 
     def _one(
         self, record: EpisodeRecord, story: EpisodeStory, numbers: frozenset[int]
-    ) -> EpisodeReplay:
+    ) -> "Iterator[float | EpisodeReplay]":
         shown = numbers & frozenset(range(len(story.parts)))
-        # the log's first actions set the day up
-        done = replay(story, Rooms(self._place), self._frames, self._choice, shown)
+        goals = goals_of(self._run.records, record.task)
         rooms = {name: self._room(name) for name in story.scenes}
-        return EpisodeReplay(record=record, story=story, replay=done, rooms=rooms, shown=shown)
+        # the log's first actions set the day up
+        home = Rooms(self._place)
+        for one in replaying(story, home, self._frames, self._choice, shown, goals):
+            if isinstance(one, Replay):
+                yield EpisodeReplay(
+                    record=record, story=story, replay=one, rooms=rooms, shown=shown, goals=goals
+                )
+            else:
+                yield one
 
     def _place(self, name: str) -> str:
         """Return the scene's file in the run folder, or its name if it is one of ours."""

@@ -14,6 +14,7 @@ from karma.bench.sheet import Sheet
 from karma.bench.tables import Result, sheets, size_words
 from karma.report.choice import episode_key
 from karma.report.episodes import EpisodeReplay
+from karma.report.failing import endings
 from karma.report.frames import Frames
 from karma.report.html import fill, script_data
 from karma.report.plots import Plot, bar_plot, cause_plot, success_plot
@@ -44,6 +45,8 @@ class Page:
     cut: tuple[EpisodeReplay, ...]  # of which not all instructions can be stepped through
     actions: int  # that were done again
     same: int  # of those, as logged
+    first_task: str  # the first that failed, in the page's order; "" if none did
+    first: EpisodeReplay | None  # the first episode that failed and can be stepped through
 
 
 def render(page: Page, frames: Frames) -> str:
@@ -84,6 +87,8 @@ def _told(one: EpisodeReplay) -> dict[str, Any]:
         "success": one.record.success,
         "error": one.record.error,
         "trouble": one.trouble,
+        "opens_at": one.opens_at,
+        "failed": msgspec.to_builtins(one.failed),
         "room": one.story.scene,
         "areas": {name: msgspec.to_builtins(room.areas) for name, room in one.rooms.items()},
         "maps": maps,
@@ -119,12 +124,16 @@ def _told_part(one: EpisodeReplay, number: int, maps: list[str]) -> dict[str, An
     if number not in one.shown:
         return said
     records = one.record.subtasks
+    goals = records[number].goals if number < len(records) else ()
+    if not goals and number < len(one.goals):
+        goals = one.goals[number]
     return {
         **msgspec.to_builtins(part),
         **said,
         "map_text": maps.index(part.map_text),
         "changes": part.changes,
-        "goals": records[number].goals if number < len(records) else (),
+        "goals": goals,
+        "endings": endings(part),
     }
 
 
@@ -142,6 +151,14 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
     records = run.records
     lines = task_lines(records)
     actions = sum(one.replay.actions for one in replays)
+    by_key = {episode_key(one.record): one for one in replays}
+    failed = [
+        cell.shown
+        for line in lines
+        for cell in line.cells
+        if cell.shown is not None and not cell.shown.success
+    ]
+    to_step = (by_key[episode_key(one)] for one in failed if episode_key(one) in by_key)
     return Page(
         title=run.header.name,
         episodes=len(records),
@@ -162,11 +179,13 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         tasks=lines,
         has_long=any(line.is_long for line in lines),
         facts=tuple(_facts(run)),
-        replays={episode_key(one.record): one for one in replays},
+        replays=by_key,
         rooms=tuple({name: room for one in replays for name, room in one.rooms.items()}.values()),
         cut=tuple(one for one in replays if len(one.shown) < len(one.story.parts)),
         actions=actions,
         same=actions - sum(len(one.replay.differing) for one in replays),
+        first_task=failed[0].task if failed else "",
+        first=next(to_step, None),
     )
 
 

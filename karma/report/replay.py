@@ -1,6 +1,6 @@
 """Logged actions done again in the embedded world: where the agent stood and what it saw."""
 
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, cast, get_args
 
@@ -8,12 +8,14 @@ from karma.contracts import Vec3
 from karma.errors import KarmaError
 from karma.report.frames import Frames
 from karma.report.story import EpisodeStory, Moment
+from karma.report.wanted import Wanted, names_in, wanted_in
 from karma.world.core.state import WorldState
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
 
 FrameChoice = Literal["auto", "every", "calls", "ends", "none"]
 LONG, VERY_LONG = 300, 1000  # actions that are shown from which on "auto" is "calls", "ends"
+BEAT = 50  # moments between two words on how far a replay is
 APART = 10  # moments between two pictures, at most, in "calls"
 SIZE_PX = 300
 _WALKING = (
@@ -76,6 +78,7 @@ class Sight:
     held: str | None  # object id
     targets: tuple[tuple[float, float], ...] = ()  # x, z of what a skill call was about
     frame: int = -1  # number of the picture, the last one that there is; -1 before any
+    wanted: tuple[Wanted, ...] = ()  # what the instruction's unmet goals ask for, after each call
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,8 +96,24 @@ def replay(
     frames: Frames,
     choice: FrameChoice,
     shown: Collection[int] | None = None,
+    goals: Sequence[Sequence[str]] = (),
 ) -> Replay:
+    """Return a story's replay, see `replaying`."""
+    *_, found = replaying(story, rooms, frames, choice, shown, goals)
+    return cast(Replay, found)
+
+
+def replaying(
+    story: EpisodeStory,
+    rooms: Rooms,
+    frames: Frames,
+    choice: FrameChoice,
+    shown: Collection[int] | None = None,
+    goals: Sequence[Sequence[str]] = (),
+) -> Iterator[float | Replay]:
     """Do a story's actions again, exactly as logged, up to the last instruction that is shown.
+
+    Yields now and then the share that is done, in [0, 1], and at last the replay.
 
     Args:
         story: what happened.
@@ -104,6 +123,7 @@ def replay(
             "calls", and now and then between; at the "ends" of calls only; or "none". "auto" is
             the first of these that does not get too much.
         shown: numbers of the instructions of which pictures are taken, None for all.
+        goals: of each instruction, for those that the log does not judge as it breaks off in them.
 
     Raises:
         FileError: a scene is missing or damaged.
@@ -118,16 +138,44 @@ def replay(
     seen: WorldState | None = None
     frame, last = -1, 0
     rooms.enter(story.scene)
+    sought = _Sought(story, goals)
     for number, moment in enumerate(moments):
+        if number % BEAT == 0:
+            yield number / len(moments)
         if not _happens(rooms, moment):
             differing.append(number)
         here = moment.part in parts
         if here and rooms.state is not seen and _wanted(moment, choice, number - last):
             frame = frames.of(_looks(rooms.state), lambda: rooms.home.last_event.frame)
             seen, last = rooms.state, number
-        sights.append(_sight(rooms.state, moment, story, frame))
+        wanted = sought.at(rooms, moment) if here else ()
+        sights.append(_sight(rooms.state, moment, story, frame, wanted))
     actions = sum(moment.action is not None for moment in moments)
-    return Replay(sights=tuple(sights), actions=actions, differing=tuple(differing))
+    yield Replay(sights=tuple(sights), actions=actions, differing=tuple(differing))
+
+
+class _Sought:
+    """What unmet goals ask for, looked up again at what is no action and after something moved."""
+
+    def __init__(self, story: EpisodeStory, goals: Sequence[Sequence[str]]) -> None:
+        unjudged = [*goals, *[()] * len(story.parts)]
+        self._names = [
+            names_in(unjudged[number] if part.after is None else part.unmet)
+            for number, part in enumerate(story.parts)
+        ]
+        self._part = -1
+        self._objects: object = None  # that were looked at
+        self._found: tuple[Wanted, ...] = ()
+
+    def at(self, rooms: Rooms, moment: Moment) -> tuple[Wanted, ...]:
+        """Return it after a moment; after an action, as it was before it."""
+        names = self._names[moment.part] if moment.part >= 0 and moment.kind != "enter" else ()
+        objects = rooms.state.objects if names else None
+        is_new = moment.part != self._part
+        if is_new or (moment.action is None and objects is not self._objects):
+            self._found = wanted_in(rooms.home.last_event, names) if names else ()
+            self._part, self._objects = moment.part, objects
+        return self._found
 
 
 def _looks(state: WorldState) -> Hashable:
@@ -166,7 +214,9 @@ def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
     return since >= APART or moment.action.action not in _WALKING
 
 
-def _sight(state: WorldState, moment: Moment, story: EpisodeStory, frame: int) -> Sight:
+def _sight(
+    state: WorldState, moment: Moment, story: EpisodeStory, frame: int, wanted: tuple[Wanted, ...]
+) -> Sight:
     x, _, z = state.pose.position_m
     return Sight(
         x_m=round(x, 3),
@@ -175,6 +225,7 @@ def _sight(state: WorldState, moment: Moment, story: EpisodeStory, frame: int) -
         held=state.held,
         targets=_targets(state, moment, story),
         frame=frame,
+        wanted=wanted,
     )
 
 

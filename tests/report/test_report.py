@@ -536,8 +536,12 @@ def text(tab, name):
     return tab.value(f"document.getElementById({name!r}).innerText")
 
 
-def test_browser_opens_the_page_at_its_first_step(tab, made):
+BEGIN = f"#episode={quote(f'{AGENT}/t1/0')}&step=0"
+
+
+def test_browser_opens_an_address_at_its_step(tab, made):
     assert tab.requests() == [tab.page]
+    tab.open(tab.page + BEGIN)
     count = len(made[1][0].story.moments)
     assert text(tab, "now") == f"step 1 of {count}"
     assert tab.value("document.getElementById('stage').hidden") is False
@@ -547,6 +551,7 @@ def test_browser_opens_the_page_at_its_first_step(tab, made):
 
 def test_browser_steps_by_keys_through_a_whole_episode(tab, made):
     replayed = made[1][0]
+    tab.open(tab.page + BEGIN)
     seen = []
     for number, moment in enumerate(replayed.story.moments):
         assert text(tab, "now").startswith(f"step {number + 1} of ")
@@ -589,6 +594,7 @@ def test_browser_shows_memory_as_it_fills_and_evicts(tab, made):
 
 def test_browser_goes_by_buttons_calls_and_instructions(tab, made):
     story = made[1][0].story
+    tab.open(tab.page + BEGIN)
     calls = [n for n, m in enumerate(story.moments) if m.kind not in ("action", "start")]
     for number in calls[:4]:
         tab.click("[data-move=call-on]")
