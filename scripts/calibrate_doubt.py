@@ -37,7 +37,7 @@ from karma.training.planner.calibration import (
     shares,
 )
 
-ROOMS_SEED = 77  # of rooms that training has not
+ROOMS_SEED = 977  # of rooms that training has not
 CONTROLS = {
     "without the planner's refusing": (
         "mean_logprob", "least_logprob", "weakest_hint", "far_words",

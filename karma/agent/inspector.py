@@ -16,8 +16,6 @@ from karma.household.ids import short_type
 from karma.household.places import LIKELY, SURFACES
 from karma.household.types import RULES, WIDEST, ObjectType, RuleSet, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART, with_basin
-from karma.language.hints import queries
-from karma.language.lexicon import types_named
 
 _NEEDS = {
     "OpenObject": ("openable", "cannot be opened"),
@@ -87,41 +85,6 @@ def mend(
         found.add(name)
         mended.append(call)
     return tuple(mended)
-
-
-def staying(calls: Sequence[SkillCall], instruction: str) -> Sequence[SkillCall]:
-    """Return a program that leaves a thing where the one deed of a request has it put.
-
-    "Put the apple in the fridge" is no request to carry it from there to a place that nobody named.
-    Where a word of the request is not known, or there are more deeds, the program stays as it is.
-
-    Args:
-        calls: the program, with the prompt's short names.
-        instruction: the request.
-    """
-    asked = queries(instruction)
-    named = [types_named(query.phrase) for query in asked if not query.is_deed]
-    if sum(query.is_deed for query in asked) != 1 or not all(named):
-        return calls
-    types = {place for kinds in named for kind in kinds for place in with_basin(kind)}
-    put: set[str] = set()  # things that lie where the request says
-    for number, call in enumerate(calls):
-        if call.skill == "PickupObject" and call.objects[0] in put:
-            goes_on = [
-                c for c in calls[number:] if c.skill in PUTS and c.objects[0] == call.objects[0]
-            ]
-            if goes_on and not any(short_type(c.objects[-1]) in types for c in goes_on):
-                return _before(calls, number)
-        elif call.skill == "PutObject" and short_type(call.objects[-1]) in types:
-            put.add(call.objects[0])
-    return calls
-
-
-def _before(calls: Sequence[SkillCall], number: int) -> Sequence[SkillCall]:
-    """Return the lines before one, without those that only lead up to it."""
-    while number and calls[number - 1].skill in ("GoToObject", "Explore", "OpenObject"):
-        number -= 1
-    return calls[:number]
 
 
 def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[SkillCall]:

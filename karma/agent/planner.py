@@ -4,7 +4,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
-from karma.agent.inspector import Objection, mend, objection, staying
+from karma.agent.inspector import Objection, mend, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
 from karma.agent.recovery import program_of
@@ -182,8 +182,7 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     seen = {kind for area in request.areas for kind in area.contains}
     cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
     known = seen | set(answer.names)
-    calls = staying(answer.calls, request.instruction)
-    calls = mend(calls, known=known, shut=shut, cut=cut, held=held, areas=request.areas)
+    calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=request.areas)
     found = objection(calls, held=held, known=known)
     if found is None:
         return replace(answer, calls=calls), None

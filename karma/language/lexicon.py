@@ -1,7 +1,7 @@
 """How near words of a request come to types of things and to deeds, whatever planner is asked."""
 
 from collections.abc import Mapping, Sequence
-from functools import cache, cached_property
+from functools import cached_property
 
 from karma.contracts import Embedder, Vectors
 from karma.files import read_json
@@ -57,25 +57,3 @@ class Lexicon:
         if phrase not in self._vectors and self._embedder is not None:
             self._vectors[phrase] = self._embedder.embed([phrase])[0]
         return self._vectors[phrase]
-
-
-def types_named(phrase: str) -> frozenset[str]:
-    """Return the object types that a phrase names, by its last words; none where it is not known.
-
-    >>> sorted(types_named("black coffee mugs")), sorted(types_named("walrus"))
-    (['Mug'], [])
-    """
-    words = phrase.lower().split()
-    rests = (" ".join(words[first:]) for first in range(len(words)))
-    names = _types_by_name()
-    found = (names.get(rest) or names.get(singular(rest)) for rest in rests)
-    return next(filter(None, found), frozenset())
-
-
-@cache
-def _types_by_name() -> Mapping[str, frozenset[str]]:
-    found: dict[str, set[str]] = {}
-    for name, texts in read_json(TYPE_WORDS, WordFile).types.items():
-        for text in texts:
-            found.setdefault(text.lower(), set()).add(name)
-    return {text: frozenset(names) for text, names in found.items()}

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.agent.inspector import mend, objection, staying
+from karma.agent.inspector import mend, objection
 from karma.agent.program import SKILLS, parse_program
 from karma.contracts import Area
 from karma.seeds import stream
@@ -111,36 +111,6 @@ def test_apple_may_be_put_into_the_sink_and_a_slice_into_the_toaster():
         assert (
             objection(parse_program(f"PutObject(robot, '{thing}', '{place}')"), held=thing) is None
         )
-
-
-CHILLED = """\
-GoToObject(robot, 'Apple')
-PickupObject(robot, 'Apple')
-GoToObject(robot, 'Fridge')
-OpenObject(robot, 'Fridge')
-PutObject(robot, 'Apple', 'Fridge')
-CloseObject(robot, 'Fridge')
-GoToObject(robot, 'Fridge')
-OpenObject(robot, 'Fridge')
-PickupObject(robot, 'Apple')
-CloseObject(robot, 'Fridge')
-GoToObject(robot, 'GarbageCan')
-PutObject(robot, 'Apple', 'GarbageCan')
-"""
-
-
-@pytest.mark.parametrize(("instruction", "lines"), [
-    ("Put the apple in the fridge.", 6),
-    ("Chill an apple in the fridge.", 6),
-    ("Put the apple in the fridge and throw it away.", 12),  # two deeds
-    ("Chill the apple.", 12),  # no place is named
-    ("Chill the apple in the fridge for the trash can.", 12),  # the last place is named, too
-    ("Put the frobnicator in the fridge.", 12),  # nobody knows what that means
-])  # fmt: skip
-def test_thing_stays_where_the_one_deed_of_a_request_has_it_put(instruction, lines):
-    calls = parse_program(CHILLED)
-    found = staying(calls, instruction)
-    assert tuple(found) == tuple(calls[:lines])
 
 
 @given(number=st.integers(0, 300))
