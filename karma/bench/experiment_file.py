@@ -17,7 +17,7 @@ from typing import Any, TypeVar, get_args
 
 import msgspec
 
-from karma.bench.experiment import Experiment
+from karma.bench.experiment import MOST_SEEDS, Experiment
 from karma.bench.names import MODELS, check_models, check_row
 from karma.bench.planner_words import NO_WORDS
 from karma.errors import FileError, KarmaError, did_you_mean
@@ -104,6 +104,8 @@ def seeds_of(text: str) -> list[int]:
         if ends is None:
             raise KarmaError(f"--seeds {text}: no list of seeds\n  To fix: --seeds 0-4, or 0,2,5")
         found += range(int(ends[1]), int(ends[2] or ends[1]) + 1)
+        if len(found) > MOST_SEEDS:
+            raise KarmaError(f"--seeds {text[:80]}: too many; {MOST_SEEDS} at most")
     return found
 
 

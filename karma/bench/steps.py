@@ -286,7 +286,8 @@ def slug(text: str) -> str:
     plain = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:_LONGEST_SLUG]
     if plain == text:
         return plain
-    return f"{plain}-{blake2b(text.encode(), digest_size=3).hexdigest()}".lstrip("-")
+    data = text.encode(errors="backslashreplace")
+    return f"{plain}-{blake2b(data, digest_size=3).hexdigest()}".lstrip("-")
 
 
 def packed(data: bytes) -> bytes:

@@ -164,6 +164,11 @@ def _dumped() -> bytes:
     return json.dumps(row, default=list).encode() + b"\n"
 
 
+def dumped_as(scene: str) -> bytes:
+    """Return a dump of a room whose name is this piece of JSON."""
+    return _dumped().replace(b'"FloorPlan1"', scene.encode(), 1)
+
+
 @cache
 def _graph() -> bytes:
     import tempfile
@@ -193,15 +198,20 @@ def _gguf_bytes(*, architecture: str = "llama", template: str = "") -> bytes:
     return whole + bytes(-len(whole) % 32 + 32)
 
 
-@cache
 def _bundled() -> bytes:
+    return bundle_for("x")
+
+
+@cache
+def bundle_for(platform: str) -> bytes:
+    """Return a bundle of one file for a platform."""
     import hashlib
 
     from karma.bundle.contents import END, MANIFEST, Member, header, manifest_bytes, padding
 
     data = b"a licence\n"
     member = Member(path="licences/x", bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
-    about: dict[str, object] = {"karma": "1", "python": "3.11", "platform": "x", "models": []}
+    about: dict[str, object] = {"karma": "1", "python": "3.11", "platform": platform, "models": []}
     manifest = manifest_bytes(about, [member])
     parts = [(MANIFEST, manifest), (member.path, data)]
     return b"".join(header(n, len(d)) + d + bytes(padding(len(d))) for n, d in parts) + END
