@@ -81,9 +81,9 @@ def arms_named(names: list[str]) -> list[list[Arm]]:
     """
     if len(names) < 2:
         raise KarmaError("it takes two to compare\n  To fix: karma compare RUN_A RUN_B")
-    chosen = [_split(name) for name in names]
+    chosen = [split_name(name) for name in names]
     runs = [read_run(folder) for folder, _ in chosen]
-    _check_same_rooms(runs)
+    check_same_rooms(runs)
     rows = [
         [row] if row else list(dict.fromkeys(record.row for record in run.records))
         for run, (_, row) in zip(runs, chosen, strict=True)
@@ -105,7 +105,12 @@ def arms_named(names: list[str]) -> list[list[Arm]]:
     return [[_arm(run, row, name) for run, name in zip(runs, names, strict=True)] for row in common]
 
 
-def _check_same_rooms(runs: list[RunData]) -> None:
+def check_same_rooms(runs: list[RunData]) -> None:
+    """See that rooms of one name are the same in all runs.
+
+    Raises:
+        KarmaError: names the first that is not.
+    """
     first = runs[0]
     for run in runs[1:]:
         for name in sorted(first.header.scenes.keys() & run.header.scenes.keys()):
@@ -122,7 +127,7 @@ def set_apart(names: list[str]) -> list[str]:
 
     Options, tasks, models, prompts, versions, rooms and machines; nothing that is equal.
     """
-    chosen = [_split(name) for name in names]
+    chosen = [split_name(name) for name in names]
     runs = [read_run(folder) for folder, _ in chosen]
     first, first_row = runs[0], chosen[0][1]
     return [
@@ -157,7 +162,7 @@ def _only_row(config: Config, row: str) -> str:
 
 def unfinished(names: list[str]) -> list[str]:
     """Return in words which of some runs are not done to their end."""
-    runs = {run.folder: run for run in (read_run(_split(name)[0]) for name in names)}
+    runs = {run.folder: run for run in (read_run(split_name(name)[0]) for name in names)}
     return [
         f"{folder}: not finished, the figures are of the {len(run.records)} episodes that are "
         "done; karma eval goes on with it"
@@ -166,7 +171,7 @@ def unfinished(names: list[str]) -> list[str]:
     ]
 
 
-def _split(name: str) -> tuple[Path, str]:
+def split_name(name: str) -> tuple[Path, str]:
     """Return the folder and the row of RUN:ROW; a folder may have a colon in its name."""
     if Path(name).is_dir():
         return Path(name), ""

@@ -19,8 +19,19 @@ def add_to(app: typer.Typer) -> None:
 
 @clear_errors
 def report_command(
-    run: Annotated[Path, typer.Argument(help="A run folder, made by `karma eval`.")],
-    out: Annotated[Path | None, typer.Option(help="The page; default RUN/report.html.")] = None,
+    runs: Annotated[
+        list[str],
+        typer.Argument(
+            help="A run folder, made by `karma eval`; or a sweep, or several (or RUN:ROW), for a "
+            "page that compares."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="The page; default RUN/report.html, of several comparison.html beside the first."
+        ),
+    ] = None,
     episodes: Annotated[
         str,
         typer.Option(help="Which can be stepped through: all, a number, a task, ROW/TASK/SEED."),
@@ -45,11 +56,24 @@ def report_command(
     rerun: Annotated[
         Path | None, typer.Option(help="Also write the replays as a recording for Rerun, *.rrd.")
     ] = None,
+    reference: Annotated[
+        str, typer.Option(help="Of several: that which the others are held against.")
+    ] = "",
+    pages: Annotated[
+        bool, typer.Option(help="Of several: also make their own pages, where missing or old.")
+    ] = True,
 ) -> None:
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
+    from karma.bench.sweep_folder import is_sweep
     from karma.report.figure_page import is_figure_folder
 
-    if is_figure_folder(run):
+    run = Path(runs[0])
+    if len(runs) > 1 or is_sweep(run):
+        if rerun is not None:
+            raise KarmaError("--rerun is of one run\n  To fix: karma report RUN --rerun FILE")
+        choice = (episodes, instructions, frames)
+        _write_comparison(runs, out, reference, choice if pages else None, published)
+    elif is_figure_folder(run):
         _write_figure(run, out or run / "report.html")
     else:
         choice = (episodes, instructions, frames)
@@ -63,8 +87,62 @@ def _write_figure(run: Path, path: Path) -> None:
     console.print(escape(f"page: {path}"), soft_wrap=True)
 
 
+def _write_comparison(
+    runs: list[str],
+    out: Path | None,
+    reference: str,
+    choice: tuple[str, str, str] | None,
+    published: Path | None,
+) -> None:
+    """Write the page of several runs; with a choice of episodes also their own pages."""
+    from karma.report.comparison import (
+        PAGE,
+        ComparisonPage,
+        chosen_reference,
+        comparison_of,
+        render_comparison,
+        sides_of,
+    )
+
+    sides, notes = sides_of(runs)
+    against = chosen_reference(sides, reference)
+    first = Path(runs[0]) if len(runs) == 1 else sides[0].run.folder
+    path = out or (first / PAGE if len(runs) == 1 else first.parent / "comparison.html")
+    title = first.absolute().name if len(runs) == 1 else f"{len(runs)} runs side by side"
+    with bar(passing=True) as progress:
+        line = progress.add_task("comparing, %", total=100)
+        for one in comparison_of(title, sides, against, notes, path):
+            if isinstance(one, ComparisonPage):
+                page = one
+            else:
+                progress.update(line, completed=round(100 * one))
+    write_atomic(path, render_comparison(page).encode())
+    console.print(
+        escape(f"page: {path}: {len(page.sides)} side by side, {len(page.tasks)} tasks"),
+        soft_wrap=True,
+    )
+    for note in page.notes:
+        console.print(escape(note), soft_wrap=True, highlight=False)
+    folders = dict.fromkeys(one.run.folder for one in sides) if choice is not None else ()
+    old = [folder for folder in folders if _is_old(folder / PAGE, folder)]
+    for number, folder in enumerate(old, start=1):
+        words = f"page {number} of {len(old)}: "
+        _write_run(folder, folder / PAGE, choice or ("", "", ""), published, None, words)
+
+
+def _is_old(page: Path, run: Path) -> bool:
+    from karma.bench.run_folder import EPISODES
+
+    return not page.exists() or page.stat().st_mtime < (run / EPISODES).stat().st_mtime
+
+
 def _write_run(
-    run: Path, path: Path, choice: tuple[str, str, str], published: Path | None, rerun: Path | None
+    run: Path,
+    path: Path,
+    choice: tuple[str, str, str],
+    published: Path | None,
+    rerun: Path | None,
+    words: str = "",
 ) -> None:
     from karma.bench.published import load_published
     from karma.bench.results import result_of
@@ -84,14 +162,14 @@ def _write_run(
     chosen = choose(found.records, episodes)
     paper = load_published(published)
     with bar(passing=True) as progress:
-        line = progress.add_task("doing again, %", total=100)
+        line = progress.add_task(f"{words}doing again, %", total=100)
         shown = []
         for one in replayer.replaying(chosen, instructions):
             if isinstance(one, EpisodeReplay):
                 shown.append(one)
             else:
                 progress.update(line, completed=round(100 * one))
-        progress.update(line, completed=100, description="figures, pictures")
+        progress.update(line, completed=100, description=f"{words}figures, pictures")
         page = page_of(found, result_of(found, paper), shown)
         write_atomic(path, render(page, pictures).encode())
     console.print(
