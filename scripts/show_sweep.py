@@ -30,6 +30,7 @@ only = ["simple-0[1-4]", "composite-0[1-4]", "complex-0[1-4]"]
 
 [[rows]]
 name = "KARMA"
+options.attempts = 1
 
 [models]
 max_tokens = {tokens}
@@ -45,7 +46,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("runs/show_sweep"))
     parser.add_argument("--kills", type=int, default=2)
-    parser.add_argument("--tokens", type=int, default=128, help="of an answer at most")
+    parser.add_argument("--tokens", type=int, default=48, help="of an answer at most")
     parser.add_argument("--seed", type=int, default=0, help="of when it is killed")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,7 @@ sweep that was killed goes on where it was, and a grid that grows keeps what is 
 cannot be done is named with its error, and the others are done.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -109,7 +109,9 @@ class SweepRun:
         )
         return SweepData(name=self.experiment.name, cells=cells, folder=self.folder)
 
-    def episodes(self, workers: int = 0, *, ray: str = "") -> Iterator[SweptEpisode]:
+    def episodes(
+        self, workers: int = 0, *, ray: str = "", opened: Callable[[Run], None] | None = None
+    ) -> Iterator[SweptEpisode]:
         """Do what is missing, cell by cell; each record is on the disk before it is yielded.
 
         A cell that cannot be done is in `failed` afterwards, and the next one is begun.
@@ -117,6 +119,7 @@ class SweepRun:
         Args:
             workers: processes to use; 0 = as many as cores and memory allow, asked of each cell.
             ray: address of a Ray cluster.
+            opened: is told each cell's run before its first episode.
 
         Raises:
             UnwritableError: the disk is full.
@@ -125,16 +128,25 @@ class SweepRun:
         with locked(self.folder):
             for number, cell in enumerate(self.cells, start=1):
                 try:
-                    yield from self._do(cell, number, workers, ray)
+                    yield from self._do(cell, number, workers, ray, opened)
                 except UnwritableError:
                     raise
                 except KarmaError as error:
                     self.failed[cell.name] = str(error)
                 write_sweep(self.data)
 
-    def _do(self, cell: Cell, number: int, workers: int, ray: str) -> Iterator[SweptEpisode]:
+    def _do(
+        self,
+        cell: Cell,
+        number: int,
+        workers: int,
+        ray: str,
+        opened: Callable[[Run], None] | None,
+    ) -> Iterator[SweptEpisode]:
         place = self.folder / CELLS / cell.kept.folder
         run = Run(self.path, place, changes=cell.changes, **self._opened)
+        if opened is not None:
+            opened(run)
         many = workers
         if run.left and not workers and not ray:
             many = run.suggest().number

@@ -134,4 +134,15 @@ def _caption(data: SweepData) -> str:
         for cell in data.cells
         if cell.failed
     ]
+    parts += [said for name, run in runs.items() if run and (said := _errors(name, run))]
     return " ".join(parts)
+
+
+def _errors(name: str, run: RunData) -> str:
+    """Return how many of a cell's episodes ended with an error, and with which; "" where none."""
+    errors = [record.error for record in run.records if record.error]
+    if not errors:
+        return ""
+    said = " ".join(errors[0].split())
+    first = said if len(errors) == 1 else f"the first: {said}"
+    return f"Ended by an error: {name}: {len(errors)} of {len(run.records)} episodes, {first}."

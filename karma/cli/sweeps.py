@@ -10,6 +10,7 @@ from rich.markup import escape
 from karma.cli.eval_options import end_below, write_junit
 from karma.cli.progress import bar
 from karma.cli.shared import SHOWN, clear_errors, console, sheet_table
+from karma.cli.tasks import warn_of_tasks
 from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
@@ -83,9 +84,10 @@ def do_sweep(
 
 
 def _do_cells(sweep: "SweepRun", workers: int, ray: str) -> None:
+    told: set[tuple[str, ...]] = set()  # tasks that were looked at; most cells have the same
     with bar() as progress:
         line = progress.add_task("cells", total=len(sweep.cells))
-        for one in sweep.episodes(workers, ray=ray):
+        for one in sweep.episodes(workers, ray=ray, opened=lambda run: warn_of_tasks(run, told)):
             mark = "[green]✓[/]" if one.record.success else "[red]✗[/]"
             text = f"{mark} {escape(one.cell)}: {one.done} of {one.total} episodes"
             progress.update(line, completed=one.number - 1 + one.done / one.total, description=text)

@@ -79,13 +79,23 @@ def _end(file: Path, number: int, found: Sequence["TaskFinding"], quick: bool) -
     )
 
 
-def warn_of_tasks(run: "Run") -> None:
-    """Say before a run's first episode which of its tasks measure less than they seem to."""
+def warn_of_tasks(run: "Run", told: set[tuple[str, ...]] | None = None) -> None:
+    """Say before a run's first episode which of its tasks measure less than they seem to.
+
+    Args:
+        run: it is silent about one that has begun.
+        told: the tasks that were spoken of before, and takes these; silent about those.
+    """
     from karma import registry
     from karma.bench.task_check import quick_findings
 
     if run.records or not run.left:
         return
+    if told is not None:
+        these = (run.experiment.world, *(task.id for task in run.tasks))
+        if these in told:
+            return
+        told.add(these)
     try:
         found = list(quick_findings(run.tasks, registry.load("worlds", run.experiment.world)))
     except KarmaError:  # the episodes will say it of each task
