@@ -73,12 +73,14 @@ class Exchange(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     reply_key: str  # SHA-256 of the reply
     seconds: float  # as measured, retries included
     shared: bool = False  # the answer holds in every episode
+    line_key: str = ""  # SHA-256 of all the rest; "" in older recordings
 
 
 class Begin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
     """An episode begins; what an earlier attempt at it left no longer counts."""
 
     scope: str
+    line_key: str = ""
 
 
 class Tick(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag=True):
@@ -87,6 +89,10 @@ class Tick(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     scope: str
     count: int
     seconds: float
+    line_key: str = ""
+
+
+Entry = Exchange | Begin | Tick
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +119,14 @@ def key_of(value: Any) -> str:
     return hashlib.sha256(to_json(value)).hexdigest()
 
 
+def line_key_of(line: Entry) -> str:
+    """Return the SHA-256 of a line's own fields; request and reply count by their hashes."""
+    fields = {name: getattr(line, name) for name in line.__struct_fields__}
+    for name in ("request", "reply", "line_key"):
+        fields.pop(name, None)
+    return key_of({**fields, "type": type(line).__name__})
+
+
 class Cassette:
     """One recording.
 
@@ -136,6 +150,7 @@ class Cassette:
         self._episodes: defaultdict[str, _Recorded] = defaultdict(_Recorded)
         self._shared: dict[str, Exchange] = {}
         self._lines = 0  # read so far
+        self._keyed = False  # a line with its hash was read: those behind it have theirs, too
         self._asked: Counter[str] = Counter()
         self._scope, self._measured, self._start = "", 0, time.perf_counter()
         self._recording: Recording | None = None
@@ -241,7 +256,7 @@ class Cassette:
 
     # ------------------------------------------------------------- the file
 
-    def _write(self, line: Exchange | Begin | Tick) -> None:
+    def _write(self, line: Entry) -> None:
         """Add a line to the recording, if there is one."""
         if self._recording is None:
             self._take(line)
@@ -251,6 +266,7 @@ class Cassette:
                 if isinstance(line, Exchange) and line.shared:
                     self._look_up()
                     line = msgspec.structs.replace(line, shared=line.key not in self._shared)
+                line = msgspec.structs.replace(line, line_key=line_key_of(line))
                 self._recording.append(to_json(line))
             self._recording.sync()
         self._take(line)
@@ -283,7 +299,7 @@ class Cassette:
             if only in line:
                 self._take(self._decoded(line, self._lines))
 
-    def _take(self, line: Exchange | Begin | Tick) -> None:
+    def _take(self, line: Entry) -> None:
         if isinstance(line, Exchange) and line.shared:
             self._shared.setdefault(line.key, line)
         elif self.mode == "replay":  # nobody else looks them up
@@ -306,10 +322,10 @@ class Cassette:
             raise CassetteError(self.path, reason, fix=f"{self._again()}; what is whole is kept")
         return lines
 
-    def _decoded(self, line: bytes, number: int) -> Exchange | Begin | Tick:
+    def _decoded(self, line: bytes, number: int) -> Entry:
         fix = "take it from a copy, or record into another folder"
         try:
-            found = decode_json(line, Exchange | Begin | Tick, path=self.path)  # type: ignore[arg-type]
+            found = decode_json(line, Entry, path=self.path)  # type: ignore[arg-type]
         except FileError as error:
             reason = f"line {number}: {error.reason}"
             raise CassetteError(self.path, reason, fix=fix) from error
@@ -321,6 +337,10 @@ class Cassette:
                 if key_of(value) != key:
                     reason = f"line {number}: the {what} is not what its SHA-256 says"
                     raise CassetteError(self.path, reason, fix=fix)
+        if (found.line_key or self._keyed) and found.line_key != line_key_of(found):
+            reason = f"line {number}: episode, time or place is not what the line's SHA-256 says"
+            raise CassetteError(self.path, reason, fix=fix)
+        self._keyed = self._keyed or bool(found.line_key)
         return found  # type: ignore[no-any-return]
 
     # ------------------------------------------------------------- a miss
