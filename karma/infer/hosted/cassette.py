@@ -325,7 +325,7 @@ class Cassette:
     def _decoded(self, line: bytes, number: int) -> Entry:
         fix = "take it from a copy, or record into another folder"
         try:
-            found = decode_json(line, Entry, path=self.path)  # type: ignore[arg-type]
+            found: Entry = decode_json(line, Entry, path=self.path)  # type: ignore[arg-type]
         except FileError as error:
             reason = f"line {number}: {error.reason}"
             raise CassetteError(self.path, reason, fix=fix) from error
@@ -341,7 +341,7 @@ class Cassette:
             reason = f"line {number}: episode, time or place is not what the line's SHA-256 says"
             raise CassetteError(self.path, reason, fix=fix)
         self._keyed = self._keyed or bool(found.line_key)
-        return found  # type: ignore[no-any-return]
+        return found
 
     # ------------------------------------------------------------- a miss
 
