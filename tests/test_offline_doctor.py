@@ -45,6 +45,18 @@ def test_what_is_better_not_there_is_noted_and_never_quoted(name, key, value):
     assert "secret" not in one.found + one.fix
 
 
+def test_plugins_that_other_packages_registered_are_named(tmp_path, monkeypatch):
+    assert found(SET, "plug-ins of others").status == "ok"
+    info = tmp_path / "strange_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: strange-package\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[karma.policies]\nodd = no.such.module:Odd\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    one = found(SET, "plug-ins of others")
+    assert (one.status, one.found) == ("note", "strange-package: karma.policies/odd")
+    assert "uninstall" in one.fix
+
+
 def test_missing_model_is_a_problem(tmp_path, monkeypatch):
     (tmp_path / "manifest.toml").write_text("models = []\n")
     monkeypatch.setenv("KARMA_MODELS", str(tmp_path))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -108,10 +109,23 @@ def _check_filled(role: str, name: str) -> None:
     kind, _, model = name.partition(":")
     if kind not in registry.names(role) and not model:
         _check_listed(role, kind)
-    registry.load(role, kind)
+    made = registry.load(role, kind)
+    if model and not _takes_model(made):
+        raise UnknownNameError(f"{name!r}: {kind} takes no model\n  To fix: {kind!r}")
     for part in filter(None, model.split("+")):
         if (role, kind) in _ROLES and "/" not in part and not Path(part).is_dir():
             _check_role(part, _ROLES[role, kind])
+
+
+def _takes_model(made: Any) -> bool:
+    """Return whether an implementation is made of a model's name."""
+    try:
+        signature(made).bind("")
+    except TypeError:
+        return False
+    except ValueError:  # what is written in C need not say
+        return True
+    return True
 
 
 def _check_listed(role: str, name: str) -> None:

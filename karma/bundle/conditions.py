@@ -4,7 +4,7 @@ import os
 import socket
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
 from typing import Literal
 
@@ -18,6 +18,7 @@ from karma.offline import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_al
 NEEDED = ("karma-nano", "minilm")  # what `karma run` takes when nothing else is asked for
 _PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy")
 _KEYS = ("HF_TOKEN", "HUGGING_FACE_HUB_TOKEN", "OPENAI_API_KEY", "ANTHROPIC_API_KEY")
+_OURS, _GROUP = "karma-offline", "karma."  # our package, and how the groups of roles begin
 _BY_ITSELF = "karma's commands do so themselves"
 
 Status = Literal["ok", "note", "problem"]
@@ -40,6 +41,7 @@ def examine(environment: Mapping[str, str] = os.environ) -> list[Finding]:
         *_switches(environment),
         *_surroundings(environment),
         *_packages(),
+        _plugins(),
         *_models(),
         *_folders(environment),
     ]
@@ -102,7 +104,7 @@ def _interfaces() -> list[str]:
 def _packages() -> Iterator[Finding]:
     """Yield whether what the package says it needs is installed."""
     missing, count = [], 0
-    for text in requires("karma-offline") or ():
+    for text in requires(_OURS) or ():
         need = Requirement(text)
         if need.marker is not None and not need.marker.evaluate({"extra": ""}):
             continue
@@ -114,6 +116,20 @@ def _packages() -> Iterator[Finding]:
             missing.append(str(need))
     found = f"missing: {', '.join(missing)}" if missing else f"all {count} are installed"
     yield _finding("packages", not missing, found, "karma bundle install BUNDLE --into FOLDER")
+
+
+def _plugins() -> Finding:
+    """Return which packages registered something of their own for our roles: their code runs."""
+    foreign = sorted(
+        f"{one.dist.name}: {one.group}/{one.name}"
+        for group in sorted(entry_points().groups)
+        if group.startswith(_GROUP)
+        for one in entry_points(group=group)
+        if one.dist is not None and one.dist.name != _OURS
+    )
+    fix = "they run inside of every run that names them; uninstall what you do not trust"
+    found = "; ".join(dict.fromkeys(foreign)) or "none"
+    return _finding("plug-ins of others", not foreign, found, fix, else_="note")
 
 
 def _models() -> Iterator[Finding]:

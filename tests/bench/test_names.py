@@ -31,6 +31,14 @@ def test_name_of_a_model_is_refused_with_the_nearest(key, said, meant):
         check_models({key: said})
 
 
+@pytest.mark.parametrize("name", ["metadata:x", "blind:karma-nano-vlm"])
+def test_model_of_what_takes_none_is_refused_in_a_line(name):
+    with pytest.raises(
+        UnknownNameError, match=f"^vision: '{name}': .* takes no model\n  To fix: '"
+    ):
+        check_models({"vision": name})
+
+
 def test_model_of_another_role_is_refused():
     with pytest.raises(ModelError, match=r"planner: .*not for role planner but for 'vlm'"):
         check_models({"planner": "karma-nano-vlm"})

@@ -7,7 +7,7 @@ import pytest
 from support.tiny_vision import FAMILIES, save_family
 
 from karma.contracts import SeenObject
-from karma.errors import KarmaError, ModelError
+from karma.errors import FileError, KarmaError, ModelError
 from karma.infer.vision import transformers as transformers_vision
 from karma.infer.vision.pictures import LINE, cut
 from karma.infer.vision.transformers import TransformersVision, VisionOptions
@@ -93,6 +93,16 @@ def test_a_model_with_crops_is_asked_about_one_thing_at_a_time(folders):
     assert model.read_states(FRAME, "look", [MUG, hidden]) == {"Mug|1": ("off",)}
     assert model.pictures[0].shape == (120, 120, 3)
     assert model.tally.unread == 1
+
+
+@pytest.mark.parametrize(
+    "said", ["max_tokens: 0", "attempts: -1", "crop: 0", "crop: 1e9", "threads: 100000", "batch: 0"]
+)
+def test_number_out_of_range_in_karma_json_is_refused_with_the_file(copied, said):
+    key, value = said.split(": ")
+    (copied / "karma.json").write_text(f'{{"{key}": {value}}}')
+    with pytest.raises(FileError, match=rf"karma.json: Expected .*{key}"):
+        TransformersVision(copied)
 
 
 def test_karma_json_says_how_a_model_is_asked(copied):

@@ -6,10 +6,11 @@ the files that transformers knows there may be `karma.json`, which says how the 
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from karma.contracts import Frame, SeenObject
 from karma.files import read_json
@@ -48,13 +49,17 @@ class VisionOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """How a model is asked (`karma.json`); the defaults are the paper's."""
 
     profile: Profile = "full"
-    crop: float | None = None  # side of a square around one object over its box; None: whole frame
+    crop: Annotated[float, Meta(gt=0, le=100)] | None = (
+        None  # side of a square around one object over its box; None: whole frame
+    )
     outline: bool = False  # draw the silhouette of the object's box in that square
     boxes: bool = False  # say in words where objects are in the frame
-    max_tokens: int = 768
-    attempts: int = 2  # a second one quotes what could not be used
-    threads: int | None = None  # None: as torch is set
-    batch: int | None = None  # pictures looked at together; None: 8 on a GPU, 1 on the CPU
+    max_tokens: Annotated[int, Meta(ge=1, le=100_000)] = 768
+    attempts: Annotated[int, Meta(ge=1, le=100)] = 2  # a second one quotes what could not be used
+    threads: Annotated[int, Meta(ge=1, le=1024)] | None = None  # None: as torch is set
+    batch: Annotated[int, Meta(ge=1, le=1024)] | None = (
+        None  # pictures looked at together; None: 8 on a GPU, 1 on the CPU
+    )
 
 
 class Tally(msgspec.Struct, kw_only=True):
