@@ -316,3 +316,31 @@ def test_rate_below_the_floor_has_an_exit_code_of_its_own(tmp_path):
     assert wrong.exit_code == 1
     assert "Did you mean 'expert'" in wrong.output
     assert (tmp_path / "run" / HEADER).exists()
+
+
+# ----------------------------------------------------------------- what tasks and models cannot
+
+
+def test_prompts_that_fit_no_context_are_named_under_the_table(tmp_path):
+    make_planner(tmp_path / "a.gguf", "llama3", seed=1)
+    text = TEXT.replace("max_tokens = 24", "max_tokens = 24\nn_ctx = 64")
+    (tmp_path / "x.toml").write_text(text + '[[grid]]\nmodels.planner = ["a.gguf"]\n')
+    sweep = SweepRun(tmp_path / "x.toml", tmp_path / "run")
+    assert len(list(sweep.episodes(1))) == 2 * 2
+    assert sweep.failed == {}
+    table = (tmp_path / "run" / TABLE).read_text()
+    assert "Ended by an error: planner=a: 2 of 4 episodes, the first: ModelError" in table
+    assert "context of 64" in table
+
+
+def test_sweep_prints_the_warnings_of_its_tasks_once(tmp_path):
+    make_planner(tmp_path / "a.gguf", "llama3", seed=1)
+    task = '{"id": "t", "kind": "simple", "scene": "kitchen_1", "subtasks": [{"instruction": "x"'
+    (tmp_path / "t.jsonl").write_text(task + ', "goals": ["TOGGLEOFF(Microwave)"]}]}\n')
+    (tmp_path / "x.toml").write_text(
+        'name = "x"\ntasks = "t.jsonl"\n[[rows]]\nname = "e"\nmethod = "expert"\n'
+        '[[grid]]\nmodels.planner = "a.gguf"\nmodels.max_tokens = [8, 9]\n'
+    )
+    shown = karma_eval(tmp_path / "x.toml", "--out", tmp_path / "run", "--workers", "1")
+    assert shown.exit_code == 0, shown.output
+    assert shown.output.count("already true at the start") == 1
