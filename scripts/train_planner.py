@@ -115,8 +115,8 @@ def train(
 def export(
     path: Path, folder: Folder = FOLDER, dtype: str = "Q8_0", average: Average = False
 ) -> None:
-    """Write the last checkpoint as GGUF, and beside it the words file with its vectors."""
-    export_gguf(folder, path, dtype, average=average)
+    """Write the last checkpoint as GGUF, mixed with its start, and the words file beside it."""
+    export_gguf(folder, path, dtype, models=ROOT / "models", average=average)
     for kept in folder.glob(f"{Path(WORDS).stem}.*"):
         write_atomic(path.with_name(kept.name), kept.read_bytes())
     say(f"{path}  {path.stat().st_size / 1e6:.1f} MB")

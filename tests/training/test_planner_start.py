@@ -1,14 +1,17 @@
 """Beginning with a GGUF, several processes, and the schedule of the learning rate."""
 
+import copy
 from dataclasses import replace
 
 import pytest
+import torch
 from support.paths import ROOT
 
-from karma.infer.llama.gguf_import import read_gguf_tokenizer
+from karma.files import to_json
+from karma.infer.llama.gguf_import import fill_from_gguf, read_gguf_tokenizer
 from karma.tasks.drawing.phrases import our_book
 from karma.tasks.drawing.rooms import room_of
-from karma.training.planner import network, packs, ranks, train
+from karma.training.planner import checkpoints, network, packs, ranks, start, train
 from karma.training.planner.start import extended_tokenizer, started_model
 from karma.world.core import scene
 
@@ -42,21 +45,44 @@ def test_prompts_without_new_notation_tokenise_as_the_start_has_them(data, start
                 assert started[0].encode(text).ids == old.encode(text).ids
 
 
-def test_new_notation_is_one_token_each_after_the_old_ones(started):
-    tokenizer, model = started
+def test_new_notation_is_one_token_each_after_the_old_ones(monkeypatch):
+    new = ("#weather ", "ask('")
+    monkeypatch.setattr(start, "WHOLE", (*packs.WHOLE, *new))
+    tokenizer = extended_tokenizer(START)
+    recipe = packs.PlannerRecipe(vocabulary=tokenizer.get_vocab_size())
+    model = started_model(recipe, tokenizer, START)
     old = read_gguf_tokenizer(START).get_vocab_size()
-    for text in ("#words ", "refuse('", "language')\n"):
+    for text in new:
         ids = tokenizer.encode(text, add_special_tokens=False).ids
         assert len(ids) == 1
         assert ids[0] >= old
         assert model.model.embed_tokens.weight[ids[0]].abs().sum() > 0
 
 
+def test_exported_weights_are_mixed_with_those_of_the_start(started, tmp_path):
+    tokenizer, model = started
+    recipe = packs.PlannerRecipe(
+        vocabulary=tokenizer.get_vocab_size(), start="nano/start.gguf", kept=0.25
+    )
+    moved = copy.deepcopy(model)
+    with torch.no_grad():
+        for value in moved.parameters():
+            value += 1
+    (tmp_path / "recipe.json").write_bytes(to_json(recipe))
+    (tmp_path / "tokenizer.json").write_text(tokenizer.to_str())
+    checkpoints.save_checkpoint(tmp_path, moved, copy.deepcopy(moved), (), step=1, tokens=1)
+    path = tmp_path / "x.gguf"
+    checkpoints.export_gguf(tmp_path, path, "F32", models=ROOT / "models")
+    found = network.new_model(recipe)
+    fill_from_gguf(found, path)
+    for one, first in zip(found.parameters(), model.parameters(), strict=True):
+        assert torch.allclose(one, first + 0.75, atol=1e-5)
+
+
 def test_first_log_probabilities_are_those_of_the_start(data, started):
     """Of the old tokens, as llama.cpp computes them from the file."""
     import llama_cpp
     import numpy as np
-    import torch
 
     tokenizer, model = started
     example = packs.draw_pack(RECIPE, data, "logits")[0]

@@ -10,6 +10,7 @@ from karma.files import read_json, to_json, write_atomic
 from karma.infer.llama.gguf_export import export_llama_gguf
 from karma.training.planner.network import new_model
 from karma.training.planner.packs import END, PAD, PlannerRecipe
+from karma.training.planner.start import started_model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,18 +99,35 @@ def load_weights(folder: Path, recipe: PlannerRecipe, *, average: bool = False) 
     return model.eval()
 
 
-def export_gguf(folder: Path, path: Path, dtype: str, *, average: bool = False) -> None:
-    """Write the last checkpoint of a folder as GGUF, its last weights or the averaged ones.
+def export_gguf(
+    folder: Path, path: Path, dtype: str, *, models: Path, average: bool = False
+) -> None:
+    """Write the last checkpoint of a folder as GGUF, mixed with the weights that it began with.
+
+    Args:
+        folder: of the training.
+        path: of the GGUF.
+        dtype: of its matrices.
+        models: where the recipe's `start` lies.
+        average: the averaged weights instead of the last.
 
     Raises:
         FileError: there is no checkpoint, or no tokenizer.
     """
+    import torch
     from tokenizers import Tokenizer
 
     recipe = read_json(folder / "recipe.json", PlannerRecipe)
+    tokenizer = Tokenizer.from_file(str(folder / "tokenizer.json"))
+    model = load_weights(folder, recipe, average=average)
+    if recipe.start:
+        first = dict(started_model(recipe, tokenizer, models / recipe.start).named_parameters())
+        with torch.no_grad():
+            for name, value in model.named_parameters():
+                value.lerp_(first[name], recipe.kept)
     export_llama_gguf(
-        load_weights(folder, recipe, average=average),
-        Tokenizer.from_file(str(folder / "tokenizer.json")),
+        model,
+        tokenizer,
         path,
         name="karma-nano-planner",
         eos_token=END,

@@ -51,6 +51,7 @@ class PlannerRecipe:
     feed_forward: int = 896
     context: int = 2048
     start: str = ""  # a GGUF whose weights and tokenizer to begin with, below models/; "" is none
+    kept: float = 0.5  # share of the start's weights in what is exported (Wortsman et al. 2022)
     packs: int = 32  # per step
     examples: int = 4  # per pack with long-term memory; half as many more without it
     steps: int = 1200
