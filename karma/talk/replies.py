@@ -144,7 +144,9 @@ def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
         return []
     steps = sum(result.actions for result in part.results)
     places = sum(result.explorations for result in part.results)
-    cost = f"{steps} steps" + (f", {places} places searched" if places else "")
+    cost = f"{steps} steps" + (
+        f", {places} place{'s' if places > 1 else ''} searched" if places else ""
+    )
     if part.finished:
         told = [Line("did", f"  done: {cost}")]
     else:

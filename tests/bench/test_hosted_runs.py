@@ -29,7 +29,7 @@ from karma.bench.run_folder import read_run
 from karma.cli import app
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
-from karma.infer.hosted.cassette import Cassette
+from karma.infer.hosted.cassette import Begin, Cassette, line_key_of
 from karma.infer.hosted.session import Endpoint, Hosted
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
@@ -128,8 +128,10 @@ def test_recording_that_was_killed_goes_on_and_replays_from_the_start(experiment
     first = (folder / "episodes.jsonl").read_bytes()
     whole = (tape / "exchanges.jsonl").read_bytes()
     (folder / "episodes.jsonl").write_bytes(first)
+    begin = Begin(scope="hosted/simple-12/0")
+    begun = to_json(msgspec.structs.replace(begin, line_key=line_key_of(begin)))
     (tape / "exchanges.jsonl").write_bytes(  # the second episode was begun, its first line is torn
-        whole + b'{"scope":"hosted/simple-12/0","type":"Begin"}\n{"count":0,"key":"d9c2'
+        whole + begun.strip() + b'\n{"count":0,"key":"d9c2'
     )
     resumed = Run(path, folder, cassette=Cassette(tape, "record"))
     assert len(list(resumed.episodes())) == 1
