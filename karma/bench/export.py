@@ -57,7 +57,7 @@ def to_arrow(folder: str | Path) -> "pyarrow.Table":
         KarmaError: pyarrow is not installed.
     """
     pyarrow = _pyarrow()
-    names, lines = _lines(Path(folder))
+    names, lines = episode_lines(Path(folder))
     metrics = {metric.key for metric in METRICS}
     kinds = {
         name: pyarrow.float64()
@@ -86,7 +86,7 @@ def to_parquet(folder: Path) -> bytes:
 
 def to_csv(folder: Path) -> bytes:
     """Return one line per episode; what is not measured is empty."""
-    names, lines = _lines(folder)
+    names, lines = episode_lines(folder)
     out = io.StringIO()
     quoted: Any = csv.QUOTE_NONNUMERIC  # else a lone carriage return would end a line
     writer = csv.DictWriter(out, names, lineterminator="\n", quoting=quoted)
@@ -129,8 +129,12 @@ def _parts(folder: Path) -> list[_ExportedRun]:
     return [_ExportedRun(run=data.run(cell), cell=cell) for cell in data.cells]
 
 
-def _lines(folder: Path) -> tuple[list[str], list[dict[str, Any]]]:
-    """Return the names of all columns, and a line per episode."""
+def episode_lines(folder: Path) -> tuple[list[str], list[dict[str, Any]]]:
+    """Return the names of all columns, and a line per episode; None is not measured.
+
+    Raises:
+        FileError: there is no run, or a line of it is damaged.
+    """
     parts = _parts(folder)
     keys = dict.fromkeys(key for part in parts if part.cell for key in part.cell.values)
     first, metrics = ("run", *(("cell",) if keys else ())), [metric.key for metric in METRICS]

@@ -28,14 +28,22 @@ def add_to(app: typer.Typer) -> None:
 @clear_errors
 def export_command(
     run: Annotated[Path, typer.Argument(help="Folder of a run or a sweep.")],
-    to: Annotated[str, typer.Option(help='"csv", "parquet" or "junit".')] = "csv",
+    to: Annotated[str, typer.Option(help='"csv", "parquet", "junit" or "tensorboard".')] = "csv",
     out: Annotated[
-        Path | None, typer.Option(help="File to write; default episodes.FORM in the folder.")
+        Path | None,
+        typer.Option(help="File to write, for tensorboard a folder; default in the run's folder."),
     ] = None,
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
     from karma.bench.export import exported
 
+    if to == "tensorboard":
+        from karma.bench.tensorboard import write_tensorboard
+
+        place = out or run / "tensorboard"
+        write_tensorboard(run, place)
+        console.print(escape(f"written: {place}; to see it: tensorboard --logdir {place}"))
+        return
     data = exported(run, to)
     place = out or run / {"junit": "junit.xml"}.get(to, f"episodes.{to}")
     write_atomic(place, data)

@@ -8,7 +8,7 @@ from karma.contracts import Vec3
 from karma.errors import KarmaError
 from karma.report.frames import Frames
 from karma.report.story import EpisodeStory, Moment
-from karma.report.wanted import Wanted, names_in, wanted_in
+from karma.report.wanted import WantedName, names_in, wanted_in
 from karma.world.core.state import WorldState
 from karma.world.home import Home
 from karma.world.sim import EmbeddedWorld
@@ -78,7 +78,9 @@ class Sight:
     held: str | None  # object id
     targets: tuple[tuple[float, float], ...] = ()  # x, z of what a skill call was about
     frame: int = -1  # number of the picture, the last one that there is; -1 before any
-    wanted: tuple[Wanted, ...] = ()  # what the instruction's unmet goals ask for, after each call
+    wanted: tuple[
+        WantedName, ...
+    ] = ()  # what the instruction's unmet goals ask for, after each call
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,9 +167,9 @@ class _Sought:
         ]
         self._part = -1
         self._objects: object = None  # that were looked at
-        self._found: tuple[Wanted, ...] = ()
+        self._found: tuple[WantedName, ...] = ()
 
-    def at(self, rooms: Rooms, moment: Moment) -> tuple[Wanted, ...]:
+    def at(self, rooms: Rooms, moment: Moment) -> tuple[WantedName, ...]:
         """Return it after a moment; after an action, as it was before it."""
         names = self._names[moment.part] if moment.part >= 0 and moment.kind != "enter" else ()
         objects = rooms.state.objects if names else None
@@ -215,7 +217,11 @@ def _wanted(moment: Moment, choice: FrameChoice, since: int) -> bool:
 
 
 def _sight(
-    state: WorldState, moment: Moment, story: EpisodeStory, frame: int, wanted: tuple[Wanted, ...]
+    state: WorldState,
+    moment: Moment,
+    story: EpisodeStory,
+    frame: int,
+    wanted: tuple[WantedName, ...],
 ) -> Sight:
     x, _, z = state.pose.position_m
     return Sight(

@@ -27,7 +27,7 @@ class WantedThing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wanted:
+class WantedName:
     """One name in unmet goals, and what it covers in the room."""
 
     name: str
@@ -46,18 +46,18 @@ def names_in(goals: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def wanted_in(event: Event, names: Sequence[str]) -> tuple[Wanted, ...]:
+def wanted_in(event: Event, names: Sequence[str]) -> tuple[WantedName, ...]:
     """Return for each name what it covers after an event."""
     index = ObjectIndex(truth_of(event))
     return tuple(_wanted(name, index) for name in names)
 
 
-def _wanted(name: str, index: ObjectIndex) -> Wanted:
+def _wanted(name: str, index: ObjectIndex) -> WantedName:
     found = sorted(
         index.named(alternatives(name)), key=lambda one: (not one.pickupable, one.object_id)
     )
     things = tuple(_thing(one, index) for one in found[:MOST])
-    return Wanted(name=name, things=things, count=len(found))
+    return WantedName(name=name, things=things, count=len(found))
 
 
 def _thing(one: TrueObject, index: ObjectIndex) -> WantedThing:
