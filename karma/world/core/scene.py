@@ -67,8 +67,23 @@ class AgentPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     horizon: float = 0.0
 
 
+class SceneRoom(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One room of a scene that has several."""
+
+    name: str  # "kitchen_1"
+    room: RoomType
+    corners: tuple[tuple[float, float], ...]  # (x, z) of its floor, in order
+
+
+class Wall(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A box that hides what is behind it; doorways are gaps between walls."""
+
+    low: Vec3
+    high: Vec3
+
+
 class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One room at reset."""
+    """One room at reset, or a home of several."""
 
     version: Literal[1] = 1
     name: str
@@ -82,6 +97,8 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     bounds_center: Vec3
     bounds_size: Vec3
     objects: tuple[SceneObject, ...]
+    rooms: tuple[SceneRoom, ...] | msgspec.UnsetType = msgspec.UNSET  # unset: it is one room
+    walls: tuple[Wall, ...] | msgspec.UnsetType = msgspec.UNSET  # between rooms
 
 
 SCENES = Path(__file__).parents[1] / "scenes"

@@ -1,0 +1,1 @@
+"""Memories of a home where people live; one file a design, all behind `HomeMemory`."""
