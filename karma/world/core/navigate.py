@@ -200,4 +200,6 @@ def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Fla
         ray, box = np.nonzero(near)
         hits = cut(eye, points[index, ray], low[rows[box]], high[rows[box]])
         hidden[index, ray[hits]] = True
+        if state.room.walls is not None:
+            hidden[index] |= state.room.walls.hide(eye, points[index])
     return points, ~hidden

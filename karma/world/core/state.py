@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from karma.contracts import Pose, Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RULES
@@ -15,7 +17,7 @@ from karma.world.core.objects import Objects, derived
 from karma.world.core.rules import rules
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.thing import bottom, gaps, heading, is_inert, top
-from karma.world.core.view import InView, camera, sight
+from karma.world.core.view import InView, WallBoxes, camera, sight
 
 HAND_M: Vec3 = (0.0, -0.16, 0.38)  # right, up, forward from the camera
 
@@ -81,6 +83,7 @@ class Room:
         for x, z in scene.reachable:
             self.cells.setdefault(self.key(x, z), (x, z))
         self._home = {thing.id: thing for thing in scene.objects}
+        self.walls = _wall_boxes(scene)
 
     def key(self, x: float, z: float) -> Cell:
         """Return the cell that a place belongs to, whether or not one can stand there."""
@@ -131,6 +134,15 @@ class Room:
                 if (cell_x - x) ** 2 + (cell_z - z) ** 2 <= radius_m**2:
                     return True
         return False
+
+
+def _wall_boxes(scene: Scene) -> WallBoxes | None:
+    walls = scene.walls or ()
+    if not walls:
+        return None
+    return WallBoxes(
+        low=np.array([wall.low for wall in walls]), high=np.array([wall.high for wall in walls])
+    )
 
 
 def _beside(thing: SceneObject, place: Point, room_m: float) -> bool:
@@ -194,6 +206,7 @@ class WorldState:
             visibility_m=visibility_m,
             fov_deg=self.settings.fov_deg if fov_deg is None else fov_deg,
             aspect=self.settings.aspect,
+            walls=self.room.walls,
         )
 
     @property

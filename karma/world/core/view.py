@@ -32,6 +32,21 @@ _PULL = (-0.85, 0.0, 0.85)
 SAMPLES = np.array([(x, y, z) for x in _PULL for y in _PULL for z in _PULL])  # of the half sizes
 
 
+class WallBoxes(NamedTuple):
+    """The walls between rooms; they hide what is behind them and are no objects."""
+
+    low: Floats  # shape (walls, 3)
+    high: Floats
+
+    def hide(self, eye: Floats, ends: Floats) -> Flags:
+        """Return which points, shape (n, 3), cannot be seen from an eye for a wall."""
+        hidden = np.zeros(len(ends), dtype=bool)
+        near = perhaps_cut(eye, ends, self.low, self.high)
+        point, wall = np.nonzero(near)
+        hidden[point[cut(eye, ends[point], self.low[wall], self.high[wall])]] = True
+        return hidden
+
+
 class InView:
     """What is in view, and what of it is not only seen through glass."""
 
@@ -188,6 +203,7 @@ def sight(
     visibility_m: float = 1.5,
     fov_deg: float = 90.0,
     aspect: float = 1.0,
+    walls: WallBoxes | None = None,
 ) -> InView:
     """Return what is in view from a pose.
 
@@ -198,10 +214,11 @@ def sight(
         visibility_m: reach across the floor.
         fov_deg: vertical field of view.
         aspect: of the picture, width over height.
+        walls: of the home, the same for all of its moments; None: it is one room.
     """
     visible, interactable = np.zeros((2, len(objects)), dtype=bool)
     if len(objects):
-        seen = _vantage(objects, pose, held, visibility_m)
+        seen = _vantage(objects, pose, held, visibility_m, walls)
         axes = camera_axes(pose.yaw_deg, pose.horizon_deg)
         inside = in_picture(seen.offsets, axes, fov_deg, aspect)
         visible[seen.rows[inside]] = True
@@ -211,7 +228,13 @@ def sight(
     return InView(objects, visible, interactable)
 
 
-def _vantage(objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float) -> _Vantage:
+def _vantage(
+    objects: Objects,
+    pose: Pose,
+    held: frozenset[str],
+    visibility_m: float,
+    walls: WallBoxes | None,
+) -> _Vantage:
     """Return what can be seen from the camera's place; known places are looked up."""
     eye = camera(pose)
     key = (eye, pose.position_m, visibility_m)
@@ -220,12 +243,16 @@ def _vantage(objects: Objects, pose: Pose, held: frozenset[str], visibility_m: f
     if found is None:
         if len(known) >= _MOST_VANTAGES:
             del known[next(iter(known))]
-        found = known[key] = _look_round(objects, pose, held, visibility_m)
+        found = known[key] = _look_round(objects, pose, held, visibility_m, walls)
     return found
 
 
 def _look_round(
-    objects: Objects, pose: Pose, held: frozenset[str], visibility_m: float
+    objects: Objects,
+    pose: Pose,
+    held: frozenset[str],
+    visibility_m: float,
+    walls: WallBoxes | None,
 ) -> _Vantage:
     x, y, z = pose.position_m
     near = across(objects, x, z) <= visibility_m
@@ -240,6 +267,8 @@ def _look_round(
     points = points.reshape(-1, 3)
     offsets = points - eye
     solid, glass = _blocked(objects, eye, points, targets, held)
+    if walls is not None:
+        solid |= walls.hide(eye, points)
     reach_m = max(visibility_m, float(np.hypot(offsets[:, 0], offsets[:, 2]).max(initial=0.0)))
     return _Vantage(x, z, reach_m + 0.01, offsets[~solid], targets[~solid], ~glass[~solid])
 

@@ -1,0 +1,1 @@
+"""Days of family life: memory designs in homes where people live, judged by the world."""

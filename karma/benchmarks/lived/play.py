@@ -1,0 +1,264 @@
+"""Live one home with one memory, day by day, and say what came of every request."""
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
+
+from karma.benchmarks.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
+from karma.benchmarks.lived.expert import ExpertMemory
+from karma.benchmarks.lived.records import Doubt, LivedRecord, ServedRequest
+from karma.benchmarks.lived.schedule import DAY_S, HOUR_S, Planned, day_plan
+from karma.contracts import Embedder, HomeMemory, Moment, Sighting
+from karma.memory.lived.designs import DESIGNS
+from karma.memory.lived.setting import MemorySetting
+from karma.methods.lived.body import HomeRobot, sighting_of
+from karma.methods.lived.home_map import HomeMap
+from karma.methods.lived.recalling import types_meant
+from karma.methods.lived.serve import Server
+from karma.seeds import stream
+from karma.tasks.lived import (
+    HomeView,
+    LivedRequest,
+    Reader,
+    answered_rightly,
+    done,
+    draw_request,
+    room_right,
+)
+from karma.world.core.scene import Scene
+from karma.world.core.thing import is_inert
+from karma.world.houses import build_home
+from karma.world.residents import Household
+
+TOUR_H = 6.0  # of the first day: the robot gets to know the home
+
+
+@lru_cache(maxsize=4)
+def home_of(spec: HomeSpec, seed: int) -> tuple[Scene, HomeMap]:
+    """Return a home and the robot's map of its furniture; the same for all rows."""
+    scene = build_home(
+        spec.rooms, seed + spec.number, name=f"home_{spec.number}", things=spec.setting.things
+    )
+    return scene, HomeMap(scene)
+
+
+class HomeLife:
+    """One row in one home, from the first tour on.
+
+    Args:
+        experiment: what is played.
+        row: the memory and how it is used.
+        spec: the home.
+        seed: of the run.
+        embedder: of short texts.
+        reader: of requests.
+    """
+
+    def __init__(
+        self, experiment: LivedExperiment, row: LivedRow, spec: HomeSpec, seed: int,
+        embedder: Embedder, reader: Reader,
+    ) -> None:  # fmt: skip
+        self._experiment, self._row, self._spec, self._seed = experiment, row, spec, seed
+        self._reader = reader
+        scene, self._map = home_of(spec, seed)
+        self._people = spec.people(seed)
+        self._household = Household(
+            scene, seed=seed + spec.number, people=self._people,
+            disturbance=spec.setting.disturbance,
+        )  # fmt: skip
+        self._robot = HomeRobot(self._household, self._map, self._told)
+        self._start = self.now()
+        self._memory = self._made(embedder)
+        self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
+        self._scheduled: list[Moment] = []  # learnt on rounds and waits: the same for every row
+        self._serving = False
+        self._rooms = tuple(self._map.in_rooms())
+        self._tour()
+
+    def now(self) -> dict[str, Sighting]:
+        """Return where every movable thing is."""
+        state = self._household.world.state
+        return {
+            thing.id: sighting_of(state, thing, self._map, self._household.clock_s, self._room_of)
+            for thing in state.objects.values()
+            if "pickupable" in thing.capabilities and not is_inert(thing)
+        }
+
+    def day(self, day: int) -> LivedRecord:
+        """Live one day."""
+        plan = day_plan(
+            self._seed, self._spec.number, day, self._rooms, self._experiment.requests
+        )
+        before, logged = self.now(), len(self._household.log)
+        served: list[ServedRequest] = []
+        missing = rounds = 0
+        for number, planned in enumerate(plan):
+            self._robot.wait(max(planned.time_s, self._robot.time_s))
+            if planned.what == "request":
+                one = self._request(planned, day, number)
+                served += [one] if one is not None else []
+                missing += one is None
+                self._memory.close() if False else None
+            elif planned.what == "round":
+                rounds += self._round()
+            else:
+                self._wait_in(planned.room)
+        self._robot.wait(max((day + 1) * DAY_S, self._robot.time_s))
+        moved = {
+            deed.object_id
+            for deed in self._household.log[logged:]
+            if deed.action == "PutObject" and deed.who != "robot"
+        }
+        return LivedRecord(
+            row=self._row.name,
+            task=f"{self._spec.name}/day_{day}",
+            seed=self._seed,
+            success=all(one.right for one in served),
+            end="day over",
+            setting=self._spec.setting.name,
+            home=self._spec.number,
+            day=day,
+            rooms=self._spec.rooms,
+            people=self._people,
+            things=len(before),
+            moved=round(len(moved & before.keys()) / max(len(before), 1), 4),
+            requests=tuple(served),
+            missing=missing,
+            round_actions=rounds,
+            memory_bytes=self._memory.size_bytes(),
+        )
+
+    def close(self) -> None:
+        """Let go of what the memory holds."""
+        self._memory.close()
+
+    # ------------------------------------------------------------- parts
+
+    def _made(self, embedder: Embedder) -> HomeMemory:
+        if self._row.design == EXPERT:
+            return ExpertMemory(self.now, self._map.places)
+        setting = MemorySetting(
+            embedder=embedder,
+            places=self._map.places,
+            units=self._spec.setting.units,
+            seed=self._seed,
+        )
+        made: HomeMemory = DESIGNS[self._row.design](setting)
+        return made
+
+    def _told(self, moment: Moment) -> None:
+        self._memory.take_in(moment)
+        if not self._serving:
+            self._scheduled.append(moment)
+
+    def _room_of(self, place_id: str | None) -> str:
+        place = self._map.places.get(place_id or "")
+        return place.room if place is not None else ""
+
+    def _tour(self) -> None:
+        """Look at and into everything once, before the first day begins."""
+        self._robot.wait(TOUR_H * HOUR_S)
+        for place_id in self._near_order(tuple(self._map.places)):
+            self._robot.look_at(place_id)
+
+    def _near_order(self, place_ids: tuple[str, ...]) -> Iterator[str]:
+        left = list(place_ids)
+        while left:
+            costs = self._map.costs_from(self._robot.at)
+            best = min(
+                left, key=lambda one: (min(costs[s.number] for s in self._map.spots[one]), one)
+            )
+            left.remove(best)
+            yield best
+
+    def _round(self) -> int:
+        """Walk through all rooms and look at all open furniture; return the actions."""
+        before = self._robot.actions
+        shown = tuple(one for one, place in self._map.places.items() if not place.openable)
+        for place_id in self._near_order(shown):
+            self._robot.look_at(place_id)
+        return self._robot.actions - before
+
+    def _wait_in(self, room: str) -> None:
+        places = self._map.in_rooms().get(room, ())
+        if places:
+            self._robot.go(self._map.spots[places[0]][0])
+
+    def _request(self, planned: Planned, day: int, number: int) -> ServedRequest | None:
+        assert planned.kind is not None
+        rng = stream(
+            self._seed, "lived", "request", self._spec.name, str(day), str(number), planned.kind
+        )
+        request = draw_request(self._view(), planned.kind, rng)
+        if request is None:
+            return None
+        question = self._reader.read(request.text, request.speaker, self._robot.time_s)
+        before = self._robot.actions
+        self._serving = True
+        answer = self._server.serve(question)
+        if self._robot.held is not None:
+            self._robot.put_down()
+        self._serving = False
+        now = self.now()
+        if request.asked == "errand":
+            right = bool(answer.unknown) if request.unknown else done(request, now)
+        else:
+            right = answered_rightly(request, answer, now)
+        effort = self._server.effort
+        return ServedRequest(
+            kind=request.kind,
+            asked=request.asked,
+            text=request.text,
+            time_s=round(request.time_s, 1),
+            right=right,
+            unknown=answer.unknown,
+            room_right=room_right(request, answer, now) if request.asked == "place" else None,
+            actions=self._robot.actions - before,
+            places=effort.places,
+            wasted=effort.wasted,
+            believed=effort.believed,
+            stale=effort.stale,
+            stale_actions=effort.stale_actions,
+            repairs=effort.repairs,
+            tokens=effort.tokens,
+            recalls=effort.recalls,
+            read=question.asked == request.asked and _type_read(request, types_meant(question.thing)),
+            doubts=tuple(
+                Doubt(holds=None if holds is None else round(holds, 4), was_so=so)
+                for holds, so in effort.doubts
+            ),
+        )
+
+    def _view(self) -> HomeView:
+        return HomeView(
+            time_s=self._robot.time_s,
+            people=tuple(one.name for one in self._household.residents),
+            places=self._map.places,
+            log=tuple(self._household.log),
+            seen=tuple(self._scheduled),
+            now=self.now(),
+            start=self._start,
+            plain_words=self._experiment.plain_words,
+        )
+
+
+def _type_read(request: LivedRequest, types: tuple[str, ...]) -> bool:
+    """Return whether the type that is meant was understood; True where none is said."""
+    return not request.object_type or request.object_type in types
+
+
+def player(
+    experiment: LivedExperiment, embedder: Embedder, reader: Reader
+) -> Callable[[str, str, int], Iterator[LivedRecord]]:
+    """Return what plays one row in one home: yields a record per day."""
+    rows: Mapping[str, LivedRow] = {row.name: row for row in experiment.rows}
+    specs: Mapping[str, HomeSpec] = {spec.name: spec for spec in experiment.specs()}
+
+    def played(row: str, home: str, seed: int) -> Iterator[LivedRecord]:
+        life = HomeLife(experiment, rows[row], specs[home], seed, embedder, reader)
+        try:
+            for day in range(experiment.days):
+                yield life.day(day)
+        finally:
+            life.close()
+
+    return played

@@ -1,0 +1,107 @@
+"""In which order places are looked at: chance of finding against the way there."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from karma.contracts import Fact, HomeQuestion, LikelyPlace
+from karma.household.places import LIKELY
+from karma.household.types import object_types
+from karma.methods.lived.body import HomeRobot
+from karma.methods.lived.home_map import HomeMap
+
+LOOK_ACTIONS = 4  # that a look costs beside the way, about
+UNLIKELY = 0.02  # chances below this are no opinion
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedLook:
+    """One place to look at next, and whether memory says that the thing is there."""
+
+    place_id: str
+    believed: bool  # memory has seen the thing there last and knows nothing newer
+    chance: float | None  # that it is there; None: the memory has no notion of it
+
+
+def looks(
+    robot: HomeRobot,
+    object_type: str | None,
+    believed: Sequence[Fact],
+    likely: Sequence[LikelyPlace],
+) -> Iterator[PlannedLook]:
+    """Yield places to look at, each once, the best from where the robot then stands.
+
+    Where the memory gives chances, by chance over cost. Without them what it believes comes
+    first, then furniture in the order of a household's habits, the nearest first.
+
+    Args:
+        robot: where it stands.
+        object_type: of what is looked for; None: not known.
+        believed: the newest facts about what may be meant, the likeliest first.
+        likely: of the memory, () without an opinion.
+    """
+    home, done = robot.map, set[str]()
+    chances = {
+        place.place_id: place.chance
+        for place in likely
+        if place.place_id in home.spots and place.chance > UNLIKELY
+    }
+    last = {fact.sighting.place_id or "": fact for fact in reversed(believed)}
+    for place_id, fact in last.items():
+        if place_id in home.spots and fact.holds is not None:
+            chances[place_id] = max(chances.get(place_id, 0.0), fact.holds)
+    if all(fact.holds is None for fact in believed):
+        for fact in believed:
+            place_id = fact.sighting.place_id or ""
+            if place_id in home.spots and place_id not in done:
+                done.add(place_id)
+                yield PlannedLook(place_id=place_id, believed=True, chance=None)
+    while left := [place_id for place_id in chances if place_id not in done]:
+        best = max(left, key=lambda one: (chances[one] / look_cost(robot, one), one))
+        done.add(best)
+        yield PlannedLook(place_id=best, believed=best in last, chance=chances[best])
+    for place_id in by_habit(robot, object_type):
+        if place_id not in done:
+            done.add(place_id)
+            yield PlannedLook(place_id=place_id, believed=False, chance=None)
+
+
+def look_cost(robot: HomeRobot, place_id: str) -> int:
+    """Return how many actions a look at a place costs from here."""
+    spots = robot.map.spots[place_id]
+    return LOOK_ACTIONS + min(robot.map.cost(robot.at, spot) for spot in spots)
+
+
+def by_habit(robot: HomeRobot, object_type: str | None) -> Iterator[str]:
+    """Yield furniture that may hold a thing: where things are found at all, the nearest first."""
+    types, home = object_types(), robot.map
+    kind = types.get(object_type or "")
+    left = {
+        place_id: _rank(place.place_type)
+        for place_id, place in home.places.items()
+        if kind is None or kind.fits(types[place.place_type])
+    }
+    while left:
+        costs = home.costs_from(robot.at)
+        best = min(left, key=lambda one: (left[one], _way(home, costs, one), one))
+        del left[best]
+        yield best
+
+
+def _way(home: HomeMap, costs: object, place_id: str) -> int:
+    return min(int(costs[spot.number]) for spot in home.spots[place_id])  # type: ignore[index]
+
+
+def _rank(place_type: str) -> int:
+    """Return how late a kind of furniture is looked at: thirds of the household's order."""
+    order: Mapping[str, int] = {name: number // 5 for number, name in enumerate(LIKELY)}
+    return order.get(place_type, len(LIKELY))
+
+
+def worth_a_look(question: HomeQuestion, fact: Fact, cost: int, *, wrong_costs: float) -> bool:
+    """Return whether a doubt about where a thing is now is worth going there.
+
+    What a look costs is held against what a wrong answer costs times its chance.
+    """
+    if fact.holds is None:
+        return False
+    return (1.0 - fact.holds) * wrong_costs > cost
