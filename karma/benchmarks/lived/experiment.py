@@ -31,9 +31,7 @@ class LivedRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     def settings(self, tokens: int) -> ServeSettings:
         """Return how the row serves requests."""
-        return ServeSettings(
-            closed_loop=self.closed_loop, verify=self.verify, budget_tokens=tokens
-        )
+        return ServeSettings(closed_loop=self.closed_loop, verify=self.verify, budget_tokens=tokens)
 
 
 class LivedSetting(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -85,9 +85,7 @@ class HomeLife:
 
     def day(self, day: int) -> LivedRecord:
         """Live one day."""
-        plan = day_plan(
-            self._seed, self._spec.number, day, self._rooms, self._experiment.requests
-        )
+        plan = day_plan(self._seed, self._spec.number, day, self._rooms, self._experiment.requests)
         before, logged = self.now(), len(self._household.log)
         served: list[ServedRequest] = []
         missing = rounds = 0
@@ -221,7 +219,8 @@ class HomeLife:
             repairs=effort.repairs,
             tokens=effort.tokens,
             recalls=effort.recalls,
-            read=question.asked == request.asked and _type_read(request, types_meant(question.thing)),
+            read=question.asked == request.asked
+            and _type_read(request, types_meant(question.thing)),
             doubts=tuple(
                 Doubt(holds=None if holds is None else round(holds, 4), was_so=so)
                 for holds, so in effort.doubts

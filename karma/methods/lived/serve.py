@@ -126,9 +126,7 @@ class Server:
             meant.sort(key=lambda fact: -fact.sighting.time_s)
             now = self._recall(plain(asked, said)) if meant else told
         else:
-            meant = [
-                fact for fact in meant if told.latest(fact.sighting.object_id) in (fact, None)
-            ]
+            meant = [fact for fact in meant if told.latest(fact.sighting.object_id) in (fact, None)]
             now = told
         targets = []
         for object_id in ids_of(meant):

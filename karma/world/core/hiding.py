@@ -1,6 +1,9 @@
 """Tell which objects hide others: closed containers, solid boxes; pieces hide nothing."""
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from karma.world.core.arrays import Flags, Floats
 from karma.world.core.objects import Objects, derived
@@ -49,26 +52,44 @@ def hidden_rows(objects: Objects) -> Flags:
 
 
 @derived("place", "parents", "inert", "open", "held")
-def blocking(objects: Objects) -> Flags:
-    """Return for [t, o] whether object o can hide object t, shape (n, n).
+def _rows_known(objects: Objects) -> dict[int, Flags]:
+    """Return a table that holds rows of `blocking` once they have been worked out."""
+    return {}
+
+
+def blocking(objects: Objects, rows: Sequence[int] | NDArray[np.intp]) -> Flags:
+    """Return for [t, o] whether object o can hide the object of row t, shape (rows, n).
 
     Never itself, its contents, what it lies in, or a box that its own centre is inside of
     (boxes are coarser than meshes there).
     """
-    boxes, around = objects.boxes, objects.containment.around
-    center, low, high = boxes.center[:, None], boxes.low[None] - 0.05, boxes.high[None] + 0.05
+    known = _rows_known(objects)
+    numbers = [int(row) for row in rows]
+    new = list(dict.fromkeys(row for row in numbers if row not in known))
+    if new:
+        known.update(zip(new, _worked_out(objects, new), strict=True))
+    found: Flags = np.array([known[row] for row in numbers], dtype=bool)
+    return found.reshape(len(numbers), len(objects))
+
+
+def _worked_out(objects: Objects, rows: Sequence[int]) -> Flags:
+    boxes, containment = objects.boxes, objects.containment
+    center, low, high = boxes.center[rows, None], boxes.low[None] - 0.05, boxes.high[None] + 0.05
     found: Flags = ~np.all((center >= low) & (center <= high), axis=2)
     found &= ~inert_rows(objects)[None]
-    for object_id, row in objects.rows.items():
-        if objects[object_id].parents:
-            others = [objects.rows[other] for other in around(object_id)]
-            found[row, others] = False
-            found[others, row] = False
-    for object_id, row in objects.rows.items():
+    names = _ids(objects)
+    for at, row in enumerate(rows):
+        object_id = names[row]
+        kin = (*containment.around(object_id), *containment.inside(object_id))
+        found[at, [row, *(objects.rows[other] for other in kin)]] = False
         for holder in _open_holders(objects, object_id):
-            found[row, _built_round(objects, objects.rows[holder])] = False
-    np.fill_diagonal(found, False)
+            found[at, _built_round(objects, objects.rows[holder])] = False
     return found
+
+
+@derived()
+def _ids(objects: Objects) -> tuple[str, ...]:
+    return tuple(objects)
 
 
 def _open_holders(objects: Objects, object_id: str) -> list[str]:

@@ -189,7 +189,7 @@ def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Fla
     reach = state.settings.visibility_m
     points = np.stack([sample_points(objects, targets, eye, reach)[0] for eye in eyes])
     hiding, _ = occluders(objects, state.in_hand)
-    rows = np.flatnonzero(hiding & blocking(objects)[row])
+    rows = np.flatnonzero(hiding & blocking(objects, [row])[0])
     low, high = solid_boxes(objects)
     center, half = objects.boxes.center[None, rows], objects.boxes.half[None, rows]
     beside = np.abs(center - eyes[:, None]) - half

@@ -208,7 +208,7 @@ def _obstacles(
     low, high = solid_boxes(objects) if strangers else (objects.boxes.low, objects.boxes.high)
     if strangers:
         around = {receptacle.id, *objects.containment.around(receptacle.id)}
-        mine = blocking(objects)[objects.rows[receptacle.id]]
+        mine = blocking(objects, [objects.rows[receptacle.id]])[0]
         ids |= {o for o, row in objects.rows.items() if mine[row] and o not in around}
     rows = [
         objects.rows[object_id]

@@ -299,7 +299,9 @@ def _blocked(
     low, high = solid_boxes(objects)
     hiding &= ~_over(objects, eye)
     rows = np.flatnonzero(hiding)
-    near = perhaps_cut(eye, ends, low[rows], high[rows]) & blocking(objects)[targets][:, rows]
+    things, which = np.unique(targets, return_inverse=True)
+    hides = blocking(objects, things)[:, rows][which]
+    near = perhaps_cut(eye, ends, low[rows], high[rows]) & hides
     ray, box = np.nonzero(near)
     hits = cut(eye, ends[ray], low[rows[box]], high[rows[box]])
     ray, row = ray[hits], rows[box[hits]]

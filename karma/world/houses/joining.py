@@ -114,9 +114,14 @@ def _choices(there: Sequence[LaidRoom], room: LaidRoom) -> Iterator[_Choice]:
                     box = own.shifted(x, z)
                     if any(_too_near(box, other.inside) for other in there):
                         continue
-                    yield _extent([*(one.inside for one in there), box]), host, side, (
-                        home_along
-                    ), x, z
+                    yield (
+                        _extent([*(one.inside for one in there), box]),
+                        host,
+                        side,
+                        (home_along),
+                        x,
+                        z,
+                    )
 
 
 def _shift(host: LaidRoom, own: Box, side: str, along: float) -> tuple[float, float]:

@@ -26,9 +26,7 @@ def stocked(scene: Scene, things: int | None, rng: np.random.Generator) -> Scene
     return _more(scene, loose, things - len(loose), rng)
 
 
-def _fewer(
-    scene: Scene, loose: list[SceneObject], number: int, rng: np.random.Generator
-) -> Scene:
+def _fewer(scene: Scene, loose: list[SceneObject], number: int, rng: np.random.Generator) -> Scene:
     held = {parent for thing in scene.objects for parent in thing.parents}
     free = [thing.id for thing in loose if thing.id not in held]
     gone = {free[int(i)] for i in rng.permutation(len(free))[:number]}

@@ -1,0 +1,95 @@
+"""What a thing and a place are called in a request."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from karma.contracts import Sighting
+from karma.memory.lived.setting import KnownPlace
+from karma.memory.recall import name_in_words
+from karma.tasks.drawing.lexicon import lexicon, pick_common, types_called, unseen_lexicon
+
+ON = frozenset(
+    (
+        "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
+        "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Chair", "Stool", "Ottoman", "Toilet",
+        "StoveBurner", "ToiletPaperHanger", "HandTowelHolder", "TowelHolder", "Floor", "Footstool",
+    )
+)  # what things are on, not in  # fmt: skip
+
+
+def thing_word(
+    object_type: str, present: Iterable[str], rng: np.random.Generator, *, plain: bool
+) -> str | None:
+    """Return a word for a type that fits no other type of the home; None if there is none.
+
+    Args:
+        object_type: of the thing.
+        present: types that the home has.
+        rng: draws the word.
+        plain: its commonest name; else one that no planner is trained on, where there is one.
+    """
+    if plain:
+        names = lexicon()[object_type].names[:1] if object_type in lexicon() else ()
+        return names[0] if names else name_in_words(object_type)
+    entry = unseen_lexicon().get(object_type)
+    if entry is None:
+        return name_in_words(object_type)
+    others = set(present) - {object_type}
+    names = tuple(one for one in entry.names if not others & set(types_called(one)))
+    return pick_common(rng, names) if names else None
+
+
+def place_phrase(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
+    """Return a place as people say it: its kind, and its room where others have one too.
+
+    >>> here = KnownPlace(place_id="a", place_type="CoffeeTable", room="living_1",
+    ...     room_kind="living", openable=False)
+    >>> place_phrase(here, {"a": here})
+    'on the coffee table'
+    """
+    return f"{'on' if place.place_type in ON else 'in'} the {_called(place, places)}"
+
+
+def _called(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
+    name = name_in_words(place.place_type)
+    rooms = {one.room for one in places.values() if one.place_type == place.place_type}
+    if len(rooms) == 1:
+        return name
+    return f"{name} in the {room_phrase(place.room_kind)}"
+
+
+def room_phrase(kind: str) -> str:
+    """Return a kind of room as people say it."""
+    return "living room" if kind == "living" else kind
+
+
+def meant_by(place: KnownPlace, places: Mapping[str, KnownPlace]) -> tuple[str, ...]:
+    """Return the ids of all places that its phrase may mean."""
+    rooms = {one.room for one in places.values() if one.place_type == place.place_type}
+    return tuple(
+        one.place_id
+        for one in places.values()
+        if one.place_type == place.place_type
+        and (len(rooms) == 1 or one.room_kind == place.room_kind)
+    )
+
+
+def of_type(now: Mapping[str, Sighting], object_type: str) -> Sequence[Sighting]:
+    """Return the things of a type."""
+    return [one for one in now.values() if one.object_type == object_type]
+
+
+def plural(noun: str) -> str:
+    """Return the plural of a noun, as far as rules go.
+
+    >>> plural("mug"), plural("dish"), plural("knife"), plural("berry")
+    ('mugs', 'dishes', 'knives', 'berries')
+    """
+    if noun.endswith(("s", "x", "ch", "sh")):
+        return f"{noun}es"
+    if noun.endswith("ife"):
+        return f"{noun[:-2]}ves"
+    if noun.endswith("y") and noun[-2:-1] not in "aeiou":
+        return f"{noun[:-1]}ies"
+    return f"{noun}s"

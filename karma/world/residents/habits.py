@@ -1,0 +1,124 @@
+"""What `habits.toml` says, checked, and what of it one home has drawn for itself."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from karma.errors import FileError
+from karma.files import read_toml
+from karma.household.types import object_types
+
+TABLE = Path(__file__).with_name("habits.toml")
+_STEPS = 60  # of the bisection that scales a home's moves
+
+Span = tuple[float, float]
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A part of the table."""
+
+
+class PeopleHabits(_Strict, frozen=True, kw_only=True):
+    """What holds for everybody."""
+
+    names: tuple[str, ...]
+    wake_h: Span
+    sleep_h: Span
+    away_chance: float
+    away_from_h: Span
+    away_to_h: Span
+    seconds_per_action: float
+    walk_s: Span
+    habit: float
+    stray: float
+    temper: float
+
+
+class Activity(_Strict, frozen=True, kw_only=True):
+    """Something that people do, and where things go by it."""
+
+    hours: Span
+    rooms: tuple[str, ...]
+    to: tuple[str, ...]
+    dirties: float = 0.0  # chance
+    washes: float = 0.0  # chance
+
+
+class TypeHabit(_Strict, frozen=True, kw_only=True):
+    """How often things of a type are moved, and as part of what."""
+
+    rate: float
+    activities: tuple[str, ...] = msgspec.field(name="as")
+
+
+class Habits(_Strict, frozen=True, kw_only=True):
+    """All of `habits.toml`."""
+
+    people: PeopleHabits
+    activities: Mapping[str, Activity]
+    types: Mapping[str, TypeHabit]
+
+
+@cache
+def habits() -> Habits:
+    """Return the table, read once.
+
+    Raises:
+        FileError: it is damaged, or names a type or an activity that there is not.
+    """
+    table = read_toml(TABLE, Habits)
+    for name, habit in table.types.items():
+        if name not in object_types():
+            raise FileError(TABLE, f"types: there is no type {name!r}")
+        for activity in habit.activities:
+            if activity not in table.activities:
+                raise FileError(TABLE, f"types.{name}: there is no activity {activity!r}")
+    for name, one in table.activities.items():
+        for place in one.to:
+            if place not in object_types():
+                raise FileError(TABLE, f"activities.{name}: there is no type {place!r}")
+    return table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HomeRates:
+    """How often each thing of a home is moved: moves a day, by object id."""
+
+    per_day: Mapping[str, float]
+
+    @classmethod
+    def drawn(
+        cls, things: Mapping[str, str], disturbance: float, rng: np.random.Generator
+    ) -> "HomeRates":
+        """Draw a home's rates so that the wanted share of things is moved on a day, on average.
+
+        Args:
+            things: movable ones, object id -> type.
+            disturbance: share of them that is moved at least once a day.
+            rng: draws how restless each thing is.
+        """
+        table = habits()
+        spread = rng.normal(0.0, table.people.temper, size=len(things))
+        base = np.array([table.types[t].rate if t in table.types else 0.0 for t in things.values()])
+        rates = base * np.exp(spread)
+        return cls(
+            per_day=dict(zip(things, (rates * _scale(rates, disturbance)).tolist(), strict=True))
+        )
+
+
+def _scale(rates: np.ndarray, disturbance: float) -> float:
+    """Return the factor by which rates give the wanted mean chance of at least one move a day."""
+    if disturbance <= 0 or not rates.any():
+        return 0.0
+    low, high = 0.0, 1e4
+    for _ in range(_STEPS):
+        middle = (low * high) ** 0.5 if low else high / 2
+        if float(np.mean(1.0 - np.exp(-rates * middle))) < disturbance:
+            low = middle
+        else:
+            high = middle
+    return high

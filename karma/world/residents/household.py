@@ -1,0 +1,402 @@
+"""A home in which people live: they really act in the world, and every deed is logged.
+
+Moves are drawn a day ahead, thing by thing, as Poisson draws whose rates are scaled to the wanted
+disturbance. When its time comes a move is made by somebody who is at home and awake, with the
+world's own actions; what the world refuses does not happen and is counted.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from karma.contracts import Deed, Pose, Sighting
+from karma.errors import KarmaError
+from karma.household.places import FLOOR, HAND
+from karma.household.types import object_types
+from karma.seeds import stream
+from karma.world.actions.table import ACTIONS
+from karma.world.core.effects import settle
+from karma.world.core.scene import Scene, SceneObject
+from karma.world.core.state import Performed, WorldState
+from karma.world.core.thing import is_inert
+from karma.world.event import WorldEvent
+from karma.world.houses.floor_plan import room_at
+from karma.world.residents.habits import HomeRates, Span, habits
+from karma.world.sim import EmbeddedWorld
+
+DAY_S, HOUR_S = 86_400.0, 3_600.0
+ACTION_S = 2.0  # of the robot: a step, a turn, a grip
+_TRIES = 3  # places that a thing is brought to before it stays where it was
+_LOGGED = frozenset(
+    (
+        "PickupObject", "PutObject", "OpenObject", "CloseObject", "ToggleObjectOn", "DirtyObject",
+        "ToggleObjectOff", "CleanObject", "SliceObject", "DropHandObject", "FillObjectWithLiquid",
+        "EmptyLiquidFromObject",
+    )
+)  # of the robot's actions: those that change a thing  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resident:
+    """A person and their day."""
+
+    name: str
+    wake_h: float
+    sleep_h: float
+    away_h: tuple[tuple[float, float] | None, ...]  # of each weekday; None: at home
+
+    def is_up(self, time_s: float) -> bool:
+        """Return whether the person is at home and awake."""
+        hour = time_s % DAY_S / HOUR_S
+        away = self.away_h[int(time_s // DAY_S) % 7]
+        at_home = away is None or not away[0] <= hour < away[1]
+        return self.wake_h <= hour < self.sleep_h and at_home
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Move:
+    """A thing that somebody will move, and the draws that decide how."""
+
+    time_s: float
+    object_id: str
+    activity: str
+    draws: tuple[float, ...]  # in [0, 1)
+
+
+class Household:
+    """A home with its people, its clock and its log of truth.
+
+    Args:
+        scene: of the home.
+        seed: of its people and their days, >= 0.
+        people: how many live there, 0 to 4.
+        disturbance: share of the movable things that are moved at least once a day, in [0, 0.5].
+
+    Raises:
+        KarmaError: a number is out of its bounds.
+    """
+
+    def __init__(self, scene: Scene, *, seed: int, people: int, disturbance: float) -> None:
+        most = len(habits().people.names)
+        if not 0 <= people <= most or not 0.0 <= disturbance <= 0.5:
+            raise KarmaError(
+                f"{people} people, disturbance {disturbance:g}: not 0 to {most}, 0 to 0.5"
+            )
+        self._scene, self._seed = scene, seed
+        self.world = EmbeddedWorld(scene)
+        self.clock_s = 0.0
+        self.log: list[Deed] = []
+        self.refused = 0  # deeds that the world did not let happen
+        self.residents = tuple(_drawn(name, seed) for name in habits().people.names[:people])
+        self._rooms = {one.name: _bedroom(scene) for one in self.residents}
+        self._places = _places(scene)
+        things = {one.id: one.type for one in scene.objects if _is_movable(one)}
+        rng = stream(seed, "residents", "rates")
+        self._rates = HomeRates.drawn(things, disturbance if people else 0.0, rng)
+        self._usual = {one.id: one.parents[0] for one in scene.objects if one.parents}
+        self._waiting: list[_Move] = []  # the last one first
+        self._drawn_days = 0
+
+    def until(self, time_s: float) -> tuple[Deed, ...]:
+        """Let people live until a time; return what they did, in order."""
+        before = len(self.log)
+        while self._drawn_days * DAY_S < time_s:
+            self._draw_day(self._drawn_days)
+            self._drawn_days += 1
+        while self._waiting and self._waiting[-1].time_s < time_s:
+            self._make(self._waiting.pop())
+        self.clock_s = max(self.clock_s, time_s)
+        return tuple(self.log[before:])
+
+    def robot(self, action: str, **arguments: Any) -> WorldEvent:
+        """Do one action of the robot; people live on for as long as it takes."""
+        thing_id = arguments.get("objectId") or self.world.state.held
+        if action == "PutObject":
+            thing_id = self.world.state.held
+        place_id = self._place_of(thing_id)
+        event = self.world.step(action, **arguments)
+        if event and action in _LOGGED and thing_id in event.state.objects:
+            if action == "PutObject":
+                place_id = self._place_of(thing_id)
+            self._log("robot", action, str(thing_id), place_id, self.clock_s, "")
+        self.until(self.clock_s + ACTION_S)
+        return event
+
+    def room_of(self, name: str) -> str:
+        """Return the room that a resident is in, or was in last."""
+        return self._rooms[name]
+
+    def now(self) -> dict[str, Sighting]:
+        """Return where every movable thing is, by its nearest receptacle."""
+        state = self.world.state
+        return {
+            thing.id: Sighting(
+                time_s=self.clock_s,
+                object_id=thing.id,
+                object_type=thing.type,
+                place_id=HAND if thing.id in state.in_hand else self._place_of(thing.id),
+                room=self._room_at(thing),
+                position_m=thing.center,
+                states=states_of(thing),
+            )
+            for thing in state.objects.values()
+            if _is_movable(thing)
+        }
+
+    # ------------------------------------------------------------- days
+
+    def _draw_day(self, day: int) -> None:
+        """Draw the moves of a day; each thing has draws of its own."""
+        table, rng = habits(), stream(self._seed, "residents", "day", str(day))
+        rates = self._rates.per_day
+        counts = rng.poisson(np.fromiter(rates.values(), dtype=float, count=len(rates)))
+        moves = []
+        for (object_id, _), count in zip(rates.items(), counts.tolist(), strict=True):
+            for _ in range(min(count, 12)):
+                names = table.types[object_id.partition("|")[0]].activities
+                name = names[int(rng.integers(len(names)))]
+                hour = float(rng.uniform(*table.activities[name].hours))
+                draws = tuple(rng.random(8).tolist())
+                moves.append(
+                    _Move(
+                        time_s=day * DAY_S + hour * HOUR_S,
+                        object_id=object_id,
+                        activity=name,
+                        draws=draws,
+                    )
+                )
+        self._waiting += moves
+        self._waiting.sort(key=lambda move: (-move.time_s, move.object_id))
+
+    def _make(self, move: _Move) -> None:
+        """Have somebody make a move, if anybody is there and the world lets it happen."""
+        up = [one for one in self.residents if one.is_up(move.time_s)]
+        thing = self.world.state.objects.get(move.object_id)
+        if not up or thing is None or is_inert(thing):
+            return
+        if thing.is_picked_up or thing.id in self.world.state.in_hand:
+            return
+        who = up[int(move.draws[0] * len(up))].name
+        for number in range(_TRIES):
+            goal = self._goal(thing, move, move.draws[1 + number], first=number == 0)
+            if goal is not None and self._carry(who, thing, goal, move):
+                return
+        self.refused += 1
+
+    def _goal(
+        self, thing: SceneObject, move: _Move, draw: float, *, first: bool
+    ) -> SceneObject | None:
+        """Return where a thing is brought: its usual place, where the activity leaves it, or astray.
+
+        A place takes the thing's type and is not where it is now.
+        """
+        people, activity = habits().people, habits().activities[move.activity]
+        objects, types = self.world.state.objects, object_types()
+        here = self._place_of(thing.id)
+        usual = self._usual.get(thing.id)
+        if first and usual is not None and usual != here and move.draws[4] < people.habit:
+            return objects.get(usual)
+        fitting = [
+            place_id
+            for place_id in self._places
+            if place_id != here
+            and types[thing.type].fits(types[objects[place_id].type], self.world.state.room.rules)
+        ]
+        if move.draws[5] >= people.stray:
+            wanted = [
+                one
+                for one in fitting
+                if objects[one].type in activity.to and self._places[one].kind in activity.rooms
+            ]
+            fitting = (
+                wanted or [one for one in fitting if objects[one].type in activity.to] or fitting
+            )
+        return objects[fitting[int(draw * len(fitting))]] if fitting else None
+
+    # ------------------------------------------------------------- deeds
+
+    def _carry(self, who: str, thing: SceneObject, goal: SceneObject, move: _Move) -> bool:
+        """Take a thing, do to it what belongs to the activity, and put it down; all or nothing."""
+        people, activity = habits().people, habits().activities[move.activity]
+        start = self.world.state
+        here = self._place_of(thing.id)
+        done: list[tuple[str, str, str | None]] = []  # action, object, place
+        state: WorldState | None = self._as(start, thing)
+        shut_in = self._shut_holder(state, thing)
+        if shut_in is not None:
+            state = _done(state, "OpenObject", objectId=shut_in, forceAction=True)
+            done.append(("OpenObject", shut_in, shut_in))
+        state = _done(state, "PickupObject", objectId=thing.id, forceAction=True)
+        done.append(("PickupObject", thing.id, here))
+        if shut_in is not None:
+            state = _done(state, "CloseObject", objectId=shut_in, forceAction=True)
+            done.append(("CloseObject", shut_in, shut_in))
+        change = self._change(thing, activity.washes, activity.dirties, move.draws[6])
+        if change is not None:
+            state = _done(state, change, objectId=thing.id, forceAction=True)
+            done.append((change, thing.id, here))
+        if state is None:
+            return False
+        state = replace(state, pose=self._before(goal, start.pose))
+        if self._is_shut(goal):
+            state = _done(state, "OpenObject", objectId=goal.id, forceAction=True)
+            done.append(("OpenObject", goal.id, goal.id))
+        state = _done(state, "PutObject", objectId=goal.id, forceAction=True)
+        done.append(("PutObject", thing.id, goal.id))
+        if self._is_shut(goal):
+            state = _done(state, "CloseObject", objectId=goal.id, forceAction=True)
+            done.append(("CloseObject", goal.id, goal.id))
+        if state is None:
+            return False
+        self._settle(state, start)
+        self._note(who, done, move, people.walk_s)
+        return True
+
+    def _as(self, state: WorldState, thing: SceneObject) -> WorldState:
+        """Return the moment with a resident before a thing, hands free, in the robot's stead."""
+        return replace(state, held=None, pose=self._before(thing, state.pose))
+
+    def _before(self, thing: SceneObject, pose: Pose) -> Pose:
+        """Return a pose beside a thing: where a person stands is where things are put first."""
+        x, _, z = thing.center
+        return replace(pose, position_m=(x, pose.position_m[1], z), yaw_deg=0.0, horizon_deg=30.0)
+
+    def _settle(self, state: WorldState, before: WorldState) -> None:
+        """Give the robot its own body back; effects of the household follow."""
+        after = replace(
+            state,
+            pose=before.pose,
+            held=before.held,
+            hand_m=before.hand_m,
+            hand_turn_deg=before.hand_turn_deg,
+        )
+        self.world.back_to(WorldEvent(state=settle(after), action="Pass"))
+
+    def _note(
+        self, who: str, done: Sequence[tuple[str, str, str | None]], move: _Move, walk: Span
+    ) -> None:
+        """Log deeds one after another; the way from taking to putting takes its time."""
+        time_s = move.time_s
+        for action, object_id, place_id in done:
+            if action == "PutObject":
+                time_s += walk[0] + move.draws[7] * (walk[1] - walk[0])
+            self._log(who, action, object_id, place_id, time_s, move.activity)
+            time_s += habits().people.seconds_per_action
+        self._rooms[who] = self.log[-1].room
+
+    def _change(self, thing: SceneObject, washes: float, dirties: float, draw: float) -> str | None:
+        if "dirtyable" not in thing.capabilities:
+            return None
+        if thing.is_dirty:
+            return "CleanObject" if draw < washes else None
+        return "DirtyObject" if draw < dirties else None
+
+    def _log(
+        self,
+        who: str,
+        action: str,
+        object_id: str,
+        place_id: str | None,
+        time_s: float,
+        activity: str,
+    ) -> None:
+        thing = self.world.state.objects[object_id]
+        place = self._places.get(place_id or "")
+        self.log.append(
+            Deed(
+                time_s=round(time_s, 1),
+                who=who,
+                action=action,
+                object_id=object_id,
+                object_type=thing.type,
+                place_id=place_id,
+                room=place.room if place is not None else self._room_at(thing),
+                states=states_of(thing),
+                activity=activity,
+            )
+        )
+
+    # ------------------------------------------------------------- where
+
+    def _place_of(self, object_id: str | None) -> str | None:
+        thing = self.world.state.objects.get(object_id or "")
+        if thing is None or not thing.parents:
+            return None
+        return thing.parents[0]
+
+    def _room_at(self, thing: SceneObject) -> str:
+        room = room_at(self._scene, thing.center[0], thing.center[2])
+        return room.name if room is not None else self._scene.name
+
+    def _shut_holder(self, state: WorldState | None, thing: SceneObject) -> str | None:
+        """Return the id of a closed receptacle that a thing is in."""
+        if state is None:
+            return None
+        for parent in thing.parents:
+            if self._is_shut(state.objects[parent]):
+                return parent
+        return None
+
+    @staticmethod
+    def _is_shut(thing: SceneObject) -> bool:
+        return "openable" in thing.capabilities and thing.openness <= 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _RestingPlace:
+    """Furniture that things are brought to."""
+
+    room: str
+    kind: str
+
+
+def states_of(thing: SceneObject) -> tuple[str, ...]:
+    """Return the words of `State` that are true of a thing, sorted."""
+    words = {
+        "cooked": thing.is_cooked, "dirty": thing.is_dirty, "filled": thing.is_filled,
+        "sliced": thing.is_sliced, "used up": thing.is_used_up, "on": thing.is_toggled,
+        "opened": "openable" in thing.capabilities and thing.openness > 0,
+    }  # fmt: skip
+    return tuple(sorted(word for word, holds in words.items() if holds))
+
+
+def _done(state: WorldState | None, action: str, **arguments: Any) -> WorldState | None:
+    """Return the moment after one of the world's own actions; None once one was refused."""
+    if state is None:
+        return None
+    result = ACTIONS[action].handler(state, **arguments)
+    return result.state if isinstance(result, Performed) else None
+
+
+def _is_movable(thing: SceneObject) -> bool:
+    return "pickupable" in thing.capabilities and not is_inert(thing)
+
+
+def _places(scene: Scene) -> Mapping[str, _RestingPlace]:
+    """Return the furniture that people put things in or on, by id."""
+    found = {}
+    for thing in scene.objects:
+        can = thing.capabilities
+        if "receptacle" in can and "pickupable" not in can and thing.type != FLOOR:
+            room = room_at(scene, thing.center[0], thing.center[2])
+            name = room.name if room is not None else scene.name
+            found[thing.id] = _RestingPlace(room=name, kind=name.rpartition("_")[0])
+    return found
+
+
+def _bedroom(scene: Scene) -> str:
+    names = [room.name for room in scene.rooms or ()]
+    return next((name for name in names if name.startswith("bedroom")), (names or [scene.name])[0])
+
+
+def _drawn(name: str, seed: int) -> Resident:
+    people, rng = habits().people, stream(seed, "residents", "person", name)
+    wake, sleep = float(rng.uniform(*people.wake_h)), float(rng.uniform(*people.sleep_h))
+    away: list[tuple[float, float] | None] = []
+    for weekday in range(7):
+        goes = weekday < 5 and rng.random() < people.away_chance
+        span = (float(rng.uniform(*people.away_from_h)), float(rng.uniform(*people.away_to_h)))
+        away.append(span if goes else None)
+    return Resident(name=name, wake_h=wake, sleep_h=sleep, away_h=tuple(away))
