@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 
+from karma.benchmarks.benchmark import Chain
 from karma.benchmarks.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.benchmarks.lived.expert import ExpertMemory
 from karma.benchmarks.lived.records import Doubt, LivedRecord, ServedRequest
@@ -95,7 +96,6 @@ class HomeLife:
                 one = self._request(planned, day, number)
                 served += [one] if one is not None else []
                 missing += one is None
-                self._memory.close() if False else None
             elif planned.what == "round":
                 rounds += self._round()
             else:
@@ -261,3 +261,17 @@ def player(
             life.close()
 
     return played
+
+
+def lost_days(experiment: LivedExperiment, chain: Chain, cause: str) -> list[LivedRecord]:
+    """Return the records of days that could not be played: nothing was served."""
+    spec = next(one for one in experiment.specs() if one.name == chain.tasks[0].rpartition("/")[0])
+    return [
+        LivedRecord(
+            row=chain.row, task=task, seed=chain.seed, success=False, end="error",
+            setting=spec.setting.name, home=spec.number, day=day, rooms=spec.rooms,
+            people=spec.people(chain.seed), things=0, moved=0.0, requests=(),
+            missing=experiment.requests, round_actions=0, memory_bytes=0, error=cause,
+        )
+        for day, task in enumerate(chain.tasks)
+    ]  # fmt: skip

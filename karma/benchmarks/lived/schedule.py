@@ -40,9 +40,9 @@ def day_plan(
     rng = stream(seed, "lived", "day", str(home), str(day))
     start = day * DAY_S
     plan = [Planned(time_s=start + hour * HOUR_S, what="round") for hour in ROUNDS_H]
-    for hour in range(7, 23):
+    for waits_h in range(7, 23):
         room = rooms[int(rng.integers(len(rooms)))]
-        plan.append(Planned(time_s=start + (hour + 0.1) * HOUR_S, what="wait", room=room))
+        plan.append(Planned(time_s=start + (waits_h + 0.1) * HOUR_S, what="wait", room=room))
     first, last = REQUESTS_H
     hours = sorted(float(hour) for hour in rng.uniform(first, last, size=requests))
     turn = [KINDS[(day * requests + number) % len(KINDS)] for number in range(requests)]

@@ -142,6 +142,14 @@ class HomeRobot:
         if "openable" in self.household.world.state.objects[place_id].capabilities:
             self._act("CloseObject", objectId=place_id)
 
+    def is_still_so(self, seen: Sighting) -> bool:
+        """Return whether a thing is where it was seen: the truth, for figures only."""
+        state = self.household.world.state
+        thing = state.objects.get(seen.object_id)
+        if thing is None or is_inert(thing) or thing.id in state.in_hand:
+            return False
+        return resting_place(state.objects, thing, self.map) == seen.place_id
+
     # ------------------------------------------------------------- what happens
 
     def _took(self, object_id: str) -> bool:

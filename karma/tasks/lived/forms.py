@@ -9,6 +9,9 @@ import msgspec
 from karma.files import read_toml
 
 
+FORMS = Path(__file__).with_name("forms.toml")
+
+
 class _Forms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     forms: tuple[str, ...]
 
@@ -29,4 +32,4 @@ class RequestForms(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @cache
 def request_forms() -> RequestForms:
     """Return the table, read once."""
-    return read_toml(Path(__file__).with_name("forms.toml"), RequestForms)
+    return read_toml(FORMS, RequestForms)

@@ -120,7 +120,8 @@ class Household:
         if event and action in _LOGGED and thing_id in event.state.objects:
             if action == "PutObject":
                 place_id = self._place_of(thing_id)
-            self._log("robot", action, str(thing_id), place_id, self.clock_s, "")
+            time_s = max(self.clock_s, self.log[-1].time_s if self.log else 0.0)
+            self._log("robot", action, str(thing_id), place_id, time_s, "")
         self.until(self.clock_s + ACTION_S)
         return event
 
@@ -188,7 +189,7 @@ class Household:
     def _goal(
         self, thing: SceneObject, move: _Move, draw: float, *, first: bool
     ) -> SceneObject | None:
-        """Return where a thing is brought: its usual place, where the activity leaves it, or astray.
+        """Return where a thing is brought: to its usual place, where it is used, or astray.
 
         A place takes the thing's type and is not where it is now.
         """
@@ -278,7 +279,7 @@ class Household:
         self, who: str, done: Sequence[tuple[str, str, str | None]], move: _Move, walk: Span
     ) -> None:
         """Log deeds one after another; the way from taking to putting takes its time."""
-        time_s = move.time_s
+        time_s = max(move.time_s, self.log[-1].time_s if self.log else 0.0)
         for action, object_id, place_id in done:
             if action == "PutObject":
                 time_s += walk[0] + move.draws[7] * (walk[1] - walk[0])

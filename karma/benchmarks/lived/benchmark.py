@@ -1,0 +1,85 @@
+"""Lived-in homes as a run plays them: a chain for each row in each home, a record a day."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from karma.bench.experiment import filled
+from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play
+from karma.benchmarks.lived.experiment import LivedExperiment
+from karma.benchmarks.lived.play import lost_days, player
+from karma.benchmarks.lived.records import LivedRecord
+from karma.benchmarks.lived.table import (
+    figures_of,
+    kinds_sheet,
+    remarks_on,
+    truth_sheet,
+    work_sheet,
+)
+from karma.errors import KarmaError
+from karma.infer.hosted.session import Session
+from karma.memory.lived.ageing import PRIOR
+from karma.tasks.lived import Reader
+from karma.tasks.lived.forms import FORMS
+from karma.world.residents.habits import TABLE
+
+
+class LivedHomes:
+    """Days of family life over an experiment, see `Benchmark`.
+
+    Args:
+        experiment: what is played.
+        path: that it was read from.
+    """
+
+    experiment_kind: ClassVar[type[Any]] = LivedExperiment
+    record_kind: ClassVar[type[Any]] = LivedRecord
+
+    def __init__(self, experiment: LivedExperiment, path: Path) -> None:
+        self._experiment, self._path = experiment, path
+
+    def chains(self) -> list[Chain]:
+        """Return a chain for each row in each home; the rows of a home stand together."""
+        one = self._experiment
+        return [
+            Chain(
+                row=row.name,
+                tasks=tuple(f"{spec.name}/day_{day}" for day in range(one.days)),
+                seed=seed,
+                shares=spec.name,
+            )
+            for seed in one.seeds
+            for spec in one.specs()
+            for row in one.rows
+        ]
+
+    def files(self) -> list[Path]:
+        """Return habits, sentences and the prior that memories begin with."""
+        return [TABLE, FORMS, PRIOR]
+
+    def begin(self, session: Session) -> Play:
+        """Load the embedder and the reader's words."""
+        one = self._experiment
+        embedder = filled("embedders", one.models.embedder, None, session, one.models)
+        if embedder is None:
+            raise KarmaError(f"{self._path}: an embedder is needed\n  To fix: embedder = 'minilm'")
+        play = player(one, embedder, Reader(embedder))
+
+        def played(chain: Chain) -> Iterator[LivedRecord]:
+            yield from play(chain.row, chain.tasks[0].rpartition("/")[0], chain.seed)
+
+        return played
+
+    def lost(self, chain: Chain, cause: str) -> list[LivedRecord]:
+        """Return records of days that end every process which plays them."""
+        return lost_days(self._experiment, chain, cause)
+
+    def results(self, records: Sequence[LivedRecord]) -> BenchmarkResults:
+        """Return success by kind of request, and what lies behind it."""
+        figures = figures_of(records)
+        return BenchmarkResults(
+            figures=figures,
+            table=kinds_sheet(figures),
+            behind=(truth_sheet(figures), work_sheet(figures)),
+            remarks=tuple(remarks_on(self._experiment)),
+        )

@@ -1,0 +1,110 @@
+"""How beliefs age: the chance that a thing is still where it was seen, learnt from this home.
+
+Moves of a thing are taken as a Poisson process in waking hours with an unknown rate. The rate has a
+Gamma distribution: a prior for the type from training homes (`prior.json`), made sharper by what
+this home showed of the type and of the very thing. With shape a and rate b (hours) the chance of no
+move within t hours is (b / (b + t)) ** a, the Gamma-Poisson mixture (a Lomax tail). A thing that
+has moved may be back: that is added by its share of places.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+from karma.files import read_json
+
+PRIOR = Path(__file__).with_name("prior.json")
+DAY_S, HOUR_S = 86_400.0, 3_600.0
+WAKING_H = (6.5, 23.0)  # hours in which people move things
+AT_NIGHT = 0.02  # of an hour, what an hour of the night counts
+OWN = 12.0  # waking hours of evidence that a type's rate is worth for one thing of it
+_DAY_H = WAKING_H[1] - WAKING_H[0] + (24.0 - WAKING_H[1] + WAKING_H[0]) * AT_NIGHT
+
+
+class TypePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What training homes showed of a type."""
+
+    moves: float  # shape of the Gamma distribution
+    hours: float  # its rate, waking hours
+    places: dict[str, float]  # receptacle type -> share of the time in such places
+
+
+class HomePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of `prior.json`."""
+
+    homes: int  # that it was fitted on
+    types: dict[str, TypePrior]
+
+
+@cache
+def home_prior() -> HomePrior:
+    """Return the prior from training homes, read once; FileError where it is torn."""
+    return read_json(PRIOR, HomePrior)
+
+
+FLAT = TypePrior(moves=0.5, hours=12.0, places={})  # of a type that no training home had
+
+
+def waking_hours(start_s: float, end_s: float) -> float:
+    """Return how many waking hours lie between two times; hours of the night count a little.
+
+    >>> waking_hours(8 * 3600.0, 10 * 3600.0)
+    2.0
+    """
+    return _waking_until(end_s) - _waking_until(start_s)
+
+
+def _waking_until(time_s: float) -> float:
+    day, second = divmod(time_s, DAY_S)
+    hour = second / HOUR_S
+    first, last = WAKING_H
+    awake = min(max(hour - first, 0.0), last - first)
+    return day * _DAY_H + awake + (hour - awake) * AT_NIGHT
+
+
+@dataclass(slots=True)
+class _Evidence:
+    moves: float = 0.0
+    hours: float = 0.0
+
+
+class Ageing:
+    """What this home has shown of how often its things are moved.
+
+    Args:
+        priors: by object type.
+    """
+
+    def __init__(self, priors: Mapping[str, TypePrior]) -> None:
+        self._priors = priors
+        self._types: dict[str, _Evidence] = {}
+        self._things: dict[str, _Evidence] = {}
+
+    def learn(self, object_id: str, object_type: str, hours: float, *, moved: bool) -> None:
+        """Count what was found after a time: still there, or moved at some time in between."""
+        exposure = hours / 2 if moved else hours
+        for table, key in ((self._types, object_type), (self._things, object_id)):
+            evidence = table.setdefault(key, _Evidence())
+            evidence.moves += moved
+            evidence.hours += exposure
+
+    def stays(self, object_id: str, object_type: str, hours: float) -> float:
+        """Return the chance that a thing was not moved for so many waking hours."""
+        shape, rate = self._gamma(object_id, object_type)
+        return float((rate / (rate + hours)) ** shape)
+
+    def moves_per_hour(self, object_id: str, object_type: str) -> float:
+        """Return how often a thing is moved, on average."""
+        shape, rate = self._gamma(object_id, object_type)
+        return shape / rate
+
+    def _gamma(self, object_id: str, object_type: str) -> tuple[float, float]:
+        """Return shape and rate for one thing: the type's mean, worth `OWN` hours, and its own."""
+        prior = self._priors.get(object_type, FLAT)
+        kind = self._types.get(object_type, _Evidence())
+        mean = (prior.moves + kind.moves) / (prior.hours + kind.hours)
+        own = self._things.get(object_id, _Evidence())
+        return mean * OWN + own.moves, OWN + own.hours

@@ -1,0 +1,120 @@
+"""What is believed of each thing: where it was seen last, since when, and why no more.
+
+Contradiction evicts: a thing that is not at a place that was looked over is believed there no more
+from that moment on, with the reason; seen elsewhere or otherwise corrects its belief at once.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from karma.contracts import Deed, Moment, Sighting
+from karma.household.places import HAND
+from karma.memory.lived.ageing import Ageing, waking_hours
+
+Reason = Literal["", "not there", "seen elsewhere", "otherwise"]
+ROBOT = "robot"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Belief:
+    """The last that is known of one thing."""
+
+    sighting: Sighting
+    since_s: float  # from when on it was seen to be so
+    deed: Deed | None = None  # that it came about by
+    ended_s: float | None = None
+    reason: Reason = ""  # why it ended, or why the one before it did
+
+
+class Beliefs:
+    """Beliefs by object id, kept true by every moment.
+
+    Args:
+        ageing: learns from what is confirmed and what is contradicted.
+    """
+
+    def __init__(self, ageing: Ageing) -> None:
+        self._ageing = ageing
+        self._by_id: dict[str, Belief] = {}
+        self._at: dict[str, dict[str, None]] = {}  # place -> ids believed there
+
+    def __iter__(self) -> Iterator[Belief]:
+        return iter(self._by_id.values())
+
+    def __len__(self) -> int:
+        return len(self._by_id)
+
+    def get(self, object_id: str) -> Belief | None:
+        """Return what is believed of a thing."""
+        return self._by_id.get(object_id)
+
+    def forget(self, object_id: str) -> None:
+        """Drop a belief."""
+        belief = self._by_id.pop(object_id, None)
+        if belief is not None:
+            self._leave(belief)
+
+    def take_in(self, moment: Moment) -> list[tuple[Belief | None, Belief]]:
+        """Correct beliefs by a moment; return what changed: the belief before, and the new one."""
+        changed = [pair for seen in moment.seen if (pair := self._see(seen, moment.deed))]
+        if moment.looked_over:
+            there = {seen.object_id for seen in moment.seen}
+            for place_id in moment.looked_over:
+                gone = [one for one in self._at.get(place_id, {}) if one not in there]
+                changed += [self._end(object_id, moment.time_s) for object_id in gone]
+        return changed
+
+    # ------------------------------------------------------------- parts
+
+    def _see(self, seen: Sighting, deed: Deed | None) -> tuple[Belief | None, Belief] | None:
+        old = self._by_id.get(seen.object_id)
+        if old is None:
+            new = Belief(sighting=seen, since_s=seen.time_s, deed=deed)
+            self._keep(new)
+            return None, new
+        same_place = old.sighting.place_id == seen.place_id and old.ended_s is None
+        self._learn(old, seen, deed, moved=not same_place)
+        if same_place and old.sighting.states == seen.states and deed is None:
+            self._by_id[seen.object_id] = replace(old, sighting=seen)
+            return None
+        reason: Reason = "otherwise" if same_place else "seen elsewhere"
+        new = Belief(sighting=seen, since_s=seen.time_s, deed=deed, reason=reason)
+        self._leave(old)
+        self._keep(new)
+        return old, new
+
+    def _end(self, object_id: str, time_s: float) -> tuple[Belief, Belief]:
+        old = self._by_id[object_id]
+        hours = waking_hours(old.sighting.time_s, time_s)
+        self._ageing.learn(object_id, old.sighting.object_type, hours, moved=True)
+        new = replace(old, ended_s=time_s, reason="not there")
+        self._leave(old)
+        self._by_id[object_id] = new
+        return old, new
+
+    def _learn(self, old: Belief, seen: Sighting, deed: Deed | None, *, moved: bool) -> None:
+        """Count a confirmation or a move of the household's people; not the robot's own deeds."""
+        if old.ended_s is not None or HAND in (old.sighting.place_id, seen.place_id):
+            return  # the move was counted when it was missed
+        if deed is not None and deed.who == ROBOT:
+            return
+        hours = waking_hours(old.sighting.time_s, seen.time_s)
+        self._ageing.learn(seen.object_id, seen.object_type, hours, moved=moved)
+
+    def _keep(self, belief: Belief) -> None:
+        seen = belief.sighting
+        self._by_id[seen.object_id] = belief
+        if seen.place_id is not None:
+            self._at.setdefault(seen.place_id, {})[seen.object_id] = None
+
+    def _leave(self, belief: Belief) -> None:
+        place_id = belief.sighting.place_id
+        if place_id is not None:
+            self._at.get(place_id, {}).pop(belief.sighting.object_id, None)
+
+
+def of_types(beliefs: Iterable[Belief], types: Iterable[str]) -> list[Belief]:
+    """Return the beliefs about things of some types."""
+    wanted = set(types)
+    return [one for one in beliefs if one.sighting.object_type in wanted]

@@ -1,0 +1,166 @@
+"""A memory that stays true: beliefs that age and give way, their history, and likely places."""
+
+from collections.abc import Iterator, Sequence
+
+from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment, Said
+from karma.household.places import HAND
+from karma.memory.lived.ageing import Ageing, home_prior, waking_hours
+from karma.memory.lived.beliefs import Belief, Beliefs
+from karma.memory.lived.history import Episode, History
+from karma.memory.lived.likely import PlaceShares
+from karma.memory.lived.setting import MemorySetting
+
+MARGIN = 0.03  # below the best meaning, within which another type may be meant as well
+OTHERS = 0.08  # chance that is left for places of no opinion
+_LINE_BYTES = 96  # of a belief or an episode on disk, about
+
+
+class TrueMemory:
+    """A `HomeMemory` that corrects itself, says how sure it is, and orders searches.
+
+    Args:
+        setting: of the home.
+    """
+
+    name = "ours"
+
+    def __init__(self, setting: MemorySetting) -> None:
+        prior = home_prior()
+        self._places = setting.places
+        self._ageing = Ageing(prior.types)
+        self._beliefs = Beliefs(self._ageing)
+        self._shares = PlaceShares(prior, setting.places)
+        self._history = History()
+        self._missed: dict[str, dict[str, float]] = {}  # object -> place -> when it was not there
+        self._now_s = 0.0
+
+    def take_in(self, moment: Moment) -> None:
+        """Correct what is believed, and write down what has come about."""
+        self._now_s = moment.time_s
+        for old, new in self._beliefs.take_in(moment):
+            seen = new.sighting
+            if new.ended_s is not None:
+                missed = self._missed.setdefault(seen.object_id, {})
+                missed[seen.place_id or ""] = new.ended_s
+                continue
+            if old is None or old.sighting.place_id != seen.place_id:
+                self._shares.visit(seen.object_id, seen.object_type, seen.place_id)
+                self._missed.pop(seen.object_id, None)
+            if old is not None:
+                self._history.close(old)
+            self._history.add(new)
+
+    def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
+        """Return what fits: of the past from the history, of now from beliefs with chances."""
+        said = question.thing
+        past = said.who or said.action or said.before_s is not None
+        if past or question.asked in ("time", "who"):
+            return self._past(question, k)
+        ranks = _ranks(said)
+        found = [
+            belief for belief in self._beliefs if not ranks or belief.sighting.object_type in ranks
+        ]
+        found.sort(key=lambda one: self._order(one, said, ranks))
+        return [self._fact(belief, question.time_s) for belief in found[:k]]
+
+    def likely_places(self, question: HomeQuestion) -> Sequence[LikelyPlace]:
+        """Return where the thing is likely to be: believed, habitual, usual for its type."""
+        said = question.thing
+        kinds = list(_meant(said))
+        mine = [
+            one
+            for one in self._beliefs
+            if one.sighting.object_type in kinds and self._fits(one, said)
+        ]
+        if not kinds:
+            return ()
+        kind = mine[0].sighting.object_type if len(mine) == 1 else kinds[0]
+        ids = [one.sighting.object_id for one in mine] if len(mine) == 1 else []
+        shares = self._shares.of(ids, kind)
+        chances: dict[str, float] = {}
+        left = 1.0
+        if len(mine) == 1 and mine[0].ended_s is None:
+            place_id = mine[0].sighting.place_id or ""
+            chances[place_id] = self._stays(mine[0], question.time_s)
+            left -= chances[place_id]
+        for place_id, share in shares.items():
+            unseen = self._unseen(ids, kind, place_id, question.time_s)
+            chances[place_id] = chances.get(place_id, 0.0) + left * (1.0 - OTHERS) * share * unseen
+        order = sorted(chances, key=lambda one: (-chances[one], one))
+        return [LikelyPlace(place_id=one, chance=chances[one]) for one in order if one != HAND]
+
+    def size_bytes(self) -> int:
+        """Return bytes of beliefs and history, as they are written."""
+        return _LINE_BYTES * (len(self._beliefs) + len(self._history))
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    # ------------------------------------------------------------- now
+
+    def _fact(self, belief: Belief, time_s: float) -> Fact:
+        if belief.ended_s is not None:
+            return Fact(sighting=belief.sighting, deed=belief.deed, ended_s=belief.ended_s)
+        return Fact(sighting=belief.sighting, deed=belief.deed, holds=self._holds(belief, time_s))
+
+    def _stays(self, belief: Belief, time_s: float) -> float:
+        """Return the chance that a thing was not moved since it was seen."""
+        seen = belief.sighting
+        hours = waking_hours(seen.time_s, max(time_s, seen.time_s))
+        return self._ageing.stays(seen.object_id, seen.object_type, hours)
+
+    def _holds(self, belief: Belief, time_s: float) -> float:
+        """Return the chance that a thing is where it was seen: not moved, or back there."""
+        seen = belief.sighting
+        stays = self._stays(belief, time_s)
+        share = self._shares.of([seen.object_id], seen.object_type).get(seen.place_id or "", 0.0)
+        return stays + (1.0 - stays) * share
+
+    def _unseen(self, ids: Sequence[str], kind: str, place_id: str, time_s: float) -> float:
+        """Return the chance that a thing has come back since it was not at a place."""
+        for object_id in ids:
+            missed_s = self._missed.get(object_id, {}).get(place_id)
+            if missed_s is not None:
+                hours = waking_hours(missed_s, max(time_s, missed_s))
+                return 1.0 - self._ageing.stays(object_id, kind, hours)
+        return 1.0
+
+    def _order(
+        self, belief: Belief, said: Said, ranks: dict[str, int]
+    ) -> tuple[bool, int, bool, float]:
+        seen = belief.sighting
+        fits = self._fits(belief, said)
+        return (not fits, ranks.get(seen.object_type, 0), belief.ended_s is not None, -seen.time_s)
+
+    def _fits(self, belief: Belief, said: Said) -> bool:
+        """Return whether states and place of a belief are as said."""
+        seen, place = belief.sighting, self._places.get(belief.sighting.place_id or "")
+        states = all(
+            state in seen.states or (state == "cleaned" and "dirty" not in seen.states)
+            for state in said.states
+        )
+        there = not said.place_types or (place and place.place_type in said.place_types)
+        room = not said.room or (place is not None and said.room in (place.room_kind, place.room))
+        return bool(states and there and room)
+
+    # ------------------------------------------------------------- then
+
+    def _past(self, question: HomeQuestion, k: int) -> list[Fact]:
+        """Return episodes of the asked time, the newest first, then older ones."""
+        said = question.thing
+        found = list(self._history.find(_ranks(said), said, question.asked))
+        return [_told(one, said) for one in found[:k]]
+
+
+def _told(episode: Episode, said: Said) -> Fact:
+    """Return an episode as a fact, at the latest time of it that was asked for."""
+    return Fact(sighting=episode.seen_at(said.before_s), deed=episode.deed)
+
+
+def _meant(said: Said) -> Iterator[str]:
+    best = said.types[0].similarity if said.types else 0.0
+    return (one.name for one in said.types if one.similarity >= best - MARGIN)
+
+
+def _ranks(said: Said) -> dict[str, int]:
+    return {meaning.name: rank for rank, meaning in enumerate(said.types)}
