@@ -11,6 +11,7 @@ from karma.bench.experiment import Models, check_listed
 from karma.benchmarks.lived.schedule import MOST_PEOPLE, drawn_people
 from karma.memory.lived.designs import DESIGNS
 from karma.methods.lived.serve import ServeSettings, Verify
+from karma.tasks.lived.request import Words
 
 EXPERT = "expert"  # acts on the truth
 
@@ -42,6 +43,7 @@ class LivedSetting(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     things: int | None = None  # movable ones in a home; None: as rooms have them
     units: Annotated[int, Meta(ge=1)] = 10  # of short-term memory
     rooms: tuple[Annotated[int, Meta(ge=1, le=12)], ...] = (2, 3, 3, 4, 4, 5, 5, 6, 8, 12)
+    words: Words = "known"  # what things are called
     people: Annotated[int, Meta(ge=0, le=MOST_PEOPLE)] = 0  # 0: drawn for each home, 1 to 4
 
 
@@ -79,7 +81,6 @@ class LivedExperiment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     days: Annotated[int, Meta(ge=1)] = 7
     requests: Annotated[int, Meta(ge=1)] = 9  # a day
     tokens: Annotated[int, Meta(ge=16)] = 400  # of facts in a prompt, words and marks
-    plain_words: bool = False  # things by their commonest names, else by words never trained
     only: tuple[str, ...] = ()  # homes such as "usual/home_003"; () = all
     models: Models = Models()
     seeds: tuple[int, ...] = (0,)

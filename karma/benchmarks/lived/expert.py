@@ -48,7 +48,9 @@ class ExpertMemory:
             return found[:k]
         then = question.asked == "place" and not said.who and not said.action
         for fact in reversed(self._facts):
-            if fits(fact, said, self._places) or (then and self._is_meant(fact, question)):
+            earlier = said.before_s is None or fact.sighting.time_s <= said.before_s
+            before = then and earlier and self._is_meant(fact, question)
+            if before or fits(fact, said, self._places):
                 found.append(fact)
                 if len(found) == k:
                     break

@@ -25,6 +25,7 @@ from karma.tasks.lived import (
     draw_request,
     room_right,
 )
+from karma.world.core.placement import find_place
 from karma.world.core.scene import Scene
 from karma.world.core.thing import is_inert
 from karma.world.houses import build_home
@@ -227,6 +228,12 @@ class HomeLife:
             ),
         )
 
+    def _takes(self, object_id: str, place_id: str) -> bool:
+        """Return whether a place has room for a thing now."""
+        state = self._household.world.state
+        thing, place = state.objects[object_id], state.objects[place_id]
+        return find_place(state, thing, place) is not None
+
     def _view(self) -> HomeView:
         return HomeView(
             time_s=self._robot.time_s,
@@ -236,7 +243,8 @@ class HomeLife:
             seen=tuple(self._scheduled),
             now=self.now(),
             start=self._start,
-            plain_words=self._experiment.plain_words,
+            takes=self._takes,
+            words=self._spec.setting.words,
         )
 
 

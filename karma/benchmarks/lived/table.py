@@ -156,6 +156,10 @@ def _kind(
     )
 
 
+def _right(requests: Iterable[ServedRequest]) -> float | None:
+    return _mean(float(one.right) for one in requests)
+
+
 def _resampled(differences: Sequence[float], kind: str) -> tuple[float | None, float | None]:
     """Return the ends of the 95 % interval of a mean over resampled homes."""
     if len(differences) < 2:
@@ -175,8 +179,8 @@ def _reliability(said: Sequence[float], so: Sequence[float]) -> Iterator[tuple[f
         mine = np.flatnonzero(tenths == tenth)
         if len(mine):
             yield (
-                float(np.mean([said[i] for i in mine])),
-                float(np.mean([so[i] for i in mine])),
+                float(np.array(said)[mine].mean()),
+                float(np.array(so)[mine].mean()),
                 len(mine),
             )
 
@@ -190,8 +194,8 @@ def kinds_sheet(figures: Sequence[LivedFigures]) -> Sheet:
         title="Requests served rightly, by kind",
         caption="Shares with 95 % intervals that keep a home's requests together. exact: where it "
         "was last seen; attribute: told by its state; event: by a deed; time: of the past; place: "
-        "told by where it is; count; several: two memories; changed: not where the rounds showed it "
-        "last; unseen: none in this home, right is to say so. Judged by the world's truth.",
+        "told by where it is; count; several: two memories; changed: not where the rounds showed "
+        "it last; unseen: none in this home, right is to say so. Judged by the world's truth.",
         head=("row", "setting", *KINDS),
         lines=tuple(
             (one.row, one.setting, *(_rate(kind) for kind in one.kinds)) for one in figures
@@ -217,11 +221,11 @@ def work_sheet(figures: Sequence[LivedFigures]) -> Sheet:
     """Return stale beliefs, doubt and effort."""
     return Sheet(
         title="Stale beliefs, doubt, effort",
-        caption="Stale actions: of the world actions for requests, those spent on going where memory "
-        "said that a thing is, and it was not. Stale looks: of such looks, those in vain. Brier: of "
-        "the chance that a fact still holds (lower is better; * a row that gives none, taken as "
-        "sure). Per request: world actions, places looked at, of them in vain, plans made anew, "
-        "tokens of facts. KiB: of memory at the end. Moved: things that people moved on a day.",
+        caption="Stale actions: of the world actions for requests, those spent on going where "
+        "memory said that a thing is, and it was not. Stale looks: of such looks, those in vain. "
+        "Brier: of the chance that a fact still holds (lower is better; * a row that gives none, "
+        "taken as sure). Per request: world actions, places looked at, of them in vain, plans made "
+        "anew, tokens of facts. KiB: of memory at the end. Moved: things moved by people on a day.",
         head=("row", "setting", "stale actions", "stale looks", "Brier", "actions", "places",
               "in vain", "anew", "tokens", "KiB", "moved", "read", "homes"),
         lines=tuple(_work(one) for one in figures),
@@ -261,9 +265,9 @@ def _share(value: float | None) -> str:
 
 def remarks_on(experiment: LivedExperiment) -> list[str]:
     """Return what a reader of the table has to know about how it was made."""
-    words = "their commonest names" if experiment.plain_words else "words that no planner learnt"
     return [
-        f"Things are called by {words}. One reader and one planner, both by rules, serve all rows "
+        "Things are called by names that the reader knows, under a setting of held-out words by "
+        "names that no training had. One reader and one planner, both by rules, serve all rows "
         f"with at most {experiment.tokens} tokens of facts a question; no language model is asked.",
         "expert: the truth of now for everything ever seen, through the same reader and planner.",
     ]

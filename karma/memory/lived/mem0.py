@@ -33,9 +33,12 @@ class Mem0Style:
         for seen in moment.seen:
             number = self._texts.number(sighting_text(seen, self._places))
             kept = self._facts.get(seen.object_id)
-            if kept is not None and kept[0] == number and moment.deed is None:
-                if kept[1].sighting.place_id == seen.place_id:
-                    continue  # NOOP: nothing new is said, and its time stays that of the change
+            if moment.deed is None and kept is not None and kept[0] == number:
+                same_place = kept[1].sighting.place_id == seen.place_id
+            else:
+                same_place = False
+            if same_place:
+                continue  # NOOP: nothing new is said, and its time stays that of the change
             self._facts[seen.object_id] = (number, Fact(sighting=seen, deed=moment.deed))
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:

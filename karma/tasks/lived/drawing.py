@@ -90,7 +90,7 @@ def _named(draw: _Draw, speaker: str, kind: LivedKind) -> LivedRequest | None:
     thing = draw.pick(alone)
     if thing is None:
         return None
-    word = thing_word(thing.object_type, draw.types, draw.rng, plain=draw.view.plain_words)
+    word = thing_word(thing.object_type, draw.types, draw.rng, words=draw.view.words)
     return (word and _about(draw, speaker, kind, _the(word), (thing,))) or None
 
 
@@ -106,7 +106,7 @@ def _unseen(draw: _Draw, speaker: str) -> LivedRequest | None:
     name = draw.pick(sorted(absent))
     if name is None:
         return None
-    word = thing_word(name, draw.types, draw.rng, plain=draw.view.plain_words)
+    word = thing_word(name, draw.types, draw.rng, words=draw.view.words)
     if word is None:
         return None
     text = _say(draw, "place", thing=_the(word))
@@ -130,7 +130,7 @@ def _attribute(draw: _Draw, speaker: str) -> LivedRequest | None:
     alike = [one for one in seen if ("dirty" in one.states) == (state == "dirty")]
     if [one.object_id for one in alike] != [fitting[0].object_id]:
         return None
-    word = thing_word(name, draw.types, draw.rng, plain=draw.view.plain_words)
+    word = thing_word(name, draw.types, draw.rng, words=draw.view.words)
     if word is None:
         return None
     return _about(draw, speaker, "attribute", f"the {state} {word}", (fitting[0],))
@@ -155,7 +155,7 @@ def _place(draw: _Draw, speaker: str) -> LivedRequest | None:
         return None
     if mine[0].object_id != thing.object_id:
         return None
-    word = thing_word(thing.object_type, draw.types, draw.rng, plain=view.plain_words)
+    word = thing_word(thing.object_type, draw.types, draw.rng, words=view.words)
     if word is None:
         return None
     said = f"{_the(word)} {place_phrase(phrase, view.places)}"
@@ -205,7 +205,7 @@ def _by_deed(draw: _Draw, speaker: str) -> tuple[str, Deed] | None:
     }  # fmt: skip
     if same != {deed.object_id}:
         return None
-    word = thing_word(deed.object_type, draw.types, draw.rng, plain=view.plain_words)
+    word = thing_word(deed.object_type, draw.types, draw.rng, words=view.words)
     if word is None:
         return None
     who = "I" if deed.who == speaker else deed.who
@@ -241,7 +241,7 @@ def _where_then(draw: _Draw, speaker: str) -> LivedRequest | None:
         for deed in view.log
     ):  # fmt: skip
         return None
-    word = thing_word(thing.object_type, draw.types, draw.rng, plain=view.plain_words)
+    word = thing_word(thing.object_type, draw.types, draw.rng, words=view.words)
     if word is None:
         return None
     return LivedRequest(
@@ -266,7 +266,7 @@ def _when(draw: _Draw, speaker: str) -> LivedRequest | None:
     ]
     if max(later) != deed.time_s:
         return None
-    word = thing_word(deed.object_type, draw.types, draw.rng, plain=view.plain_words)
+    word = thing_word(deed.object_type, draw.types, draw.rng, words=view.words)
     if word is None:
         return None
     who = "I" if deed.who == speaker else deed.who
@@ -293,7 +293,7 @@ def _who(draw: _Draw, speaker: str) -> LivedRequest | None:
     ]
     if moves[-1].time_s != deed.time_s or len(of_type(view.now, deed.object_type)) != 1:
         return None
-    word = thing_word(deed.object_type, draw.types, draw.rng, plain=view.plain_words)
+    word = thing_word(deed.object_type, draw.types, draw.rng, words=view.words)
     if word is None:
         return None
     return LivedRequest(
@@ -330,7 +330,7 @@ def _count(draw: _Draw, speaker: str) -> LivedRequest | None:
         return None
     if len(truth) < 2 and draw.rng.random() < 0.6:  # else nearly all counts were one
         return None
-    word = thing_word(name, draw.types, draw.rng, plain=view.plain_words)
+    word = thing_word(name, draw.types, draw.rng, words=view.words)
     if word is None or not takes_article(word):
         return None
     return LivedRequest(
@@ -355,7 +355,7 @@ def _several(draw: _Draw, speaker: str) -> LivedRequest | None:
     )  # fmt: skip
     if other is None:
         return None
-    beside = thing_word(other.object_type, draw.types, draw.rng, plain=view.plain_words)
+    beside = thing_word(other.object_type, draw.types, draw.rng, words=view.words)
     if beside is None or not takes_article(beside):
         return None
     said: str | None = None
@@ -372,7 +372,7 @@ def _several(draw: _Draw, speaker: str) -> LivedRequest | None:
         ]
         thing = draw.pick(alone)
         if thing is not None:
-            word = thing_word(thing.object_type, draw.types, draw.rng, plain=view.plain_words)
+            word = thing_word(thing.object_type, draw.types, draw.rng, words=view.words)
             said = _the(word) if word else None
     if thing is None or said is None or thing.object_id == other.object_id:
         return None
@@ -381,6 +381,8 @@ def _several(draw: _Draw, speaker: str) -> LivedRequest | None:
     if thing.place_id == place.place_id or thing.place_id not in view.places:
         return None
     if not types[thing.object_type].fits(types[place.place_type]):
+        return None
+    if not view.takes(thing.object_id, place.place_id):
         return None
     return LivedRequest(
         text=_say(draw, "errand", thing=said, to=f"where the {beside} is"),
@@ -419,6 +421,8 @@ def _errand(
         return None
     meant = meant_by(goal, view.places)
     if any(one.place_id in meant for one in things):
+        return None
+    if not all(view.takes(thing.object_id, place_id) for place_id in meant[:1]):
         return None
     return LivedRequest(
         text=_say(draw, "errand", thing=said, to=place_phrase(goal, view.places)),

@@ -8,7 +8,6 @@ import msgspec
 
 from karma.files import read_toml
 
-
 FORMS = Path(__file__).with_name("forms.toml")
 
 

@@ -8,6 +8,7 @@ from karma.contracts import Sighting
 from karma.memory.lived.setting import KnownPlace
 from karma.memory.recall import name_in_words
 from karma.tasks.drawing.lexicon import lexicon, pick_common, types_called, unseen_lexicon
+from karma.tasks.lived.request import Words
 
 ON = frozenset(
     (
@@ -19,7 +20,7 @@ ON = frozenset(
 
 
 def thing_word(
-    object_type: str, present: Iterable[str], rng: np.random.Generator, *, plain: bool
+    object_type: str, present: Iterable[str], rng: np.random.Generator, *, words: Words
 ) -> str | None:
     """Return a word for a type that fits no other type of the home; None if there is none.
 
@@ -27,16 +28,20 @@ def thing_word(
         object_type: of the thing.
         present: types that the home has.
         rng: draws the word.
-        plain: its commonest name; else one that no planner is trained on, where there is one.
+        words: which names may be drawn.
     """
-    if plain:
-        names = lexicon()[object_type].names[:1] if object_type in lexicon() else ()
-        return names[0] if names else name_in_words(object_type)
-    entry = unseen_lexicon().get(object_type)
+    if words == "plain":
+        return name_in_words(object_type)
+    table = unseen_lexicon() if words == "held-out" else lexicon()
+    entry = table.get(object_type)
     if entry is None:
         return name_in_words(object_type)
     others = set(present) - {object_type}
-    names = tuple(one for one in entry.names if not others & set(types_called(one)))
+    names = tuple(
+        one
+        for one in entry.names
+        if not others & set(types_called(one)) and not one.startswith("the ")
+    )
     return pick_common(rng, names) if names else None
 
 

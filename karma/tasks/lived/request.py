@@ -1,7 +1,7 @@
 """A request of a resident with its truth, and what requests are drawn from."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from karma.contracts import Asked, Deed, Moment, Sighting
@@ -18,6 +18,8 @@ LivedKind = Literal[
     "changed",  # named plainly, and no more where it was last seen
     "unseen",  # there is none in this home: right is to say so
 ]
+
+Words = Literal["known", "held-out", "plain"]  # names of training, names never trained, commonest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,5 +54,5 @@ class HomeView:
     seen: Sequence[Moment]  # what the robot learnt on rounds and waits, whatever its memory
     now: Mapping[str, Sighting]  # the truth of movable things
     start: Mapping[str, Sighting]  # the same at the first midnight
-    plain_words: bool = False  # things by their commonest names; else by words never trained
-    last_seen: Mapping[str, Sighting] = field(default_factory=dict)  # of `seen`, by id
+    takes: Callable[[str, str], bool]  # whether a place, by id, has room for a thing, by id
+    words: Words = "known"
