@@ -1,0 +1,233 @@
+"""Work out where a house has walls and where an agent can stand, from rooms, walls and doors."""
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from math import ceil, floor, hypot
+
+import numpy as np
+
+from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import AGENT_HEIGHT_M, AGENT_RADIUS_M, Box, Cell
+from karma.world.core.scene import Wall
+from karma.world.importing.house_record import HouseDoor, HouseRecord, HouseWall, Point
+
+GRID_M = 0.25
+USUAL_HEIGHT_M = 2.5  # of walls, where a house has none
+_THICK_M = 0.01  # of a wall, on either side: what hangs on it must not be inside
+_PIECE_M = 0.1  # slanting walls are cut into boxes of this length
+_STEP_M = 0.1  # what is lower is stepped over
+_EDGE_M = 1e-6
+
+Key = tuple[int, int]  # column and row of the grid
+
+
+def inside(corners: Sequence[Point], x: Floats, z: Floats) -> Flags:
+    """Return which points are in a polygon, by counting the edges to their right."""
+    found = np.zeros(np.broadcast(x, z).shape, dtype=bool)
+    for (x0, z0), (x1, z1) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        if z0 != z1:
+            across = (z0 > z) != (z1 > z)
+            found ^= across & (x < x0 + (z - z0) / (z1 - z0) * (x1 - x0))
+    return found
+
+
+def off(corners: Sequence[Point], x: float, z: float) -> float:
+    """Return how far a point is from a polygon, metres; 0 inside."""
+    if inside(corners, np.array(x), np.array(z)):
+        return 0.0
+    edges = zip(corners, (*corners[1:], corners[0]), strict=True)
+    return min(float(_apart(a, b, np.array(x), np.array(z))) for a, b in edges)
+
+
+def _apart(a: Point, b: Point, x: Floats, z: Floats) -> Floats:
+    """Return how far points are from the line between two others."""
+    along = np.array((b[0] - a[0], b[1] - a[1]))
+    square = max(float(along @ along), 1e-12)
+    share = np.clip(((x - a[0]) * along[0] + (z - a[1]) * along[1]) / square, 0.0, 1.0)
+    found: Floats = np.hypot(x - a[0] - share * along[0], z - a[1] - share * along[1])
+    return found
+
+
+@dataclass(slots=True)
+class _BuiltWall:
+    """A wall that stands, and the holes in it as shares of its length."""
+
+    start: Point
+    end: Point
+    holes: list[tuple[float, float]]
+
+    def cut(self, ends: tuple[Point, Point]) -> None:
+        """Leave a gap between two points beside the wall."""
+        along = (self.end[0] - self.start[0], self.end[1] - self.start[1])
+        square = along[0] ** 2 + along[1] ** 2
+        shares = sorted(
+            ((x - self.start[0]) * along[0] + (z - self.start[1]) * along[1]) / square
+            for x, z in ends
+        )
+        self.holes.append((max(shares[0], 0.0), min(shares[1], 1.0)))
+
+    def standing(self) -> Iterator[tuple[Point, Point]]:
+        """Yield the parts between the holes."""
+        last = 0.0
+        for low, high in [*sorted(self.holes), (1.0, 1.0)]:
+            if low - last > _EDGE_M:
+                yield self._at(last), self._at(low)
+            last = max(last, high)
+
+    def _at(self, share: float) -> Point:
+        (x0, z0), (x1, z1) = self.start, self.end
+        return (x0 + share * (x1 - x0), z0 + share * (z1 - z0))
+
+
+class HouseShell:
+    """What of a house stands still: its floors, its walls with gaps, its doorways.
+
+    Args:
+        record: the house.
+    """
+
+    def __init__(self, record: HouseRecord) -> None:
+        self.floors = [room.corners for room in record.rooms]
+        self.floor_y = record.floor_y
+        heights = [point.y for wall in record.walls for point in wall.polygon]
+        self.ceiling_y = max(heights, default=self.floor_y + USUAL_HEIGHT_M)
+        walls = {wall.id: wall for wall in record.walls}
+        built = _built(record.walls)
+        self._doorways: list[Box] = []
+        for door in record.doors:
+            if not door.leads_out:
+                self._open(door, walls, built)
+        self.spans = [span for wall in built.values() for span in wall.standing()]
+
+    def _open(
+        self,
+        door: HouseDoor,
+        walls: dict[str, HouseWall],
+        built: dict[tuple[Point, Point], _BuiltWall],
+    ) -> None:
+        """Cut a door into its walls, and keep the floor between them."""
+        (x0, z0), (x1, z1) = walls[door.wall0].ends
+        long = hypot(x1 - x0, z1 - z0)
+        low, high = (min(max(share / long, 0.0), 1.0) for share in door.hole)
+        gap = tuple((x0 + share * (x1 - x0), z0 + share * (z1 - z0)) for share in (low, high))
+        points = list(gap)
+        for wall in (walls[door.wall0], walls[door.wall1]):
+            if (standing := built.get(_key(wall))) is not None:
+                standing.cut((gap[0], gap[1]))
+            points.extend(_beside(wall, gap))
+        xs, zs = [x for x, _ in points], [z for _, z in points]
+        self._doorways.append(Box(min(xs), 0.0, min(zs), max(xs), 0.0, max(zs)))
+
+    def walls(self) -> tuple[Wall, ...]:
+        """Return the boxes that hide what is behind the walls."""
+        return tuple(
+            Wall(low=_rounded(low, self.floor_y), high=_rounded(high, self.ceiling_y))
+            for a, b in self.spans
+            for low, high in _boxes(a, b)
+        )
+
+    def cells(self, obstacles: Iterable[Box]) -> dict[Key, Cell]:
+        """Return the places on the grid where an agent's body is free.
+
+        Args:
+            obstacles: furniture; what hangs high or is stepped over is in nobody's way.
+        """
+        points = [point for corners in self.floors for point in corners]
+        low = [floor(min(p[axis] for p in points) / GRID_M) for axis in (0, 1)]
+        high = [ceil(max(p[axis] for p in points) / GRID_M) for axis in (0, 1)]
+        columns: Floats = np.arange(low[0], high[0] + 1, dtype=np.float64) * GRID_M
+        rows: Floats = np.arange(low[1], high[1] + 1, dtype=np.float64) * GRID_M
+        free = np.zeros((len(columns), len(rows)), dtype=bool)
+        for corners in self.floors:
+            free |= inside(corners, columns[:, None], rows[None])
+        for box in self._doorways:
+            across = (columns >= box.x0 - _EDGE_M) & (columns <= box.x1 + _EDGE_M)
+            along = (rows >= box.z0 - _EDGE_M) & (rows <= box.z1 + _EDGE_M)
+            free |= across[:, None] & along[None]
+        near = AGENT_RADIUS_M - 1e-6
+        for a, b in self.spans:
+            part = _window(columns, rows, _hull(a, b).grown(near, 0.0, near))
+            gap = _apart(a, b, columns[part[0], None], rows[None, part[1]])
+            free[part] &= gap >= near
+        for box in obstacles:
+            if self.floor_y + AGENT_HEIGHT_M >= box.y0 and box.y1 > self.floor_y + _STEP_M:
+                part = _window(columns, rows, box.grown(near, 0.0, near))
+                x, z = columns[part[0], None], rows[None, part[1]]
+                aside = np.maximum(np.maximum(box.x0 - x, x - box.x1), 0.0)
+                ahead = np.maximum(np.maximum(box.z0 - z, z - box.z1), 0.0)
+                free[part] &= np.hypot(aside, ahead) >= near
+        return {
+            (int(i) + low[0], int(j) + low[1]): (float(columns[i]) + 0.0, float(rows[j]) + 0.0)
+            for i, j in np.argwhere(free)
+        }
+
+
+def _built(walls: Iterable[HouseWall]) -> dict[tuple[Point, Point], _BuiltWall]:
+    """Return the walls that stand; the two sides of one are one."""
+    found: dict[tuple[Point, Point], _BuiltWall] = {}
+    for wall in walls:
+        if not wall.empty:
+            found.setdefault(_key(wall), _BuiltWall(*wall.ends, holes=[]))
+    return found
+
+
+def _key(wall: HouseWall) -> tuple[Point, Point]:
+    a, b = sorted((round(x, 3), round(z, 3)) for x, z in wall.ends)
+    return a, b
+
+
+def _beside(wall: HouseWall, points: Iterable[Point]) -> Iterator[Point]:
+    """Yield the points of a wall that are nearest to some others."""
+    (x0, z0), (x1, z1) = wall.ends
+    square = (x1 - x0) ** 2 + (z1 - z0) ** 2
+    for x, z in points:
+        share = min(max(((x - x0) * (x1 - x0) + (z - z0) * (z1 - z0)) / square, 0.0), 1.0)
+        yield (x0 + share * (x1 - x0), z0 + share * (z1 - z0))
+
+
+def _hull(a: Point, b: Point) -> Box:
+    return Box(min(a[0], b[0]), 0.0, min(a[1], b[1]), max(a[0], b[0]), 0.0, max(a[1], b[1]))
+
+
+def _boxes(a: Point, b: Point) -> Iterator[tuple[Point, Point]]:
+    """Yield upright boxes along a wall: one, or several small ones where it slants."""
+    slants = min(abs(a[0] - b[0]), abs(a[1] - b[1])) > _THICK_M
+    count = ceil(hypot(b[0] - a[0], b[1] - a[1]) / _PIECE_M) if slants else 1
+    for number in range(count):
+        ends = [
+            (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
+            for share in (number / count, (number + 1) / count)
+        ]
+        hull = _hull(*ends).grown(_THICK_M, 0.0, _THICK_M)
+        yield (hull.x0, hull.z0), (hull.x1, hull.z1)
+
+
+def _rounded(point: Point, y: float) -> tuple[float, float, float]:
+    return (round(point[0], 4) + 0.0, round(y, 4) + 0.0, round(point[1], 4) + 0.0)
+
+
+def _window(columns: Floats, rows: Floats, box: Box) -> tuple[slice, slice]:
+    """Return which part of the grid a box on the ground covers."""
+    across = np.searchsorted(columns, (box.x0, box.x1))
+    along = np.searchsorted(rows, (box.z0, box.z1))
+    return slice(int(across[0]), int(across[1]) + 1), slice(int(along[0]), int(along[1]) + 1)
+
+
+def connected(cells: Iterable[Key]) -> list[list[Key]]:
+    """Return the sets of cells that steps lead through, each sorted, in the order of the first."""
+    left = dict.fromkeys(sorted(cells))
+    parts = []
+    while left:
+        start = next(iter(left))
+        del left[start]
+        part, queue = [start], deque([start])
+        while queue:
+            i, j = queue.popleft()
+            for step in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
+                if step in left:
+                    del left[step]
+                    part.append(step)
+                    queue.append(step)
+        parts.append(sorted(part))
+    return parts

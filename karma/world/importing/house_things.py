@@ -1,0 +1,254 @@
+"""Turn the objects of a house of ProcTHOR's form into objects of a scene."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from karma.contracts import Vec3
+from karma.errors import FileError
+from karma.household.places import FLOOR
+from karma.household.types import ObjectType, object_types
+from karma.household.uses import BASIN_OF, BURNER, KNOB
+from karma.world.core.boxes import Box
+from karma.world.core.scene import LARGEST_M, SceneObject
+from karma.world.importing.dump import Xyz
+from karma.world.importing.house_floor import HouseShell, off
+from karma.world.importing.house_record import FIX, HouseRecord, HouseThing
+
+_OUT_M = 0.5  # so far outside every room a thing may be: what hangs on walls reaches into them
+_STANDS_M = 0.05  # what begins lower stands on the floor
+_FLOOR_M = 0.1  # thickness of a floor's box
+
+
+class HouseAsset(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
+    """What a database of assets tells of one: its type, and its box at yaw 0, metres."""
+
+    bounding_box: Xyz
+    object_type: str | None = None
+
+
+@dataclass(slots=True)
+class _Placed:
+    """A thing with its place among the others."""
+
+    told: HouseThing
+    key: str
+    kind: ObjectType
+    parent: int | None
+    room: int
+
+
+@dataclass(slots=True)
+class HouseThings:
+    """The objects of a house, and what was done to them on the way.
+
+    Args:
+        record: the house.
+        shell: its rooms.
+        assets: sizes by asset; others have their type's.
+        name: of the house, for errors.
+    """
+
+    record: HouseRecord
+    shell: HouseShell
+    assets: Mapping[str, HouseAsset]
+    name: str
+    left_out: Counter[str] = field(default_factory=Counter)  # by a type that we do not have
+    lay_on: int = 0  # things that lay in or on what was left out
+    usual: int = 0  # things with their type's size
+
+    def objects(self) -> tuple[SceneObject, ...]:
+        """Return the floors, then the things in the order they are written.
+
+        Raises:
+            FileError: a thing lies outside the house, or its asset has no size.
+        """
+        placed = list(self._placed())
+        found = list(self._floors())
+        taken = {one.id for one in found}
+        first = len(found)
+        for one in placed:
+            found.append(self._object(one, found, first, taken))
+            taken.add(found[-1].id)
+        return tuple(_with_controls(found, placed, first))
+
+    def _placed(self) -> Iterator[_Placed]:
+        """Yield the things of known types, each after what it lies in."""
+        numbers: dict[str, int] = {}
+        gone: set[str] = set()
+        for key, told in self.record.every_thing():
+            above = key.rpartition(".children")[0]
+            type_name = self._type(told)
+            if above in gone or type_name not in object_types():
+                gone.add(key)
+                if above in gone:
+                    self.lay_on += 1
+                else:
+                    self.left_out[type_name] += 1
+                continue
+            room = self._room(key, told)
+            numbers[key] = len(numbers)
+            yield _Placed(told, key, object_types()[type_name], numbers.get(above), room)
+
+    def _type(self, told: HouseThing) -> str:
+        asset = self.assets.get(told.asset_id)
+        return (asset and asset.object_type) or told.id.partition("|")[0]
+
+    def _room(self, key: str, told: HouseThing) -> int:
+        """Return the number of the room that a thing is in, or nearest to."""
+        x, y, z = told.position.tuple
+        far = [off(corners, x, z) for corners in self.shell.floors]
+        nearest = int(np.argmin(far))
+        level = self.shell.floor_y - _OUT_M <= y <= self.shell.ceiling_y + _OUT_M
+        if far[nearest] > _OUT_M or not level:
+            reason = f"{key}.position: {told.id!r} lies outside the house"
+            raise FileError(self.name, reason, fix=FIX)
+        return nearest
+
+    def _floors(self) -> Iterator[SceneObject]:
+        kind, taken = object_types()[FLOOR], set[str]()
+        for index, corners in enumerate(self.shell.floors):
+            xs, zs = [x for x, _ in corners], [z for _, z in corners]
+            x, z = (min(xs) + max(xs)) / 2, (min(zs) + max(zs)) / 2
+            middle = _rounded((x, self.shell.floor_y - _FLOOR_M / 2, z))
+            place = _rounded((x, self.shell.floor_y, z))
+            identity = _free(_identity(FLOOR, place), taken)
+            taken.add(identity)
+            yield SceneObject(
+                id=identity,
+                type=FLOOR,
+                name=self.record.rooms[index].id,
+                position=place,
+                center=middle,
+                size=_rounded((max(xs) - min(xs), _FLOOR_M, max(zs) - min(zs))),
+                capabilities=kind.capabilities,
+            )
+
+    def _object(
+        self, one: _Placed, found: Sequence[SceneObject], first: int, taken: set[str]
+    ) -> SceneObject:
+        told, kind = one.told, one.kind
+        center, place = told.position.tuple, _rounded(told.position.tuple)
+        size, corners = _turned(self._size(one), told.rotation.tuple, center)
+        above = None if one.parent is None else found[first + one.parent]
+        low = center[1] - size[1] / 2
+        if above is None and low < self.shell.floor_y + _STANDS_M:
+            above = found[one.room]
+        basin = above is not None and BASIN_OF.get(above.type) == kind.name
+        held = above is not None and "receptacle" in above.capabilities and not basin
+        identity = f"{above.id}|{kind.name}" if above and basin else _identity(kind.name, place)
+        fixed = told.kinematic and "pickupable" not in kind.capabilities
+        can = tuple(c for c in kind.capabilities if not (fixed and c == "moveable"))
+        movable = "pickupable" in can or "moveable" in can
+        return SceneObject(
+            id=_free(identity, taken),
+            type=kind.name,
+            name=told.id,
+            asset=told.asset_id,
+            position=place,
+            rotation=_rounded(told.rotation.tuple),
+            center=place,
+            size=_rounded(size),
+            corners=corners,
+            capabilities=can,
+            mass_kg=kind.mass_kg if movable else 0.0,
+            materials=kind.materials if movable else None,
+            parents=(above.id,) if above is not None and held else (),
+            **_state(told, kind, above),
+        )
+
+    def _size(self, one: _Placed) -> Vec3:
+        asset = self.assets.get(one.told.asset_id)
+        if asset is None:
+            self.usual += 1
+            return one.kind.size_m
+        size = asset.bounding_box.tuple
+        if not all(0 < side <= LARGEST_M for side in size):
+            reason = f"asset {one.told.asset_id!r}: boundingBox {size} is no size"
+            raise FileError(self.name, reason, fix="give it another database of assets")
+        return size
+
+
+def obstacles(objects: Sequence[SceneObject]) -> Iterator[Box]:
+    """Yield the boxes that an agent walks round: furniture, and what stands on the floor."""
+    floors = {one.id for one in objects if one.type == FLOOR}
+    for one in objects:
+        loose = "pickupable" in one.capabilities and floors.isdisjoint(one.parents)
+        if one.id not in floors and not loose:
+            yield Box.around(one.center, one.size)
+
+
+def _state(told: HouseThing, kind: ObjectType, above: SceneObject | None) -> dict[str, Any]:
+    """Return the fields in which a thing differs from rest."""
+    openness = float(kind.starts_open) if told.openness is None else told.openness
+    state: dict[str, Any] = {}
+    if "openable" in kind.capabilities and openness > 0:
+        state["openness"] = min(openness, 1.0)
+    if "toggleable" in kind.capabilities:
+        state["is_toggled"] = kind.starts_on if told.is_on is None else told.is_on
+    if "dirtyable" in kind.capabilities and told.is_dirty:
+        state["is_dirty"] = True
+    if above is not None and "isColdSource" in above.capabilities:
+        state["temperature"] = "Cold"
+    return state
+
+
+def _with_controls(
+    objects: Sequence[SceneObject], placed: Sequence[_Placed], first: int
+) -> Iterator[SceneObject]:
+    """Yield the objects; a room's knobs control its burners, the first the first, and so on."""
+    burner_of: dict[str, str] = {}
+    for room in dict.fromkeys(one.room for one in placed):
+        mine = [obj for obj, one in zip(objects[first:], placed, strict=True) if one.room == room]
+        knobs, burners = ([one.id for one in mine if one.type == of] for of in (KNOB, BURNER))
+        if len(knobs) == len(burners):
+            burner_of |= dict(zip(knobs, burners, strict=True))
+    for one in objects:
+        mate = burner_of.get(one.id)
+        yield one if mate is None else msgspec.structs.replace(one, controls=(mate,))
+
+
+def _turned(size: Vec3, rotation: Vec3, center: Vec3) -> tuple[Vec3, tuple[Vec3, ...] | None]:
+    """Return the sides of the upright box round a turned one, and its corners where it slants."""
+    if all(abs(angle) % 180 < 1e-3 for angle in (rotation[0], rotation[2])):
+        if rotation[1] % 180 < 1e-3 or rotation[1] % 180 > 180 - 1e-3:
+            return size, None
+        if abs(rotation[1] % 180 - 90) < 1e-3:
+            return (size[2], size[1], size[0]), None
+    ground = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    signs = np.array([(x, y, z) for y in (-1, 1) for x, z in ground])
+    corners = (signs * np.array(size) / 2) @ _matrix(rotation).T
+    sides = corners.max(axis=0) - corners.min(axis=0)
+    there = tuple(_rounded(tuple(corner)) for corner in corners + np.array(center))
+    return (float(sides[0]), float(sides[1]), float(sides[2])), there
+
+
+def _matrix(rotation: Vec3) -> np.ndarray:
+    """Return Unity's rotation: about z, then x, then y, of left-handed axes."""
+    (a, b, c), (d, e, f) = (np.cos(np.radians(rotation)), np.sin(np.radians(rotation)))
+    about_x = np.array(((1, 0, 0), (0, a, -d), (0, d, a)))
+    about_y = np.array(((b, 0, e), (0, 1, 0), (-e, 0, b)))
+    about_z = np.array(((c, -f, 0), (f, c, 0), (0, 0, 1)))
+    return np.asarray(about_y @ about_x @ about_z)
+
+
+def _identity(type_name: str, place: Vec3) -> str:
+    return "|".join([type_name, *(f"{round(value, 2) + 0.0:+06.2f}" for value in place)])
+
+
+def _free(identity: str, taken: set[str]) -> str:
+    """Return an id that is still free: of equal things in one place, the later have a mark."""
+    found, number = identity, 1
+    while found in taken:
+        number += 1
+        found = f"{identity}_{number}"
+    return found
+
+
+def _rounded(values: Sequence[float]) -> Vec3:
+    x, y, z = (round(float(value), 4) + 0.0 for value in values)
+    return (x, y, z)
