@@ -13,6 +13,7 @@ import typer
 from rich.progress import track
 
 from karma.files import to_json, write_atomic
+from karma.household.ids import type_of
 from karma.memory.lived.ageing import PRIOR, HomePrior, TypePrior, waking_hours
 from karma.seeds import stream
 from karma.world.houses import build_home
@@ -22,6 +23,7 @@ FIRST_SEED = 1_000_000
 DAYS = 5
 DAY_S = 86_400.0
 DISTURBANCES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
+ASKED = 0.07  # of development homes: things believed nearly surely that were gone when asked for
 STRENGTH_H = 30.0  # waking hours that the prior is worth
 
 
@@ -49,8 +51,8 @@ def main(
                     moves[deed.object_type] += 1
             for seen in household.now().values():
                 hours[seen.object_type] += waking_hours(0.0, DAY_S)
-                kind = (seen.place_id or "").split("|")
-                places[seen.object_type][kind[-1] if len(kind) > 4 else kind[0]] += 1
+                room = seen.room.rpartition("_")[0]
+                places[seen.object_type][f"{room}/{type_of(seen.place_id)}"] += 1
     found = {
         name: TypePrior(
             moves=round(STRENGTH_H * (moves[name] + 0.2) / (hours[name] + 50.0), 4),
@@ -58,12 +60,12 @@ def main(
             places={
                 place: round(times / sum(places[name].values()), 4)
                 for place, times in sorted(places[name].items())
-                if place
+                if not place.endswith("/")
             },
         )
         for name in sorted(hours)
     }
-    write_atomic(out, to_json(HomePrior(homes=homes, types=found), indent=1))
+    write_atomic(out, to_json(HomePrior(homes=homes, asked=ASKED, types=found), indent=1))
     print(f"{out}: {len(found)} types from {homes} homes")
 
 

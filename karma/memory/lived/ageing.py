@@ -29,13 +29,14 @@ class TypePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     moves: float  # shape of the Gamma distribution
     hours: float  # its rate, waking hours
-    places: dict[str, float]  # receptacle type -> share of the time in such places
+    places: dict[str, float]  # "kitchen/Cabinet": share of the time in such places
 
 
 class HomePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All of `prior.json`."""
 
     homes: int  # that it was fitted on
+    asked: float = 0.0  # chance that what is asked for was moved, whatever its age says
     types: dict[str, TypePrior]
 
 

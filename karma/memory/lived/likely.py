@@ -22,7 +22,7 @@ class PlaceShares:
         self._prior, self._places = prior.types, places
         self._own: dict[str, Counter[str]] = {}
         self._like: dict[str, Counter[str]] = {}
-        self._kinds = Counter(place.place_type for place in places.values())
+        self._kinds = Counter(_kind(place) for place in places.values())
         self._base: dict[str, dict[str, float]] = {}
 
     def visit(self, object_id: str, object_type: str, place_id: str | None) -> None:
@@ -54,10 +54,13 @@ class PlaceShares:
         return {
             place_id: PRIOR
             * (
-                (1.0 - _SPREAD)
-                * prior.places.get(place.place_type, 0.0)
-                / self._kinds[place.place_type]
+                (1.0 - _SPREAD) * prior.places.get(_kind(place), 0.0) / self._kinds[_kind(place)]
                 + _SPREAD / number
             )
             for place_id, place in self._places.items()
         }
+
+
+def _kind(place: KnownPlace) -> str:
+    """Return the kind of a place as the prior has it."""
+    return f"{place.room_kind}/{place.place_type}"

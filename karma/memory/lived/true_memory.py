@@ -28,6 +28,7 @@ class TrueMemory:
         prior = home_prior()
         self._places = setting.places
         self._ageing = Ageing(prior.types)
+        self._asked = prior.asked
         self._beliefs = Beliefs(self._ageing)
         self._shares = PlaceShares(prior, setting.places)
         self._history = History()
@@ -104,10 +105,12 @@ class TrueMemory:
         return Fact(sighting=belief.sighting, deed=belief.deed, holds=self._holds(belief, time_s))
 
     def _stays(self, belief: Belief, time_s: float) -> float:
-        """Return the chance that a thing was not moved since it was seen."""
-        seen = belief.sighting
-        hours = waking_hours(seen.time_s, max(time_s, seen.time_s))
-        return self._ageing.stays(seen.object_id, seen.object_type, hours)
+        """Return the chance that a thing that is asked for was not moved since it was seen.
+
+        People ask for what they do not find: with a chance that comes with the prior it has been
+        moved, whatever its age says.
+        """
+        return self._beliefs.chance(belief, time_s) * (1.0 - self._asked)
 
     def _holds(self, belief: Belief, time_s: float) -> float:
         """Return the chance that a thing is where it was seen: not moved, or back there."""

@@ -39,10 +39,10 @@ class ServeSettings:
 
     closed_loop: bool = True
     verify: Verify = "doubted"  # before it says where something is now
-    budget_places: int = 12  # looked at for one errand
-    budget_looks: int = 4  # for one question
+    budget_places: int = 16  # looked at for one errand
+    budget_looks: int = 8  # for one question
     budget_tokens: int = 400  # of facts in one prompt
-    wrong_costs: float = 120.0  # actions that a wrong answer is as bad as
+    wrong_costs: float = 400.0  # actions that a wrong answer is as bad as
 
 
 @dataclass(slots=True)
