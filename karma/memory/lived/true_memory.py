@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment, Said
 from karma.household.places import HAND
 from karma.memory.lived.ageing import Ageing, home_prior, waking_hours
-from karma.memory.lived.beliefs import Belief, Beliefs
+from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs
 from karma.memory.lived.history import Episode, History
 from karma.memory.lived.likely import PlaceShares
 from karma.memory.lived.setting import MemorySetting
@@ -32,21 +32,18 @@ class TrueMemory:
         self._beliefs = Beliefs(self._ageing)
         self._shares = PlaceShares(prior, setting.places)
         self._history = History()
-        self._missed: dict[str, dict[str, float]] = {}  # object -> place -> when it was not there
-        self._now_s = 0.0
+        self._looked: dict[str, float] = {}  # place -> when it was looked over last
 
     def take_in(self, moment: Moment) -> None:
         """Correct what is believed, and write down what has come about."""
-        self._now_s = moment.time_s
+        for place_id in moment.looked_over:
+            self._looked[place_id] = moment.time_s
         for old, new in self._beliefs.take_in(moment):
             seen = new.sighting
             if new.ended_s is not None:
-                missed = self._missed.setdefault(seen.object_id, {})
-                missed[seen.place_id or ""] = new.ended_s
                 continue
             if old is None or old.sighting.place_id != seen.place_id:
                 self._shares.visit(seen.object_id, seen.object_type, seen.place_id)
-                self._missed.pop(seen.object_id, None)
             if old is not None:
                 self._history.close(old)
             self._history.add(new)
@@ -84,9 +81,14 @@ class TrueMemory:
             place_id = mine[0].sighting.place_id or ""
             chances[place_id] = self._stays(mine[0], question.time_s)
             left -= chances[place_id]
-        for place_id, share in shares.items():
-            unseen = self._unseen(ids, kind, place_id, question.time_s)
-            chances[place_id] = chances.get(place_id, 0.0) + left * (1.0 - OTHERS) * share * unseen
+        since = mine[0].sighting.time_s if len(mine) == 1 else 0.0
+        open_to = {
+            place_id: share * self._unseen(ids, kind, place_id, since, question.time_s)
+            for place_id, share in shares.items()
+        }
+        scale = left * (1.0 - OTHERS) / max(sum(open_to.values()), 1e-9)
+        for place_id, share in open_to.items():
+            chances[place_id] = chances.get(place_id, 0.0) + scale * share
         order = sorted(chances, key=lambda one: (-chances[one], one))
         return [LikelyPlace(place_id=one, chance=chances[one]) for one in order if one != HAND]
 
@@ -119,14 +121,20 @@ class TrueMemory:
         share = self._shares.of([seen.object_id], seen.object_type).get(seen.place_id or "", 0.0)
         return stays + (1.0 - stays) * share
 
-    def _unseen(self, ids: Sequence[str], kind: str, place_id: str, time_s: float) -> float:
-        """Return the chance that a thing has come back since it was not at a place."""
-        for object_id in ids:
-            missed_s = self._missed.get(object_id, {}).get(place_id)
-            if missed_s is not None:
-                hours = waking_hours(missed_s, max(time_s, missed_s))
-                return 1.0 - self._ageing.stays(object_id, kind, hours)
-        return 1.0
+    def _unseen(
+        self, ids: Sequence[str], kind: str, place_id: str, since_s: float, time_s: float
+    ) -> float:
+        """Return the chance that a thing may be at a place for all that was seen there.
+
+        A place that was looked over since the thing was seen last did not show it then: it is there
+        only if it was moved there later, or was overlooked.
+        """
+        looked_s = self._looked.get(place_id)
+        if looked_s is None or looked_s <= since_s:
+            return 1.0
+        hours = waking_hours(looked_s, max(time_s, looked_s))
+        stays = self._ageing.stays(ids[0] if ids else "", kind, hours)
+        return OVERLOOKED + (1.0 - OVERLOOKED) * (1.0 - stays)
 
     def _order(
         self, belief: Belief, said: Said, ranks: dict[str, int]

@@ -1,6 +1,6 @@
 """In which order places are looked at: chance of finding against the way there."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.contracts import Fact, HomeQuestion, LikelyPlace
@@ -10,7 +10,6 @@ from karma.methods.lived.body import HomeRobot
 from karma.methods.lived.home_map import HomeMap
 
 LOOK_ACTIONS = 4  # that a look costs beside the way, about
-UNLIKELY = 0.02  # chances below this are no opinion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,37 +25,35 @@ def looks(
     robot: HomeRobot,
     object_type: str | None,
     believed: Sequence[Fact],
-    likely: Sequence[LikelyPlace],
+    likely: Callable[[], Sequence[LikelyPlace]],
 ) -> Iterator[PlannedLook]:
     """Yield places to look at, each once, the best from where the robot then stands.
 
-    Where the memory gives chances, by chance over cost. Without them what it believes comes
-    first, then furniture in the order of a household's habits, the nearest first.
+    Where the memory gives chances, by chance over cost, asked for anew after every look. Without
+    them what it believes comes first, then furniture in the order of a household's habits.
 
     Args:
         robot: where it stands.
         object_type: of what is looked for; None: not known.
         believed: the newest facts about what may be meant, the likeliest first.
-        likely: of the memory, () without an opinion.
+        likely: asks the memory; () without an opinion.
     """
     home, done = robot.map, set[str]()
-    chances = {
-        place.place_id: place.chance
-        for place in likely
-        if place.place_id in home.spots and place.chance > UNLIKELY
-    }
     last = {fact.sighting.place_id or "": fact for fact in reversed(believed)}
-    for place_id, fact in last.items():
-        if place_id in home.spots and fact.holds is not None:
-            chances[place_id] = max(chances.get(place_id, 0.0), fact.holds)
     if all(fact.holds is None for fact in believed):
-        for fact in believed:
-            place_id = fact.sighting.place_id or ""
+        for place_id in last:
             if place_id in home.spots and place_id not in done:
                 done.add(place_id)
                 yield PlannedLook(place_id=place_id, believed=True, chance=None)
-    while left := [place_id for place_id in chances if place_id not in done]:
-        best = max(left, key=lambda one: (chances[one] / look_cost(robot, one), one))
+    while True:
+        chances = {
+            place.place_id: place.chance
+            for place in likely()
+            if place.place_id in home.spots and place.place_id not in done and place.chance > 0
+        }
+        if not chances:
+            break
+        best = max(chances, key=lambda one: (chances[one] / look_cost(robot, one), one))
         done.add(best)
         yield PlannedLook(place_id=best, believed=best in last, chance=chances[best])
     for place_id in by_habit(robot, object_type):

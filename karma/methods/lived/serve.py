@@ -13,6 +13,7 @@ from karma.contracts import (
     HomeAnswer,
     HomeMemory,
     HomeQuestion,
+    LikelyPlace,
     Moment,
     Said,
     Sighting,
@@ -314,9 +315,11 @@ class Server:
         known = {target.object_id for target in targets}
         kinds = types_meant(said)
         facts = [target.fact for target in targets if target.fact is not None]
-        likely = self._memory.likely_places(question)
         kind = targets[0].object_type if targets else (kinds[0] if kinds else None)
         found: list[Sighting] = []
+
+        def likely() -> Sequence[LikelyPlace]:
+            return self._memory.likely_places(replace(question, time_s=self._robot.time_s))
 
         def is_it(moment: Moment) -> bool:
             for seen in moment.seen:
