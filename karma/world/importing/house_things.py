@@ -142,7 +142,11 @@ class HouseThings:
         held = above is not None and "receptacle" in above.capabilities and not basin
         identity = f"{above.id}|{kind.name}" if above and basin else _identity(kind.name, place)
         fixed = told.kinematic and "pickupable" not in kind.capabilities
-        can = tuple(c for c in kind.capabilities if not (fixed and c == "moveable"))
+        parts = {self._type(child) for child in told.children}
+        without = {"moveable"} if fixed else set()
+        if BASIN_OF.get(kind.name) in parts:
+            without.add("receptacle")  # things lie in the basin
+        can = tuple(c for c in kind.capabilities if c not in without)
         movable = "pickupable" in can or "moveable" in can
         return SceneObject(
             id=_free(identity, taken),
