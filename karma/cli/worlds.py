@@ -30,6 +30,7 @@ Dumps = Annotated[str | None, typer.Option(help=f"AI2-THOR 5.0.0's rooms at rese
 Fixed = Annotated[str | None, typer.Option(help=f"Fixed objects of ALFRED's rooms; {_OR_NONE}")]
 Receptacles = Annotated[str | None, typer.Option(help=f"Their receptacles; {_OR_NONE}")]
 Spots = Annotated[str | None, typer.Option(help=f"Labelled positions in them; {_OR_NONE}")]
+Assets = Annotated[Path | None, typer.Option(help="Boxes of ProcTHOR's assets, for houses.")]
 Only = Annotated[list[str] | None, typer.Option(help="Names to take: FloorPlan1, or a trial's id.")]
 
 app = typer.Typer(
@@ -83,12 +84,14 @@ def world_import(
     fixed: Fixed = None,
     receptacles: Receptacles = None,
     spots: Spots = None,
+    assets: Assets = None,
     only: Only = None,
     json: Json = None,
 ) -> None:
     """Turn AI2-THOR metadata dumps, or with --alfred ALFRED's trials, into scene files.
 
-    Cells for dumps are computed from the boxes unless --layouts is given.
+    Cells for dumps are computed from the boxes unless --layouts is given. A file of ProcTHOR's
+    houses is known by its keys; things have their type's usual size unless --assets is given.
     """
     if alfred:
         from karma.world.alfred.facts import side_files
@@ -98,7 +101,7 @@ def world_import(
         )
         rows = _import_trials(files, side, only, out)
     else:
-        rows = [row for path in files for row in _import_dump(path, layouts, only, out)]
+        rows = [row for path in files for row in _import_dump(path, layouts, assets, only, out)]
     console.print(escape(f"{len(rows)} scenes in {out}"))
     if json is not None:
         write_atomic(json, to_json(rows, indent=2))
@@ -133,18 +136,25 @@ def world_floors(
 
 
 def _import_dump(
-    dump: Path, layouts: str | None, only: list[str] | None, out: Path
+    dump: Path, layouts: str | None, assets: Path | None, only: list[str] | None, out: Path
 ) -> list[dict[str, Any]]:
+    from karma.world.importing.procthor import holds_houses, import_houses
     from karma.world.importing.scenes import import_dump
 
     rows = []
     cells = None if layouts in (None, "none") else layouts
-    for scene in _shown(import_dump(dump, layouts=cells, only=only), f"importing {dump.name}"):
+    houses = holds_houses(dump)
+    scenes = (
+        import_houses(dump, assets=assets, only=only)
+        if houses
+        else import_dump(dump, layouts=cells, only=only)
+    )
+    for scene in _shown(scenes, f"importing {dump.name}"):
         path = below(out, f"{scene.name}.json", source=dump)
         write_atomic(path, to_json(scene))
         row = {"scene": scene.name, "objects": len(scene.objects), "path": str(path)}
         rows.append({**row, "source": scene.source})
-        if "cells added" in scene.source:
+        if "cells added" in scene.source or (houses and "; " in scene.source):
             console.print(escape(f"{scene.name}: {scene.source.partition('; ')[2]}"))
     return rows
 

@@ -189,13 +189,13 @@ def _notes(record: HouseRecord, things: HouseThings, apart: Sequence[str]) -> It
     if things.lay_on:
         yield f"left out {things.lay_on} that lay in or on those"
     if things.usual:
-        yield f"{things.usual} have their type's usual size"
+        yield f"{things.usual} things have their type's usual size"
     shut = [
         door
         for door in record.doors
         if not door.leads_out and (door.openable and not door.openness)
     ]
     if shut:
-        yield f"{len(shut)} shut doors are taken as open"
+        yield f"shut doors taken as open: {len(shut)}"
     if apart:
         yield f"nobody can walk to {', '.join(apart)}"
