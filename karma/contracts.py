@@ -660,6 +660,7 @@ class Said:
     who: str = ""  # of the deed that it is known by; "" none is said
     action: str = ""  # AI2-THOR's name of that deed; "" none is said
     beside: "Said | None" = None  # it is, or was, where that other thing is, or was
+    ids: tuple[str, ...] = ()  # which things it was found to mean; () not known
 
 
 Asked = Literal["place", "state", "time", "count", "who", "errand"]

@@ -20,6 +20,7 @@ PRIOR = Path(__file__).with_name("prior.json")
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 WAKING_H = (6.5, 23.0)  # hours in which people move things
 AT_NIGHT = 0.02  # of an hour, what an hour of the night counts
+HOME = 8.0  # moves that the priors are worth against how busy this home is
 OWN = 12.0  # waking hours of evidence that a type's rate is worth for one thing of it
 _DAY_H = WAKING_H[1] - WAKING_H[0] + (24.0 - WAKING_H[1] + WAKING_H[0]) * AT_NIGHT
 
@@ -83,10 +84,14 @@ class Ageing:
         self._priors = priors
         self._types: dict[str, _Evidence] = {}
         self._things: dict[str, _Evidence] = {}
+        self._moves, self._expected = 0.0, 0.0  # of all things, and by the priors alone
 
     def learn(self, object_id: str, object_type: str, hours: float, *, moved: bool) -> None:
         """Count what was found after a time: still there, or moved at some time in between."""
         exposure = hours / 2 if moved else hours
+        prior = self._priors.get(object_type, FLAT)
+        self._moves += moved
+        self._expected += exposure * prior.moves / prior.hours
         for table, key in ((self._types, object_type), (self._things, object_id)):
             evidence = table.setdefault(key, _Evidence())
             evidence.moves += moved
@@ -106,6 +111,7 @@ class Ageing:
         """Return shape and rate for one thing: the type's mean, worth `OWN` hours, and its own."""
         prior = self._priors.get(object_type, FLAT)
         kind = self._types.get(object_type, _Evidence())
-        mean = (prior.moves + kind.moves) / (prior.hours + kind.hours)
+        busy = (HOME + self._moves) / (HOME + self._expected)
+        mean = (prior.moves * busy + kind.moves) / (prior.hours + kind.hours)
         own = self._things.get(object_id, _Evidence())
         return mean * OWN + own.moves, OWN + own.hours

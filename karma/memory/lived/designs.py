@@ -12,9 +12,11 @@ from karma.memory.lived.remembr import ReMEmbRStyle
 from karma.memory.lived.setting import MemorySetting
 from karma.memory.lived.temporal_graph import TemporalGraph
 from karma.memory.lived.true_memory import TrueMemory
+from karma.memory.lived.true_units import TrueUnits
 
 DESIGNS: Mapping[str, Callable[[MemorySetting], HomeMemory]] = {
     "ours": TrueMemory,
+    "ours-units": TrueUnits,
     "append-only": AppendOnly,
     "mem0": Mem0Style,
     "temporal-graph": TemporalGraph,

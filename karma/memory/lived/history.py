@@ -51,6 +51,14 @@ class History:
         insort(rows, ended, key=lambda one: one.since_s)
         self._number += 1
 
+    def drop(self, object_id: str) -> None:
+        """Forget all episodes of a thing."""
+        self._open.pop(object_id, None)
+        for kind, rows in self._by_type.items():
+            left = [one for one in rows if one.sighting.object_id != object_id]
+            self._number -= len(rows) - len(left)
+            self._by_type[kind] = left
+
     def find(self, ranks: Mapping[str, int], said: Said, asked: Asked) -> Iterator[Episode]:
         """Yield episodes of some types: those of the asked time, person and deed, newest first."""
         found = [

@@ -65,14 +65,15 @@ class TrueMemory:
         """Return where the thing is likely to be: believed, habitual, usual for its type."""
         said = question.thing
         kinds = list(_meant(said))
-        mine = [
+        known = [belief for one in said.ids if (belief := self._beliefs.get(one)) is not None]
+        mine = known or [
             one
             for one in self._beliefs
             if one.sighting.object_type in kinds and self._fits(one, said)
         ]
-        if not kinds:
+        if not mine and not kinds:
             return ()
-        kind = mine[0].sighting.object_type if len(mine) == 1 else kinds[0]
+        kind = mine[0].sighting.object_type if len(mine) == 1 or not kinds else kinds[0]
         ids = [one.sighting.object_id for one in mine] if len(mine) == 1 else []
         shares = self._shares.of(ids, kind)
         chances: dict[str, float] = {}

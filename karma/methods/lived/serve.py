@@ -319,7 +319,9 @@ class Server:
         found: list[Sighting] = []
 
         def likely() -> Sequence[LikelyPlace]:
-            return self._memory.likely_places(replace(question, time_s=self._robot.time_s))
+            now = replace(plain(question), time_s=self._robot.time_s)
+            meant = replace(now.thing, ids=tuple(sorted(known)))
+            return self._memory.likely_places(replace(now, thing=meant))
 
         def is_it(moment: Moment) -> bool:
             for seen in moment.seen:

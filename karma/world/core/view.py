@@ -41,9 +41,13 @@ class WallBoxes(NamedTuple):
     def hide(self, eye: Floats, ends: Floats) -> Flags:
         """Return which points, shape (n, 3), cannot be seen from an eye for a wall."""
         hidden = np.zeros(len(ends), dtype=bool)
-        near = perhaps_cut(eye, ends, self.low, self.high)
-        point, wall = np.nonzero(near)
-        hidden[point[cut(eye, ends[point], self.low[wall], self.high[wall])]] = True
+        gap = np.maximum(np.maximum(self.low - eye, eye - self.high), 0.0)[:, [0, 2]]
+        within = np.hypot(gap[:, 0], gap[:, 1]) <= _farthest(eye, ends)
+        if not within.any():
+            return hidden
+        low, high = self.low[within], self.high[within]
+        point, wall = np.nonzero(perhaps_cut(eye, ends, low, high))
+        hidden[point[cut(eye, ends[point], low[wall], high[wall])]] = True
         return hidden
 
 
@@ -298,6 +302,7 @@ def _blocked(
     hiding, glass = occluders(objects, held)
     low, high = solid_boxes(objects)
     hiding &= ~_over(objects, eye)
+    hiding &= across(objects, eye[0], eye[2]) <= _farthest(eye, ends)  # others cut no segment
     rows = np.flatnonzero(hiding)
     things, which = np.unique(targets, return_inverse=True)
     hides = blocking(objects, things)[:, rows][which]
@@ -319,6 +324,8 @@ def _through_holes(objects: Objects, eye: Floats, ends: Floats, rows: np.ndarray
     low, high = solid_boxes(objects)
     for row, grounds in holes_by_row(objects).items():
         mine = np.flatnonzero(rows == row)
+        if not len(mine):
+            continue
         along = ends[mine] - eye
         parts = crossing(eye, along, low[row], high[row])
         inside = np.ones((len(mine), len(grounds)), dtype=bool)
@@ -339,6 +346,12 @@ def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
     for kind in rules().view.see_through:
         glass[[objects.rows[object_id] for object_id in objects.by_type.get(kind, ())]] = True
     return hiding, glass
+
+
+def _farthest(eye: Floats, ends: Floats) -> float:
+    """Return how far the farthest of some points is from an eye across the floor, and a little."""
+    away = ends - eye
+    return float(np.hypot(away[:, 0], away[:, 2]).max(initial=0.0)) + 1e-6
 
 
 def _over(objects: Objects, eye: Floats) -> Flags:

@@ -11,7 +11,7 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.places import FLOOR
-from karma.household.types import ObjectType, object_types
+from karma.household.types import Capability, ObjectType, object_types
 from karma.household.uses import BASIN_OF, BURNER, KNOB
 from karma.world.core.boxes import Box
 from karma.world.core.scene import LARGEST_M, SceneObject
@@ -134,20 +134,15 @@ class HouseThings:
         told, kind = one.told, one.kind
         center, place = told.position.tuple, _rounded(told.position.tuple)
         size, corners = _turned(self._size(one), told.rotation.tuple, center)
+        can = self._capabilities(told, kind)
+        movable = "pickupable" in can or "moveable" in can
         above = None if one.parent is None else found[first + one.parent]
         low = center[1] - size[1] / 2
-        if above is None and low < self.shell.floor_y + _STANDS_M:
-            above = found[one.room]
+        if above is None and movable and low < self.shell.floor_y + _STANDS_M:
+            above = found[one.room]  # built-in furniture is no thing that lies on the floor
         basin = above is not None and BASIN_OF.get(above.type) == kind.name
         held = above is not None and "receptacle" in above.capabilities and not basin
         identity = f"{above.id}|{kind.name}" if above and basin else _identity(kind.name, place)
-        fixed = told.kinematic and "pickupable" not in kind.capabilities
-        parts = {self._type(child) for child in told.children}
-        without = {"moveable"} if fixed else set()
-        if BASIN_OF.get(kind.name) in parts:
-            without.add("receptacle")  # things lie in the basin
-        can = tuple(c for c in kind.capabilities if c not in without)
-        movable = "pickupable" in can or "moveable" in can
         return SceneObject(
             id=_free(identity, taken),
             type=kind.name,
@@ -164,6 +159,15 @@ class HouseThings:
             parents=(above.id,) if above is not None and held else (),
             **_state(told, kind, above),
         )
+
+    def _capabilities(self, told: HouseThing, kind: ObjectType) -> tuple[Capability, ...]:
+        """Return what a thing can do: its type's, less what this one cannot."""
+        without = set()
+        if told.kinematic and "pickupable" not in kind.capabilities:
+            without.add("moveable")
+        if BASIN_OF.get(kind.name) in {self._type(child) for child in told.children}:
+            without.add("receptacle")  # things lie in the basin
+        return tuple(one for one in kind.capabilities if one not in without)
 
     def _size(self, one: _Placed) -> Vec3:
         asset = self.assets.get(one.told.asset_id)

@@ -1,0 +1,54 @@
+"""Ours within the paper's ten units: no log, and as many beliefs as there are lines."""
+
+from collections.abc import Sequence
+
+from karma.contracts import Fact, HomeQuestion, Moment
+from karma.memory.lived.policy import NeedTruthCost
+from karma.memory.lived.setting import MemorySetting
+from karma.memory.lived.true_memory import TrueMemory
+
+
+class TrueUnits(TrueMemory):
+    """A `HomeMemory` that keeps the ten beliefs which are worth most.
+
+    What it learns of how things move and where they go is kept, as the paper's map is.
+
+    Args:
+        setting: of the home; `units` lines.
+    """
+
+    name = "ours, ten units"
+
+    def __init__(self, setting: MemorySetting) -> None:
+        super().__init__(setting)
+        self._policy = NeedTruthCost(setting.units, self._worth)
+        self._now_s = 0.0
+
+    def take_in(self, moment: Moment) -> None:
+        """Correct what is believed; then keep what is worth most."""
+        self._now_s = moment.time_s
+        super().take_in(moment)
+        for seen in moment.seen:
+            count = self._policy.use if moment.deed is not None else self._policy.touch
+            leaves = count(seen.object_id)
+            if leaves is not None:
+                self._beliefs.forget(leaves)
+                self._history.drop(leaves)
+
+    def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
+        """Return what fits; what is told was needed."""
+        found = super().recall(question, k)
+        for fact in found[:1]:
+            if fact.sighting.object_id in self._policy:
+                self._policy.use(fact.sighting.object_id)
+        return found
+
+    def _worth(self, object_id: str) -> float:
+        """Return the chance that a belief is true, times the looks that a search would take."""
+        belief = self._beliefs.get(object_id)
+        if belief is None or belief.ended_s is not None:
+            return 0.0
+        seen = belief.sighting
+        shares = self._shares.of([object_id], seen.object_type)
+        best = max(shares.values(), default=0.1)
+        return self._beliefs.chance(belief, self._now_s) * (1.0 - best)
