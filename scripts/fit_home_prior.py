@@ -23,7 +23,7 @@ FIRST_SEED = 1_000_000
 DAYS = 5
 DAY_S = 86_400.0
 DISTURBANCES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
-ASKED = 0.07  # of development homes: things believed nearly surely that were gone when asked for
+ASKED = 0.1  # of development homes: things believed nearly surely that were gone when asked for
 STRENGTH_H = 30.0  # waking hours that the prior is worth
 
 

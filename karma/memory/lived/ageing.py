@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -96,6 +97,21 @@ class Ageing:
             evidence = table.setdefault(key, _Evidence())
             evidence.moves += moved
             evidence.hours += exposure
+
+    def evidence(self) -> dict[str, Any]:
+        """Return all that was learnt, for `learn_again`."""
+        return {
+            "types": {key: (one.moves, one.hours) for key, one in self._types.items()},
+            "things": {key: (one.moves, one.hours) for key, one in self._things.items()},
+            "home": (self._moves, self._expected),
+        }
+
+    def learn_again(self, evidence: Mapping[str, Any] | None) -> None:
+        """Take over what was learnt before a restart."""
+        if evidence is not None:
+            self._types = {key: _Evidence(*one) for key, one in evidence["types"].items()}
+            self._things = {key: _Evidence(*one) for key, one in evidence["things"].items()}
+            self._moves, self._expected = evidence["home"]
 
     def stays(self, object_id: str, object_type: str, hours: float) -> float:
         """Return the chance that a thing was not moved for so many waking hours."""

@@ -6,13 +6,14 @@ may miss what stands behind something (`OVERLOOKED`), so of what hardly ever mov
 leaves a doubt, and the next one evicts it.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from karma.contracts import Deed, Moment, Sighting
 from karma.household.places import HAND
 from karma.memory.lived.ageing import Ageing, waking_hours
+from karma.memory.lived.episodes import Episode
 
 Reason = Literal["", "not there", "seen elsewhere", "otherwise"]
 ROBOT = "robot"
@@ -60,6 +61,27 @@ class Beliefs:
         belief = self._by_id.pop(object_id, None)
         if belief is not None:
             self._leave(belief)
+
+    def doubts(self) -> dict[str, tuple[float, float | None, float | None, str]]:
+        """Return what is not as it was seen last: chance, when looked for, ended, why; by id."""
+        return {
+            one.sighting.object_id: (one.chance, one.looked_s, one.ended_s, one.reason)
+            for one in self._by_id.values()
+            if one.chance != 1.0 or one.looked_s or one.ended_s is not None or one.reason
+        }
+
+    def take_over(self, episode: Episode, doubt: Sequence[Any] | None) -> Belief:
+        """Believe what a log says that goes on, with the doubt that was kept of it."""
+        belief = Belief(sighting=episode.sighting, since_s=episode.since_s, deed=episode.deed)
+        if doubt is not None:
+            chance, looked_s, ended_s, reason = doubt
+            belief = replace(
+                belief, chance=chance, looked_s=looked_s, ended_s=ended_s, reason=reason
+            )
+        self._keep(belief)
+        if belief.ended_s is not None:
+            self._leave(belief)
+        return belief
 
     def take_in(self, moment: Moment) -> list[tuple[Belief | None, Belief]]:
         """Correct beliefs by a moment; return what changed: the belief before, and the new one."""

@@ -1,93 +1,77 @@
-"""What was so and when: one episode for each time that a thing came to be somewhere or otherwise.
+"""What was so and when: the episodes that beliefs begin and end, over the episodic log."""
 
-An unchanged sighting extends the episode it belongs to; only changes make new ones.
-"""
-
-from bisect import insort
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
 
-from karma.contracts import Asked, Deed, Said, Sighting
+from karma.contracts import Asked, Said
 from karma.memory.lived.beliefs import Belief
+from karma.memory.lived.episodes import Episode, EpisodeLog, EpisodeQuery
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Episode:
-    """One thing at one place in one state, from a first to a last sighting of it."""
-
-    sighting: Sighting  # the last
-    since_s: float
-    deed: Deed | None = None  # that it began with
-
-    def seen_at(self, before_s: float | None) -> Sighting:
-        """Return it as it was seen last before a time."""
-        if before_s is None or self.sighting.time_s <= before_s:
-            return self.sighting
-        return replace(self.sighting, time_s=max(self.since_s, before_s))
+FOUND = 256  # episodes that one question may be about
 
 
 class History:
-    """Episodes by object type, in the order of their beginnings."""
+    """Episodes as beliefs make them.
 
-    def __init__(self) -> None:
-        self._by_type: dict[str, list[Episode]] = {}
-        self._open: dict[str, Belief] = {}  # by object id; their episodes are not yet closed
-        self._number = 0
+    Args:
+        log: keeps them; those that go on are extended when it is committed.
+    """
+
+    def __init__(self, log: EpisodeLog) -> None:
+        self._log = log
+        self._open: dict[str, tuple[int, Belief]] = {}  # by object id: number of its row
 
     def __len__(self) -> int:
-        return self._number + len(self._open)
+        return len(self._log)
 
     def add(self, belief: Belief) -> None:
         """Begin an episode."""
-        self._open[belief.sighting.object_id] = belief
+        episode = Episode(sighting=belief.sighting, since_s=belief.since_s, deed=belief.deed)
+        self._open[belief.sighting.object_id] = (self._log.begin(episode), belief)
+
+    def take_over(self, number: int, belief: Belief) -> None:
+        """Go on with an episode of before a restart."""
+        self._open[belief.sighting.object_id] = (number, belief)
 
     def close(self, belief: Belief) -> None:
         """End the episode of a belief, with its last sighting."""
-        begun = self._open.pop(belief.sighting.object_id, None)
-        if begun is None:
-            return
-        ended = Episode(sighting=belief.sighting, since_s=begun.since_s, deed=begun.deed)
-        rows = self._by_type.setdefault(belief.sighting.object_type, [])
-        insort(rows, ended, key=lambda one: one.since_s)
-        self._number += 1
+        found = self._open.pop(belief.sighting.object_id, None)
+        if found is not None:
+            self._log.end(found[0], belief.sighting.time_s)
+
+    def extend(self, belief: Belief) -> None:
+        """Write down when a thing was seen last."""
+        found = self._open.get(belief.sighting.object_id)
+        if found is not None and found[1].sighting.time_s != belief.sighting.time_s:
+            self._log.extend(found[0], belief.sighting.time_s)
+            self._open[belief.sighting.object_id] = (found[0], belief)
 
     def drop(self, object_id: str) -> None:
         """Forget all episodes of a thing."""
         self._open.pop(object_id, None)
-        for kind, rows in self._by_type.items():
-            left = [one for one in rows if one.sighting.object_id != object_id]
-            self._number -= len(rows) - len(left)
-            self._by_type[kind] = left
+        self._log.drop(object_id)
 
-    def find(self, ranks: Mapping[str, int], said: Said, asked: Asked) -> Iterator[Episode]:
-        """Yield episodes of some types: those of the asked time, person and deed, newest first."""
-        found = [
-            one
-            for kind, rows in self._by_type.items()
-            if not ranks or kind in ranks
-            for one in rows
-        ]
-        found += [
-            Episode(sighting=one.sighting, since_s=one.since_s, deed=one.deed)
-            for one in self._open.values()
-            if not ranks or one.sighting.object_type in ranks
-        ]
-        wanted = [one for one in found if _fits(one, said, asked)]
-        wanted.sort(key=lambda one: (ranks.get(one.sighting.object_type, 0), -one.since_s))
-        return iter(wanted)
+    def find(
+        self, ranks: Mapping[str, int], said: Said, asked: Asked, text: str = ""
+    ) -> Iterator[Episode]:
+        """Yield episodes of some types: those of the asked person, deed and time, newest first.
 
-
-def _fits(episode: Episode, said: Said, asked: Asked) -> bool:
-    """Return whether an episode is of the person, the deed and the time that were said."""
-    deed = episode.deed
-    if said.who and (deed is None or deed.who != said.who):
-        return False
-    if said.action and (deed is None or deed.action != said.action):
-        return False
-    if asked == "who" and deed is None:
-        return False
-    if said.who or said.action:
-        begun = deed.time_s if deed is not None else episode.since_s
-        after = said.after_s is None or begun >= said.after_s
-        return after and (said.before_s is None or begun <= said.before_s)
-    return said.before_s is None or episode.since_s <= said.before_s
+        Args:
+            ranks: types that may be meant, the likelier ones lower; {}: not known.
+            said: of the question.
+            asked: what for.
+            text: to look up where no type is known.
+        """
+        deeds = said.who or said.action
+        query = EpisodeQuery(
+            types=tuple(ranks),
+            text="" if ranks else text,
+            after_s=said.after_s if deeds else None,
+            before_s=said.before_s,
+            who=said.who,
+            action=said.action,
+        )
+        found = self._log.recall(query, FOUND)
+        if asked == "who":
+            found = [one for one in found if one.deed is not None]
+        found.sort(key=lambda one: ranks.get(one.sighting.object_type, 0))
+        return iter(found)

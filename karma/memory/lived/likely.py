@@ -31,6 +31,19 @@ class PlaceShares:
             self._own.setdefault(object_id, Counter())[str(place_id)] += 1
             self._like.setdefault(object_type, Counter())[str(place_id)] += 1
 
+    def visits(self) -> dict[str, dict[str, dict[str, int]]]:
+        """Return all counts, for `visit_again`."""
+        return {
+            "own": {key: dict(one) for key, one in self._own.items()},
+            "like": {key: dict(one) for key, one in self._like.items()},
+        }
+
+    def visit_again(self, visits: Mapping[str, Mapping[str, Mapping[str, int]]] | None) -> None:
+        """Take over counts of before a restart."""
+        if visits is not None:
+            self._own = {key: Counter(one) for key, one in visits["own"].items()}
+            self._like = {key: Counter(one) for key, one in visits["like"].items()}
+
     def of(self, object_ids: Iterable[str], object_type: str) -> dict[str, float]:
         """Return each place's share for a thing that may be one of some, summing to 1."""
         found = dict(self._base_of(object_type))

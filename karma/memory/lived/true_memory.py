@@ -6,13 +6,14 @@ from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment, Said
 from karma.household.places import HAND
 from karma.memory.lived.ageing import Ageing, home_prior, waking_hours
 from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs
-from karma.memory.lived.history import Episode, History
+from karma.memory.lived.episodes import Episode, EpisodeLog
+from karma.memory.lived.history import History
 from karma.memory.lived.likely import PlaceShares
 from karma.memory.lived.setting import MemorySetting
 
 MARGIN = 0.03  # below the best meaning, within which another type may be meant as well
 OTHERS = 0.08  # chance that is left for places of no opinion
-_LINE_BYTES = 96  # of a belief or an episode on disk, about
+LOG = "episodes.sqlite"
 
 
 class TrueMemory:
@@ -31,8 +32,12 @@ class TrueMemory:
         self._asked = prior.asked
         self._beliefs = Beliefs(self._ageing)
         self._shares = PlaceShares(prior, setting.places)
-        self._history = History()
+        folder = setting.folder
+        path = None if folder is None else folder / LOG
+        self._log = EpisodeLog(path, setting.embedder, setting.places)
+        self._history = History(self._log)
         self._looked: dict[str, float] = {}  # place -> when it was looked over last
+        self._restore()
 
     def take_in(self, moment: Moment) -> None:
         """Correct what is believed, and write down what has come about."""
@@ -94,11 +99,37 @@ class TrueMemory:
         return [LikelyPlace(place_id=one, chance=chances[one]) for one in order if one != HAND]
 
     def size_bytes(self) -> int:
-        """Return bytes of beliefs and history, as they are written."""
-        return _LINE_BYTES * (len(self._beliefs) + len(self._history))
+        """Return bytes of the log, with what is kept beside it."""
+        return self._log.size_bytes()
+
+    def commit(self) -> None:
+        """Make what was learnt so far survive: called when an instruction is finished."""
+        for belief in self._beliefs:
+            self._history.extend(belief)
+        self._log.keep(
+            {
+                "looked": self._looked,
+                "ageing": self._ageing.evidence(),
+                "visits": self._shares.visits(),
+                "doubts": self._beliefs.doubts(),
+            }
+        )
+        self._log.commit()
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Commit, and let go of the log."""
+        self.commit()
+        self._log.close()
+
+    def _restore(self) -> None:
+        """Go on from what the log holds: what goes on in it is believed."""
+        self._looked = self._log.kept("looked") or {}
+        self._ageing.learn_again(self._log.kept("ageing"))
+        self._shares.visit_again(self._log.kept("visits"))
+        doubts = self._log.kept("doubts") or {}
+        for number, episode in self._log.episodes(only_open=True):
+            belief = self._beliefs.take_over(episode, doubts.get(episode.sighting.object_id))
+            self._history.take_over(number, belief)
 
     # ------------------------------------------------------------- now
 
@@ -160,7 +191,10 @@ class TrueMemory:
     def _past(self, question: HomeQuestion, k: int) -> list[Fact]:
         """Return episodes of the asked time, the newest first, then older ones."""
         said = question.thing
-        found = list(self._history.find(_ranks(said), said, question.asked))
+        for belief in self._beliefs:
+            self._history.extend(belief)
+        text = said.phrase or question.text
+        found = list(self._history.find(_ranks(said), said, question.asked, text))
         return [_told(one, said) for one in found[:k]]
 
 

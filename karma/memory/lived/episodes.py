@@ -1,0 +1,359 @@
+"""The episodic log: what was so and when, in SQLite, with the vectors of its texts in FAISS.
+
+An episode is one thing at one place in one state, from the first to the last sighting of it; an
+unchanged sighting extends it, only changes make rows. Rows are written as they come and committed
+when an instruction is finished: a killed process loses at most what came after the last commit. The
+index is made from the rows' distinct texts, when a text is first asked for, so it cannot differ
+from them.
+"""
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import faiss
+import numpy as np
+
+from karma.contracts import Deed, Embedder, Sighting
+from karma.errors import FileError
+from karma.memory.lived.setting import KnownPlace, sighting_text
+
+APPLICATION = 0x4B524D41  # "KRMA", in the file's header
+VERSION = 1
+MOST_EPISODES = 200_000  # closed ones kept; beyond it the oldest go
+SPARE = 0.02  # share of the most that goes at once, so that it is not done for every row
+NEAREST = 64  # texts that a search begins with
+_TABLES = """
+create table if not exists texts (id integer primary key, text text unique not null);
+create table if not exists episodes (
+    id integer primary key, object_id text not null, object_type text not null, place_id text,
+    place_type text not null, room text not null, room_kind text not null, states text not null,
+    x real not null, y real not null, z real not null, since_s real not null, until_s real not null,
+    who text not null, action text not null, deed text, is_open integer not null,
+    text_id integer not null
+);
+create index if not exists by_text on episodes (text_id, until_s);
+create index if not exists by_type on episodes (object_type, since_s);
+create index if not exists by_time on episodes (since_s);
+create index if not exists by_end on episodes (is_open, until_s);
+create index if not exists by_deed on episodes (who, action, since_s);
+create table if not exists kept (name text primary key, value text not null);
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Episode:
+    """One thing at one place in one state, from a first to a last sighting of it."""
+
+    sighting: Sighting  # the last
+    since_s: float
+    deed: Deed | None = None  # that it began with
+
+    def seen_at(self, before_s: float | None) -> Sighting:
+        """Return it as it was seen last before a time."""
+        if before_s is None or self.sighting.time_s <= before_s:
+            return self.sighting
+        return replace(self.sighting, time_s=max(self.since_s, before_s))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeQuery:
+    """What is asked of the log; what is left out is not asked."""
+
+    types: tuple[str, ...] = ()
+    text: str = ""  # the nearest texts first; "" the newest first
+    after_s: float | None = None
+    before_s: float | None = None
+    place_types: tuple[str, ...] = ()
+    room_kind: str = ""
+    state: str = ""
+    who: str = ""
+    action: str = ""
+
+
+class EpisodeLog:
+    """The log of one home.
+
+    Args:
+        path: of the file, made if there is none; None: in memory, gone with the process.
+        embedder: of texts.
+        places: furniture of the home.
+        most_episodes: closed ones that are kept.
+
+    Raises:
+        FileError: the file is torn, or no episodic log.
+    """
+
+    def __init__(
+        self,
+        path: Path | None,
+        embedder: Embedder,
+        places: Mapping[str, KnownPlace],
+        *,
+        most_episodes: int = MOST_EPISODES,
+    ) -> None:
+        self._path, self._embedder, self._places = path, embedder, places
+        self._most = most_episodes
+        self._base = _opened(path)
+        self._texts: dict[str, int] = dict(self._base.execute("select text, id from texts"))
+        self._index: Any = None
+        self._indexed: set[int] = set()
+        self._closed = self._count("is_open = 0")
+
+    def __len__(self) -> int:
+        return self._count("1")
+
+    def _count(self, which: str) -> int:
+        return int(self._base.execute(f"select count(*) from episodes where {which}").fetchone()[0])
+
+    # ------------------------------------------------------------- writing
+
+    def begin(self, episode: Episode) -> int:
+        """Write an episode that goes on; return its number."""
+        seen, deed = episode.sighting, episode.deed
+        place = self._places.get(seen.place_id or "")
+        x, y, z = seen.position_m
+        cursor = self._base.execute(
+            "insert into episodes (object_id, object_type, place_id, place_type, room, room_kind,"
+            " states, x, y, z, since_s, until_s, who, action, deed, is_open, text_id)"
+            " values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, 1, ?)",
+            (
+                seen.object_id, seen.object_type, seen.place_id,
+                place.place_type if place else "", seen.room,
+                place.room_kind if place else seen.room.rpartition("_")[0],
+                f" {' '.join(seen.states)} ", x, y, z, episode.since_s, seen.time_s,
+                deed.who if deed else "", deed.action if deed else "",
+                _deed_text(deed), self._text_id(sighting_text(seen, self._places)),
+            ),
+        )  # fmt: skip
+        return int(cursor.lastrowid or 0)
+
+    def extend(self, number: int, until_s: float) -> None:
+        """Note the last sighting of an episode that goes on."""
+        self._base.execute("update episodes set until_s = ? where id = ?", (until_s, number))
+
+    def end(self, number: int, until_s: float) -> None:
+        """End an episode with its last sighting; the oldest go when there are too many."""
+        self._base.execute(
+            "update episodes set until_s = ?, is_open = 0 where id = ?", (until_s, number)
+        )
+        self._closed += 1
+        if self._closed > self._most:
+            self._make_room(self._closed - self._most + int(self._most * SPARE))
+
+    def drop(self, object_id: str) -> None:
+        """Forget all episodes of a thing."""
+        self._base.execute("delete from episodes where object_id = ?", (object_id,))
+        self._closed = self._count("is_open = 0")
+
+    def keep(self, values: Mapping[str, Any]) -> None:
+        """Write small things beside the episodes, as JSON by name."""
+        rows = [(name, json.dumps(value, sort_keys=True)) for name, value in values.items()]
+        self._base.executemany("insert or replace into kept values (?, ?)", rows)
+
+    def kept(self, name: str) -> Any:
+        """Return what was kept by a name; None if nothing was."""
+        row = self._base.execute("select value from kept where name = ?", (name,)).fetchone()
+        return None if row is None else json.loads(row[0])
+
+    def commit(self) -> None:
+        """Make everything written so far survive the end of the process.
+
+        Raises:
+            FileError: the disk is full or the file cannot be written; nothing is half written.
+        """
+        try:
+            self._base.commit()
+        except sqlite3.Error as error:
+            fix = "free space, then go on: what was committed before is kept"
+            raise FileError(self._path or ":memory:", str(error), fix=fix) from error
+
+    def close(self) -> None:
+        """Commit, and let go of the file."""
+        self.commit()
+        self._base.close()
+
+    def _make_room(self, number: int) -> None:
+        """Let the oldest closed episodes go, with the texts that no episode has any more."""
+        self._base.execute(
+            "delete from episodes where id in"
+            " (select id from episodes where is_open = 0 order by until_s limit ?)",
+            (number,),
+        )
+        self._base.execute(
+            "delete from texts where not exists"
+            " (select 1 from episodes where episodes.text_id = texts.id)"
+        )
+        self._texts = dict(self._base.execute("select text, id from texts"))
+        self._index, self._indexed = None, set()
+        self._closed = self._count("is_open = 0")
+
+    def _text_id(self, text: str) -> int:
+        found = self._texts.get(text)
+        if found is None:
+            cursor = self._base.execute("insert into texts (text) values (?)", (text,))
+            found = self._texts[text] = int(cursor.lastrowid or 0)
+        return found
+
+    # ------------------------------------------------------------- reading
+
+    def episodes(self, *, only_open: bool = False) -> Iterator[tuple[int, Episode]]:
+        """Yield all episodes, or those that go on, with their numbers, by their beginnings."""
+        which = "where is_open = 1 " if only_open else ""
+        for row in self._base.execute(f"{_SELECT} {which}order by since_s, id"):
+            yield row[0], _episode(row)
+
+    def recall(self, query: EpisodeQuery, k: int) -> list[Episode]:
+        """Return at most k episodes that fit; of a text the nearest first, else the newest."""
+        where, values = _conditions(query)
+        if not query.text:
+            newest = self._base.execute(
+                f"{_SELECT} {where} order by since_s desc, id desc limit ?", (*values, k)
+            )
+            return [_episode(row) for row in newest]
+        found: list[Episode] = []
+        for numbers in self._nearest(query.text):
+            marks = ",".join("?" * len(numbers))
+            glue = "and" if where else "where"
+            rows = self._base.execute(
+                f"{_SELECT} {where} {glue} text_id in ({marks})"
+                " order by until_s desc, id desc limit ?",
+                (*values, *numbers, k),
+            ).fetchall()
+            rank = {number: at for at, number in enumerate(numbers)}
+            rows.sort(key=lambda row: rank[row[_TEXT]])  # stable: the newest of equals first
+            found += [_episode(row) for row in rows]
+            if len(found) >= k:
+                break
+        return found[:k]
+
+    def _nearest(self, text: str) -> Iterator[list[int]]:
+        """Yield numbers of texts, the nearest first, in growing portions."""
+        self._catch_up()
+        total = len(self._indexed)
+        asked = self._embedder.embed([text])
+        given, wanted = 0, min(NEAREST, total)
+        while given < total:
+            numbers = self._index.search(asked, wanted)[1][0].tolist()
+            yield numbers[given:]
+            given, wanted = wanted, min(wanted * 8, total)
+
+    def _catch_up(self) -> None:
+        """Embed the texts that are not in the index yet."""
+        new = {number: text for text, number in self._texts.items() if number not in self._indexed}
+        if self._index is None:
+            self._index = faiss.IndexIDMap(faiss.IndexFlatIP(self._embedder.dimension))
+        if new:
+            vectors = np.ascontiguousarray(self._embedder.embed(list(new.values())))
+            self._index.add_with_ids(vectors, np.array(list(new), dtype=np.int64))
+            self._indexed |= new.keys()
+
+    def size_bytes(self) -> int:
+        """Return how large the file is, or would be."""
+        pages = self._base.execute("pragma page_count").fetchone()[0]
+        return int(pages * self._base.execute("pragma page_size").fetchone()[0])
+
+
+_SELECT = (
+    "select id, object_id, object_type, place_id, room, states, x, y, z, since_s, until_s, deed,"
+    " text_id from episodes"
+)
+_TEXT = 12  # column of text_id
+
+
+def _opened(path: Path | None) -> sqlite3.Connection:
+    """Return the base, with its tables."""
+    try:
+        base = sqlite3.connect(":memory:" if path is None else path)
+        mark = base.execute("pragma application_id").fetchone()[0]
+        empty = base.execute("select count(*) from sqlite_master").fetchone()[0] == 0
+        version = base.execute("pragma user_version").fetchone()[0]
+        if not empty and (mark != APPLICATION or version != VERSION):
+            raise FileError(
+                path or "", f"no episodic log of version {VERSION}", fix="name another file"
+            )
+        base.execute("pragma journal_mode = wal")
+        base.execute("pragma synchronous = normal")  # a killed process loses no commit
+        base.execute(f"pragma application_id = {APPLICATION}")
+        base.execute(f"pragma user_version = {VERSION}")
+        base.executescript(_TABLES)
+        if path is not None and base.execute("pragma quick_check").fetchone()[0] != "ok":
+            raise sqlite3.DatabaseError("its pages do not fit together")
+    except sqlite3.Error as error:
+        fix = f"move it away, or bring back a copy: {path}"
+        raise FileError(
+            path or ":memory:", f"torn, or no episodic log: {error}", fix=fix
+        ) from error
+    return base
+
+
+def _conditions(query: EpisodeQuery) -> tuple[str, tuple[Any, ...]]:
+    """Return the where clause of a query and its values."""
+    parts: list[str] = []
+    values: list[Any] = []
+
+    def one(part: str, *more: Any) -> None:
+        parts.append(part)
+        values.extend(more)
+
+    def of(column: str, wanted: Sequence[str]) -> None:
+        if wanted:
+            one(f"{column} in ({','.join('?' * len(wanted))})", *wanted)
+
+    of("object_type", query.types)
+    of("place_type", query.place_types)
+    if query.room_kind:
+        one("room_kind = ?", query.room_kind)
+    if query.state:
+        one("states like ?", f"% {query.state} %")
+    if query.who:
+        one("who = ?", query.who)
+    if query.action:
+        one("action = ?", query.action)
+    if query.before_s is not None:
+        one("since_s <= ?", query.before_s)
+    if query.after_s is not None:
+        one("since_s >= ?" if query.who or query.action else "until_s >= ?", query.after_s)
+    return (f"where {' and '.join(parts)}" if parts else ""), tuple(values)
+
+
+def _deed_text(deed: Deed | None) -> str | None:
+    if deed is None:
+        return None
+    return json.dumps(
+        [
+            deed.time_s, deed.who, deed.action, deed.object_id, deed.object_type, deed.place_id,
+            deed.room, deed.states, deed.activity,
+        ]
+    )  # fmt: skip
+
+
+def _deed_of(text: str | None) -> Deed | None:
+    if text is None:
+        return None
+    time_s, who, action, object_id, kind, place_id, room, states, activity = json.loads(text)
+    return Deed(
+        time_s=time_s, who=who, action=action, object_id=object_id, object_type=kind,
+        place_id=place_id, room=room, states=tuple(states), activity=activity,
+    )  # fmt: skip
+
+
+def _episode(row: Sequence[Any]) -> Episode:
+    _, object_id, kind, place_id, room, states, x, y, z, since_s, until_s, deed, _ = row
+    return Episode(
+        sighting=Sighting(
+            time_s=until_s, object_id=object_id, object_type=kind, place_id=place_id, room=room,
+            position_m=(x, y, z), states=_words(states),
+        ),
+        since_s=since_s,
+        deed=_deed_of(deed),
+    )  # fmt: skip
+
+
+def _words(text: str) -> tuple[str, ...]:
+    """Return state words as they were: "used up" is one."""
+    joined = text.strip().replace("used up", "used_up").split()
+    return tuple(word.replace("_", " ") for word in joined)
