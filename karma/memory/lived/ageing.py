@@ -86,6 +86,7 @@ class Ageing:
         self._types: dict[str, _Evidence] = {}
         self._things: dict[str, _Evidence] = {}
         self._moves, self._expected = 0.0, 0.0  # of all things, and by the priors alone
+        self._fresh: dict[str, None] = {}  # keys learnt of since they were told last
 
     def learn(self, object_id: str, object_type: str, hours: float, *, moved: bool) -> None:
         """Count what was found after a time: still there, or moved at some time in between."""
@@ -93,25 +94,33 @@ class Ageing:
         prior = self._priors.get(object_type, FLAT)
         self._moves += moved
         self._expected += exposure * prior.moves / prior.hours
+        self._fresh |= {f"type {object_type}": None, f"thing {object_id}": None}
         for table, key in ((self._types, object_type), (self._things, object_id)):
             evidence = table.setdefault(key, _Evidence())
             evidence.moves += moved
             evidence.hours += exposure
 
-    def evidence(self) -> dict[str, Any]:
-        """Return all that was learnt, for `learn_again`."""
-        return {
-            "types": {key: (one.moves, one.hours) for key, one in self._types.items()},
-            "things": {key: (one.moves, one.hours) for key, one in self._things.items()},
-            "home": (self._moves, self._expected),
-        }
+    def fresh(self) -> dict[str, Any]:
+        """Return what was learnt since this was asked last, by keys for `learn_again`."""
+        found: dict[str, Any] = {}
+        for key in self._fresh:
+            kind, _, name = key.partition(" ")
+            evidence = (self._types if kind == "type" else self._things)[name]
+            found[key] = (evidence.moves, evidence.hours)
+        if found:
+            found["home"] = (self._moves, self._expected)
+        self._fresh.clear()
+        return found
 
-    def learn_again(self, evidence: Mapping[str, Any] | None) -> None:
+    def learn_again(self, kept: Mapping[str, Any]) -> None:
         """Take over what was learnt before a restart."""
-        if evidence is not None:
-            self._types = {key: _Evidence(*one) for key, one in evidence["types"].items()}
-            self._things = {key: _Evidence(*one) for key, one in evidence["things"].items()}
-            self._moves, self._expected = evidence["home"]
+        for key, (moves, hours) in kept.items():
+            kind, _, name = key.partition(" ")
+            if kind == "home":
+                self._moves, self._expected = moves, hours
+            else:
+                table = self._types if kind == "type" else self._things
+                table[name] = _Evidence(moves, hours)
 
     def stays(self, object_id: str, object_type: str, hours: float) -> float:
         """Return the chance that a thing was not moved for so many waking hours."""

@@ -45,6 +45,7 @@ class Beliefs:
         self._ageing = ageing
         self._by_id: dict[str, Belief] = {}
         self._at: dict[str, dict[str, None]] = {}  # place -> ids believed there
+        self._fresh: dict[str, None] = {}  # ids that changed since they were told last
 
     def __iter__(self) -> Iterator[Belief]:
         return iter(self._by_id.values())
@@ -62,19 +63,17 @@ class Beliefs:
         if belief is not None:
             self._leave(belief)
 
-    def doubts(self) -> dict[str, tuple[float, float | None, float | None, str]]:
-        """Return what is not as it was seen last: chance, when looked for, ended, why; by id."""
-        return {
-            one.sighting.object_id: (one.chance, one.looked_s, one.ended_s, one.reason)
-            for one in self._by_id.values()
-            if one.chance != 1.0 or one.looked_s or one.ended_s is not None or one.reason
-        }
+    def fresh(self) -> list[Belief]:
+        """Return the beliefs that were confirmed, doubted or made since this was asked last."""
+        found = [self._by_id[key] for key in self._fresh if key in self._by_id]
+        self._fresh.clear()
+        return found
 
     def take_over(self, episode: Episode, doubt: Sequence[Any] | None) -> Belief:
         """Believe what a log says that goes on, with the doubt that was kept of it."""
         belief = Belief(sighting=episode.sighting, since_s=episode.since_s, deed=episode.deed)
         if doubt is not None:
-            chance, looked_s, ended_s, reason = doubt
+            chance, looked_s, ended_s, reason = doubt  # see `doubt_of`
             belief = replace(
                 belief, chance=chance, looked_s=looked_s, ended_s=ended_s, reason=reason
             )
@@ -98,6 +97,7 @@ class Beliefs:
 
     def _see(self, seen: Sighting, deed: Deed | None) -> tuple[Belief | None, Belief] | None:
         old = self._by_id.get(seen.object_id)
+        self._fresh[seen.object_id] = None
         if old is None:
             new = Belief(sighting=seen, since_s=seen.time_s, deed=deed)
             self._keep(new)
@@ -123,6 +123,7 @@ class Beliefs:
     def _end(self, object_id: str, time_s: float) -> tuple[Belief, Belief] | None:
         """Evict a belief that a look contradicts, or doubt it; return it as it was and is."""
         old = self._by_id[object_id]
+        self._fresh[object_id] = None
         seen = old.sighting
         hours = waking_hours(seen.time_s, time_s)
         before = self.chance(old, time_s)
@@ -161,3 +162,8 @@ def of_types(beliefs: Iterable[Belief], types: Iterable[str]) -> list[Belief]:
     """Return the beliefs about things of some types."""
     wanted = set(types)
     return [one for one in beliefs if one.sighting.object_type in wanted]
+
+
+def doubt_of(belief: Belief) -> tuple[float, float | None, float | None, str]:
+    """Return what a belief is beside its episode: chance, when looked for, ended, why."""
+    return belief.chance, belief.looked_s, belief.ended_s, belief.reason

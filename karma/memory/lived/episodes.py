@@ -40,7 +40,9 @@ create index if not exists by_type on episodes (object_type, since_s);
 create index if not exists by_time on episodes (since_s);
 create index if not exists by_end on episodes (is_open, until_s);
 create index if not exists by_deed on episodes (who, action, since_s);
-create table if not exists kept (name text primary key, value text not null);
+create table if not exists kept (
+    part text not null, name text not null, value text not null, primary key (part, name)
+);
 """
 
 
@@ -149,15 +151,17 @@ class EpisodeLog:
         self._base.execute("delete from episodes where object_id = ?", (object_id,))
         self._closed = self._count("is_open = 0")
 
-    def keep(self, values: Mapping[str, Any]) -> None:
-        """Write small things beside the episodes, as JSON by name."""
-        rows = [(name, json.dumps(value, sort_keys=True)) for name, value in values.items()]
-        self._base.executemany("insert or replace into kept values (?, ?)", rows)
+    def keep(self, part: str, values: Mapping[str, Any]) -> None:
+        """Write small things beside the episodes, as JSON by part and key."""
+        rows = [(part, key, json.dumps(value)) for key, value in values.items()]
+        self._base.executemany("insert or replace into kept values (?, ?, ?)", rows)
 
-    def kept(self, name: str) -> Any:
-        """Return what was kept by a name; None if nothing was."""
-        row = self._base.execute("select value from kept where name = ?", (name,)).fetchone()
-        return None if row is None else json.loads(row[0])
+    def kept(self, part: str) -> dict[str, Any]:
+        """Return what was kept of a part, by key."""
+        rows = self._base.execute(
+            "select name, value from kept where part = ? order by name", (part,)
+        )
+        return {key: json.loads(value) for key, value in rows}
 
     def commit(self) -> None:
         """Make everything written so far survive the end of the process.

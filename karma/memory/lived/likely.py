@@ -24,25 +24,29 @@ class PlaceShares:
         self._like: dict[str, Counter[str]] = {}
         self._kinds = Counter(_kind(place) for place in places.values())
         self._base: dict[str, dict[str, float]] = {}
+        self._fresh: dict[str, None] = {}  # keys that changed since they were told last
 
     def visit(self, object_id: str, object_type: str, place_id: str | None) -> None:
         """Count that a thing has come to a place."""
         if place_id in self._places:
+            self._fresh |= {f"own {object_id}": None, f"like {object_type}": None}
             self._own.setdefault(object_id, Counter())[str(place_id)] += 1
             self._like.setdefault(object_type, Counter())[str(place_id)] += 1
 
-    def visits(self) -> dict[str, dict[str, dict[str, int]]]:
-        """Return all counts, for `visit_again`."""
-        return {
-            "own": {key: dict(one) for key, one in self._own.items()},
-            "like": {key: dict(one) for key, one in self._like.items()},
-        }
+    def fresh(self) -> dict[str, dict[str, int]]:
+        """Return the counts that changed since this was asked last, by keys for `visit_again`."""
+        found = {}
+        for key in self._fresh:
+            kind, _, name = key.partition(" ")
+            found[key] = dict((self._own if kind == "own" else self._like)[name])
+        self._fresh.clear()
+        return found
 
-    def visit_again(self, visits: Mapping[str, Mapping[str, Mapping[str, int]]] | None) -> None:
+    def visit_again(self, kept: Mapping[str, Mapping[str, int]]) -> None:
         """Take over counts of before a restart."""
-        if visits is not None:
-            self._own = {key: Counter(one) for key, one in visits["own"].items()}
-            self._like = {key: Counter(one) for key, one in visits["like"].items()}
+        for key, counts in kept.items():
+            kind, _, name = key.partition(" ")
+            (self._own if kind == "own" else self._like)[name] = Counter(counts)
 
     def of(self, object_ids: Iterable[str], object_type: str) -> dict[str, float]:
         """Return each place's share for a thing that may be one of some, summing to 1."""

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment, Said
 from karma.household.places import HAND
 from karma.memory.lived.ageing import Ageing, home_prior, waking_hours
-from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs
-from karma.memory.lived.episodes import Episode, EpisodeLog
+from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs, doubt_of
+from karma.memory.lived.episodes import MOST_EPISODES, Episode, EpisodeLog
 from karma.memory.lived.history import History
 from karma.memory.lived.likely import PlaceShares
 from karma.memory.lived.setting import MemorySetting
@@ -21,11 +21,12 @@ class TrueMemory:
 
     Args:
         setting: of the home.
+        most_episodes: closed ones that its log keeps.
     """
 
     name = "ours"
 
-    def __init__(self, setting: MemorySetting) -> None:
+    def __init__(self, setting: MemorySetting, *, most_episodes: int = MOST_EPISODES) -> None:
         prior = home_prior()
         self._places = setting.places
         self._ageing = Ageing(prior.types)
@@ -34,7 +35,7 @@ class TrueMemory:
         self._shares = PlaceShares(prior, setting.places)
         folder = setting.folder
         path = None if folder is None else folder / LOG
-        self._log = EpisodeLog(path, setting.embedder, setting.places)
+        self._log = EpisodeLog(path, setting.embedder, setting.places, most_episodes=most_episodes)
         self._history = History(self._log)
         self._looked: dict[str, float] = {}  # place -> when it was looked over last
         self._restore()
@@ -98,23 +99,29 @@ class TrueMemory:
         order = sorted(chances, key=lambda one: (-chances[one], one))
         return [LikelyPlace(place_id=one, chance=chances[one]) for one in order if one != HAND]
 
+    @property
+    def episodes(self) -> int:
+        """How many episodes its log holds."""
+        return len(self._log)
+
     def size_bytes(self) -> int:
         """Return bytes of the log, with what is kept beside it."""
         return self._log.size_bytes()
 
     def commit(self) -> None:
         """Make what was learnt so far survive: called when an instruction is finished."""
-        for belief in self._beliefs:
-            self._history.extend(belief)
-        self._log.keep(
-            {
-                "looked": self._looked,
-                "ageing": self._ageing.evidence(),
-                "visits": self._shares.visits(),
-                "doubts": self._beliefs.doubts(),
-            }
-        )
+        self._write_down()
+        self._log.keep("looked", {"all": self._looked})
+        self._log.keep("ageing", self._ageing.fresh())
+        self._log.keep("visits", self._shares.fresh())
         self._log.commit()
+
+    def _write_down(self) -> None:
+        """Bring the log up to what is believed."""
+        fresh = self._beliefs.fresh()
+        for belief in fresh:
+            self._history.extend(belief)
+        self._log.keep("doubts", {one.sighting.object_id: doubt_of(one) for one in fresh})
 
     def close(self) -> None:
         """Commit, and let go of the log."""
@@ -123,10 +130,10 @@ class TrueMemory:
 
     def _restore(self) -> None:
         """Go on from what the log holds: what goes on in it is believed."""
-        self._looked = self._log.kept("looked") or {}
+        self._looked = self._log.kept("looked").get("all", {})
         self._ageing.learn_again(self._log.kept("ageing"))
         self._shares.visit_again(self._log.kept("visits"))
-        doubts = self._log.kept("doubts") or {}
+        doubts = self._log.kept("doubts")
         for number, episode in self._log.episodes(only_open=True):
             belief = self._beliefs.take_over(episode, doubts.get(episode.sighting.object_id))
             self._history.take_over(number, belief)
@@ -191,8 +198,7 @@ class TrueMemory:
     def _past(self, question: HomeQuestion, k: int) -> list[Fact]:
         """Return episodes of the asked time, the newest first, then older ones."""
         said = question.thing
-        for belief in self._beliefs:
-            self._history.extend(belief)
+        self._write_down()
         text = said.phrase or question.text
         found = list(self._history.find(_ranks(said), said, question.asked, text))
         return [_told(one, said) for one in found[:k]]
