@@ -7,6 +7,7 @@ move within t hours is (b / (b + t)) ** a, the Gamma-Poisson mixture (a Lomax ta
 has moved may be back: that is added by its share of places.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -74,6 +75,18 @@ class _Evidence:
     hours: float = 0.0
 
 
+def _until_moved(per_hour: float, hours: float) -> float:
+    """Return after how many hours, on average, a thing was moved that was moved within some.
+
+    That is the step of expectation for intervals that are only seen from their ends (Dempster,
+    Laird and Rubin 1977): half of a short one, no more than the usual stay of a long one.
+    """
+    turns = per_hour * hours
+    if turns < 1e-3:
+        return hours / 2
+    return 1.0 / per_hour - hours / math.expm1(min(turns, 500.0))
+
+
 class Ageing:
     """What this home has shown of how often its things are moved.
 
@@ -90,7 +103,8 @@ class Ageing:
 
     def learn(self, object_id: str, object_type: str, hours: float, *, moved: bool) -> None:
         """Count what was found after a time: still there, or moved at some time in between."""
-        exposure = hours / 2 if moved else hours
+        shape, rate = self._gamma(object_id, object_type)
+        exposure = _until_moved(shape / rate, hours) if moved else hours
         prior = self._priors.get(object_type, FLAT)
         self._moves += moved
         self._expected += exposure * prior.moves / prior.hours

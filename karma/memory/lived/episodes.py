@@ -25,7 +25,8 @@ APPLICATION = 0x4B524D41  # "KRMA", in the file's header
 VERSION = 1
 MOST_EPISODES = 200_000  # closed ones kept; beyond it the oldest go
 SPARE = 0.02  # share of the most that goes at once, so that it is not done for every row
-NEAREST = 64  # texts that a search begins with
+NEAREST = 64  # texts that are looked up at once
+FEW = 2_000  # episodes that fit all but the text: so many are ranked one by one
 _TABLES = """
 create table if not exists texts (id integer primary key, text text unique not null);
 create table if not exists episodes (
@@ -218,32 +219,47 @@ class EpisodeLog:
                 f"{_SELECT} {where} order by since_s desc, id desc limit ?", (*values, k)
             )
             return [_episode(row) for row in newest]
+        ranked = self._ranked(query.text)
+        few = self._base.execute(
+            f"select id, text_id, until_s from episodes {where} limit ?", (*values, FEW + 1)
+        ).fetchall()
+        if len(few) <= FEW:
+            rank = {number: at for at, number in enumerate(ranked)}
+            few.sort(key=lambda row: (rank[row[1]], -row[2], -row[0]))
+            return [self._one(row[0]) for row in few[:k]]
+        return self._by_text(where, values, ranked, k)
+
+    def _by_text(
+        self, where: str, values: Sequence[Any], ranked: Sequence[int], k: int
+    ) -> list[Episode]:
+        """Return episodes text by text, the nearest texts first, the newest of each first."""
         found: list[Episode] = []
-        for numbers in self._nearest(query.text):
-            marks = ",".join("?" * len(numbers))
-            glue = "and" if where else "where"
+        glue = "and" if where else "where"
+        for first in range(0, len(ranked), NEAREST):
+            numbers = ranked[first : first + NEAREST]
             rows = self._base.execute(
-                f"{_SELECT} {where} {glue} text_id in ({marks})"
+                f"{_SELECT} {where} {glue} text_id in ({','.join('?' * len(numbers))})"
                 " order by until_s desc, id desc limit ?",
-                (*values, *numbers, k),
+                (*values, *numbers, k * NEAREST),
             ).fetchall()
             rank = {number: at for at, number in enumerate(numbers)}
             rows.sort(key=lambda row: rank[row[_TEXT]])  # stable: the newest of equals first
-            found += [_episode(row) for row in rows]
+            found += [_episode(row) for row in rows[: k - len(found)]]
             if len(found) >= k:
                 break
-        return found[:k]
+        return found
 
-    def _nearest(self, text: str) -> Iterator[list[int]]:
-        """Yield numbers of texts, the nearest first, in growing portions."""
+    def _one(self, number: int) -> Episode:
+        return _episode(self._base.execute(f"{_SELECT} where id = ?", (number,)).fetchone())
+
+    def _ranked(self, text: str) -> list[int]:
+        """Return the numbers of all texts, the nearest first; the earlier of equals first."""
         self._catch_up()
-        total = len(self._indexed)
         asked = self._embedder.embed([text])
-        given, wanted = 0, min(NEAREST, total)
-        while given < total:
-            numbers = self._index.search(asked, wanted)[1][0].tolist()
-            yield numbers[given:]
-            given, wanted = wanted, min(wanted * 8, total)
+        scores, numbers = self._index.search(asked, len(self._indexed))
+        order = np.lexsort((numbers[0], -scores[0]))
+        ranked: list[int] = numbers[0][order].tolist()
+        return ranked
 
     def _catch_up(self) -> None:
         """Embed the texts that are not in the index yet."""

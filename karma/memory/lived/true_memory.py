@@ -65,7 +65,8 @@ class TrueMemory:
             belief for belief in self._beliefs if not ranks or belief.sighting.object_type in ranks
         ]
         found.sort(key=lambda one: self._order(one, said, ranks))
-        return [self._fact(belief, question.time_s) for belief in found[:k]]
+        asked = 0.0 if question.asked == "count" else self._asked
+        return [self._fact(belief, question.time_s, asked) for belief in found[:k]]
 
     def likely_places(self, question: HomeQuestion) -> Sequence[LikelyPlace]:
         """Return where the thing is likely to be: believed, habitual, usual for its type."""
@@ -86,7 +87,7 @@ class TrueMemory:
         left = 1.0
         if len(mine) == 1 and mine[0].ended_s is None:
             place_id = mine[0].sighting.place_id or ""
-            chances[place_id] = self._stays(mine[0], question.time_s)
+            chances[place_id] = self._stays(mine[0], question.time_s, self._asked)
             left -= chances[place_id]
         since = mine[0].sighting.time_s if len(mine) == 1 else 0.0
         open_to = {
@@ -140,23 +141,25 @@ class TrueMemory:
 
     # ------------------------------------------------------------- now
 
-    def _fact(self, belief: Belief, time_s: float) -> Fact:
+    def _fact(self, belief: Belief, time_s: float, asked: float) -> Fact:
         if belief.ended_s is not None:
             return Fact(sighting=belief.sighting, deed=belief.deed, ended_s=belief.ended_s)
-        return Fact(sighting=belief.sighting, deed=belief.deed, holds=self._holds(belief, time_s))
+        return Fact(
+            sighting=belief.sighting, deed=belief.deed, holds=self._holds(belief, time_s, asked)
+        )
 
-    def _stays(self, belief: Belief, time_s: float) -> float:
+    def _stays(self, belief: Belief, time_s: float, asked: float) -> float:
         """Return the chance that a thing that is asked for was not moved since it was seen.
 
         People ask for what they do not find: with a chance that comes with the prior it has been
         moved, whatever its age says.
         """
-        return self._beliefs.chance(belief, time_s) * (1.0 - self._asked)
+        return self._beliefs.chance(belief, time_s) * (1.0 - asked)
 
-    def _holds(self, belief: Belief, time_s: float) -> float:
+    def _holds(self, belief: Belief, time_s: float, asked: float) -> float:
         """Return the chance that a thing is where it was seen: not moved, or back there."""
         seen = belief.sighting
-        stays = self._stays(belief, time_s)
+        stays = self._stays(belief, time_s, asked)
         share = self._shares.of([seen.object_id], seen.object_type).get(seen.place_id or "", 0.0)
         return stays + (1.0 - stays) * share
 

@@ -40,16 +40,18 @@ def looks(
     """
     home, done = robot.map, set[str]()
     last = {fact.sighting.place_id or "": fact for fact in reversed(believed)}
-    if all(fact.holds is None for fact in believed):
+    sure = {place_id: fact.holds for place_id, fact in last.items() if fact.holds is not None}
+    if not sure:
         for place_id in last:
             if place_id in home.spots and place_id not in done:
                 done.add(place_id)
                 yield PlannedLook(place_id=place_id, believed=True, chance=None)
     while True:
+        said = {place.place_id: place.chance for place in likely()} or sure
         chances = {
-            place.place_id: place.chance
-            for place in likely()
-            if place.place_id in home.spots and place.place_id not in done and place.chance > 0
+            place_id: chance
+            for place_id, chance in said.items()
+            if place_id in home.spots and place_id not in done and chance > 0
         }
         if not chances:
             break

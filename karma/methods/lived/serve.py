@@ -31,6 +31,7 @@ from karma.methods.lived.recalling import (
 )
 from karma.methods.lived.search import look_cost, looks, worth_a_look
 
+COUNTED = 0.2  # chance from which on a thing is counted where it was seen
 Verify = Literal["never", "doubted", "always"]
 
 
@@ -206,42 +207,22 @@ class Server:
         return HomeAnswer(time_s=seen_s)
 
     def _count(self, question: HomeQuestion) -> HomeAnswer:
-        """Count what memory believes to be there, or what is there where it doubts."""
-        said = question.thing
-        facts = self._believed_there(question)
-        here = [
-            place_id
-            for place_id, place in self._places.items()
-            if place.place_type in said.place_types
-            and (not said.room or said.room in (place.room_kind, place.room))
-        ]
-        sure = 1.0
+        """Count what memory believes to be there; a look may miss some, so none is made."""
+        facts = self._said_there(question)
         for fact in facts:
             self._note_doubt(fact)
-            sure *= 1.0 if fact.holds is None else fact.holds
-        verify = self._settings.verify
-        doubted = any(fact.holds is not None for fact in facts) and (
-            (1.0 - sure) * self._settings.wrong_costs
-            > sum(look_cost(self._robot, one) for one in here)
-        )
-        goes = verify == "always" or (verify == "doubted" and doubted)
-        if goes and 0 < len(here) <= self._settings.budget_looks:
-            for place_id in here:
-                self._look_at(place_id, None, believed=False)
-            facts = self._believed_there(question)
-        known = facts or self._recall(plain(question)).facts
-        if not known and not here:
+        if not facts and not self._recall(plain(question)).facts:
             return HomeAnswer(unknown=True)
-        return HomeAnswer(count=len(facts), sure=sure)
+        there = [fact for fact in facts if fact.holds is None or fact.holds >= COUNTED]
+        return HomeAnswer(count=len(there))
 
-    def _believed_there(self, question: HomeQuestion) -> list[Fact]:
+    def _said_there(self, question: HomeQuestion) -> list[Fact]:
+        """Return the newest facts about things that memory places where it is asked."""
         told = self._recall(question)
-        found = []
-        for object_id in ids_of(told.facts):
-            fact = told.latest(object_id)
-            if fact is not None and fits(fact, question.thing, self._places):
-                found.append(fact)
-        return [fact for fact in found if fact.holds is None or fact.holds >= 0.5]
+        newest = [told.latest(object_id) for object_id in ids_of(told.facts)]
+        return [
+            fact for fact in newest if fact is not None and fits(fact, question.thing, self._places)
+        ]
 
     # ------------------------------------------------------------- errands
 
