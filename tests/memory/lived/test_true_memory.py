@@ -129,8 +129,12 @@ def filled(path, number=60, **more):
     for at in range(number):
         kind, place = kinds[int(rng.integers(3))], places[int(rng.integers(len(places)))]
         start = float(at * 100)
-        deed = Deed(time_s=start, who=("Ann", "Ben")[at % 2], action="PutObject",
-                    object_id=f"{kind}|{at}", object_type=kind) if at % 3 == 0 else None  # fmt: skip
+        deed = None
+        if at % 3 == 0:
+            deed = Deed(
+                time_s=start, who=("Ann", "Ben")[at % 2], action="PutObject",
+                object_id=f"{kind}|{at}", object_type=kind,
+            )  # fmt: skip
         states = ("dirty", "used up") if at % 4 == 0 else ()
         one = Episode(sighting=seen(f"{kind}|{at}", place, start + 50.0, states), since_s=start,
                       deed=deed)  # fmt: skip
