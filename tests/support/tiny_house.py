@@ -1,6 +1,7 @@
 """A house of ProcTHOR's form, small enough to read, and ways to walk in any scene."""
 
 from collections import deque
+from copy import deepcopy
 from itertools import pairwise
 
 from karma.world.houses import room_at
@@ -64,7 +65,7 @@ def tiny_house():
             }
         ],
         "windows": [],
-        "objects": [{**TABLE, "children": [dict(one) for one in TABLE["children"]]}],
+        "objects": [deepcopy(TABLE)],
         "metadata": {
             "agent": {"position": xyz(3.02, 0.95, 2.98), "rotation": xyz(0, 90, 0), "horizon": 30},
             "schema": "1.0.0",

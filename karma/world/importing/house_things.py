@@ -12,7 +12,7 @@ from karma.contracts import Vec3
 from karma.errors import FileError
 from karma.household.places import FLOOR
 from karma.household.types import Capability, ObjectType, object_types
-from karma.household.uses import BASIN_OF, BURNER, KNOB
+from karma.household.uses import BASIN_OF, BURNER, FRIDGE, KNOB
 from karma.world.core.boxes import Box
 from karma.world.core.scene import LARGEST_M, SceneObject
 from karma.world.importing.dump import Xyz
@@ -138,7 +138,8 @@ class HouseThings:
         movable = "pickupable" in can or "moveable" in can
         above = None if one.parent is None else found[first + one.parent]
         low = center[1] - size[1] / 2
-        if above is None and movable and low < self.shell.floor_y + _STANDS_M:
+        stands = movable or kind.name == FRIDGE
+        if above is None and stands and low < self.shell.floor_y + _STANDS_M:
             above = found[one.room]  # built-in furniture is no thing that lies on the floor
         basin = above is not None and BASIN_OF.get(above.type) == kind.name
         held = above is not None and "receptacle" in above.capabilities and not basin
