@@ -636,7 +636,7 @@ class Sighting:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
+class HomeMoment:
     """All that the robot learns at one time: what a memory of a lived-in home is made of."""
 
     time_s: float
@@ -647,7 +647,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Said:
+class SaidThing:
     """Something that a question speaks of, as it was read from its words."""
 
     phrase: str  # "the dirty cup"
@@ -659,7 +659,7 @@ class Said:
     before_s: float | None = None
     who: str = ""  # of the deed that it is known by; "" none is said
     action: str = ""  # AI2-THOR's name of that deed; "" none is said
-    beside: "Said | None" = None  # it is, or was, where that other thing is, or was
+    beside: "SaidThing | None" = None  # it is, or was, where that other thing is, or was
     ids: tuple[str, ...] = ()  # which things it was found to mean; () not known
 
 
@@ -674,8 +674,8 @@ class HomeQuestion:
     speaker: str  # whom "I" stands for
     time_s: float  # when it was said
     asked: Asked
-    thing: Said
-    destination: Said | None = None  # of an errand: where the thing is to be
+    thing: SaidThing
+    destination: SaidThing | None = None  # of an errand: where the thing is to be
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -877,7 +877,7 @@ class HomeMemory(Protocol):
 
     name: str
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Learn from one moment; moments come in the order of their times."""
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from karma.contracts import Deed, HomeQuestion, Meaning, Moment, Said, Sighting
+from karma.contracts import Deed, HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
 from karma.files import to_json, write_atomic
 from karma.household.types import object_types
 from karma.infer.embed.minilm import MiniLm
@@ -60,7 +60,7 @@ def drawn_places(number: int = 60) -> dict[str, KnownPlace]:
     return found
 
 
-def drawn_moments(units: int, objects: int, days: float, seed: int) -> Iterator[Moment]:
+def drawn_moments(units: int, objects: int, days: float, seed: int) -> Iterator[HomeMoment]:
     """Yield moments in which some thing has come to another place, spread over days."""
     rng = stream(seed, "bench", "lived", str(units), str(objects))
     places = list(drawn_places().values())
@@ -83,7 +83,7 @@ def drawn_moments(units: int, objects: int, days: float, seed: int) -> Iterator[
             time_s=time_s, who="Ann", action="PutObject", object_id=seen.object_id,
             object_type=kind, place_id=place.place_id, room=place.room,
         ) if rng.random() < 0.3 else None  # fmt: skip
-        yield Moment(time_s=time_s, room=place.room, seen=(seen,), deed=deed)
+        yield HomeMoment(time_s=time_s, room=place.room, seen=(seen,), deed=deed)
 
 
 def measured(units: int, objects: int, embedder: MiniLm, folder: Path) -> Measured:
@@ -127,10 +127,10 @@ def _median_ms(do: Callable[[int], object]) -> float:
 def _question(at: int) -> HomeQuestion:
     """Return a question for now, or every second time for the past."""
     types = [name for name, kind in object_types().items() if kind.can("pickupable")][:50]
-    said = Said(phrase="the thing", types=(Meaning(name=types[at % 50], similarity=1.0),))
+    said = SaidThing(phrase="the thing", types=(Meaning(name=types[at % 50], similarity=1.0),))
     now_s = 31 * DAY_S
     if at % 2:
-        said = Said(phrase="it", types=said.types, after_s=5 * DAY_S, before_s=6 * DAY_S)
+        said = SaidThing(phrase="it", types=said.types, after_s=5 * DAY_S, before_s=6 * DAY_S)
     return HomeQuestion(text="", speaker="Ann", time_s=now_s, asked="place", thing=said)
 
 

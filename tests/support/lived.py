@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from karma.contracts import HomeQuestion, Meaning, Moment, Said, Sighting
+from karma.contracts import HomeMoment, HomeQuestion, Meaning, SaidThing, Sighting
 from karma.memory.lived.setting import KnownPlace, MemorySetting
 from karma.methods.lived.home_map import HomeMap
 from karma.world.houses import build_home
@@ -68,13 +68,15 @@ def seen(object_id, place_id, time_s, states=()):
 
 def moment(time_s, *sightings, looked_over=(), deed=None):
     """Return a moment."""
-    return Moment(
+    return HomeMoment(
         time_s=time_s, room="kitchen_1", seen=sightings, looked_over=tuple(looked_over), deed=deed
     )
 
 
 def where(kind, time_s, asked="place", **said):
     """Return a question for a thing of a type."""
-    thing = Said(phrase=f"the {kind.lower()}", types=(Meaning(name=kind, similarity=1.0),), **said)
+    thing = SaidThing(
+        phrase=f"the {kind.lower()}", types=(Meaning(name=kind, similarity=1.0),), **said
+    )
     return HomeQuestion(text=f"where is the {kind}?", speaker="Ann", time_s=time_s, asked=asked,
                         thing=thing)  # fmt: skip

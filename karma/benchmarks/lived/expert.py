@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment, Sighting
+from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, Sighting
 from karma.memory.lived.setting import KnownPlace
 from karma.methods.lived.recalling import fits, is_of_past, types_meant
 
@@ -27,7 +27,7 @@ class ExpertMemory:
         self._facts: list[Fact] = []
         self._seen: dict[str, Sighting] = {}
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Keep everything."""
         for seen in moment.seen:
             self._facts.append(Fact(sighting=seen, deed=moment.deed))

@@ -6,9 +6,9 @@ from functools import lru_cache
 from karma.benchmarks.benchmark import Chain
 from karma.benchmarks.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.benchmarks.lived.expert import ExpertMemory
-from karma.benchmarks.lived.records import Doubt, LivedRecord, ServedRequest
-from karma.benchmarks.lived.schedule import DAY_S, HOUR_S, Planned, day_plan
-from karma.contracts import Embedder, HomeMemory, Moment, Sighting
+from karma.benchmarks.lived.records import CheckedDoubt, LivedRecord, ServedRequest
+from karma.benchmarks.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan
+from karma.contracts import Embedder, HomeMemory, HomeMoment, Sighting
 from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import MemorySetting
 from karma.methods.lived.body import HomeRobot, sighting_of
@@ -71,7 +71,7 @@ class HomeLife:
         self._start = self.now()
         self._memory = self._made(embedder)
         self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
-        self._scheduled: list[Moment] = []  # learnt on rounds and waits: the same for every row
+        self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row
         self._serving = False
         self._rooms = tuple(self._map.in_rooms())
         self._tour()
@@ -144,7 +144,7 @@ class HomeLife:
         made: HomeMemory = DESIGNS[self._row.design](setting)
         return made
 
-    def _told(self, moment: Moment) -> None:
+    def _told(self, moment: HomeMoment) -> None:
         self._memory.take_in(moment)
         if not self._serving:
             self._scheduled.append(moment)
@@ -182,7 +182,7 @@ class HomeLife:
         if places:
             self._robot.go(self._map.spots[places[0]][0])
 
-    def _request(self, planned: Planned, day: int, number: int) -> ServedRequest | None:
+    def _request(self, planned: DayItem, day: int, number: int) -> ServedRequest | None:
         assert planned.kind is not None
         rng = stream(
             self._seed, "lived", "request", self._spec.name, str(day), str(number), planned.kind
@@ -223,7 +223,7 @@ class HomeLife:
             read=question.asked == request.asked
             and _type_read(request, types_meant(question.thing)),
             doubts=tuple(
-                Doubt(holds=None if holds is None else round(holds, 4), was_so=so)
+                CheckedDoubt(holds=None if holds is None else round(holds, 4), was_so=so)
                 for holds, so in effort.doubts
             ),
         )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Doubt:
+class CheckedDoubt:
     """What a memory thought of one of its facts, and what was so."""
 
     holds: float | None  # None: the design has no notion of it
@@ -32,7 +32,7 @@ class ServedRequest:
     tokens: int  # of facts
     recalls: int
     read: bool  # the reader found what is asked, and the type that is meant
-    doubts: tuple[Doubt, ...] = ()
+    doubts: tuple[CheckedDoubt, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ KINDS: tuple[LivedKind, ...] = get_args(LivedKind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Planned:
+class DayItem:
     """Something that the robot is to do at a time."""
 
     time_s: float
@@ -32,22 +32,22 @@ def drawn_people(seed: int, home: int, rooms: int) -> int:
 
 def day_plan(
     seed: int, home: int, day: int, rooms: tuple[str, ...], requests: int
-) -> tuple[Planned, ...]:
+) -> tuple[DayItem, ...]:
     """Return what a day asks of the robot, in order.
 
     Kinds take turns, so that a week has as many of each; the room to wait in changes every hour.
     """
     rng = stream(seed, "lived", "day", str(home), str(day))
     start = day * DAY_S
-    plan = [Planned(time_s=start + hour * HOUR_S, what="round") for hour in ROUNDS_H]
+    plan = [DayItem(time_s=start + hour * HOUR_S, what="round") for hour in ROUNDS_H]
     for waits_h in range(7, 23):
         room = rooms[int(rng.integers(len(rooms)))]
-        plan.append(Planned(time_s=start + (waits_h + 0.1) * HOUR_S, what="wait", room=room))
+        plan.append(DayItem(time_s=start + (waits_h + 0.1) * HOUR_S, what="wait", room=room))
     first, last = REQUESTS_H
     hours = sorted(float(hour) for hour in rng.uniform(first, last, size=requests))
     turn = [KINDS[(day * requests + number) % len(KINDS)] for number in range(requests)]
     order = rng.permutation(requests)
     for hour, which in zip(hours, order, strict=True):
         kind = turn[int(which)]
-        plan.append(Planned(time_s=start + hour * HOUR_S, what="request", kind=kind))
+        plan.append(DayItem(time_s=start + hour * HOUR_S, what="request", kind=kind))
     return tuple(sorted(plan, key=lambda one: one.time_s))

@@ -6,7 +6,7 @@ robot's own observations. Rows of equal text tie, and the newest of them comes f
 
 from collections.abc import Sequence
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment
+from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace
 from karma.memory.lived.setting import MemorySetting, sighting_text
 from karma.memory.lived.texts import TextVectors, best_first
 
@@ -27,7 +27,7 @@ class AppendOnly:
         self._bytes = 0
         self._row_bytes = 4 * setting.embedder.dimension
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Append a row for everything in view."""
         for seen in moment.seen:
             text = sighting_text(seen, self._places)

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from karma.contracts import Deed, Moment, Sighting
+from karma.contracts import Deed, HomeMoment, Sighting
 from karma.household.places import HAND
 from karma.memory.lived.ageing import Ageing, waking_hours
-from karma.memory.lived.episodes import Episode
+from karma.memory.lived.episodes import LoggedEpisode
 
 Reason = Literal["", "not there", "seen elsewhere", "otherwise"]
 ROBOT = "robot"
@@ -69,7 +69,7 @@ class Beliefs:
         self._fresh.clear()
         return found
 
-    def take_over(self, episode: Episode, doubt: Sequence[Any] | None) -> Belief:
+    def take_over(self, episode: LoggedEpisode, doubt: Sequence[Any] | None) -> Belief:
         """Believe what a log says that goes on, with the doubt that was kept of it."""
         belief = Belief(sighting=episode.sighting, since_s=episode.since_s, deed=episode.deed)
         if doubt is not None:
@@ -82,7 +82,7 @@ class Beliefs:
             self._leave(belief)
         return belief
 
-    def take_in(self, moment: Moment) -> list[tuple[Belief | None, Belief]]:
+    def take_in(self, moment: HomeMoment) -> list[tuple[Belief | None, Belief]]:
         """Correct beliefs by a moment; return what changed: the belief before, and the new one."""
         changed = [pair for seen in moment.seen if (pair := self._see(seen, moment.deed))]
         if moment.looked_over:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment
+from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace
 from karma.memory.lived.setting import MemorySetting
 
 
@@ -14,7 +14,7 @@ class NoMemory:
     def __init__(self, setting: MemorySetting) -> None:
         pass
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Forget it."""
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
@@ -47,7 +47,7 @@ class LastSeen:
     def __init__(self, setting: MemorySetting) -> None:
         self._facts: dict[str, Fact] = {}
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Overwrite what was known of everything in view."""
         for seen in moment.seen:
             old = self._facts.get(seen.object_id)

@@ -48,7 +48,7 @@ create table if not exists kept (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Episode:
+class LoggedEpisode:
     """One thing at one place in one state, from a first to a last sighting of it."""
 
     sighting: Sighting  # the last
@@ -114,7 +114,7 @@ class EpisodeLog:
 
     # ------------------------------------------------------------- writing
 
-    def begin(self, episode: Episode) -> int:
+    def begin(self, episode: LoggedEpisode) -> int:
         """Write an episode that goes on; return its number."""
         seen, deed = episode.sighting, episode.deed
         place = self._places.get(seen.place_id or "")
@@ -205,13 +205,13 @@ class EpisodeLog:
 
     # ------------------------------------------------------------- reading
 
-    def episodes(self, *, only_open: bool = False) -> Iterator[tuple[int, Episode]]:
+    def episodes(self, *, only_open: bool = False) -> Iterator[tuple[int, LoggedEpisode]]:
         """Yield all episodes, or those that go on, with their numbers, by their beginnings."""
         which = "where is_open = 1 " if only_open else ""
         for row in self._base.execute(f"{_SELECT} {which}order by since_s, id"):
             yield row[0], _episode(row)
 
-    def recall(self, query: EpisodeQuery, k: int) -> list[Episode]:
+    def recall(self, query: EpisodeQuery, k: int) -> list[LoggedEpisode]:
         """Return at most k episodes that fit; of a text the nearest first, else the newest."""
         where, values = _conditions(query)
         if not query.text:
@@ -231,9 +231,9 @@ class EpisodeLog:
 
     def _by_text(
         self, where: str, values: Sequence[Any], ranked: Sequence[int], k: int
-    ) -> list[Episode]:
+    ) -> list[LoggedEpisode]:
         """Return episodes text by text, the nearest texts first, the newest of each first."""
-        found: list[Episode] = []
+        found: list[LoggedEpisode] = []
         glue = "and" if where else "where"
         for first in range(0, len(ranked), NEAREST):
             numbers = ranked[first : first + NEAREST]
@@ -249,7 +249,7 @@ class EpisodeLog:
                 break
         return found
 
-    def _one(self, number: int) -> Episode:
+    def _one(self, number: int) -> LoggedEpisode:
         return _episode(self._base.execute(f"{_SELECT} where id = ?", (number,)).fetchone())
 
     def _ranked(self, text: str) -> list[int]:
@@ -361,9 +361,9 @@ def _deed_of(text: str | None) -> Deed | None:
     )  # fmt: skip
 
 
-def _episode(row: Sequence[Any]) -> Episode:
+def _episode(row: Sequence[Any]) -> LoggedEpisode:
     _, object_id, kind, place_id, room, states, x, y, z, since_s, until_s, deed, _ = row
-    return Episode(
+    return LoggedEpisode(
         sighting=Sighting(
             time_s=until_s, object_id=object_id, object_type=kind, place_id=place_id, room=room,
             position_m=(x, y, z), states=_words(states),

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 
-from karma.contracts import Asked, Said
+from karma.contracts import Asked, SaidThing
 from karma.memory.lived.beliefs import Belief
-from karma.memory.lived.episodes import Episode, EpisodeLog, EpisodeQuery
+from karma.memory.lived.episodes import EpisodeLog, EpisodeQuery, LoggedEpisode
 
 FOUND = 256  # episodes that one question may be about
 
 
-class History:
+class EpisodeHistory:
     """Episodes as beliefs make them.
 
     Args:
@@ -25,7 +25,7 @@ class History:
 
     def add(self, belief: Belief) -> None:
         """Begin an episode."""
-        episode = Episode(sighting=belief.sighting, since_s=belief.since_s, deed=belief.deed)
+        episode = LoggedEpisode(sighting=belief.sighting, since_s=belief.since_s, deed=belief.deed)
         self._open[belief.sighting.object_id] = (self._log.begin(episode), belief)
 
     def take_over(self, number: int, belief: Belief) -> None:
@@ -51,8 +51,8 @@ class History:
         self._log.drop(object_id)
 
     def find(
-        self, ranks: Mapping[str, int], said: Said, asked: Asked, text: str = ""
-    ) -> Iterator[Episode]:
+        self, ranks: Mapping[str, int], said: SaidThing, asked: Asked, text: str = ""
+    ) -> Iterator[LoggedEpisode]:
         """Yield episodes of some types: those of the asked person, deed and time, newest first.
 
         Args:

@@ -9,7 +9,7 @@ here by itself.
 
 from collections.abc import Sequence
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace, MemoryUnit, Moment, Sighting
+from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, MemoryUnit, Sighting
 from karma.memory.lived.setting import MemorySetting, sighting_text
 from karma.memory.lived.texts import TextVectors, best_first
 from karma.memory.policies import make_policy
@@ -32,7 +32,7 @@ class KarmaUnits:
         self._units = ShortTermMemory(make_policy(policy))
         self._facts: dict[str, Fact] = {}
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Remember what was handled."""
         if moment.deed is None:
             return
@@ -65,7 +65,7 @@ class KarmaUnits:
         """Nothing is to be kept."""
 
 
-class KarmaFifo(KarmaUnits):
+class KarmaUnitsFifo(KarmaUnits):
     """The paper's FIFO with merging."""
 
     name = "KARMA, FIFO"
@@ -74,7 +74,7 @@ class KarmaFifo(KarmaUnits):
         super().__init__(setting, f"fifo-merge[{setting.units}]")
 
 
-class KarmaWTinyLfu(KarmaUnits):
+class KarmaUnitsWTinyLfu(KarmaUnits):
     """The paper's W-TinyLFU, window 9 and main 1 at ten units."""
 
     name = "KARMA, W-TinyLFU"

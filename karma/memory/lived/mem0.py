@@ -8,7 +8,7 @@ by its id, so no model decides: a new thing is ADD, another place or state is UP
 
 from collections.abc import Sequence
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment
+from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace
 from karma.memory.lived.setting import MemorySetting, sighting_text
 from karma.memory.lived.texts import TextVectors, best_first
 
@@ -28,7 +28,7 @@ class Mem0Style:
         self._facts: dict[str, tuple[int, Fact]] = {}  # by object: number of its text, and it
         self._row_bytes = 4 * setting.embedder.dimension
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Add what is new, and replace what has changed."""
         for seen in moment.seen:
             number = self._texts.number(sighting_text(seen, self._places))

@@ -9,7 +9,7 @@ page of the archive is searched for every question, as no model decides when to.
 from collections import OrderedDict
 from collections.abc import Sequence
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment
+from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace
 from karma.memory.lived.setting import MemorySetting, sighting_text
 from karma.memory.lived.texts import TextVectors, best_first
 
@@ -30,7 +30,7 @@ class MemGptStyle:
         self._archive: list[tuple[int, Fact]] = []
         self._row_bytes = 4 * setting.embedder.dimension
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Write into the main context; what falls out of it, or is overwritten, is archived."""
         for seen in moment.seen:
             number = self._texts.number(sighting_text(seen, self._places))

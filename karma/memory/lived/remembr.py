@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment
+from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace
 from karma.memory.lived.setting import MemorySetting, sighting_text
 from karma.memory.lived.texts import TextVectors, best_first
 
@@ -22,7 +22,7 @@ _IN_CAPTION = 8  # things that a caption names
 
 @dataclass(frozen=True, slots=True)
 class _Caption:
-    moment: Moment
+    moment: HomeMoment
     texts: tuple[int, ...]  # of its parts
 
 
@@ -42,7 +42,7 @@ class ReMEmbRStyle:
         self._bytes = 0
         self._row_bytes = 4 * setting.embedder.dimension
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Caption what is in view."""
         if not moment.seen:
             return

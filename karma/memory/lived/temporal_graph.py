@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from karma.contracts import Deed, Fact, HomeQuestion, LikelyPlace, Moment, Sighting
+from karma.contracts import Deed, Fact, HomeMoment, HomeQuestion, LikelyPlace, Sighting
 from karma.memory.lived.setting import MemorySetting, sighting_text
 from karma.memory.lived.texts import TextVectors, best_first
 
@@ -44,7 +44,7 @@ class TemporalGraph:
         self._current: dict[str, _Edge] = {}
         self._row_bytes = 4 * setting.embedder.dimension
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Confirm edges, or add new ones and end those that they contradict."""
         for seen in moment.seen:
             number = self._texts.number(sighting_text(seen, self._places))

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace, Moment, Said
+from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 from karma.household.places import HAND
 from karma.memory.lived.ageing import Ageing, home_prior, waking_hours
 from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs, doubt_of
-from karma.memory.lived.episodes import MOST_EPISODES, Episode, EpisodeLog
-from karma.memory.lived.history import History
+from karma.memory.lived.episodes import MOST_EPISODES, EpisodeLog, LoggedEpisode
+from karma.memory.lived.history import EpisodeHistory
 from karma.memory.lived.likely import PlaceShares
 from karma.memory.lived.setting import MemorySetting
 
@@ -36,11 +36,11 @@ class TrueMemory:
         folder = setting.folder
         path = None if folder is None else folder / LOG
         self._log = EpisodeLog(path, setting.embedder, setting.places, most_episodes=most_episodes)
-        self._history = History(self._log)
+        self._history = EpisodeHistory(self._log)
         self._looked: dict[str, float] = {}  # place -> when it was looked over last
         self._restore()
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Correct what is believed, and write down what has come about."""
         for place_id in moment.looked_over:
             self._looked[place_id] = moment.time_s
@@ -179,13 +179,13 @@ class TrueMemory:
         return OVERLOOKED + (1.0 - OVERLOOKED) * (1.0 - stays)
 
     def _order(
-        self, belief: Belief, said: Said, ranks: dict[str, int]
+        self, belief: Belief, said: SaidThing, ranks: dict[str, int]
     ) -> tuple[bool, int, bool, float]:
         seen = belief.sighting
         fits = self._fits(belief, said)
         return (not fits, ranks.get(seen.object_type, 0), belief.ended_s is not None, -seen.time_s)
 
-    def _fits(self, belief: Belief, said: Said) -> bool:
+    def _fits(self, belief: Belief, said: SaidThing) -> bool:
         """Return whether states and place of a belief are as said."""
         seen, place = belief.sighting, self._places.get(belief.sighting.place_id or "")
         states = all(
@@ -207,15 +207,15 @@ class TrueMemory:
         return [_told(one, said) for one in found[:k]]
 
 
-def _told(episode: Episode, said: Said) -> Fact:
+def _told(episode: LoggedEpisode, said: SaidThing) -> Fact:
     """Return an episode as a fact, at the latest time of it that was asked for."""
     return Fact(sighting=episode.seen_at(said.before_s), deed=episode.deed)
 
 
-def _meant(said: Said) -> Iterator[str]:
+def _meant(said: SaidThing) -> Iterator[str]:
     best = said.types[0].similarity if said.types else 0.0
     return (one.name for one in said.types if one.similarity >= best - MARGIN)
 
 
-def _ranks(said: Said) -> dict[str, int]:
+def _ranks(said: SaidThing) -> dict[str, int]:
     return {meaning.name: rank for rank, meaning in enumerate(said.types)}

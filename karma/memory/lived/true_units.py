@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from karma.contracts import Fact, HomeQuestion, Moment
+from karma.contracts import Fact, HomeMoment, HomeQuestion
 from karma.memory.lived.policy import NeedTruthCost
 from karma.memory.lived.setting import MemorySetting
 from karma.memory.lived.true_memory import TrueMemory
@@ -24,7 +24,7 @@ class TrueUnits(TrueMemory):
         self._policy = NeedTruthCost(setting.units, self._worth)
         self._now_s = 0.0
 
-    def take_in(self, moment: Moment) -> None:
+    def take_in(self, moment: HomeMoment) -> None:
         """Correct what is believed; then keep what is worth most."""
         self._now_s = moment.time_s
         super().take_in(moment)

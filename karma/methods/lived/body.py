@@ -7,7 +7,7 @@ action each. What it sees is what the world's own sight shows from there.
 
 from collections.abc import Callable, Iterator, Sequence
 
-from karma.contracts import Deed, Moment, Sighting
+from karma.contracts import Deed, HomeMoment, Sighting
 from karma.household.places import HAND
 from karma.methods.lived.home_map import HomeMap, LookSpot
 from karma.world.core.objects import Objects
@@ -30,7 +30,7 @@ class HomeRobot:
     """
 
     def __init__(
-        self, household: Household, home_map: HomeMap, tell: Callable[[Moment], None]
+        self, household: Household, home_map: HomeMap, tell: Callable[[HomeMoment], None]
     ) -> None:
         self.household, self.map, self._tell = household, home_map, tell
         self.at = home_map.start
@@ -65,17 +65,17 @@ class HomeRobot:
             self.at = spot
         return event
 
-    def look(self, looked_over: Sequence[str] = ()) -> Moment:
+    def look(self, looked_over: Sequence[str] = ()) -> HomeMoment:
         """Take note of what is in view."""
         state = self.household.world.state
         seen = tuple(sightings(state, self.map, self.time_s, self._room_of_place))
-        moment = Moment(
+        moment = HomeMoment(
             time_s=self.time_s, room=self.at.room, seen=seen, looked_over=tuple(looked_over)
         )
         self._tell(moment)
         return moment
 
-    def look_at(self, place_id: str, *, until: Callable[[Moment], bool] | None = None) -> bool:
+    def look_at(self, place_id: str, *, until: Callable[[HomeMoment], bool] | None = None) -> bool:
         """Go and look all over a place, opening it if it is shut; True once `until` holds."""
         spots = self.map.spots[place_id]
         order = sorted(spots, key=lambda spot: (self.map.cost(self.at, spot), spot.number))
@@ -171,7 +171,7 @@ class HomeRobot:
             if deed.who == "robot" or deed.room == self.at.room:
                 self._tell(self._moment_of(deed))
 
-    def _moment_of(self, deed: Deed) -> Moment:
+    def _moment_of(self, deed: Deed) -> HomeMoment:
         objects = self.household.world.state.objects
         thing = objects.get(deed.object_id)
         seen: tuple[Sighting, ...] = ()
@@ -189,7 +189,7 @@ class HomeRobot:
                     states=deed.states,
                 ),
             )
-        return Moment(time_s=deed.time_s, room=self.at.room, seen=seen, deed=deed)
+        return HomeMoment(time_s=deed.time_s, room=self.at.room, seen=seen, deed=deed)
 
     def _room_of_place(self, place_id: str | None) -> str:
         place = self.map.places.get(place_id or "")

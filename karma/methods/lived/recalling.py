@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.contracts import Fact, HomeMemory, HomeQuestion, Said, Sighting
+from karma.contracts import Fact, HomeMemory, HomeQuestion, SaidThing, Sighting
 from karma.memory.lived.setting import KnownPlace, sighting_text
 
 MOST_FACTS = 64  # asked of a memory at once
@@ -84,7 +84,7 @@ def recollect(
     return Recollection(facts=tuple(told), tokens=spent)
 
 
-def types_meant(said: Said) -> tuple[str, ...]:
+def types_meant(said: SaidThing) -> tuple[str, ...]:
     """Return the object types that words may mean: the nearest, and what is about as near."""
     if not said.types:
         return ()
@@ -92,13 +92,13 @@ def types_meant(said: Said) -> tuple[str, ...]:
     return tuple(one.name for one in said.types if one.similarity >= best - MARGIN)
 
 
-def is_of_past(said: Said) -> bool:
+def is_of_past(said: SaidThing) -> bool:
     """Return whether a thing is known by what was, not by what is."""
     return bool(said.who or said.action or said.after_s is not None or said.before_s is not None)
 
 
 def fits(
-    fact: Fact, said: Said, places: Mapping[str, KnownPlace], *, beside: str | None = None
+    fact: Fact, said: SaidThing, places: Mapping[str, KnownPlace], *, beside: str | None = None
 ) -> bool:
     """Return whether a fact is about a thing as it was said.
 
@@ -127,7 +127,7 @@ def _has_states(seen: Sighting, states: Iterable[str]) -> bool:
     )
 
 
-def _is_there(seen: Sighting, said: Said, places: Mapping[str, KnownPlace]) -> bool:
+def _is_there(seen: Sighting, said: SaidThing, places: Mapping[str, KnownPlace]) -> bool:
     place = places.get(seen.place_id or "")
     if said.place_types and (place is None or place.place_type not in said.place_types):
         return False
@@ -137,7 +137,7 @@ def _is_there(seen: Sighting, said: Said, places: Mapping[str, KnownPlace]) -> b
     return said.room in (kind, seen.room)
 
 
-def _happened(fact: Fact, said: Said) -> bool:
+def _happened(fact: Fact, said: SaidThing) -> bool:
     """Return whether a fact is of the time, the person and the deed that were said."""
     deed = fact.deed
     if said.who and (deed is None or deed.who != said.who):
@@ -150,7 +150,7 @@ def _happened(fact: Fact, said: Said) -> bool:
     return said.before_s is None or time_s <= said.before_s
 
 
-def plain(question: HomeQuestion, said: Said | None = None) -> HomeQuestion:
+def plain(question: HomeQuestion, said: SaidThing | None = None) -> HomeQuestion:
     """Return the question where a thing is now, without what was said of its past."""
     thing = said or question.thing
     now = replace(

@@ -12,10 +12,10 @@ from karma.contracts import (
     Fact,
     HomeAnswer,
     HomeMemory,
+    HomeMoment,
     HomeQuestion,
     LikelyPlace,
-    Moment,
-    Said,
+    SaidThing,
     Sighting,
 )
 from karma.household.places import HAND
@@ -63,7 +63,7 @@ class Effort:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
+class MeantThing:
     """A thing that a request may mean, as memory knows it."""
 
     object_id: str
@@ -116,7 +116,7 @@ class Server:
         then = said.after_s is not None or said.before_s is not None
         return question.asked == "place" and then and not said.who and not said.action
 
-    def _targets(self, question: HomeQuestion, said: Said) -> list[Target]:
+    def _targets(self, question: HomeQuestion, said: SaidThing) -> list[MeantThing]:
         """Return the things that may be meant, the likeliest first, with where they are."""
         asked = replace(question, thing=said)
         told = self._recall(asked)
@@ -134,10 +134,10 @@ class Server:
         for object_id in ids_of(meant):
             fact = now.latest(object_id) or told.latest(object_id)
             kind = next(f.sighting.object_type for f in meant if f.sighting.object_id == object_id)
-            targets.append(Target(object_id=object_id, object_type=kind, fact=fact))
+            targets.append(MeantThing(object_id=object_id, object_type=kind, fact=fact))
         return targets
 
-    def _place_of(self, question: HomeQuestion, other: Said, said: Said) -> str | None:
+    def _place_of(self, question: HomeQuestion, other: SaidThing, said: SaidThing) -> str | None:
         """Return where another thing is, or was at the time that is said."""
         timed = replace(
             other,
@@ -244,7 +244,7 @@ class Server:
         self._robot.put_down()
         return HomeAnswer(unknown=True)
 
-    def _may_be_searched(self, said: Said) -> bool:
+    def _may_be_searched(self, said: SaidThing) -> bool:
         """Return whether a thing that memory does not know can be told by looking at it."""
         return bool(types_meant(said)) and not is_of_past(said) and said.beside is None
 
@@ -273,7 +273,7 @@ class Server:
         ]
         return sorted(found, key=lambda one: (look_cost(self._robot, one), one))[:4]
 
-    def _beside_now(self, question: HomeQuestion, other: Said) -> str | None:
+    def _beside_now(self, question: HomeQuestion, other: SaidThing) -> str | None:
         """Return where another thing is now, looked for where memory doubts it."""
         targets = self._targets(replace(question, destination=None), other)
         if not targets:
@@ -289,7 +289,7 @@ class Server:
     # ------------------------------------------------------------- looking
 
     def _find(
-        self, question: HomeQuestion, targets: Sequence[Target], budget: int
+        self, question: HomeQuestion, targets: Sequence[MeantThing], budget: int
     ) -> Sighting | None:
         """Look for one of several things; memory learns from every look."""
         said = question.thing
@@ -304,7 +304,7 @@ class Server:
             meant = replace(now.thing, ids=tuple(sorted(known)))
             return self._memory.likely_places(replace(now, thing=meant))
 
-        def is_it(moment: Moment) -> bool:
+        def is_it(moment: HomeMoment) -> bool:
             for seen in moment.seen:
                 if seen.object_id in known or (not known and self._looks_like(seen, said)):
                     found.append(seen)
@@ -322,7 +322,7 @@ class Server:
                 break
         return None
 
-    def _looks_like(self, seen: Sighting, said: Said) -> bool:
+    def _looks_like(self, seen: Sighting, said: SaidThing) -> bool:
         """Return whether a thing in view is as it was said, as far as one can see."""
         return fits(Fact(sighting=seen), said, self._places)
 

@@ -35,7 +35,7 @@ KNOWN_BY = ("PutObject", "PickupObject", "CleanObject", "SliceObject", "DirtyObj
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Draw:
+class _RequestDraw:
     """One try: the home as it is, and the draws."""
 
     view: HomeView
@@ -55,7 +55,7 @@ class _Draw:
 def draw_request(view: HomeView, kind: LivedKind, rng: np.random.Generator) -> LivedRequest | None:
     """Return a request of a kind; None where the home offers none now."""
     last = {seen.object_id: seen for moment in view.seen for seen in moment.seen}
-    draw = _Draw(view=view, rng=rng, last=last)
+    draw = _RequestDraw(view=view, rng=rng, last=last)
     speaker = draw.pick(view.people) or "Ann"
     for _ in range(TRIES):
         found = _KINDS[kind](draw, speaker)
@@ -67,15 +67,15 @@ def draw_request(view: HomeView, kind: LivedKind, rng: np.random.Generator) -> L
 # ----------------------------------------------------------------- the thing itself
 
 
-def _exact(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _exact(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     return _named(draw, speaker, "exact")
 
 
-def _changed(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _changed(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     return _named(draw, speaker, "changed")
 
 
-def _named(draw: _Draw, speaker: str, kind: LivedKind) -> LivedRequest | None:
+def _named(draw: _RequestDraw, speaker: str, kind: LivedKind) -> LivedRequest | None:
     """Ask for the only thing of its type, still there or not."""
     now = draw.view.now
     alone = [
@@ -94,7 +94,7 @@ def _named(draw: _Draw, speaker: str, kind: LivedKind) -> LivedRequest | None:
     return (word and _about(draw, speaker, kind, _the(word), (thing,))) or None
 
 
-def _unseen(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _unseen(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     """Ask for what this home has none of, and whose words fit nothing that it has."""
     types = object_types()
     absent = [
@@ -116,7 +116,7 @@ def _unseen(draw: _Draw, speaker: str) -> LivedRequest | None:
     )  # fmt: skip
 
 
-def _attribute(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _attribute(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     """Ask for the dirty one, or the clean one, of several."""
     name = draw.pick(draw.types)
     if name is None or not object_types()[name].can("dirtyable"):
@@ -136,7 +136,7 @@ def _attribute(draw: _Draw, speaker: str) -> LivedRequest | None:
     return _about(draw, speaker, "attribute", f"the {state} {word}", (fitting[0],))
 
 
-def _place(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _place(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     """Have the one thing of its type that lies at a place brought elsewhere."""
     view = draw.view
     thing = draw.pick([one for one in draw.last.values() if one.object_id in view.now])
@@ -165,7 +165,7 @@ def _place(draw: _Draw, speaker: str) -> LivedRequest | None:
 # ----------------------------------------------------------------- what happened
 
 
-def _witnessed(draw: _Draw) -> list[Deed]:
+def _witnessed(draw: _RequestDraw) -> list[Deed]:
     """Return the deeds of residents that the robot saw on rounds and waits."""
     return [
         moment.deed
@@ -176,7 +176,7 @@ def _witnessed(draw: _Draw) -> list[Deed]:
     ]
 
 
-def _event(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _event(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     """Ask for a thing by what somebody did to it."""
     found = _by_deed(draw, speaker)
     if found is None:
@@ -188,7 +188,7 @@ def _event(draw: _Draw, speaker: str) -> LivedRequest | None:
     return _about(draw, speaker, "event", said, (now,), named=said.startswith("the "))
 
 
-def _by_deed(draw: _Draw, speaker: str) -> tuple[str, Deed] | None:
+def _by_deed(draw: _RequestDraw, speaker: str) -> tuple[str, Deed] | None:
     """Return words for a thing by a deed that picks it out, and the deed."""
     view = draw.view
     deed = draw.pick(_witnessed(draw))
@@ -213,13 +213,13 @@ def _by_deed(draw: _Draw, speaker: str) -> tuple[str, Deed] | None:
     return f"{_the(word)} that {who} {verb} {span.words}", deed
 
 
-def _time(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _time(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     """Ask where a thing was, when somebody had it, or who moved it."""
     which = int(draw.rng.integers(3))
     return (_where_then, _when, _who)[which](draw, speaker)
 
 
-def _where_then(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _where_then(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     view = draw.view
     span = draw.pick([one for one in spans(view.time_s) if one.before_s < view.time_s - ABOUT_S])
     if span is None:
@@ -252,7 +252,7 @@ def _where_then(draw: _Draw, speaker: str) -> LivedRequest | None:
     )  # fmt: skip
 
 
-def _when(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _when(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     view = draw.view
     deed = draw.pick(_witnessed(draw))
     if deed is None or deed.object_id not in view.now:
@@ -279,7 +279,7 @@ def _when(draw: _Draw, speaker: str) -> LivedRequest | None:
     )  # fmt: skip
 
 
-def _who(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _who(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     view = draw.view
     if len(view.people) < 2:
         return None
@@ -306,7 +306,7 @@ def _who(draw: _Draw, speaker: str) -> LivedRequest | None:
 # ----------------------------------------------------------------- several
 
 
-def _count(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _count(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     """Ask how many of a type there are in a room or at a place."""
     view = draw.view
     name = draw.pick(draw.types)
@@ -341,7 +341,7 @@ def _count(draw: _Draw, speaker: str) -> LivedRequest | None:
     )  # fmt: skip
 
 
-def _several(draw: _Draw, speaker: str) -> LivedRequest | None:
+def _several(draw: _RequestDraw, speaker: str) -> LivedRequest | None:
     """Have a thing brought to where another thing is; one of them may be known by a deed."""
     view = draw.view
     other = draw.pick(
@@ -396,7 +396,7 @@ def _several(draw: _Draw, speaker: str) -> LivedRequest | None:
 
 
 def _about(
-    draw: _Draw, speaker: str, kind: LivedKind, said: str, things: tuple[Sighting, ...],
+    draw: _RequestDraw, speaker: str, kind: LivedKind, said: str, things: tuple[Sighting, ...],
     *, named: bool = True,
 ) -> LivedRequest | None:  # fmt: skip
     """Return a question for a thing's place, or an errand with it."""
@@ -412,7 +412,7 @@ def _about(
 
 
 def _errand(
-    draw: _Draw, speaker: str, kind: LivedKind, said: str, things: tuple[Sighting, ...]
+    draw: _RequestDraw, speaker: str, kind: LivedKind, said: str, things: tuple[Sighting, ...]
 ) -> LivedRequest | None:
     """Return an errand with things that are not where they shall go yet."""
     view, thing = draw.view, things[0]
@@ -441,7 +441,7 @@ def _goals(view: HomeView, thing: Sighting) -> list[KnownPlace]:
     ]
 
 
-def _say(draw: _Draw, form: str, **words: str) -> str:
+def _say(draw: _RequestDraw, form: str, **words: str) -> str:
     """Return a sentence of one of the forms."""
     forms = getattr(request_forms(), form).forms
     text = str(forms[int(draw.rng.integers(len(forms)))]).format(**words)
@@ -452,7 +452,7 @@ def _the(word: str) -> str:
     return f"the {word}" if takes_article(word) else word
 
 
-_KINDS: Mapping[LivedKind, Callable[[_Draw, str], LivedRequest | None]] = {
+_KINDS: Mapping[LivedKind, Callable[[_RequestDraw, str], LivedRequest | None]] = {
     "exact": _exact,
     "attribute": _attribute,
     "event": _event,

@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 from functools import cache
 
-from karma.contracts import Asked, Embedder, HomeQuestion, Meaning, Said
+from karma.contracts import Asked, Embedder, HomeQuestion, Meaning, SaidThing
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
 from karma.household.types import object_types
@@ -83,12 +83,12 @@ class Reader:
 
     # ------------------------------------------------------------- parts
 
-    def _thing(self, words: str, speaker: str, span: SaidSpan | None) -> Said:
+    def _thing(self, words: str, speaker: str, span: SaidSpan | None) -> SaidThing:
         """Read what is meant: adjectives, noun, deed, place."""
         noun, who, action = _split_deed(words, speaker)
         noun, at = _split_place(noun)
         states, noun = _split_states(_bare(noun))
-        said = Said(
+        said = SaidThing(
             phrase=_bare(words),
             types=self._types(noun),
             states=states,
@@ -116,12 +116,12 @@ class Reader:
             self._meanings[noun] = found
         return self._meanings[noun]
 
-    def _place(self, words: str) -> Said:
+    def _place(self, words: str) -> SaidThing:
         """Read a place: "the desk in the bedroom", "where the newspaper is"."""
         words = words.strip()
         other = re.fullmatch(r"where (.+?) (?:is|are|lies|stands)", words, re.I)
         if other:
-            return Said(phrase=words, beside=self._thing(other[1], "", None))
+            return SaidThing(phrase=words, beside=self._thing(other[1], "", None))
         room, rest = _split_room(words)
         kind = _types_by_name().get(singular(_bare(rest).lower()))
         if kind is None and rest:
@@ -129,7 +129,7 @@ class Reader:
             kind = next(
                 (one.name for one in near if object_types()[one.name].can("receptacle")), None
             )
-        return Said(phrase=words, place_types=(kind,) if kind else (), room=room)
+        return SaidThing(phrase=words, place_types=(kind,) if kind else (), room=room)
 
 
 def _without_lead(text: str) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from karma.contracts import Asked, Deed, Moment, Sighting
+from karma.contracts import Asked, Deed, HomeMoment, Sighting
 from karma.memory.lived.setting import KnownPlace
 
 LivedKind = Literal[
@@ -51,7 +51,7 @@ class HomeView:
     people: tuple[str, ...]
     places: Mapping[str, KnownPlace]
     log: Sequence[Deed]  # the truth
-    seen: Sequence[Moment]  # what the robot learnt on rounds and waits, whatever its memory
+    seen: Sequence[HomeMoment]  # what the robot learnt on rounds and waits, whatever its memory
     now: Mapping[str, Sighting]  # the truth of movable things
     start: Mapping[str, Sighting]  # the same at the first midnight
     takes: Callable[[str, str], bool]  # whether a place, by id, has room for a thing, by id

@@ -18,11 +18,11 @@ _STEPS = 60  # of the bisection that scales a home's moves
 Span = tuple[float, float]
 
 
-class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class _HabitPart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A part of the table."""
 
 
-class PeopleHabits(_Strict, frozen=True, kw_only=True):
+class PeopleHabits(_HabitPart, frozen=True, kw_only=True):
     """What holds for everybody."""
 
     names: tuple[str, ...]
@@ -38,7 +38,7 @@ class PeopleHabits(_Strict, frozen=True, kw_only=True):
     temper: float
 
 
-class Activity(_Strict, frozen=True, kw_only=True):
+class Activity(_HabitPart, frozen=True, kw_only=True):
     """Something that people do, and where things go by it."""
 
     hours: Span
@@ -48,14 +48,14 @@ class Activity(_Strict, frozen=True, kw_only=True):
     washes: float = 0.0  # chance
 
 
-class TypeHabit(_Strict, frozen=True, kw_only=True):
+class TypeHabit(_HabitPart, frozen=True, kw_only=True):
     """How often things of a type are moved, and as part of what."""
 
     rate: float
     activities: tuple[str, ...] = msgspec.field(name="as")
 
 
-class Habits(_Strict, frozen=True, kw_only=True):
+class Habits(_HabitPart, frozen=True, kw_only=True):
     """All of `habits.toml`."""
 
     people: PeopleHabits

@@ -11,7 +11,7 @@ from karma.contracts import Deed
 from karma.errors import FileError
 from karma.memory.lived.ageing import Ageing, TypePrior, waking_hours
 from karma.memory.lived.beliefs import Beliefs
-from karma.memory.lived.episodes import Episode, EpisodeLog, EpisodeQuery
+from karma.memory.lived.episodes import EpisodeLog, EpisodeQuery, LoggedEpisode
 from karma.memory.lived.setting import sighting_text
 from karma.memory.lived.true_memory import LOG, TrueMemory
 from karma.seeds import stream
@@ -136,8 +136,8 @@ def filled(path, number=60, **more):
                 object_id=f"{kind}|{at}", object_type=kind,
             )  # fmt: skip
         states = ("dirty", "used up") if at % 4 == 0 else ()
-        one = Episode(sighting=seen(f"{kind}|{at}", place, start + 50.0, states), since_s=start,
-                      deed=deed)  # fmt: skip
+        last = seen(f"{kind}|{at}", place, start + 50.0, states)
+        one = LoggedEpisode(sighting=last, since_s=start, deed=deed)
         log.end(log.begin(one), start + 50.0)
         rows.append(one)
     return log, rows
@@ -195,10 +195,10 @@ def test_by_text_the_nearest_come_first_in_both_ways_of_searching(few, monkeypat
 
 def test_retention_keeps_the_newest_and_what_goes_on():
     log = EpisodeLog(None, LetterEmbedder(), PLACES, most_episodes=100)
-    first = log.begin(Episode(sighting=seen("Pen|0", "Desk|1", 0.0), since_s=0.0))
+    first = log.begin(LoggedEpisode(sighting=seen("Pen|0", "Desk|1", 0.0), since_s=0.0))
     for at in range(1_000):
         number = log.begin(
-            Episode(sighting=seen(f"Mug|{at}", "Desk|1", at + 1.0), since_s=at + 1.0)
+            LoggedEpisode(sighting=seen(f"Mug|{at}", "Desk|1", at + 1.0), since_s=at + 1.0)
         )
         log.end(number, at + 1.0)
     kept = dict(log.episodes())
