@@ -21,6 +21,13 @@ from karma.household.uses import (
 ROOMS = ("kitchen", "living", "bedroom", "bathroom")  # kinds of rooms, as scenes are named
 HAND = "hand"  # the place of what the agent holds
 FLOOR = "Floor"
+ON_TOP = frozenset(
+    (
+        "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
+        "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Chair", "Stool", "Ottoman", "Toilet",
+        BURNER, "ToiletPaperHanger", "HandTowelHolder", "TowelHolder", FLOOR, "Footstool",
+    )
+)  # people say that things are on these, and in the others  # fmt: skip
 NEAR_M = 0.5  # "near", between the origins of two things; the paper names none
 SURFACES = (
     "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",

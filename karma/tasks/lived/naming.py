@@ -5,18 +5,11 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from karma.contracts import Sighting
+from karma.household.places import ON_TOP
 from karma.memory.lived.setting import KnownPlace
 from karma.memory.recall import name_in_words
 from karma.tasks.drawing.lexicon import lexicon, pick_common, types_called, unseen_lexicon
 from karma.tasks.lived.request import Words
-
-ON = frozenset(
-    (
-        "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
-        "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Chair", "Stool", "Ottoman", "Toilet",
-        "StoveBurner", "ToiletPaperHanger", "HandTowelHolder", "TowelHolder", "Floor", "Footstool",
-    )
-)  # what things are on, not in  # fmt: skip
 
 
 def thing_word(
@@ -53,7 +46,7 @@ def place_phrase(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:
     >>> place_phrase(here, {"a": here})
     'on the coffee table'
     """
-    return f"{'on' if place.place_type in ON else 'in'} the {_called(place, places)}"
+    return f"{'on' if place.place_type in ON_TOP else 'in'} the {_called(place, places)}"
 
 
 def _called(place: KnownPlace, places: Mapping[str, KnownPlace]) -> str:

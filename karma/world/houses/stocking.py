@@ -6,6 +6,7 @@ from hashlib import blake2b
 import msgspec
 import numpy as np
 
+from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.world.core.placement import find_place
 from karma.world.core.scene import Scene, SceneObject
@@ -42,7 +43,7 @@ def _more(scene: Scene, loose: list[SceneObject], number: int, rng: np.random.Ge
     places = [
         one for one in scene.objects
         if "receptacle" in one.capabilities and "pickupable" not in one.capabilities
-        and "openable" not in one.capabilities and one.type != "Floor"
+        and "openable" not in one.capabilities and one.type != FLOOR
     ]  # fmt: skip
     names = {thing.name for thing in scene.objects}
     added: list[SceneObject] = []

@@ -10,6 +10,7 @@ import numpy as np
 
 from karma.contracts import Vec3
 from karma.errors import FileError
+from karma.household.ids import root_type
 from karma.household.places import FLOOR
 from karma.household.types import Capability, ObjectType, object_types
 from karma.household.uses import BASIN_OF, BURNER, FRIDGE, KNOB
@@ -96,7 +97,7 @@ class HouseThings:
 
     def _type(self, told: HouseThing) -> str:
         asset = self.assets.get(told.asset_id)
-        return (asset and asset.object_type) or told.id.partition("|")[0]
+        return (asset and asset.object_type) or root_type(told.id)
 
     def _room(self, key: str, told: HouseThing) -> int:
         """Return the number of the room that a thing is in, or nearest to."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from karma.contracts import Deed, Pose, Sighting
 from karma.errors import KarmaError
+from karma.household.ids import type_of
 from karma.household.places import FLOOR, HAND
 from karma.household.types import object_types
 from karma.seeds import stream
@@ -156,7 +157,7 @@ class Household:
         moves = []
         for (object_id, _), count in zip(rates.items(), counts.tolist(), strict=True):
             for _ in range(min(count, 12)):
-                names = table.types[object_id.partition("|")[0]].activities
+                names = table.types[type_of(object_id)].activities
                 name = names[int(rng.integers(len(names)))]
                 hour = float(rng.uniform(*table.activities[name].hours))
                 draws = tuple(rng.random(8).tolist())
