@@ -16,6 +16,7 @@ from karma.memory.lived.setting import sighting_text
 from karma.memory.lived.texts import query_text
 from karma.memory.policies import make_policy
 from tests.support.lived import PLACES, LetterEmbedder, moment, seen, setting, where
+from tests.support.paths import ROOT
 
 KINDS = ("Mug", "Book", "Apple")
 FOREIGN = [name for name in DESIGNS if not name.startswith("ours")]
@@ -112,7 +113,7 @@ for name in DESIGNS:
 def test_what_is_told_does_not_hang_on_the_seed_of_hashes():
     outputs = [
         subprocess.run(
-            [sys.executable, "-c", HASHED], capture_output=True, text=True, check=True,
+            [sys.executable, "-c", HASHED], capture_output=True, text=True, check=True, cwd=ROOT,
             env={**os.environ, "PYTHONHASHSEED": seed},
         ).stdout
         for seed in ("1", "2")
@@ -217,33 +218,32 @@ def test_the_graph_puts_the_named_type_before_a_text_that_is_only_near():
 # ----------------------------------------------------------------- ReMEmbR
 
 
-def hourly(hours, odd, place="CounterTop|1"):
-    """Return a mug on the desk at every hour but one."""
+def hourly(odd=None):
+    """Return the same mug on the desk at each of 40 hours, or at one of them elsewhere."""
     return [
-        moment(3600.0 * hour, seen("Mug|1", place if hour == odd else "Desk|1", 3600.0 * hour))
-        for hour in range(hours)
+        moment(3600.0 * hour, seen("Mug|1", "CoffeeTable|1" if hour == odd else "Desk|1", time_s))
+        for hour, time_s in ((hour, 3600.0 * hour) for hour in range(40))
     ]
 
 
-@pytest.mark.parametrize("odd", [3, 11, 29])
-def test_only_the_search_by_time_finds_one_hour_of_many(odd):
-    # a view of many things, so that the text alone does not favour the odd hour
-    moments = hourly(40, odd, place="Shelf|1")
-    span = {"after_s": 3600.0 * odd - 60, "before_s": 3600.0 * odd + 60}
-    timed = shown(told("remembr", moments, where("Mug", 2e5, **span)))
-    assert 3600.0 * odd in [one.time_s for one in timed]
-    hours = {one.time_s for one in shown(told("remembr", hourly(40, -1), where("Mug", 2e5)))}
-    assert 3600.0 * odd not in hours  # the search by text alone tells the newest
+@pytest.mark.parametrize("hour", [3, 11, 29])
+def test_only_the_search_by_time_finds_one_hour_of_equal_views(hour):
+    span = {"after_s": 3600.0 * hour - 60, "before_s": 3600.0 * hour + 60}
+    timed = [one.time_s for one in shown(told("remembr", hourly(), where("Mug", 2e5, **span)))]
+    untimed = [one.time_s for one in shown(told("remembr", hourly(), where("Mug", 2e5)))]
+    assert 3600.0 * hour in timed
+    assert untimed == [3600.0 * late for late in range(39, 39 - CAPTIONS, -1)]
 
 
 def test_the_search_by_place_finds_a_room_that_the_text_does_not():
-    moments = hourly(40, 4, place="CoffeeTable|1")
-    there = shown(told("remembr", moments, where("Mug", 2e5, room="living")))
+    near = shown(told("remembr", hourly(odd=4), where("Mug", 2e5)))
+    there = shown(told("remembr", hourly(odd=4), where("Mug", 2e5, room="living")))
+    assert "CoffeeTable|1" not in [one.place_id for one in near]
     assert "CoffeeTable|1" in [one.place_id for one in there]
 
 
 def test_each_search_returns_so_many_captions():
-    found = shown(told("remembr", hourly(40, -1), where("Mug", 2e5)))
+    found = shown(told("remembr", hourly(), where("Mug", 2e5)))
     assert len(found) == CAPTIONS
 
 
