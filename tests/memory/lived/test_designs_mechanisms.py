@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -180,9 +181,9 @@ def intervals(moments):
 
 
 @settings(max_examples=60, deadline=None)
-@given(moments=rounds(), window=st.tuples(st.integers(0, 1200), st.integers(0, 1200)))
+@given(moments=rounds(), window=st.tuples(st.integers(0, 20), st.integers(0, 20)))
 def test_the_graph_tells_the_edges_whose_interval_meets_the_time_that_was_said(moments, window):
-    after, before = float(min(window)), float(max(window))
+    after, before = 60.0 * min(window), 60.0 * max(window)
     found = shown(
         told("temporal-graph", moments, where("Mug", 1e6, after_s=after, before_s=before))
     )
@@ -209,10 +210,36 @@ def test_an_edge_that_was_ended_is_kept_with_its_end():
     assert {fact.deed.who for fact in facts} == {"Ann", "Ben"}
 
 
-def test_the_graph_puts_the_named_type_before_a_text_that_is_only_near():
-    moments = [moment(1.0, seen("Mugwort|1", "Shelf|1", 1.0)),
-               moment(2.0, seen("Mug|1", "Desk|1", 2.0))]  # fmt: skip
+def test_the_graph_puts_the_named_type_before_a_text_that_is_nearer():
+    near = seen("Mugmug|1", "Desk|1", 1.0)
+    meant = seen("Mug|1", "CoffeeTable|1", 2.0, ("dirty",))
+    assert cosine(near, QUESTION) > cosine(meant, QUESTION)
+    moments = [moment(1.0, near), moment(2.0, meant)]
     assert told("temporal-graph", moments, QUESTION)[0].sighting.object_id == "Mug|1"
+    assert told("mem0", moments, QUESTION)[0].sighting.object_id == "Mugmug|1"
+
+
+def moved_between_twins(name):
+    """Return a memory of a mug that was moved between two counters of one kitchen."""
+    twin = replace(PLACES["CounterTop|1"], place_id="CounterTop|2")
+    memory = DESIGNS[name](replace(setting(), places={**PLACES, "CounterTop|2": twin}))
+    first = seen("Mug|1", "CounterTop|1", 1.0)
+    memory.take_in(moment(1.0, first))
+    memory.take_in(moment(9.0, replace(first, time_s=9.0, place_id="CounterTop|2")))
+    return memory
+
+
+@pytest.mark.parametrize("name", ["mem0", "temporal-graph", "last-seen"])
+def test_places_of_one_name_in_one_room_are_told_apart(name):
+    memory = moved_between_twins(name)
+    assert [one.place_id for one in shown(memory.recall(QUESTION, 9))] == ["CounterTop|2"]
+
+
+@pytest.mark.parametrize("name", ["temporal-graph", "append-only"])
+def test_the_first_of_two_places_of_one_name_is_still_told_of_the_past(name):
+    then = where("Mug", 1e6, after_s=0.0, before_s=5.0)
+    first = [one for one in shown(moved_between_twins(name).recall(then, 9)) if one.time_s <= 5.0]
+    assert [one.place_id for one in first] == ["CounterTop|1"]
 
 
 # ----------------------------------------------------------------- ReMEmbR
@@ -288,8 +315,13 @@ def test_units_are_what_the_policy_keeps_of_what_was_handled(name, policy, handl
         keys.touch(f"Mug|{number}")
         moments.append(put(f"Mug|{number}", "Desk|1", float(time_s)))
         moments.append(moment(float(time_s), seen("Book|1", "Shelf|1", float(time_s))))
-    found = [one.object_id for one in shown(told(name, moments, QUESTION, units=units))]
+    memory, single = made(name, units=units), made(name, units=units)
+    for one in moments:
+        memory.take_in(one)
+    single.take_in(put("Mug|0", "Desk|1", 0.0))
+    found = [one.object_id for one in shown(memory.recall(QUESTION, OPEN_ENDED))]
     assert sorted(found) == sorted(keys)
+    assert memory.size_bytes() == len(keys) * single.size_bytes()
 
 
 @pytest.mark.parametrize("name", ["karma-fifo", "karma-wtinylfu"])
