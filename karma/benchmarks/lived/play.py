@@ -1,6 +1,7 @@
 """Live one home with one memory, day by day, and say what came of every request."""
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 
 from karma.benchmarks.benchmark import Chain
@@ -12,7 +13,7 @@ from karma.contracts import Embedder, HomeMemory, HomeMoment, Sighting
 from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import MemorySetting
 from karma.methods.lived.body import HomeRobot, sighting_of
-from karma.methods.lived.home_map import HomeMap
+from karma.methods.lived.home_map import HomeMap, LookSpot
 from karma.methods.lived.recalling import types_meant
 from karma.methods.lived.serve import Server
 from karma.seeds import stream
@@ -26,21 +27,74 @@ from karma.tasks.lived import (
     room_right,
 )
 from karma.world.core.placement import find_place
-from karma.world.core.scene import Scene
 from karma.world.core.thing import is_inert
 from karma.world.houses import build_home
 from karma.world.residents import Household
 
-TOUR_H = 6.0  # of the first day: the robot gets to know the home
+TOUR_H = 6.0  # of the first day, when the tour begins
 
 
-@lru_cache(maxsize=4)
-def home_of(spec: HomeSpec, seed: int) -> tuple[Scene, HomeMap]:
-    """Return a home and the robot's map of its furniture; the same for all rows."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TouredHome:
+    """A home after the first tour of the robot, which is the same for every row."""
+
+    map: HomeMap
+    household: Household  # to be forked
+    at: LookSpot
+    actions: int
+    start: dict[str, Sighting]  # where all things were before
+    moments: tuple[HomeMoment, ...]  # that the tour showed
+
+
+@lru_cache(maxsize=2)
+def toured(spec: HomeSpec, seed: int) -> TouredHome:
+    """Return a home whose robot has looked at and into everything once, before the first day."""
     scene = build_home(
         spec.rooms, seed + spec.number, name=f"home_{spec.number}", things=spec.setting.things
     )
-    return scene, HomeMap(scene)
+    home, household = HomeMap(scene), Household(
+        scene, seed=seed + spec.number, people=spec.people(seed),
+        disturbance=spec.setting.disturbance,
+    )  # fmt: skip
+    moments: list[HomeMoment] = []
+    robot = HomeRobot(household, home, moments.append)
+    start = positions(household, home)
+    robot.wait(TOUR_H * HOUR_S)
+    for place_id in near_order(robot, tuple(home.places)):
+        robot.look_at(place_id)
+    return TouredHome(
+        map=home,
+        household=household,
+        at=robot.at,
+        actions=robot.actions,
+        start=start,
+        moments=tuple(moments),
+    )
+
+
+def positions(household: Household, home: HomeMap) -> dict[str, Sighting]:
+    """Return where every movable thing is, by the furniture that it is in or on."""
+
+    def room_of(place_id: str | None) -> str:
+        place = home.places.get(place_id or "")
+        return place.room if place is not None else ""
+
+    state = household.world.state
+    return {
+        thing.id: sighting_of(state, thing, home, household.clock_s, room_of)
+        for thing in state.objects.values()
+        if "pickupable" in thing.capabilities and not is_inert(thing)
+    }
+
+
+def near_order(robot: HomeRobot, place_ids: tuple[str, ...]) -> Iterator[str]:
+    """Yield places, each the nearest from where the robot then stands."""
+    left, spots = list(place_ids), robot.map.spots
+    while left:
+        costs = robot.map.costs_from(robot.at)
+        best = min(left, key=lambda one: (min(costs[s.number] for s in spots[one]), one))
+        left.remove(best)
+        yield best
 
 
 class HomeLife:
@@ -61,29 +115,22 @@ class HomeLife:
     ) -> None:  # fmt: skip
         self._experiment, self._row, self._spec, self._seed = experiment, row, spec, seed
         self._reader = reader
-        scene, self._map = home_of(spec, seed)
-        self._people = spec.people(seed)
-        self._household = Household(
-            scene, seed=seed + spec.number, people=self._people,
-            disturbance=spec.setting.disturbance,
-        )  # fmt: skip
+        home = toured(spec, seed)
+        self._map, self._start, self._people = home.map, home.start, spec.people(seed)
+        self._household = home.household.fork()
         self._robot = HomeRobot(self._household, self._map, self._told)
-        self._start = self.now()
+        self._robot.at, self._robot.actions = home.at, home.actions
         self._memory = self._made(embedder)
         self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
         self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row
         self._serving = False
         self._rooms = tuple(self._map.in_rooms())
-        self._tour()
+        for moment in home.moments:
+            self._told(moment)
 
     def now(self) -> dict[str, Sighting]:
         """Return where every movable thing is."""
-        state = self._household.world.state
-        return {
-            thing.id: sighting_of(state, thing, self._map, self._household.clock_s, self._room_of)
-            for thing in state.objects.values()
-            if "pickupable" in thing.capabilities and not is_inert(thing)
-        }
+        return positions(self._household, self._map)
 
     def day(self, day: int) -> LivedRecord:
         """Live one day."""
@@ -149,31 +196,11 @@ class HomeLife:
         if not self._serving:
             self._scheduled.append(moment)
 
-    def _room_of(self, place_id: str | None) -> str:
-        place = self._map.places.get(place_id or "")
-        return place.room if place is not None else ""
-
-    def _tour(self) -> None:
-        """Look at and into everything once, before the first day begins."""
-        self._robot.wait(TOUR_H * HOUR_S)
-        for place_id in self._near_order(tuple(self._map.places)):
-            self._robot.look_at(place_id)
-
-    def _near_order(self, place_ids: tuple[str, ...]) -> Iterator[str]:
-        left = list(place_ids)
-        while left:
-            costs = self._map.costs_from(self._robot.at)
-            best = min(
-                left, key=lambda one: (min(costs[s.number] for s in self._map.spots[one]), one)
-            )
-            left.remove(best)
-            yield best
-
     def _round(self) -> int:
         """Walk through all rooms and look at all open furniture; return the actions."""
         before = self._robot.actions
         shown = tuple(one for one, place in self._map.places.items() if not place.openable)
-        for place_id in self._near_order(shown):
+        for place_id in near_order(self._robot, shown):
             self._robot.look_at(place_id)
         return self._robot.actions - before
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from functools import cached_property
 from itertools import compress
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,17 @@ from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
 from karma.world.core.holes import holes_by_row
 from karma.world.core.objects import Change, Derived, Objects
 from karma.world.core.rules import rules
-from karma.world.core.thing import ground, heading
+from karma.world.core.scene import SceneObject
+from karma.world.core.thing import ground, heading, is_inert
+
+K = TypeVar("K")
 
 CAMERA_M = 0.675  # above the agent's origin
 CROUCH_M = 0.22  # lower when crouching
 BEYOND_M = 0.5  # how much farther than its reach across the floor the agent sees things
 _BODY_TOP_M = 0.9  # of the agent's capsule, above its origin
-_MOST_VANTAGES = 256  # places remembered; a few kilobytes each
+_MOST_VANTAGES = 256  # places remembered of one moment; a few kilobytes each
+_MOST_LOOKS = 4_096  # remembered of all moments
 _PULL = (-0.85, 0.0, 0.85)
 SAMPLES = np.array([(x, y, z) for x in _PULL for y in _PULL for z in _PULL])  # of the half sizes
 
@@ -109,6 +113,44 @@ def _no_vantages(objects: Objects) -> dict[_Place, _Vantage]:
 
 
 _vantages = Derived(_no_vantages, patch=_out_of_reach)  # filled as places are looked from
+
+_Mark = tuple[object, ...]  # of what sight depends on in one object
+
+
+def _mark(thing: SceneObject) -> _Mark:
+    return (
+        thing.center, thing.size, thing.parents, thing.openness > 0, is_inert(thing),
+        thing.is_picked_up,
+    )  # fmt: skip
+
+
+def _marked_again(before: Objects, known: list[_Mark], change: Change) -> list[_Mark]:
+    if not change.aspects and not change.moved:
+        return known
+    found = known.copy()
+    for _, thing in change.pairs:
+        found[before.rows[thing.id]] = _mark(thing)
+    return found
+
+
+_marks = Derived(lambda objects: [_mark(one) for one in objects.values()], patch=_marked_again)
+
+
+class _Look(NamedTuple):
+    """A place to look from, and how all that stands in reach is arranged."""
+
+    place: _Place
+    held: frozenset[str]
+    rows: tuple[int, ...]
+    marks: tuple[_Mark, ...]
+
+
+def _no_looks(objects: Objects) -> dict[_Look, _Vantage]:
+    return {}
+
+
+# Looks of all moments of a world, and of worlds that went on from one of them: as before, as seen.
+_looks = Derived(_no_looks, patch=lambda before, known, change: known)
 
 
 def camera(pose: Pose) -> Vec3:
@@ -245,10 +287,28 @@ def _vantage(
     known = _vantages(objects)
     found = known.get(key)
     if found is None:
-        if len(known) >= _MOST_VANTAGES:
-            del known[next(iter(known))]
-        found = known[key] = _look_round(objects, pose, held, visibility_m, walls)
+        look = _look_of(objects, key, held)
+        seen = _looks(objects)
+        found = seen.get(look)
+        if found is None:
+            found = _look_round(objects, pose, held, visibility_m, walls)
+            _remember(seen, look, found, _MOST_LOOKS)
+        _remember(known, key, found, _MOST_VANTAGES)
     return found
+
+
+def _look_of(objects: Objects, place: _Place, held: frozenset[str]) -> _Look:
+    (x, _, z), reach_m = place[1], math.sqrt(2) * (place[2] + BEYOND_M) + 0.01
+    rows = tuple(np.flatnonzero(across(objects, x, z) <= reach_m).tolist())
+    marks = _marks(objects)
+    return _Look(place, held, rows, tuple(marks[row] for row in rows))
+
+
+def _remember(table: dict[K, _Vantage], key: K, vantage: _Vantage, most: int) -> None:
+    """Write a vantage down; the oldest makes room."""
+    if len(table) >= most:
+        del table[next(iter(table))]
+    table[key] = vantage
 
 
 def _look_round(

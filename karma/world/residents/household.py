@@ -6,6 +6,7 @@ world's own actions; what the world refuses does not happen and is counted.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -99,6 +100,14 @@ class Household:
         self._usual = {one.id: one.parents[0] for one in scene.objects if one.parents}
         self._waiting: list[_Move] = []  # the last one first
         self._drawn_days = 0
+
+    def fork(self) -> "Household":
+        """Return the same home at the same moment, that goes on by itself."""
+        other = copy(self)
+        other.world = copy(self.world)  # moments are frozen: each goes on with its own
+        other.log, other._waiting = self.log.copy(), self._waiting.copy()
+        other._rooms = self._rooms.copy()
+        return other
 
     def until(self, time_s: float) -> tuple[Deed, ...]:
         """Let people live until a time; return what they did, in order."""
