@@ -642,7 +642,8 @@ class HomeMoment:
     time_s: float
     room: str  # that the robot is in
     seen: tuple[Sighting, ...] = ()
-    looked_over: tuple[str, ...] = ()  # receptacles of which it now sees all that is in or on them
+    looked_over: tuple[str, ...] = ()  # receptacles of which it has seen all that is in or on them
+    looked_since_s: float | None = None  # since when; None: in this one view
     deed: Deed | None = None  # its own, or a resident's that it saw
 
 

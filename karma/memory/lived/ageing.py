@@ -23,6 +23,7 @@ DAY_S, HOUR_S = 86_400.0, 3_600.0
 WAKING_H = (6.5, 23.0)  # hours in which people move things
 AT_NIGHT = 0.02  # of an hour, what an hour of the night counts
 HOME = 8.0  # moves that the priors are worth against how busy this home is
+_SURE = 0.005  # chances are kept so far from 0 and 1
 OWN = 12.0  # waking hours of evidence that a type's rate is worth for one thing of it
 _DAY_H = WAKING_H[1] - WAKING_H[0] + (24.0 - WAKING_H[1] + WAKING_H[0]) * AT_NIGHT
 
@@ -35,11 +36,30 @@ class TypePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     places: dict[str, float]  # "kitchen/Cabinet": share of the time in such places
 
 
+class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What being asked for says about a thing: people ask for what they do not find.
+
+    The chance that a thing is where it was seen is a logistic function of the chance by its age.
+    """
+
+    shift: float = 0.0
+    slope: float = 1.0
+
+    def chance(self, aged: float) -> float:
+        """Return the chance of a thing that is asked for.
+
+        >>> round(Asked(shift=0.0, slope=1.0).chance(0.8), 3)
+        0.8
+        """
+        odds = math.log(max(aged, _SURE) / max(1.0 - aged, _SURE))
+        return 1.0 / (1.0 + math.exp(-(self.shift + self.slope * odds)))
+
+
 class HomePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All of `prior.json`."""
 
     homes: int  # that it was fitted on
-    asked: float = 0.0  # chance that what is asked for was moved, whatever its age says
+    asked: dict[str, Asked] = {}  # by how a thing is asked for, see `true_memory`
     types: dict[str, TypePrior]
 
 

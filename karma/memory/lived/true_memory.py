@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 from karma.household.places import HAND
-from karma.memory.lived.ageing import Ageing, home_prior, waking_hours
+from karma.memory.lived.ageing import Ageing, Asked, HomePrior, home_prior, waking_hours
 from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs, doubt_of
 from karma.memory.lived.episodes import MOST_EPISODES, EpisodeLog, LoggedEpisode
 from karma.memory.lived.history import EpisodeHistory
@@ -13,6 +13,8 @@ from karma.memory.lived.setting import MemorySetting
 
 MARGIN = 0.03  # below the best meaning, within which another type may be meant as well
 OTHERS = 0.08  # chance that is left for places of no opinion
+ELSEWHERE = 0.05  # what a place counts that is not of the kind that was said
+AS_AGED = Asked()
 LOG = "episodes.sqlite"
 
 
@@ -22,12 +24,19 @@ class TrueMemory:
     Args:
         setting: of the home.
         most_episodes: closed ones that its log keeps.
+        prior: what is known of homes before one is known; None: of the training homes.
     """
 
     name = "ours"
 
-    def __init__(self, setting: MemorySetting, *, most_episodes: int = MOST_EPISODES) -> None:
-        prior = home_prior()
+    def __init__(
+        self,
+        setting: MemorySetting,
+        *,
+        most_episodes: int = MOST_EPISODES,
+        prior: HomePrior | None = None,
+    ) -> None:
+        prior = prior or home_prior()
         self._places = setting.places
         self._ageing = Ageing(prior.types)
         self._asked = prior.asked
@@ -65,7 +74,7 @@ class TrueMemory:
             belief for belief in self._beliefs if not ranks or belief.sighting.object_type in ranks
         ]
         found.sort(key=lambda one: self._order(one, said, ranks))
-        asked = 0.0 if question.asked == "count" else self._asked
+        asked = AS_AGED if question.asked == "count" else self._asked_for(said, found=said.ids)
         return [self._fact(belief, question.time_s, asked) for belief in found[:k]]
 
     def likely_places(self, question: HomeQuestion) -> Sequence[LikelyPlace]:
@@ -87,11 +96,15 @@ class TrueMemory:
         left = 1.0
         if len(mine) == 1 and mine[0].ended_s is None:
             place_id = mine[0].sighting.place_id or ""
-            chances[place_id] = self._stays(mine[0], question.time_s, self._asked)
+            asked = self._asked_for(said)
+            chances[place_id] = self._holds(mine[0], question.time_s, asked)
             left -= chances[place_id]
+            shares.pop(place_id, None)
         since = mine[0].sighting.time_s if len(mine) == 1 else 0.0
         open_to = {
-            place_id: share * self._unseen(ids, kind, place_id, since, question.time_s)
+            place_id: share
+            * self._unseen(ids, kind, place_id, since, question.time_s)
+            * (1.0 if self._is_said(place_id, said) else ELSEWHERE)
             for place_id, share in shares.items()
         }
         scale = left * (1.0 - OTHERS) / max(sum(open_to.values()), 1e-9)
@@ -141,27 +154,30 @@ class TrueMemory:
 
     # ------------------------------------------------------------- now
 
-    def _fact(self, belief: Belief, time_s: float, asked: float) -> Fact:
+    def _fact(self, belief: Belief, time_s: float, asked: Asked) -> Fact:
         if belief.ended_s is not None:
             return Fact(sighting=belief.sighting, deed=belief.deed, ended_s=belief.ended_s)
         return Fact(
             sighting=belief.sighting, deed=belief.deed, holds=self._holds(belief, time_s, asked)
         )
 
-    def _stays(self, belief: Belief, time_s: float, asked: float) -> float:
-        """Return the chance that a thing that is asked for was not moved since it was seen.
-
-        People ask for what they do not find: with a chance that comes with the prior it has been
-        moved, whatever its age says.
-        """
-        return self._beliefs.chance(belief, time_s) * (1.0 - asked)
-
-    def _holds(self, belief: Belief, time_s: float, asked: float) -> float:
+    def _holds(self, belief: Belief, time_s: float, asked: Asked) -> float:
         """Return the chance that a thing is where it was seen: not moved, or back there."""
         seen = belief.sighting
-        stays = self._stays(belief, time_s, asked)
+        stays = self._beliefs.chance(belief, time_s)
         share = self._shares.of([seen.object_id], seen.object_type).get(seen.place_id or "", 0.0)
-        return stays + (1.0 - stays) * share
+        return asked.chance(stays + (1.0 - stays) * share)
+
+    def _asked_for(self, said: SaidThing, *, found: Sequence[str] = ()) -> Asked:
+        """Return what it says about a thing that it is asked for in these words.
+
+        Where its place is said, it is most likely there; of what is asked for by its name alone,
+        much has moved; what was found by more than its name is between the two.
+        """
+        if found or is_described(said):
+            return self._asked.get("described", AS_AGED)
+        told = bool(said.place_types or said.room)
+        return self._asked.get("told" if told else "named", AS_AGED)
 
     def _unseen(
         self, ids: Sequence[str], kind: str, place_id: str, since_s: float, time_s: float
@@ -187,14 +203,19 @@ class TrueMemory:
 
     def _fits(self, belief: Belief, said: SaidThing) -> bool:
         """Return whether states and place of a belief are as said."""
-        seen, place = belief.sighting, self._places.get(belief.sighting.place_id or "")
+        seen = belief.sighting
         states = all(
             state in seen.states or (state == "cleaned" and "dirty" not in seen.states)
             for state in said.states
         )
+        return states and self._is_said(belief.sighting.place_id, said)
+
+    def _is_said(self, place_id: str | None, said: SaidThing) -> bool:
+        """Return whether a place is of the kind, and in the room, that was said."""
+        place = self._places.get(place_id or "")
         there = not said.place_types or (place and place.place_type in said.place_types)
         room = not said.room or (place is not None and said.room in (place.room_kind, place.room))
-        return bool(states and there and room)
+        return bool(there and room)
 
     # ------------------------------------------------------------- then
 
@@ -210,6 +231,12 @@ class TrueMemory:
 def _told(episode: LoggedEpisode, said: SaidThing) -> Fact:
     """Return an episode as a fact, at the latest time of it that was asked for."""
     return Fact(sighting=episode.seen_at(said.before_s), deed=episode.deed)
+
+
+def is_described(said: SaidThing) -> bool:
+    """Return whether a thing is known by a deed, a time, a state, or what it was beside."""
+    past = said.who or said.action or said.after_s is not None or said.before_s is not None
+    return bool(past or said.states or said.beside is not None)
 
 
 def _meant(said: SaidThing) -> Iterator[str]:

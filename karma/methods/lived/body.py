@@ -65,13 +65,14 @@ class HomeRobot:
             self.at = spot
         return event
 
-    def look(self, looked_over: Sequence[str] = ()) -> HomeMoment:
-        """Take note of what is in view."""
+    def look(self, looked_over: Sequence[str] = (), since_s: float | None = None) -> HomeMoment:
+        """Take note of what is in view, and of the places that were looked over since a time."""
         state = self.household.world.state
         seen = tuple(sightings(state, self.map, self.time_s, self._room_of_place))
         moment = HomeMoment(
-            time_s=self.time_s, room=self.at.room, seen=seen, looked_over=tuple(looked_over)
-        )
+            time_s=self.time_s, room=self.at.room, seen=seen, looked_over=tuple(looked_over),
+            looked_since_s=since_s,
+        )  # fmt: skip
         self._tell(moment)
         return moment
 
@@ -79,13 +80,15 @@ class HomeRobot:
         """Go and look all over a place, opening it if it is shut; True once `until` holds."""
         spots = self.map.spots[place_id]
         order = sorted(spots, key=lambda spot: (self.map.cost(self.at, spot), spot.number))
-        for number, spot in enumerate(order):
+        began_s, reached = self.time_s, 0
+        for spot in order:
             if not self.go(spot):
                 continue
+            reached += 1
             opened = self.is_shut(place_id) and self._act("OpenObject", objectId=place_id)
-            all_of_it = number == len(order) - 1 and not self.is_shut(place_id)
             shows = place_id in self.household.world.state.sight.visible
-            moment = self.look((place_id,) if all_of_it and shows else ())
+            all_of_it = reached == len(order) and shows and not self.is_shut(place_id)
+            moment = self.look((place_id,) if all_of_it else (), began_s)
             if until is not None and until(moment):
                 return True
             if opened:

@@ -126,7 +126,8 @@ class Server:
         meant = [fact for fact in told.facts if fits(fact, said, self._places, beside=beside)]
         if is_of_past(said):
             meant.sort(key=lambda fact: -fact.sighting.time_s)
-            now = self._recall(plain(asked, said)) if meant else told
+            found = replace(said, ids=ids_of(meant))
+            now = self._recall(plain(asked, found)) if meant else told
         else:
             meant = [fact for fact in meant if told.latest(fact.sighting.object_id) in (fact, None)]
             now = told
@@ -275,13 +276,14 @@ class Server:
 
     def _beside_now(self, question: HomeQuestion, other: SaidThing) -> str | None:
         """Return where another thing is now, looked for where memory doubts it."""
-        targets = self._targets(replace(question, destination=None), other)
+        asked = replace(question, thing=other, destination=None)
+        targets = self._targets(asked, other)
         if not targets:
             return None
         fact = targets[0].fact
-        if fact is not None and not self._looks_first(question, fact):
+        if fact is not None and not self._looks_first(asked, fact):
             return fact.sighting.place_id
-        seen = self._find(question, targets[:1], self._settings.budget_looks)
+        seen = self._find(asked, targets[:1], self._settings.budget_looks)
         if seen is not None:
             return seen.place_id
         return None if fact is None else fact.sighting.place_id
@@ -300,9 +302,9 @@ class Server:
         found: list[Sighting] = []
 
         def likely() -> Sequence[LikelyPlace]:
-            now = replace(plain(question), time_s=self._robot.time_s)
-            meant = replace(now.thing, ids=tuple(sorted(known)))
-            return self._memory.likely_places(replace(now, thing=meant))
+            meant = replace(said, ids=tuple(sorted(known)))
+            now = replace(question, thing=meant, time_s=self._robot.time_s)
+            return self._memory.likely_places(now)
 
         def is_it(moment: HomeMoment) -> bool:
             for seen in moment.seen:
