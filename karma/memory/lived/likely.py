@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from karma.memory.lived.ageing import HomePrior, TypePrior
 from karma.memory.lived.setting import KnownPlace
 
-OWN_VISIT, LIKE_VISIT, PRIOR = 1.0, 0.35, 1.5  # what one counts against another
+OWN_VISIT, LIKE_VISIT, PRIOR = 1.0, 0.15, 4.0  # what one counts against another
 _SPREAD = 0.15  # of the prior, over all places of the home
 
 

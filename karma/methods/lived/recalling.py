@@ -128,13 +128,18 @@ def _has_states(seen: Sighting, states: Iterable[str]) -> bool:
 
 
 def _is_there(seen: Sighting, said: SaidThing, places: Mapping[str, KnownPlace]) -> bool:
-    place = places.get(seen.place_id or "")
-    if said.place_types and (place is None or place.place_type not in said.place_types):
+    if seen.place_id is not None and seen.place_id in places:
+        return is_said_place(seen.place_id, said, places)
+    kind = seen.room.rpartition("_")[0]
+    return not said.place_types and (not said.room or said.room in (kind, seen.room))
+
+
+def is_said_place(place_id: str, said: SaidThing, places: Mapping[str, KnownPlace]) -> bool:
+    """Return whether furniture is of the kind, and in the room, that was said."""
+    place = places.get(place_id)
+    if place is None or (said.place_types and place.place_type not in said.place_types):
         return False
-    if not said.room:
-        return True
-    kind = place.room_kind if place is not None else seen.room.rpartition("_")[0]
-    return said.room in (kind, seen.room)
+    return not said.room or said.room in (place.room_kind, place.room)
 
 
 def _happened(fact: Fact, said: SaidThing) -> bool:

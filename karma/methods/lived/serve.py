@@ -25,6 +25,7 @@ from karma.methods.lived.recalling import (
     fits,
     ids_of,
     is_of_past,
+    is_said_place,
     plain,
     recollect,
     types_meant,
@@ -208,22 +209,35 @@ class Server:
         return HomeAnswer(time_s=seen_s)
 
     def _count(self, question: HomeQuestion) -> HomeAnswer:
-        """Count what memory believes to be there; a look may miss some, so none is made."""
-        facts = self._said_there(question)
+        """Count what memory believes to be there, and what is lost and most likely lies there.
+
+        A look may miss some, so none is made.
+        """
+        said = question.thing
+        told = self._recall(question)
+        newest = [(one, told.latest(one)) for one in ids_of(told.facts)]
+        facts = [fact for _, fact in newest if fact and fits(fact, said, self._places)]
         for fact in facts:
             self._note_doubt(fact)
         if not facts and not self._recall(plain(question)).facts:
             return HomeAnswer(unknown=True)
-        there = [fact for fact in facts if fact.holds is None or fact.holds >= COUNTED]
-        return HomeAnswer(count=len(there))
+        there = sum(fact.holds is None or fact.holds >= COUNTED for fact in facts)
+        lost = {one for one, fact in newest if fact is None}
+        anywhere = replace(said, place_types=(), room="")
+        fitting = {
+            fact.sighting.object_id
+            for fact in told.facts
+            if fact.sighting.object_id in lost and fits(fact, anywhere, self._places)
+        }
+        return HomeAnswer(count=there + sum(self._likely_there(question, one) for one in fitting))
 
-    def _said_there(self, question: HomeQuestion) -> list[Fact]:
-        """Return the newest facts about things that memory places where it is asked."""
-        told = self._recall(question)
-        newest = [told.latest(object_id) for object_id in ids_of(told.facts)]
-        return [
-            fact for fact in newest if fact is not None and fits(fact, question.thing, self._places)
-        ]
+    def _likely_there(self, question: HomeQuestion, object_id: str) -> bool:
+        """Return whether a lost thing is more likely than not where it is asked for."""
+        said = question.thing
+        lost = replace(said, place_types=(), room="", ids=(object_id,))
+        likely = self._memory.likely_places(replace(question, thing=lost))
+        there = (one.chance for one in likely if is_said_place(one.place_id, said, self._places))
+        return sum(there) > 0.5
 
     # ------------------------------------------------------------- errands
 
