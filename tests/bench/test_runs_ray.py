@@ -19,7 +19,8 @@ from karma.errors import KarmaError, ModelError
 
 ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 
-from karma.bench.ray_workers import check_node, host_of, models_here  # noqa: E402
+from karma.bench.ray_pool import host_of  # noqa: E402
+from karma.bench.ray_workers import check_node, models_here  # noqa: E402
 
 
 @pytest.fixture(scope="module")
