@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, NamedTuple, Self, TypeVar, get_args
 
 import msgspec
 
@@ -22,6 +22,7 @@ from karma.bench.names import MODELS, check_models, check_row
 from karma.bench.planner_words import NO_WORDS
 from karma.errors import FileError, KarmaError, did_you_mean
 from karma.files import read_toml
+from karma.places import shipped
 
 T = TypeVar("T", bound=msgspec.Struct)
 _SHARED = re.compile(r"(\.\./)+shared/")
@@ -297,6 +298,39 @@ def beside(folder: Path, path: str) -> Path:
     if shared and inside:
         return Path(shared) / path[inside.end() :]
     return Path(os.path.normpath((folder / Path(path).expanduser()).absolute()))  # links stay
+
+
+class DataFolders(NamedTuple):
+    """Where a machine has what experiments read."""
+
+    ours: Path  # eval/, which ships with the package
+    shared: Path  # the reference data
+
+    @classmethod
+    def here(cls) -> Self:
+        """Return those of this machine."""
+        ours = shipped("eval")
+        return cls(ours=ours, shared=beside(ours, "../../shared/"))
+
+
+def with_places_here(experiment: T, there: DataFolders) -> T:
+    """Return another machine's experiment with the paths that it has in this one's folders.
+
+    Args:
+        experiment: with whole paths; what lies in none of the folders keeps its path.
+        there: the other machine's folders.
+    """
+    pairs = tuple(zip(there, DataFolders.here(), strict=True))
+
+    def here(path: str) -> str:
+        inside = (new / Path(path).relative_to(old) for old, new in pairs if _lies(path, old))
+        return str(next(inside, path))
+
+    return msgspec.convert(_each(msgspec.to_builtins(experiment), "", here), type(experiment))
+
+
+def _lies(path: str, folder: Path) -> bool:
+    return Path(path).is_relative_to(folder)
 
 
 def meant_path(path: Path, error: FileError) -> FileError:

@@ -20,6 +20,7 @@ from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
 from karma.bench.workers import (
     Job,
     Stage,
+    check_workers,
     perform_here,
     perform_in_processes,
 )
@@ -28,7 +29,7 @@ from karma.errors import FileError, KarmaError
 from karma.files import write_atomic
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
-from karma.infer.hosted.session import Hosted, Session
+from karma.infer.hosted.session import Session
 from karma.offline import network_allowed
 
 
@@ -157,7 +158,7 @@ class Run:
                 option, a cluster is to ask hosted models, or another run is at work in the folder.
         """
         if workers > 1 or ray:
-            self._check_workers(ray)
+            check_workers(self._stage.models, self._session.cassette, ray)
         with locked(self.folder):
             self._claim()
             self._go_on()
@@ -228,20 +229,6 @@ class Run:
             for row in self.experiment.rows
             for task in self.tasks
         ]
-
-    def _check_workers(self, ray: str) -> None:
-        """Raise KarmaError for what several processes cannot do, or none on another machine."""
-        models = self._stage.models
-        if models.rpc:
-            raise KarmaError(
-                "llama.cpp's rpc-server serves one process only\n"
-                "  To fix: leave out --workers and --ray"
-            )
-        if ray and (models.hosted != Hosted() or self._session.cassette.mode != "off"):
-            raise KarmaError(  # keys and recordings do not travel
-                "hosted models and cassettes are for workers on this machine\n"
-                "  To fix: --workers in place of --ray"
-            )
 
 
 def _precision(

@@ -210,6 +210,26 @@ def imported(models: Models) -> tuple[str, ...]:
     return tuple(name for name, wanted in needed.items() if wanted)
 
 
+def check_workers(models: Models, cassette: Cassette, ray: str) -> None:
+    """Raise KarmaError for what several processes cannot do, or none on another machine.
+
+    Args:
+        models: of the run.
+        cassette: records hosted models or stands for them.
+        ray: address of a cluster; "" for processes here.
+    """
+    if models.rpc:
+        raise KarmaError(
+            "llama.cpp's rpc-server serves one process only\n"
+            "  To fix: leave out --workers and --ray"
+        )
+    if ray and (models.hosted != Hosted() or cassette.mode != "off"):
+        raise KarmaError(  # keys and recordings do not travel
+            "hosted models and cassettes are for workers on this machine\n"
+            "  To fix: --workers in place of --ray"
+        )
+
+
 def lost_episode(job: Job, cause: str) -> Finished:
     """Return the record of an episode that kills every worker that does it."""
     record = EpisodeRecord(

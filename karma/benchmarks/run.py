@@ -4,21 +4,15 @@ The folder holds `header.json` (what the records depend on), `episodes.jsonl`, `
 once it is finished, `results.json` and `table.md`. A killed run goes on where it was.
 """
 
-import hashlib
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from karma import registry
-from karma.bench.experiment import Models
-from karma.bench.experiment_file import Changes, read_as, without_places
+from karma.bench.experiment_file import Changes, read_as
 from karma.bench.folder import (
-    changed,
     check_ours,
     locked,
     read_lines,
@@ -26,43 +20,28 @@ from karma.bench.folder import (
     replace_file,
     sweep,
 )
-from karma.bench.pool import JobQueue, Workshop, in_processes
-from karma.bench.provenance import model_hashes, versions
 from karma.bench.records import Key
 from karma.bench.run_folder import EPISODES, HEADER, RESULTS, TIMINGS
 from karma.bench.sheet import to_markdown
 from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
-from karma.bench.workers import imported
+from karma.bench.workers import check_workers
 from karma.benchmarks.benchmark import (
     Benchmark,
     BenchmarkResults,
     Chain,
     ExperimentFile,
-    Play,
     PlayedEpisode,
 )
-from karma.errors import FileError, KarmaError, UnknownNameError
-from karma.files import append_line, read_bytes, read_json, read_toml, to_json, write_atomic
-from karma.infer.hosted.cassette import Cassette, Tape
+from karma.benchmarks.header import BenchmarkHeader, differences, header_of, kind_of, read_header
+from karma.benchmarks.workers import ChainPlayer, loaded_models
+from karma.errors import FileError
+from karma.files import append_line, read_toml, to_json, write_atomic
+from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Session
-from karma.offline import go_offline, network_allowed
 
 TABLE = "table.md"
 _OURS = (HEADER, EPISODES, TIMINGS, RESULTS, TABLE)
-_WAITING = ("timeout_s", "retries")  # of an endpoint: a request that is given up leaves no record
-
-
-class BenchmarkHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a run's records depend on."""
-
-    benchmark: str
-    name: str  # of the experiment
-    experiment: dict[str, Any]  # all that it says
-    files: dict[str, str]  # of the benchmark and the prompt: name -> SHA-256
-    versions: dict[str, str]
-    models: dict[str, str]
-    network: bool = False  # started with --allow-network
 
 
 class _Benchmarked(msgspec.Struct, frozen=True):
@@ -82,18 +61,6 @@ def is_benchmark(path: Path) -> bool:
         return bool(read_toml(path, _Benchmarked).benchmark)
     except FileError:
         return False
-
-
-def kind_of(name: str, path: Path) -> Any:
-    """Return the class of a benchmark.
-
-    Raises:
-        FileError: there is no such benchmark; `path` names it.
-    """
-    try:
-        return registry.load("benchmarks", name)
-    except UnknownNameError as error:
-        raise FileError(path, f"benchmark: {error}") from error
 
 
 class BenchmarkRun:
@@ -137,6 +104,9 @@ class BenchmarkRun:
         self.benchmark: Benchmark = self._kind(self._asked, path)
         self.chains = tuple(self.benchmark.chains())
         self._session = Session(cassette)
+        self._player = ChainPlayer(
+            benchmark=self.benchmark, experiment=self._asked, path=path, session=self._session
+        )
         with locked(folder):
             check_ours(folder, _OURS, header=HEADER)
             if fresh:
@@ -167,13 +137,13 @@ class BenchmarkRun:
         """
         models = self._asked.models
         if not self.experiment.plans:  # no model is loaded
-            return suggest_workers(Models(planner="", embedder="", gpu_layers=0), self.left)
+            return suggest_workers(loaded_models(self.experiment), self.left)
         in_flight = None
         if models.hosted.planner is not None and self._session.cassette.mode != "replay":
             in_flight = slots_of(models.hosted.planner) or IN_FLIGHT
         return suggest_workers(models, self.left, in_flight=in_flight)
 
-    def episodes(self, workers: int = 1) -> Iterator[PlayedEpisode]:
+    def episodes(self, workers: int = 1, *, ray: str = "") -> Iterator[PlayedEpisode]:
         """Do what is missing; each record is on the disk before it is yielded.
 
         When the last is done, all lines are put in the order of the chains, in whatever order
@@ -181,21 +151,21 @@ class BenchmarkRun:
 
         Args:
             workers: processes to use, each with models of its own.
+            ray: address of a Ray cluster, whose machines play; then 0 workers are as many as it
+                has room for.
 
         Raises:
-            KarmaError: a model cannot be loaded or a hosted one not reached, or another run is at
-                work in the folder.
+            KarmaError: a model cannot be loaded or a hosted one not reached, a cluster is to ask
+                hosted models, or another run is at work in the folder.
         """
-        if workers > 1 and self._asked.models.rpc:
-            raise KarmaError(
-                "llama.cpp's rpc-server serves one process only\n  To fix: leave out --workers"
-            )
+        if workers > 1 or ray:
+            check_workers(self._asked.models, self._session.cassette, ray)
         with locked(self.folder):
             self._claim()
             self.records = self._read()
             done = {_key(record) for record in self.records}
             left = [chain for chain in self.chains if not done.issuperset(chain.keys)]
-            for record, seconds in self._perform(left, workers):
+            for record, seconds in self._perform(left, workers, ray):
                 row, task, seed = _key(record)
                 timing = _Timing(row=row, task=task, seed=seed, seconds=seconds)
                 append_line(self.folder / TIMINGS, to_json(timing))
@@ -206,30 +176,17 @@ class BenchmarkRun:
 
     # ------------------------------------------------------------- parts
 
-    def _perform(self, chains: Sequence[Chain], workers: int) -> Iterator[tuple[Any, float]]:
+    def _perform(
+        self, chains: Sequence[Chain], workers: int, ray: str
+    ) -> Iterator[tuple[Any, float]]:
         """Play chains; yield records with their seconds."""
         if not chains:
-            return
-        if workers <= 1:
-            play = self.benchmark.begin(self._session)
-            queue, chain = JobQueue(chains, self._lost), None
-            while queue.jobs:
-                chain = queue.next_after(chain)
-                yield from _played(play, chain, self._session)
-            return
-        models = self._asked.models
-        shop: Workshop[Chain, list[tuple[Any, float]]] = Workshop(
-            begin=partial(
-                _begun, self._asked, self.path, self._session.cassette.tape, network_allowed()
-            ),
-            lost=self._lost,
-            imports=(__name__, *(imported(models) if self.experiment.plans else ())),
-        )
-        for found in in_processes(shop, chains, workers):
-            yield from found
-
-    def _lost(self, chain: Chain, cause: str) -> list[tuple[Any, float]]:
-        return [(record, 0.0) for record in self.benchmark.lost(chain, cause)]
+            return iter(())
+        if ray:
+            return self._player.on_ray(chains, ray, workers, self._header)
+        if workers > 1:
+            return self._player.in_processes(chains, workers)
+        return self._player.here(chains)
 
     def _claim(self) -> None:
         """Make the folder this run's, or see that it is.
@@ -237,25 +194,13 @@ class BenchmarkRun:
         Raises:
             FileError: it holds a run of something else.
         """
-        place, header = self.folder / HEADER, self._header()
+        self._header = header_of(self.experiment, self.benchmark)
+        place, header = self.folder / HEADER, self._header
         if place.exists():
             fix = f"--out another folder, or karma eval {self.path} --fresh"
-            refuse_other(place, _differences(read_header(self.folder), header), fix=fix)
+            refuse_other(place, differences(read_header(self.folder), header), fix=fix)
         else:
             write_atomic(place, to_json(header, indent=2))
-
-    def _header(self) -> BenchmarkHeader:
-        models = self.experiment.models
-        files = self.benchmark.files()
-        return BenchmarkHeader(
-            benchmark=self.experiment.benchmark,
-            name=self.experiment.name,
-            experiment=msgspec.to_builtins(self.experiment),
-            files={file.name: hashlib.sha256(read_bytes(file)).hexdigest() for file in files},
-            versions=versions(),
-            models=dict(model_hashes(models)) if self.experiment.plans else {},
-            network=network_allowed(),
-        )
 
     def _read(self) -> list[Any]:
         """Return the records of chains that are whole; lines of others are dropped."""
@@ -275,16 +220,6 @@ class BenchmarkRun:
         results = self.results()
         replace_file(self.folder / RESULTS, to_json(results.figures, indent=2))
         replace_file(self.folder / TABLE, written(results))
-
-
-def read_header(folder: Path) -> BenchmarkHeader:
-    """Read what a run depends on.
-
-    Raises:
-        FileError: it is damaged, or of a run that is no benchmark's.
-    """
-    fix = "karma eval FILE --fresh, or --out another folder"
-    return read_json(folder / HEADER, BenchmarkHeader, fix=fix)
 
 
 def read_results(folder: Path, *more: Path) -> BenchmarkResults:
@@ -328,48 +263,3 @@ def written(results: BenchmarkResults) -> bytes:
 
 def _key(record: PlayedEpisode) -> Key:
     return record.row, record.task, record.seed
-
-
-def _differences(old: BenchmarkHeader, new: BenchmarkHeader) -> list[str]:
-    """Return what tells two headers apart, in words."""
-    found = []
-    for what in ("benchmark", "name", "network"):
-        found += changed("run", {what: str(getattr(old, what))}, {what: str(getattr(new, what))})
-    found += changed("experiment", _lines(old.experiment), _lines(new.experiment))
-    for what in ("files", "versions", "models"):
-        found += changed(what, getattr(old, what), getattr(new, what))
-    return found
-
-
-def _lines(experiment: Mapping[str, Any]) -> dict[str, str]:
-    """Return an experiment as text by key, without what decides nothing."""
-    plain: dict[str, Any] = without_places(msgspec.json.decode(msgspec.json.encode(experiment)))
-    for endpoint in filter(None, plain["models"]["hosted"].values()):
-        for name in _WAITING:
-            del endpoint[name]
-    return {key: to_json(value).decode().strip() for key, value in plain.items()}
-
-
-# ----------------------------------------------------------------- at work
-
-
-def _begun(
-    experiment: Any, path: Path, tape: Tape, network: bool
-) -> Callable[[Chain], list[tuple[Any, float]]]:
-    """Load what a worker process needs."""
-    go_offline(allow_network=network)
-    session = Session(Cassette.of(tape))
-    benchmark: Benchmark = kind_of(experiment.benchmark, path)(experiment, path)
-    play = benchmark.begin(session)
-    return lambda chain: list(_played(play, chain, session))
-
-
-def _played(play: Play, chain: Chain, session: Session) -> Iterator[tuple[Any, float]]:
-    """Play a chain; yield records with their seconds."""
-    records = play(chain)
-    for key in chain.keys:
-        session.cassette.begin("/".join(map(str, key)))
-        begun = time.perf_counter()
-        record = next(records)
-        session.ledger.take()
-        yield record, time.perf_counter() - begun

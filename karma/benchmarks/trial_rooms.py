@@ -1,7 +1,7 @@
 """ALFRED's demonstrations, whose rooms, starts and goals its benchmarks take."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 from karma.world.alfred.facts import RoomFacts, gather, side_files
@@ -32,3 +32,8 @@ def read_rooms(path: Path) -> TrialRooms:
     """
     trials = {trial.id: trial for trial in read_trials(path)}
     return TrialRooms(trials=trials, facts=gather(trials.values(), side_files()))
+
+
+def room_files(path: Path) -> list[Path]:
+    """Return the file of demonstrations, and those beside it that tell of their rooms."""
+    return [path, *filter(None, astuple(side_files()))]

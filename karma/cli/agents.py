@@ -30,7 +30,7 @@ from karma.cli.model_options import (
     cassette_of,
     model_options,
 )
-from karma.cli.progress import bar
+from karma.cli.progress import bar, tell_cluster
 from karma.cli.shared import ACTING, Json, clear_errors, console
 from karma.cli.tasks import warn_of_tasks
 from karma.errors import KarmaError
@@ -107,9 +107,9 @@ def eval_command(
         "computed": computed,
     }
     if is_benchmark(file):
-        refuse_options(file, ray=ray, steps=steps, states=states, half_width=seeded, **ends)
+        refuse_options(file, steps=steps, states=states, half_width=seeded, **ends)
         said = {**opened, "fresh": fresh, "changes": changes}
-        do_benchmark(file, folder, workers=workers, json=json, opened=said)
+        do_benchmark(file, folder, workers=workers, ray=ray, json=json, opened=said)
         return
     if is_figure(file):
         refuse_options(file, half_width=seeded, set=changes, **ends)
@@ -195,8 +195,7 @@ def _do_episodes(run: "Run", workers: int, ray: str) -> None:
         workers = suggested.number
         console.print(escape(f"workers: {workers} ({suggested.reason})"), soft_wrap=True)
     elif run.left and ray:
-        many = workers or "as many workers as it has room for"
-        console.print(escape(f"on the Ray cluster at {ray}: {many}"), soft_wrap=True)
+        tell_cluster(ray, workers)
     with bar() as progress:
         line = progress.add_task("episodes", total=run.total, completed=len(run.records))
         for record in run.episodes(workers, ray=ray):

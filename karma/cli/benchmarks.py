@@ -6,6 +6,7 @@ from typing import Any
 
 from rich.markup import escape
 
+from karma.cli.progress import tell_cluster
 from karma.cli.shared import console
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
@@ -25,7 +26,13 @@ def refuse_options(file: Path, **given: object) -> None:
 
 
 def do_benchmark(
-    file: Path, folder: Path, *, workers: int, json: Path | None, opened: Mapping[str, Any]
+    file: Path,
+    folder: Path,
+    *,
+    workers: int,
+    ray: str,
+    json: Path | None,
+    opened: Mapping[str, Any],
 ) -> None:
     """Do a benchmark's episodes that are missing, and print its tables.
 
@@ -33,6 +40,7 @@ def do_benchmark(
         file: the experiment.
         folder: of the run.
         workers: processes; 0 = as many as cores, memory and hosted models allow.
+        ray: address of a Ray cluster that plays; "" = this machine.
         json: takes the figures.
         opened: the other arguments of `BenchmarkRun`.
 
@@ -44,12 +52,14 @@ def do_benchmark(
 
     with console.status(escape(f"reading {file} ...")):
         run = BenchmarkRun(file, folder, **opened)
-    if run.left and not workers:
+    if run.left and ray:
+        tell_cluster(ray, workers)
+    elif run.left and not workers:
         suggested = run.suggest()
         workers = suggested.number
         console.print(escape(f"workers: {workers} ({suggested.reason})"), soft_wrap=True)
     with console.status(""):
-        for record in run.episodes(workers):
+        for record in run.episodes(workers, ray=ray):
             mark = "done" if record.success else record.end
             done = f"{len(run.records)} of {run.total}"
             console.print(escape(f"{done}: {record.row}, {record.task}: {mark}"), soft_wrap=True)

@@ -1,6 +1,8 @@
-"""The line that says how far a command is."""
+"""What says who is at work, and how far a command is."""
 
 from typing import TYPE_CHECKING
+
+from rich.markup import escape
 
 from karma.cli.shared import console
 
@@ -34,3 +36,9 @@ def bar(*, passing: bool = False) -> "Progress":
         transient=passing,
         disable=passing and not console.is_terminal,
     )
+
+
+def tell_cluster(address: str, workers: int) -> None:
+    """Say that a Ray cluster is at work, with how many workers; 0 as it has room for."""
+    many = workers or "as many workers as it has room for"
+    console.print(escape(f"on the Ray cluster at {address}: {many}"), soft_wrap=True)

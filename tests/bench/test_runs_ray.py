@@ -6,9 +6,9 @@ pip install 'karma-offline[ray]' && pytest tests/bench/test_runs_ray.py
 import os
 import signal
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from support.ray_cluster import two_nodes, workers_of
 from support.run_files import ONLY, files, write_experiment
 from support.tiny import export_tiny
 
@@ -19,7 +19,8 @@ from karma.errors import KarmaError, ModelError
 
 ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 
-from karma.bench.ray_workers import check_node, host_of, models_here  # noqa: E402
+from karma.bench.ray_pool import host_of  # noqa: E402
+from karma.bench.ray_workers import check_node, models_here  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -29,29 +30,8 @@ def planner(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cluster():
-    """The address of a cluster of two nodes; Ray takes 127.0.0.1 to mean the outer address."""
-    from ray.cluster_utils import Cluster
-
-    node = {"num_cpus": 1, "node_ip_address": "127.0.0.2", "include_dashboard": False}
-    made = Cluster(initialize_head=True, connect=False, head_node_args=node)
-    made.add_node(num_cpus=1, node_ip_address="127.0.0.2")
-    yield made.address
-    made.shutdown()
-
-
-def workers_of(cluster):
-    """The processes that do episodes on a cluster: children of its raylets."""
-    found = []
-    for place in Path("/proc").glob("[0-9]*"):
-        try:
-            title = (place / "cmdline").read_bytes()
-            parent = (place / "stat").read_text().rpartition(")")[2].split()[1]
-            above = (place.parent / parent / "cmdline").read_bytes()
-        except OSError:  # it has just ended
-            continue
-        if title.startswith(b"ray::NodeWorker") and cluster.encode() in above:
-            found.append(int(place.name))
-    return found
+    with two_nodes() as address:
+        yield address
 
 
 def test_cluster_of_two_nodes_leaves_the_same_bytes_as_one_process(

@@ -47,8 +47,14 @@ def copy(folder, to):
     return to
 
 
-def evaluate(path, folder, workers=1, most_bytes=None):
-    """Do as `karma eval` does, on a disk that has room for no larger files."""
+def evaluate(path, folder, workers=1, most_bytes=None, shared=None):
+    """Do as `karma eval` does, on a disk that has room for no larger files.
+
+    `shared` is where the reference data lies; the server that forks has the environment of its
+    own start.
+    """
+    if shared is not None:
+        os.environ["KARMA_SHARED"] = shared
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     if most_bytes is not None:
         with Path(os.devnull).open("w") as nowhere:  # what it prints may be in a file too
@@ -64,6 +70,7 @@ def started(path, folder, **how):
     context.set_forkserver_preload(
         ["karma.cli", "karma.bench.run", "llama_cpp", "karma.infer.embed.minilm"]
     )
+    how["shared"] = os.environ.get("KARMA_SHARED")
     process = context.Process(target=evaluate, args=(path, folder), kwargs=how)
     process.start()
     return process

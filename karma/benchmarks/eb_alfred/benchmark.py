@@ -9,7 +9,7 @@ from karma.benchmarks.eb_alfred.experiment import EbExperiment, EbRow, remarks_o
 from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, lost_episode, play
 from karma.benchmarks.eb_alfred.prompt import kind_of
 from karma.benchmarks.eb_alfred.table import detail_sheet, results_of, success_sheet
-from karma.benchmarks.trial_rooms import read_rooms
+from karma.benchmarks.trial_rooms import read_rooms, room_files
 from karma.infer.hosted.session import Session
 from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import read_types
@@ -52,9 +52,9 @@ class EbAlfred:
         ]
 
     def files(self) -> list[Path]:
-        """Return the prompt's and the benchmark's files."""
+        """Return the prompt's and the benchmark's files, and what tells of the rooms."""
         one = self._experiment
-        theirs = [Path(path) for path in (one.tasks, one.types, one.trials)]
+        theirs = [Path(one.tasks), Path(one.types), *room_files(Path(one.trials))]
         return [_HERE / "prompt.toml", _HERE / "examples.toml", *theirs]
 
     def begin(self, session: Session) -> Play:

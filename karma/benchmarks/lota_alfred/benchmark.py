@@ -9,7 +9,7 @@ from karma.benchmarks.lota_alfred.experiment import LotaExperiment, tasks_of
 from karma.benchmarks.lota_alfred.play import LotaRecord, LotaStage, lost_episode, play
 from karma.benchmarks.lota_alfred.prompt import FILES
 from karma.benchmarks.lota_alfred.table import detail_sheet, results_of, success_sheet
-from karma.benchmarks.trial_rooms import read_rooms
+from karma.benchmarks.trial_rooms import read_rooms, room_files
 from karma.contracts import LanguageModel, ScoringModel
 from karma.infer.hosted.session import Session
 from karma.methods.lota.method import chooser_of
@@ -42,9 +42,9 @@ class LotaAlfred:
         ]
 
     def files(self) -> list[Path]:
-        """Return the prompt's and the benchmark's files."""
+        """Return the prompt's and the benchmark's files, and what tells of the rooms."""
         one = self._experiment
-        return [*FILES, *map(Path, (one.tasks, one.types, one.trials))]
+        return [*FILES, Path(one.tasks), Path(one.types), *room_files(Path(one.trials))]
 
     def begin(self, session: Session) -> Play:
         """Load rooms, lists of types and, where a row asks it, the planner."""

@@ -1,0 +1,332 @@
+"""Benchmarks on a Ray cluster whose nodes have data of their own; skipped where Ray is missing.
+
+pip install 'karma-offline[ray]' && pytest tests/benchmarks/test_benchmarks_ray.py
+"""
+
+import json
+import os
+import signal
+import textwrap
+from importlib import metadata
+
+import msgspec
+import pytest
+from support import alfred_kitchen as ours
+from support import eb_alfred as eb
+from support.eb_alfred import run_files
+from support.hosted_server import plant_key
+from support.ray_cluster import two_nodes, workers_of
+from support.tiny import export_tiny
+from typer.testing import CliRunner
+
+from karma.bench.experiment_file import DataFolders, with_places_here
+from karma.benchmarks.eb_alfred.experiment import EbExperiment
+from karma.benchmarks.run import EPISODES, HEADER, BenchmarkRun
+from karma.cli import app
+from karma.errors import KarmaError
+from karma.infer.hosted.cassette import Cassette
+
+pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
+
+LIVED = """
+name = "tiny"
+benchmark = "lived"
+homes = {homes}
+days = 1
+requests = 4
+first_home = 70
+settings = [{{ name = "usual", rooms = [2] }}]
+rows = [{{ name = "ours", design = "ours" }}, {{ name = "none", design = "none" }}]
+"""
+EB = """
+name = "x"
+benchmark = "eb_alfred"
+tasks = "../shared/data/eb/splits.json"
+types = "../shared/data/eb/types.json"
+trials = "../shared/data/eb/trials.jsonl"
+"""
+DEADLY = '''
+"""A benchmark whose chains kill who plays them: the first of all once, those named "always"."""
+
+import os, signal
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from karma.bench.experiment import Models
+from karma.bench.sheet import Sheet
+from karma.benchmarks.benchmark import BenchmarkResults, Chain
+
+
+class Experiment(msgspec.Struct, frozen=True, kw_only=True):
+    name: str
+    benchmark: str
+    mark: str
+    models: Models = Models()
+    seeds: tuple[int, ...] = (0,)
+    plans: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    row: str
+    task: str
+    seed: int
+    success: bool
+    end: str
+
+
+class Deadly:
+    experiment_kind, record_kind = Experiment, Record
+
+    def __init__(self, experiment, path):
+        self._mark = Path(experiment.mark)
+
+    def chains(self):
+        return [Chain(row="r", tasks=(task,), seed=0) for task in ("once", "always", "never")]
+
+    def files(self):
+        return []
+
+    def begin(self, session):
+        def play(chain):
+            task = chain.tasks[0]
+            if task == "always" or (task == "once" and not self._mark.exists()):
+                self._mark.write_text("a worker was here")
+                os.kill(os.getpid(), signal.SIGKILL)
+            yield Record(row="r", task=task, seed=0, success=True, end="played")
+        return play
+
+    def lost(self, chain, cause):
+        return [Record(row="r", task=chain.tasks[0], seed=0, success=False, end=cause)]
+
+    def results(self, records):
+        done = tuple((one.task, one.end) for one in records)
+        table = Sheet(title="", caption="", head=("task", "end"), lines=done)
+        return BenchmarkResults(figures=[], table=table)
+'''
+
+
+@pytest.fixture(scope="module")
+def plugin(tmp_path_factory):
+    """A folder with an installed benchmark, `deadly`."""
+    place = tmp_path_factory.mktemp("plugin")
+    info = place / "deadly_benchmark-1.0.dist-info"
+    info.mkdir()
+    (place / "deadly_benchmark.py").write_text(textwrap.dedent(DEADLY))
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: deadly-benchmark\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[karma.benchmarks]\ndeadly = deadly_benchmark:Deadly\n")
+    return place
+
+
+@pytest.fixture(scope="module")
+def theirs(tmp_path_factory):
+    """The reference data of the nodes; it is not where the run has its own."""
+    return tmp_path_factory.mktemp("nodes") / "ref"
+
+
+@pytest.fixture(scope="module")
+def cluster(theirs, plugin):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("KARMA_SHARED", str(theirs))
+        patch.setenv("PYTHONPATH", f"{plugin}:{os.environ.get('PYTHONPATH', '')}")
+        with two_nodes() as address:
+            yield address
+
+
+def write_data(shared):
+    """Reference data with our kitchen; its demonstration, lists and room."""
+    data = shared / "data"
+    for name in ("alfred", "thor5", "eb"):
+        (data / name).mkdir(parents=True, exist_ok=True)
+    ours.write(data / "thor5/scenes.jsonl.gz", ours.dump())
+    ours.write(data / "alfred/layouts.json.gz", ours.layout())
+    eb.types_file(data / "eb")
+    ours.write(data / "eb/trials.jsonl", ours.trial())
+    told = [
+        {"task": "x/ours_1", "repeat_idx": number, "instruction": text}
+        for number, text in enumerate(("Cool some fruit.", "Put the apple into the fridge."))
+    ]
+    (data / "eb/splits.json").write_text(json.dumps({"base": told}))
+
+
+@pytest.fixture
+def eb_run(tmp_path, monkeypatch, theirs):
+    """A function that opens a run of EB-ALFRED; its file lies on this machine only."""
+    for shared in (theirs, tmp_path / "ref"):
+        write_data(shared)
+    monkeypatch.setenv("KARMA_SHARED", str(tmp_path / "ref"))
+    path = tmp_path / "x.toml"
+
+    def opened(name, rows=eb.ROWS, **more):
+        path.write_text(EB + rows)
+        return BenchmarkRun(path, tmp_path / name, **more)
+
+    return opened
+
+
+def lived(tmp_path, name, homes=1):
+    path = tmp_path / f"homes_{homes}.toml"
+    path.write_text(LIVED.format(homes=homes))
+    return BenchmarkRun(path, tmp_path / name)
+
+
+def test_lived_homes_leave_the_same_bytes_with_one_worker_two_and_a_cluster(cluster, tmp_path):
+    for name, how in (("a", {}), ("b", {"workers": 2}), ("c", {"workers": 0, "ray": cluster})):
+        assert len(list(lived(tmp_path, name).episodes(**how))) == 2
+        assert run_files(tmp_path / name) == run_files(tmp_path / "a")
+        assert (tmp_path / name / HEADER).read_bytes() == (tmp_path / "a" / HEADER).read_bytes()
+
+
+def test_cluster_that_is_stopped_and_loses_all_workers_goes_on_to_the_same_bytes(
+    cluster, tmp_path, caplog
+):
+    list(lived(tmp_path, "one", homes=3).episodes())
+    going = lived(tmp_path, "ray", homes=3).episodes(0, ray=cluster)
+    next(going)
+    going.close()  # stopped amid the work
+    run = lived(tmp_path, "ray", homes=3)
+    assert len(run.records) == 1
+    going = run.episodes(0, ray=cluster)
+    next(going)
+    for process in workers_of(cluster):
+        os.kill(process, signal.SIGKILL)
+    assert len(list(going)) == 4
+    assert "a worker was lost with its node or killed" in caplog.text
+    assert run_files(tmp_path / "ray") == run_files(tmp_path / "one")
+
+
+def test_chain_that_kills_its_workers_is_done_again_and_then_lost(
+    cluster, plugin, tmp_path, monkeypatch
+):
+    monkeypatch.syspath_prepend(str(plugin))
+    assert "deadly" in metadata.entry_points(group="karma.benchmarks").names
+    path = tmp_path / "x.toml"
+    path.write_text(f'name = "x"\nbenchmark = "deadly"\nmark = "{tmp_path / "mark"}"\n')
+    run = BenchmarkRun(path, tmp_path / "run")
+    assert len(list(run.episodes(1, ray=cluster))) == 3
+    cause = "lost with its node or killed, as happens when memory runs out"
+    assert [(one.task, one.end) for one in run.records] == [
+        ("once", "played"),
+        ("always", cause),
+        ("never", "played"),
+    ]
+
+
+def test_nodes_find_their_own_files_for_an_experiment_that_only_this_machine_has(cluster, eb_run):
+    whole = eb_run("one")
+    assert len(list(whole.episodes())) == 6
+    run = eb_run("ray")
+    (run.folder.parent / "x.toml").unlink()
+    list(run.episodes(0, ray=cluster))
+    assert run_files(run.folder) == run_files(whole.folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("eb/splits.json", r"files: splits\.json: [0-9a-f]{12} became [0-9a-f]{12}$"),
+        ("alfred/layouts.json.gz", r"files: layouts\.json\.gz: [0-9a-f]{12} became none$"),
+        ("eb/trials.jsonl", r"ref/data/eb/trials\.jsonl"),
+    ],
+)
+def test_node_with_other_data_is_refused_by_the_names_of_its_files(
+    cluster, eb_run, theirs, name, said
+):
+    run = eb_run("run")
+    other = theirs / "data" / name
+    if name.endswith("splits.json"):
+        other.write_text(other.read_text() + "\n")
+    else:
+        other.unlink()
+    with pytest.raises(KarmaError, match=rf"(?s)^node 127\.0\.0\.2: .*{said}"):
+        list(run.episodes(0, ray=cluster))
+    assert not (run.folder / EPISODES).exists()
+
+
+def test_node_with_another_version_is_refused_by_its_name(cluster, tmp_path, monkeypatch):
+    info = tmp_path / "only-here" / "faiss_cpu-0.0.1.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: faiss-cpu\nVersion: 0.0.1\n")
+    monkeypatch.syspath_prepend(str(info.parent))
+    run = lived(tmp_path, "run")
+    with pytest.raises(
+        KarmaError, match=r"^node 127\.0\.0\.2: .*\n  versions: faiss-cpu: 0\.0\.1 "
+    ):
+        list(run.episodes(1, ray=cluster))
+
+
+def test_node_without_the_planner_is_refused_and_with_it_plays_the_same(
+    cluster, eb_run, tmp_path, theirs
+):
+    rows = '[[rows]]\nname = "tiny"\nprompt = { examples = 0, max_tokens = 8 }\n[models]\n'
+    planner = export_tiny(tmp_path / "ref/tiny.gguf")
+    said = rows + 'planner = "../shared/tiny.gguf"\nn_ctx = 4096\nbeyond_training = true\n'
+    run = eb_run("ray", said)
+    with pytest.raises(KarmaError, match=r"node 127\.0\.0\.2: planner tiny: no model of SHA-256"):
+        list(run.episodes(0, ray=cluster))
+    (theirs / "tiny.gguf").write_bytes(planner.read_bytes())
+    assert len(list(run.episodes(0, ray=cluster))) == 2
+    assert any(record.answers for record in run.records)
+    whole = eb_run("one", said)
+    list(whole.episodes())
+    assert run_files(run.folder) == run_files(whole.folder)
+
+
+HOSTED = """
+[[rows]]
+name = "hosted"
+[models]
+planner = "openai"
+[models.hosted.planner]
+base_url = "http://127.0.0.1:9/v1"
+model = "m"
+"""
+REMOTE = """
+[[rows]]
+name = "remote"
+player = "expert"
+[models]
+rpc = "127.0.0.1:9"
+"""
+
+
+def test_what_cannot_go_to_a_cluster_is_refused_with_the_fix(eb_run, tmp_path, monkeypatch):
+    plant_key(monkeypatch)
+    tape = Cassette(tmp_path / "tape", "record")
+    for number, (rows, more, said) in enumerate(
+        (
+            (HOSTED, {}, "for workers on this machine\n  To fix: --workers"),
+            (eb.ROWS, {"cassette": tape}, "for workers on this machine\n  To fix: --workers"),
+            (REMOTE, {}, "one process only\n  To fix: leave out --workers and --ray"),
+        )
+    ):
+        with pytest.raises(KarmaError, match=said):
+            next(eb_run(f"run_{number}", rows, **more).episodes(ray="127.0.0.1:1"))
+    with pytest.raises(KarmaError, match="is on another machine, and this run is offline"):
+        next(eb_run("far").episodes(ray="192.0.2.1:6379"))
+
+
+def test_command_plays_a_benchmark_on_a_cluster(cluster, tmp_path):
+    path = tmp_path / "tiny.toml"
+    path.write_text(LIVED.format(homes=1))
+    told = ["eval", str(path), "--out", str(tmp_path / "run"), "--ray", cluster]
+    done = CliRunner().invoke(app, told)
+    assert done.exit_code == 0, done.output
+    assert f"on the Ray cluster at {cluster}: as many workers as it has room for" in done.output
+    assert "2 of 2: " in done.output
+
+
+def test_paths_below_the_folders_of_another_machine_are_those_of_this_one(monkeypatch):
+    monkeypatch.setenv("KARMA_SHARED", "/here/ref")
+    there = DataFolders(ours="/there/eval", shared="/there/ref")
+    said = {
+        "name": "x", "benchmark": "eb_alfred", "rows": [{"name": "r"}],
+        "tasks": "/there/ref/data/a.json", "types": "/there/eval/b/types.json",
+        "trials": "/there/reference/c.jsonl", "models": {"planner": "/there/ref/p.gguf"},
+    }  # fmt: skip
+    found = with_places_here(msgspec.convert(said, EbExperiment), there)
+    assert found.tasks == "/here/ref/data/a.json"
+    assert found.types == str(DataFolders.here().ours / "b/types.json")
+    assert found.trials == "/there/reference/c.jsonl"  # in none of them
+    assert found.models.planner == "/here/ref/p.gguf"
