@@ -1,21 +1,35 @@
-"""Fit what is known of homes before one is known: how often things move, where they are.
+"""Fit what is known before a home is: how things move, where they are, what is asked for.
 
-Training homes are drawn with seeds from 1,000,000 on, which no evaluation uses.
+Training homes are drawn with seeds from 1,000,000 on, and those in which things are asked for have
+numbers from 1,000 on; no evaluation uses either.
 
-    python scripts/fit_home_prior.py --homes 60
+    python scripts/fit_home_prior.py --homes 90 --lived 50
 """
 
 from collections import Counter, defaultdict
-from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.progress import track
+from scipy.optimize import minimize
 
+from karma.benchmarks.lived.experiment import LivedExperiment, LivedRow
+from karma.benchmarks.lived.play import player
 from karma.files import to_json, write_atomic
 from karma.household.ids import type_of
-from karma.memory.lived.ageing import PRIOR, HomePrior, TypePrior, waking_hours
+from karma.infer.embed.minilm import MiniLm
+from karma.memory.lived.ageing import (
+    PRIOR,
+    SURE,
+    Asked,
+    HomePrior,
+    TypePrior,
+    home_prior,
+    waking_hours,
+)
 from karma.seeds import stream
+from karma.tasks.lived import Reader
 from karma.world.houses import build_home
 from karma.world.residents import Household
 
@@ -23,15 +37,29 @@ FIRST_SEED = 1_000_000
 DAYS = 5
 DAY_S = 86_400.0
 DISTURBANCES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
-ASKED = 0.1  # of development homes: things believed nearly surely that were gone when asked for
+FIRST_LIVED = 1_000  # number of the first home that things are asked for in
+FORMS = {  # how a thing is asked for -> kinds of requests
+    "named": ("exact", "changed"),
+    "described": ("attribute", "event", "several"),
+    "told": ("place",),
+}
 STRENGTH_H = 30.0  # waking hours that the prior is worth
 
 
 def main(
     homes: Annotated[int, typer.Option(help="Training homes.")] = 60,
-    out: Annotated[Path, typer.Option(help="The file to write.")] = PRIOR,
+    lived: Annotated[int, typer.Option(help="Homes that things are asked for in.")] = 50,
 ) -> None:
-    """Write `prior.json` from what residents do in training homes."""
+    """Write `prior.json` from what residents do in training homes, and ask for in others."""
+    types = _types(homes)
+    write_atomic(PRIOR, to_json(HomePrior(homes=homes, types=types), indent=1))
+    asked = _asked(lived)
+    write_atomic(PRIOR, to_json(HomePrior(homes=homes, asked=asked, types=types), indent=1))
+    print(f"{PRIOR}: {len(types)} types from {homes} homes; asked for in {lived}: {asked}")
+
+
+def _types(homes: int) -> dict[str, TypePrior]:
+    """Return how often each type moves, and where it is."""
     moves: Counter[str] = Counter()
     hours: defaultdict[str, float] = defaultdict(float)
     places: defaultdict[str, Counter[str]] = defaultdict(Counter)
@@ -53,7 +81,7 @@ def main(
                 hours[seen.object_type] += waking_hours(0.0, DAY_S)
                 room = seen.room.rpartition("_")[0]
                 places[seen.object_type][f"{room}/{type_of(seen.place_id)}"] += 1
-    found = {
+    return {
         name: TypePrior(
             moves=round(STRENGTH_H * (moves[name] + 0.2) / (hours[name] + 50.0), 4),
             hours=STRENGTH_H,
@@ -65,8 +93,40 @@ def main(
         )
         for name in sorted(hours)
     }
-    write_atomic(out, to_json(HomePrior(homes=homes, asked=ASKED, types=found), indent=1))
-    print(f"{out}: {len(found)} types from {homes} homes")
+
+
+def _asked(homes: int) -> dict[str, Asked]:
+    """Return what being asked for says: chances by age alone, against where things were."""
+    home_prior.cache_clear()  # the file has no "asked" now
+    row = LivedRow(name="ours", design="ours")
+    experiment = LivedExperiment(
+        name="prior", benchmark="lived", rows=(row,), homes=homes, first_home=FIRST_LIVED
+    )
+    embedder = MiniLm()
+    play = player(experiment, embedder, Reader(embedder))
+    found: defaultdict[str, list[tuple[float, bool]]] = defaultdict(list)
+    for spec in track(list(experiment.specs()), description="requests"):
+        for record in play(row.name, spec.name, 0):
+            for one in record.requests:
+                said = [(d.holds, d.was_so) for d in one.doubts if d.holds is not None]
+                found[one.kind] += said
+    return {
+        form: _fitted([doubt for kind in kinds for doubt in found[kind]])
+        for form, kinds in FORMS.items()
+    }
+
+
+def _fitted(doubts: list[tuple[float, bool]]) -> Asked:
+    """Return the logistic function with the largest likelihood (Platt 1999)."""
+    said = np.clip([holds for holds, _ in doubts], SURE, 1.0 - SURE)
+    so = np.array([1.0 if was_so else -1.0 for _, was_so in doubts])
+    odds = np.log(said / (1.0 - said))
+
+    def loss(by: np.ndarray) -> float:
+        return float(np.logaddexp(0.0, -so * (by[0] + by[1] * odds)).mean())
+
+    shift, slope = minimize(loss, np.array([0.0, 1.0])).x
+    return Asked(shift=round(float(shift), 2), slope=round(float(slope), 2))
 
 
 if __name__ == "__main__":

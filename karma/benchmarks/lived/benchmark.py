@@ -12,6 +12,7 @@ from karma.benchmarks.lived.records import LivedRecord
 from karma.benchmarks.lived.table import (
     figures_of,
     kinds_sheet,
+    known_sheet,
     remarks_on,
     truth_sheet,
     work_sheet,
@@ -80,6 +81,6 @@ class LivedHomes:
         return BenchmarkResults(
             figures=figures,
             table=kinds_sheet(figures),
-            behind=(truth_sheet(figures), work_sheet(figures)),
+            behind=(truth_sheet(figures), work_sheet(figures), known_sheet(figures)),
             remarks=tuple(remarks_on(self._experiment)),
         )

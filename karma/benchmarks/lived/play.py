@@ -31,6 +31,7 @@ from karma.world.core.thing import is_inert
 from karma.world.houses import build_home
 from karma.world.residents import Household
 
+PLACED = frozenset(("exact", "attribute", "event", "place", "several", "changed"))  # of a thing
 TOUR_H = 6.0  # of the first day, when the tour begins
 
 
@@ -124,6 +125,7 @@ class HomeLife:
         self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
         self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row
         self._serving = False
+        self._seen: dict[str, Sighting] = {}  # the last of each thing, whatever its memory
         self._rooms = tuple(self._map.in_rooms())
         for moment in home.moments:
             self._told(moment)
@@ -171,6 +173,7 @@ class HomeLife:
             missing=missing,
             round_actions=rounds,
             memory_bytes=self._memory.size_bytes(),
+            units=self._spec.setting.units,
         )
 
     def close(self) -> None:
@@ -193,6 +196,7 @@ class HomeLife:
 
     def _told(self, moment: HomeMoment) -> None:
         self._memory.take_in(moment)
+        self._seen.update((seen.object_id, seen) for seen in moment.seen)
         if not self._serving:
             self._scheduled.append(moment)
 
@@ -218,7 +222,9 @@ class HomeLife:
         if request is None:
             return None
         question = self._reader.read(request.text, request.speaker, self._robot.time_s)
-        before = self._robot.actions
+        before, truth, known_s = self._robot.actions, self.now(), None
+        if request.kind in PLACED:
+            known_s = max(self._times_seen(request, truth), default=None)
         self._serving = True
         answer = self._server.serve(question)
         if self._robot.held is not None:
@@ -249,11 +255,20 @@ class HomeLife:
             recalls=effort.recalls,
             read=question.asked == request.asked
             and _type_read(request, types_meant(question.thing)),
+            knew=_knew(request, effort.first, truth) if request.kind in PLACED else None,
+            known_s=known_s if known_s is None else round(known_s, 1),
             doubts=tuple(
                 CheckedDoubt(holds=None if holds is None else round(holds, 4), was_so=so)
                 for holds, so in effort.doubts
             ),
         )
+
+    def _times_seen(self, request: LivedRequest, now: dict[str, Sighting]) -> Iterator[float]:
+        """Yield when the things that may be meant were seen last, of those that are still there."""
+        for object_id in request.object_ids:
+            seen = self._seen.get(object_id)
+            if seen is not None and seen.place_id == now[object_id].place_id:
+                yield seen.time_s
 
     def _takes(self, object_id: str, place_id: str) -> bool:
         """Return whether a place has room for a thing now."""
@@ -273,6 +288,13 @@ class HomeLife:
             takes=self._takes,
             words=self._spec.setting.words,
         )
+
+
+def _knew(request: LivedRequest, taken: Sighting | None, truth: Mapping[str, Sighting]) -> bool:
+    """Return whether what was taken to be meant is, and lies where it was said to lie."""
+    if taken is None or taken.object_id not in request.object_ids:
+        return False
+    return taken.place_id == truth[taken.object_id].place_id
 
 
 def _type_read(request: LivedRequest, types: tuple[str, ...]) -> bool:
@@ -306,7 +328,8 @@ def lost_days(experiment: LivedExperiment, chain: Chain, cause: str) -> list[Liv
             row=chain.row, task=task, seed=chain.seed, success=False, end="error",
             setting=spec.setting.name, home=spec.number, day=day, rooms=spec.rooms,
             people=spec.people(chain.seed), things=0, moved=0.0, requests=(),
-            missing=experiment.requests, round_actions=0, memory_bytes=0, error=cause,
+            missing=experiment.requests, round_actions=0, memory_bytes=0,
+            units=spec.setting.units, error=cause,
         )
         for day, task in enumerate(chain.tasks)
     ]  # fmt: skip

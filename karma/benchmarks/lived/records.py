@@ -32,6 +32,8 @@ class ServedRequest:
     tokens: int  # of facts
     recalls: int
     read: bool  # the reader found what is asked, and the type that is meant
+    knew: bool | None = None  # memory had the thing where it was when asked for; None: none is
+    known_s: float | None = None  # when the robot saw it there last; None: it did not
     doubts: tuple[CheckedDoubt, ...] = ()
 
 
@@ -55,4 +57,5 @@ class LivedRecord:
     missing: int  # requests that the home had no occasion for
     round_actions: int
     memory_bytes: int
+    units: int  # that short-term memory may have
     error: str = ""

@@ -9,6 +9,7 @@ import numpy as np
 from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.sheet import Sheet
 from karma.bench.statistics import rate
+from karma.benchmarks.lived.bound import most_known
 from karma.benchmarks.lived.experiment import LivedExperiment
 from karma.benchmarks.lived.records import LivedRecord, ServedRequest
 from karma.seeds import stream
@@ -55,6 +56,10 @@ class LivedFigures:
     brier: float | None  # of "it is still there"; a row without a notion of it counts as sure
     brier_assumed: bool  # the row has none
     reliability: tuple[tuple[float, float, int], ...]  # mean said, share that was so, number
+    knew: float | None  # requests for a thing that memory had where it was
+    seen_there: float | None  # that the robot had seen where it was
+    at_best: float | None  # that the units of this setting could have known, see `bound`
+    units: int
     memory_bytes: float  # at the end of the last day, mean over homes
     read: float  # share of requests whose words were understood
     missing: int  # requests that homes had no occasion for
@@ -90,6 +95,8 @@ def _figures(
     actions = sum(one.actions for one in requests)
     believed = sum(one.believed for one in requests)
     doubts = [doubt for one in requests for doubt in one.doubts]
+    placed = [one for one in requests if one.knew is not None]
+    units = max((record.units for record in records), default=0)
     last = max((record.day for record in records), default=0)
     said = [1.0 if doubt.holds is None else doubt.holds for doubt in doubts]
     so = [float(doubt.was_so) for doubt in doubts]
@@ -110,11 +117,23 @@ def _figures(
         brier=_mean((a - b) ** 2 for a, b in zip(said, so, strict=True)),
         brier_assumed=any(doubt.holds is None for doubt in doubts),
         reliability=tuple(_reliability(said, so)),
+        knew=_mean(float(bool(one.knew)) for one in placed),
+        seen_there=_mean(float(one.known_s is not None) for one in placed),
+        at_best=sum(_at_best(served, units) for served in homes.values()) / len(placed)
+        if placed
+        else None,
+        units=units,
         memory_bytes=_mean(one.memory_bytes for one in records if one.day == last) or 0.0,
         read=_mean(float(one.read) for one in requests) or 0.0,
         missing=sum(record.missing for record in records),
         errors=sum(bool(record.error) for record in records),
     )
+
+
+def _at_best(served: Iterable[ServedRequest], units: int) -> int:
+    """Return how many of a home's requests so many units could have known."""
+    known = [(one.known_s, one.time_s) for one in served if one.known_s is not None]
+    return most_known(known, units)
 
 
 def _mean(values: Iterable[float]) -> float | None:
@@ -229,6 +248,22 @@ def work_sheet(figures: Sequence[LivedFigures]) -> Sheet:
         head=("row", "setting", "stale actions", "stale looks", "Brier", "actions", "places",
               "in vain", "anew", "tokens", "KiB", "moved", "read", "homes"),
         lines=tuple(_work(one) for one in figures),
+    )  # fmt: skip
+
+
+def known_sheet(figures: Sequence[LivedFigures]) -> Sheet:
+    """Return what memory knew, and what it could have known."""
+    return Sheet(
+        title="Where the thing is that is asked for",
+        caption="Of the requests for a thing: knew: what memory took to be meant was, and lay "
+        "where memory had it; seen there: the robot had seen it where it is; at best: so many "
+        "units that know the future could have known, from the truth.",
+        head=("row", "setting", "knew", "seen there", "at best", "units"),
+        lines=tuple(
+            (one.row, one.setting, figure_text(one.knew), figure_text(one.seen_there),
+             figure_text(one.at_best), str(one.units))
+            for one in figures
+        ),
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ DAY_S, HOUR_S = 86_400.0, 3_600.0
 WAKING_H = (6.5, 23.0)  # hours in which people move things
 AT_NIGHT = 0.02  # of an hour, what an hour of the night counts
 HOME = 8.0  # moves that the priors are worth against how busy this home is
-_SURE = 0.005  # chances are kept so far from 0 and 1
+SURE = 0.005  # chances are kept so far from 0 and 1
 OWN = 12.0  # waking hours of evidence that a type's rate is worth for one thing of it
 _DAY_H = WAKING_H[1] - WAKING_H[0] + (24.0 - WAKING_H[1] + WAKING_H[0]) * AT_NIGHT
 
@@ -51,7 +51,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         >>> round(Asked(shift=0.0, slope=1.0).chance(0.8), 3)
         0.8
         """
-        odds = math.log(max(aged, _SURE) / max(1.0 - aged, _SURE))
+        odds = math.log(max(aged, SURE) / max(1.0 - aged, SURE))
         return 1.0 / (1.0 + math.exp(-(self.shift + self.slope * odds)))
 
 

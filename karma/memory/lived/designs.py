@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from karma.contracts import HomeMemory
 from karma.memory.lived.append_only import AppendOnly
 from karma.memory.lived.controls import LastSeen, NoMemory
-from karma.memory.lived.karma_units import KarmaUnitsFifo, KarmaUnitsWTinyLfu
+from karma.memory.lived.karma_units import KarmaUnitsFifo, KarmaUnitsLru, KarmaUnitsWTinyLfu
 from karma.memory.lived.mem0 import Mem0Style
 from karma.memory.lived.memgpt import MemGptStyle
 from karma.memory.lived.remembr import ReMEmbRStyle
@@ -23,6 +23,7 @@ DESIGNS: Mapping[str, Callable[[MemorySetting], HomeMemory]] = {
     "remembr": ReMEmbRStyle,
     "memgpt": MemGptStyle,
     "karma-fifo": KarmaUnitsFifo,
+    "karma-lru": KarmaUnitsLru,
     "karma-wtinylfu": KarmaUnitsWTinyLfu,
     "last-seen": LastSeen,
     "none": NoMemory,

@@ -74,6 +74,15 @@ class KarmaUnitsFifo(KarmaUnits):
         super().__init__(setting, f"fifo-merge[{setting.units}]")
 
 
+class KarmaUnitsLru(KarmaUnits):
+    """The same units, of which the least recently handled leaves."""
+
+    name = "KARMA, LRU"
+
+    def __init__(self, setting: MemorySetting) -> None:
+        super().__init__(setting, f"lru[{setting.units}]")
+
+
 class KarmaUnitsWTinyLfu(KarmaUnits):
     """The paper's W-TinyLFU, window 9 and main 1 at ten units."""
 

@@ -90,10 +90,11 @@ def _shown(state: WorldState, thing: SceneObject, poses: Sequence[Pose], points:
 
 
 def _points(thing: SceneObject) -> Floats:
-    """Return points over the ground of a place, a little above its middle, shape (n, 3)."""
+    """Return points of a place, shape (n, 3): over its ground, and where it opens, its height."""
     (x, y, z), (width, height, depth) = thing.center, thing.size
+    up = tuple(_spread(height)) if "openable" in thing.capabilities else (height / 4,)
     return np.array(
-        [(x + i, y + height / 4, z + j) for i in _spread(width) for j in _spread(depth)]
+        [(x + i, y + k, z + j) for i in _spread(width) for k in up for j in _spread(depth)]
     )
 
 

@@ -60,6 +60,7 @@ class Effort:
     repairs: int = 0  # plans made anew
     recalls: int = 0
     tokens: int = 0
+    first: Sighting | None = None  # the thing that it took to be meant, where memory had it
     doubts: list[tuple[float | None, bool]] = field(default_factory=list)  # holds, and was so
 
 
@@ -153,8 +154,15 @@ class Server:
 
     # ------------------------------------------------------------- questions
 
+    def _meant(self, question: HomeQuestion) -> list[MeantThing]:
+        """Return what may be meant, and note what memory takes it to be."""
+        found = self._targets(question, question.thing)
+        if found and found[0].fact is not None:
+            self.effort.first = found[0].fact.sighting
+        return found
+
     def _where_now(self, question: HomeQuestion) -> HomeAnswer:
-        targets = self._targets(question, question.thing)
+        targets = self._meant(question)
         if not targets:
             return HomeAnswer(unknown=True)
         target = targets[0]
@@ -242,7 +250,9 @@ class Server:
     # ------------------------------------------------------------- errands
 
     def _errand(self, question: HomeQuestion) -> HomeAnswer:
-        targets = self._targets(question, question.thing)
+        targets = self._meant(question)
+        if targets and targets[0].fact is not None and targets[0].fact.ended_s is None:
+            self._note_doubt(targets[0].fact)
         if not targets and not self._settings.closed_loop:
             return HomeAnswer(unknown=True)
         if not targets and not self._may_be_searched(question.thing):

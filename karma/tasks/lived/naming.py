@@ -81,10 +81,10 @@ def of_type(now: Mapping[str, Sighting], object_type: str) -> Sequence[Sighting]
 def plural(noun: str) -> str:
     """Return the plural of a noun, as far as rules go.
 
-    >>> plural("mug"), plural("dish"), plural("knife"), plural("berry")
-    ('mugs', 'dishes', 'knives', 'berries')
+    >>> plural("mug"), plural("dish"), plural("knife"), plural("berry"), plural("potato")
+    ('mugs', 'dishes', 'knives', 'berries', 'potatoes')
     """
-    if noun.endswith(("s", "x", "ch", "sh")):
+    if noun.endswith(("s", "x", "ch", "sh", "ato")):
         return f"{noun}es"
     if noun.endswith("ife"):
         return f"{noun[:-2]}ves"

@@ -13,7 +13,7 @@ from tests.support.lived import PLACES, moment, seen, setting, where
 
 KINDS = ("Mug", "Book", "Apple")
 EVERY = pytest.mark.parametrize("name", list(DESIGNS))
-SHORT = ("none", "karma-fifo", "karma-wtinylfu")  # may not know what was only seen
+SHORT = ("none", "karma-fifo", "karma-lru", "karma-wtinylfu")  # may not know what was only seen
 
 
 def made(name, **given_setting):
@@ -112,7 +112,8 @@ def test_append_only_tells_the_old_place_too():
 
 
 @pytest.mark.parametrize(
-    "name", ["mem0", "temporal-graph", "last-seen", "ours", "karma-fifo", "karma-wtinylfu"]
+    "name",
+    ["mem0", "temporal-graph", "last-seen", "ours", "karma-fifo", "karma-lru", "karma-wtinylfu"],
 )
 def test_an_update_replaces_the_old_place(name):
     assert places_told(moved(name)) == ["Desk|1"]
@@ -155,7 +156,7 @@ def test_memgpt_pages_in_what_left_its_context():
     assert "Mug|1" in [fact.sighting.object_id for fact in memory.recall(where("Mug", 9.0), 9)]
 
 
-@pytest.mark.parametrize("name", ["karma-fifo", "karma-wtinylfu", "ours-units"])
+@pytest.mark.parametrize("name", ["karma-fifo", "karma-lru", "karma-wtinylfu", "ours-units"])
 def test_ten_units_are_ten_things(name):
     memory = made(name, units=3)
     for number in range(9):

@@ -305,7 +305,11 @@ def test_memgpt_tells_its_context_first_then_the_archive(moments, units):
 
 @pytest.mark.parametrize(
     ("name", "policy"),
-    [("karma-fifo", "fifo-merge[{0}]"), ("karma-wtinylfu", "wtinylfu-karma[{1},1]")],
+    [
+        ("karma-fifo", "fifo-merge[{0}]"),
+        ("karma-lru", "lru[{0}]"),
+        ("karma-wtinylfu", "wtinylfu-karma[{1},1]"),
+    ],
 )
 @settings(max_examples=40, deadline=None)
 @given(handled=st.lists(st.sampled_from(range(9)), max_size=40), units=st.integers(2, 5))
@@ -324,7 +328,7 @@ def test_units_are_what_the_policy_keeps_of_what_was_handled(name, policy, handl
     assert memory.size_bytes() == len(keys) * single.size_bytes()
 
 
-@pytest.mark.parametrize("name", ["karma-fifo", "karma-wtinylfu"])
+@pytest.mark.parametrize("name", ["karma-fifo", "karma-lru", "karma-wtinylfu"])
 def test_a_unit_that_became_false_stays(name):
     moments = [put("Mug|1", "CounterTop|1", 1.0), moment(2.0, looked_over=("CounterTop|1",)),
                moment(3.0, seen("Mug|1", "Desk|1", 3.0))]  # fmt: skip
