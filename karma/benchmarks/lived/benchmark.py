@@ -81,6 +81,10 @@ class LivedHomes:
         return BenchmarkResults(
             figures=figures,
             table=kinds_sheet(figures),
-            behind=(truth_sheet(figures), work_sheet(figures), known_sheet(figures)),
+            behind=tuple(
+                sheet
+                for sheet in (truth_sheet(figures), work_sheet(figures), known_sheet(figures))
+                if sheet.lines
+            ),
             remarks=tuple(remarks_on(self._experiment)),
         )

@@ -1,15 +1,16 @@
 """Live one home with one memory, day by day, and say what came of every request."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 from karma.benchmarks.benchmark import Chain
 from karma.benchmarks.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.benchmarks.lived.expert import ExpertMemory
 from karma.benchmarks.lived.records import CheckedDoubt, LivedRecord, ServedRequest
 from karma.benchmarks.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan
-from karma.contracts import Embedder, HomeMemory, HomeMoment, Sighting
+from karma.contracts import Embedder, HomeAnswer, HomeMemory, HomeMoment, Sighting
 from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import MemorySetting
 from karma.methods.lived.body import HomeRobot, sighting_of
@@ -27,6 +28,7 @@ from karma.tasks.lived import (
     room_right,
 )
 from karma.world.core.placement import find_place
+from karma.world.core.scene import Scene
 from karma.world.core.thing import is_inert
 from karma.world.houses import build_home
 from karma.world.residents import Household
@@ -39,6 +41,7 @@ TOUR_H = 6.0  # of the first day, when the tour begins
 class TouredHome:
     """A home after the first tour of the robot, which is the same for every row."""
 
+    scene: Scene
     map: HomeMap
     household: Household  # to be forked
     at: LookSpot
@@ -64,6 +67,7 @@ def toured(spec: HomeSpec, seed: int) -> TouredHome:
     for place_id in near_order(robot, tuple(home.places)):
         robot.look_at(place_id)
     return TouredHome(
+        scene=scene,
         map=home,
         household=household,
         at=robot.at,
@@ -98,6 +102,19 @@ def near_order(robot: HomeRobot, place_ids: tuple[str, ...]) -> Iterator[str]:
         yield best
 
 
+class LifeWatch(Protocol):
+    """Sees a home being lived in, and changes nothing."""
+
+    def acted(self) -> None:
+        """Take note of an action of the robot, or that it has waited."""
+
+    def served(
+        self, request: LivedRequest, served: ServedRequest, believed: Sighting | None,
+        truth: Sequence[Sighting], answer: HomeAnswer,
+    ) -> None:  # fmt: skip
+        """Take note of a request, of what memory took to be meant, and of what was."""
+
+
 class HomeLife:
     """One row in one home, from the first tour on.
 
@@ -117,12 +134,14 @@ class HomeLife:
         self._experiment, self._row, self._spec, self._seed = experiment, row, spec, seed
         self._reader = reader
         home = toured(spec, seed)
+        self.scene = home.scene
+        self._watch: LifeWatch | None = None
         self._map, self._start, self._people = home.map, home.start, spec.people(seed)
         self._household = home.household.fork()
-        self._robot = HomeRobot(self._household, self._map, self._told)
-        self._robot.at, self._robot.actions = home.at, home.actions
+        self.robot = HomeRobot(self._household, self._map, self._told)
+        self.robot.at, self.robot.actions = home.at, home.actions
         self._memory = self._made(embedder)
-        self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
+        self._server = Server(self.robot, self._memory, row.settings(experiment.tokens))
         self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row
         self._serving = False
         self._seen: dict[str, Sighting] = {}  # the last of each thing, whatever its memory
@@ -134,6 +153,19 @@ class HomeLife:
         """Return where every movable thing is."""
         return positions(self._household, self._map)
 
+    def people(self) -> tuple[tuple[str, str], ...]:
+        """Return who lives there, and the room that each is in or was in last."""
+        names = (one.name for one in self._household.residents)
+        return tuple((name, self._household.room_of(name)) for name in names)
+
+    def logged(self) -> int:
+        """Return how many deeds the log of truth holds."""
+        return len(self._household.log)
+
+    def watch(self, watch: LifeWatch) -> None:
+        """Have somebody watch from now on."""
+        self._watch, self.robot.acted = watch, watch.acted
+
     def day(self, day: int) -> LivedRecord:
         """Live one day."""
         plan = day_plan(self._seed, self._spec.number, day, self._rooms, self._experiment.requests)
@@ -141,7 +173,7 @@ class HomeLife:
         served: list[ServedRequest] = []
         missing = rounds = 0
         for number, planned in enumerate(plan):
-            self._robot.wait(max(planned.time_s, self._robot.time_s))
+            self.robot.wait(max(planned.time_s, self.robot.time_s))
             if planned.what == "request":
                 one = self._request(planned, day, number)
                 served += [one] if one is not None else []
@@ -150,7 +182,7 @@ class HomeLife:
                 rounds += self._round()
             else:
                 self._wait_in(planned.room)
-        self._robot.wait(max((day + 1) * DAY_S, self._robot.time_s))
+        self.robot.wait(max((day + 1) * DAY_S, self.robot.time_s))
         moved = {
             deed.object_id
             for deed in self._household.log[logged:]
@@ -202,16 +234,16 @@ class HomeLife:
 
     def _round(self) -> int:
         """Walk through all rooms and look at all open furniture; return the actions."""
-        before = self._robot.actions
+        before = self.robot.actions
         shown = tuple(one for one, place in self._map.places.items() if not place.openable)
-        for place_id in near_order(self._robot, shown):
-            self._robot.look_at(place_id)
-        return self._robot.actions - before
+        for place_id in near_order(self.robot, shown):
+            self.robot.look_at(place_id)
+        return self.robot.actions - before
 
     def _wait_in(self, room: str) -> None:
         places = self._map.in_rooms().get(room, ())
         if places:
-            self._robot.go(self._map.spots[places[0]][0])
+            self.robot.go(self._map.spots[places[0]][0])
 
     def _request(self, planned: DayItem, day: int, number: int) -> ServedRequest | None:
         assert planned.kind is not None
@@ -221,14 +253,14 @@ class HomeLife:
         request = draw_request(self._view(), planned.kind, rng)
         if request is None:
             return None
-        question = self._reader.read(request.text, request.speaker, self._robot.time_s)
-        before, truth, known_s = self._robot.actions, self.now(), None
+        question = self._reader.read(request.text, request.speaker, self.robot.time_s)
+        before, truth, known_s = self.robot.actions, self.now(), None
         if request.kind in PLACED:
             known_s = max(self._times_seen(request, truth), default=None)
         self._serving = True
         answer = self._server.serve(question)
-        if self._robot.held is not None:
-            self._robot.put_down()
+        if self.robot.held is not None:
+            self.robot.put_down()
         self._serving = False
         now = self.now()
         if request.asked == "errand":
@@ -236,7 +268,7 @@ class HomeLife:
         else:
             right = answered_rightly(request, answer, now)
         effort = self._server.effort
-        return ServedRequest(
+        served = ServedRequest(
             kind=request.kind,
             asked=request.asked,
             text=request.text,
@@ -244,7 +276,7 @@ class HomeLife:
             right=right,
             unknown=answer.unknown,
             room_right=room_right(request, answer, now) if request.asked == "place" else None,
-            actions=self._robot.actions - before,
+            actions=self.robot.actions - before,
             places=effort.places,
             wasted=effort.wasted,
             believed=effort.believed,
@@ -262,6 +294,10 @@ class HomeLife:
                 for holds, so in effort.doubts
             ),
         )
+        if self._watch is not None:
+            meant = [truth[one] for one in request.object_ids if one in truth]
+            self._watch.served(request, served, effort.first, meant, answer)
+        return served
 
     def _times_seen(self, request: LivedRequest, now: dict[str, Sighting]) -> Iterator[float]:
         """Yield when the things that may be meant were seen last, of those that are still there."""
@@ -278,7 +314,7 @@ class HomeLife:
 
     def _view(self) -> HomeView:
         return HomeView(
-            time_s=self._robot.time_s,
+            time_s=self.robot.time_s,
             people=tuple(one.name for one in self._household.residents),
             places=self._map.places,
             log=tuple(self._household.log),

@@ -35,6 +35,7 @@ class HomeRobot:
         self.household, self.map, self._tell = household, home_map, tell
         self.at = home_map.start
         self.actions = 0  # world actions, a step of a walk counted as one
+        self.acted: Callable[[], None] = _nobody  # told after every action and every wait
 
     @property
     def time_s(self) -> float:
@@ -49,6 +50,7 @@ class HomeRobot:
     def wait(self, time_s: float, *, watching: bool = True) -> None:
         """Let time pass; deeds of residents in the same room are seen."""
         self._witness(self.household.until(time_s), watching=watching)
+        self.acted()
 
     def go(self, spot: LookSpot) -> bool:
         """Walk to a spot; False where the world refuses it."""
@@ -164,6 +166,7 @@ class HomeRobot:
         event = self.household.robot(action, **arguments)
         self.actions += 1
         self._witness(self.household.log[before:])
+        self.acted()
         return bool(event)
 
     def _witness(self, deeds: Sequence[Deed], *, watching: bool = True) -> None:
@@ -197,6 +200,10 @@ class HomeRobot:
     def _room_of_place(self, place_id: str | None) -> str:
         place = self.map.places.get(place_id or "")
         return place.room if place is not None else self.at.room
+
+
+def _nobody() -> None:
+    """Watch nothing."""
 
 
 def sightings(
