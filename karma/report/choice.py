@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from typing import Protocol, TypeVar
 
 from karma.bench.records import EpisodeRecord
 from karma.errors import KarmaError
@@ -10,12 +11,35 @@ SHORT = 12  # instructions of an episode that is always shown whole
 TOGETHER, LEAST = 200, 8  # instructions of all long episodes of a page; of each, at least
 
 
-def episode_key(record: EpisodeRecord) -> str:
+class PlayedTask(Protocol):
+    """What names an episode of any run, and says how it ended."""
+
+    @property
+    def row(self) -> str:
+        """Of the experiment."""
+
+    @property
+    def task(self) -> str:
+        """Its id."""
+
+    @property
+    def seed(self) -> int:
+        """Of the run."""
+
+    @property
+    def success(self) -> bool:
+        """Whether all of it was done."""
+
+
+Played = TypeVar("Played", bound=PlayedTask)
+
+
+def episode_key(record: PlayedTask) -> str:
     """Return what names an episode on the page and in its address."""
     return f"{record.row}/{record.task}/{record.seed}"
 
 
-def choose(records: Sequence[EpisodeRecord], wanted: str) -> list[EpisodeRecord]:
+def choose(records: Sequence[Played], wanted: str) -> list[Played]:
     """Return the chosen episodes, in the run's order.
 
     Args:
@@ -45,9 +69,9 @@ def choose(records: Sequence[EpisodeRecord], wanted: str) -> list[EpisodeRecord]
     return [record for record in records if id(record) in kept]
 
 
-def _in_turn(records: Sequence[EpisodeRecord]) -> list[EpisodeRecord]:
+def _in_turn(records: Sequence[Played]) -> list[Played]:
     """Return the first of each row, then the second of each, and so on."""
-    rows: dict[str, list[EpisodeRecord]] = {}
+    rows: dict[str, list[Played]] = {}
     for record in records:
         rows.setdefault(record.row, []).append(record)
     longest = max(map(len, rows.values()), default=0)
