@@ -11,8 +11,6 @@ from karma.cli.shared import SHOWN, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import write_atomic
 
-USUAL = "8"  # episodes that can be stepped through
-
 
 def add_to(app: typer.Typer) -> None:
     """Add the command to the top level."""
@@ -36,11 +34,8 @@ def report_command(
     ] = None,
     episodes: Annotated[
         str,
-        typer.Option(
-            help="Which can be stepped through: all, a number, a task, ROW/TASK/SEED; default 8, "
-            "of lived-in homes one day."
-        ),
-    ] = "",
+        typer.Option(help="Which can be stepped through: all, a number, a task, ROW/TASK/SEED."),
+    ] = "8",
     instructions: Annotated[
         str,
         typer.Option(
@@ -71,34 +66,18 @@ def report_command(
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
     from karma.bench.sweep_folder import is_sweep
     from karma.report.figure_page import is_figure_folder
-    from karma.report.lived import is_lived
 
     run = Path(runs[0])
     if len(runs) > 1 or is_sweep(run):
         if rerun is not None:
             raise KarmaError("--rerun is of one run\n  To fix: karma report RUN --rerun FILE")
-        choice = (episodes or USUAL, instructions, frames)
+        choice = (episodes, instructions, frames)
         _write_comparison(runs, out, reference, choice if pages else None, published)
     elif is_figure_folder(run):
         _write_figure(run, out or run / "report.html")
-    elif is_lived(run):
-        _write_lived(run, out or run / "report.html", episodes)
     else:
-        choice = (episodes or USUAL, instructions, frames)
+        choice = (episodes, instructions, frames)
         _write_run(run, out or run / "report.html", choice, published, rerun)
-
-
-def _write_lived(run: Path, path: Path, days: str) -> None:
-    from karma.report.lived import lived_page
-
-    with bar(passing=True) as progress:
-        line = progress.add_task("living days again, %", total=100)
-        for one in lived_page(run, days):
-            if isinstance(one, str):
-                write_atomic(path, one.encode())
-            else:
-                progress.update(line, completed=round(100 * one))
-    console.print(escape(f"page: {path}: {path.stat().st_size / 1e6:.1f} MB"), soft_wrap=True)
 
 
 def _write_figure(run: Path, path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
 
 from karma.bench.records import EpisodeRecord
 from karma.errors import KarmaError
@@ -11,35 +10,12 @@ SHORT = 12  # instructions of an episode that is always shown whole
 TOGETHER, LEAST = 200, 8  # instructions of all long episodes of a page; of each, at least
 
 
-class PlayedTask(Protocol):
-    """What names an episode of any run, and says how it ended."""
-
-    @property
-    def row(self) -> str:
-        """Of the experiment."""
-
-    @property
-    def task(self) -> str:
-        """Its id."""
-
-    @property
-    def seed(self) -> int:
-        """Of the run."""
-
-    @property
-    def success(self) -> bool:
-        """Whether all of it was done."""
-
-
-Played = TypeVar("Played", bound=PlayedTask)
-
-
-def episode_key(record: PlayedTask) -> str:
+def episode_key(record: EpisodeRecord) -> str:
     """Return what names an episode on the page and in its address."""
     return f"{record.row}/{record.task}/{record.seed}"
 
 
-def choose(records: Sequence[Played], wanted: str) -> list[Played]:
+def choose(records: Sequence[EpisodeRecord], wanted: str) -> list[EpisodeRecord]:
     """Return the chosen episodes, in the run's order.
 
     Args:
@@ -69,9 +45,9 @@ def choose(records: Sequence[Played], wanted: str) -> list[Played]:
     return [record for record in records if id(record) in kept]
 
 
-def _in_turn(records: Sequence[Played]) -> list[Played]:
+def _in_turn(records: Sequence[EpisodeRecord]) -> list[EpisodeRecord]:
     """Return the first of each row, then the second of each, and so on."""
-    rows: dict[str, list[Played]] = {}
+    rows: dict[str, list[EpisodeRecord]] = {}
     for record in records:
         rows.setdefault(record.row, []).append(record)
     longest = max(map(len, rows.values()), default=0)
