@@ -8,6 +8,7 @@ from karma.benchmarks.lived.experiment import EXPERT, HomeSpec, LivedExperiment,
 from karma.benchmarks.lived.expert import ExpertMemory
 from karma.benchmarks.lived.records import CheckedDoubt, LivedRecord, ServedRequest
 from karma.benchmarks.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan
+from karma.benchmarks.lived.trace import HomeTrace, HomeTracer
 from karma.contracts import Embedder, HomeMemory, HomeMoment, Sighting
 from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import MemorySetting
@@ -53,14 +54,15 @@ class HomeLife:
         seed: of the run.
         embedder: of short texts.
         reader: of requests.
+        tracer: writes down what goes on; records are the same without one.
     """
 
     def __init__(
         self, experiment: LivedExperiment, row: LivedRow, spec: HomeSpec, seed: int,
-        embedder: Embedder, reader: Reader,
+        embedder: Embedder, reader: Reader, tracer: HomeTracer | None = None,
     ) -> None:  # fmt: skip
         self._experiment, self._row, self._spec, self._seed = experiment, row, spec, seed
-        self._reader = reader
+        self._reader, self._tracer = reader, tracer
         scene, self._map = home_of(spec, seed)
         self._people = spec.people(seed)
         self._household = Household(
@@ -74,6 +76,8 @@ class HomeLife:
         self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row
         self._serving = False
         self._rooms = tuple(self._map.in_rooms())
+        if tracer is not None:
+            tracer.enter(scene, self._household, self._robot)
         self._tour()
 
     def now(self) -> dict[str, Sighting]:
@@ -146,6 +150,8 @@ class HomeLife:
 
     def _told(self, moment: HomeMoment) -> None:
         self._memory.take_in(moment)
+        if self._tracer is not None:
+            self._tracer.learnt(moment)
         if not self._serving:
             self._scheduled.append(moment)
 
@@ -191,7 +197,7 @@ class HomeLife:
         if request is None:
             return None
         question = self._reader.read(request.text, request.speaker, self._robot.time_s)
-        before = self._robot.actions
+        before, truth = self._robot.actions, self.now()
         self._serving = True
         answer = self._server.serve(question)
         if self._robot.held is not None:
@@ -203,7 +209,7 @@ class HomeLife:
         else:
             right = answered_rightly(request, answer, now)
         effort = self._server.effort
-        return ServedRequest(
+        served = ServedRequest(
             kind=request.kind,
             asked=request.asked,
             text=request.text,
@@ -227,6 +233,9 @@ class HomeLife:
                 for holds, so in effort.doubts
             ),
         )
+        if self._tracer is not None:
+            self._tracer.served(request, truth, effort.went_by, answer, served)
+        return served
 
     def _takes(self, object_id: str, place_id: str) -> bool:
         """Return whether a place has room for a thing now."""
@@ -269,6 +278,21 @@ def player(
             life.close()
 
     return played
+
+
+def traced(
+    experiment: LivedExperiment, chain: Chain, embedder: Embedder, reader: Reader, days: int
+) -> tuple[list[LivedRecord], HomeTrace]:
+    """Live the first days of a chain again; return their records, and what went on."""
+    row = next(one for one in experiment.rows if one.name == chain.row)
+    home = chain.tasks[0].rpartition("/")[0]
+    spec = next(one for one in experiment.specs() if one.name == home)
+    tracer = HomeTracer()
+    life = HomeLife(experiment, row, spec, chain.seed, embedder, reader, tracer)
+    try:
+        return [life.day(day) for day in range(days)], tracer.trace()
+    finally:
+        life.close()
 
 
 def lost_days(experiment: LivedExperiment, chain: Chain, cause: str) -> list[LivedRecord]:

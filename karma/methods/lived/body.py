@@ -7,7 +7,7 @@ action each. What it sees is what the world's own sight shows from there.
 
 from collections.abc import Callable, Iterator, Sequence
 
-from karma.contracts import Deed, HomeMoment, Sighting
+from karma.contracts import Deed, HomeMoment, Pose, Sighting
 from karma.household.places import HAND
 from karma.methods.lived.home_map import HomeMap, LookSpot
 from karma.world.core.objects import Objects
@@ -35,6 +35,7 @@ class HomeRobot:
         self.household, self.map, self._tell = household, home_map, tell
         self.at = home_map.start
         self.actions = 0  # world actions, a step of a walk counted as one
+        self.watch: Callable[[Pose, float], None] | None = None  # shown each walk: from where, when
 
     @property
     def time_s(self) -> float:
@@ -52,7 +53,7 @@ class HomeRobot:
 
     def go(self, spot: LookSpot) -> bool:
         """Walk to a spot; False where the world refuses it."""
-        steps = self.map.cost(self.at, spot)
+        steps, begun_s, start = self.map.cost(self.at, spot), self.time_s, self._pose()
         x, y, z = spot.pose.position_m
         there = {"x": x, "y": y, "z": z, "rotation": spot.pose.yaw_deg}
         event = self._act(
@@ -63,6 +64,8 @@ class HomeRobot:
             self.wait(self.time_s + (steps - 1) * rules().time.action_s)
         if event:
             self.at = spot
+            if self.watch is not None:
+                self.watch(start, begun_s)
         return event
 
     def look(self, looked_over: Sequence[str] = ()) -> HomeMoment:
@@ -151,6 +154,9 @@ class HomeRobot:
         return resting_place(state.objects, thing, self.map) == seen.place_id
 
     # ------------------------------------------------------------- what happens
+
+    def _pose(self) -> Pose:
+        return self.household.world.state.pose
 
     def _took(self, object_id: str) -> bool:
         self.look()

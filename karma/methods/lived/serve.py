@@ -60,6 +60,7 @@ class Effort:
     recalls: int = 0
     tokens: int = 0
     doubts: list[tuple[float | None, bool]] = field(default_factory=list)  # holds, and was so
+    went_by: list[Fact] = field(default_factory=list)  # what memory said, in the order of use
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,6 +136,7 @@ class Server:
             fact = now.latest(object_id) or told.latest(object_id)
             kind = next(f.sighting.object_type for f in meant if f.sighting.object_id == object_id)
             targets.append(MeantThing(object_id=object_id, object_type=kind, fact=fact))
+        self.effort.went_by += [one.fact for one in targets[:1] if one.fact is not None]
         return targets
 
     def _place_of(self, question: HomeQuestion, other: SaidThing, said: SaidThing) -> str | None:
@@ -186,6 +188,7 @@ class Server:
         at = max(known, key=lambda fact: fact.sighting.time_s, default=None)
         if at is None:
             return HomeAnswer(unknown=True)
+        self.effort.went_by.append(at)
         return _answer(self._robot, at.sighting, None)
 
     def _when_or_who(self, question: HomeQuestion) -> HomeAnswer:
@@ -201,6 +204,7 @@ class Server:
         )
         if newest is None:
             return HomeAnswer(unknown=True)
+        self.effort.went_by.append(newest)
         if question.asked == "who":
             return HomeAnswer(who=newest.deed.who if newest.deed else "")
         seen_s = newest.deed.time_s if newest.deed and said.action else newest.sighting.time_s
@@ -214,6 +218,7 @@ class Server:
         if not facts and not self._recall(plain(question)).facts:
             return HomeAnswer(unknown=True)
         there = [fact for fact in facts if fact.holds is None or fact.holds >= COUNTED]
+        self.effort.went_by += there
         return HomeAnswer(count=len(there))
 
     def _said_there(self, question: HomeQuestion) -> list[Fact]:
