@@ -316,7 +316,11 @@ def read_results(folder: Path, *more: Path) -> BenchmarkResults:
 def read_records(folder: Path, header: BenchmarkHeader) -> tuple[Benchmark, list[Any]]:
     """Return a run's benchmark, and its records; FileError for a damaged line."""
     kind = kind_of(header.benchmark, folder / HEADER)
-    experiment = msgspec.convert(header.experiment, kind.experiment_kind)
+    try:
+        experiment = msgspec.convert(header.experiment, kind.experiment_kind)
+    except msgspec.ValidationError as error:
+        fix = f"karma eval FILE --out {folder} --fresh"
+        raise FileError(folder / HEADER, f"experiment: {error}", fix=fix) from error
     return kind(experiment, folder / HEADER), read_lines(folder / EPISODES, kind.record_kind)
 
 
