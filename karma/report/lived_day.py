@@ -11,6 +11,7 @@ from karma.household.places import HAND
 from karma.tasks.lived import LivedRequest
 from karma.world.core.navigate import corners, nearest_cell, path
 from karma.world.core.state import Cell, Settings, WorldState, begin
+from karma.world.houses import room_at
 
 WALK_S = 20.0  # before a deed, in which the page lets a resident walk there
 WEEKDAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
@@ -20,7 +21,7 @@ VERBS = {
     "ToggleObjectOn": "switches on", "ToggleObjectOff": "switches off", "SliceObject": "slices",
     "FillObjectWithLiquid": "fills", "EmptyLiquidFromObject": "empties",
 }  # fmt: skip
-LEADS = {"PickupObject": "from", "PutObject": "to", "CleanObject": "of", "DirtyObject": "of"}
+LEADS = {"PickupObject": "from", "PutObject": "at"}
 
 
 def told_day(trace: HomeTrace, day: int) -> dict[str, Any]:
@@ -228,12 +229,14 @@ def _told_robot(trace: HomeTrace, ways: "_Ways", start: float, end: float) -> di
     return {
         "name": ROBOT,
         "first": [*_cm(pose.position_m), pose.yaw_deg],
+        "room": ways.room_at(pose.position_m),
         "walks": [
             [
                 one.begun_s,
                 one.over_s,
                 ways.way(ways.cell_at(one.start.position_m), ways.cell_at(one.end.position_m)),
                 one.end.yaw_deg,
+                ways.room_at(one.end.position_m),
             ]
             for one in trace.walks
             if start <= one.begun_s < end
@@ -245,6 +248,7 @@ class _Ways:
     """Shortest ways over the cells of a home."""
 
     def __init__(self, trace: HomeTrace) -> None:
+        self._scene = trace.scene
         self._state: WorldState = begin(trace.scene, Settings(grid_m=trace.scene.grid_m))
         self._rooms = {room.name: room for room in trace.scene.rooms or ()}
         self._known: dict[tuple[Cell, Cell], list[list[float]]] = {}
@@ -257,12 +261,19 @@ class _Ways:
 
     def cell_in(self, room: str) -> Cell:
         """Return a cell in the middle of a room."""
+        if room not in self._rooms:
+            return self.cell_at(self._scene.agent.position)
         where = self._rooms[room].corners
         return self.cell_at(
             (
                 sum(x for x, _ in where) / len(where), 0.0, sum(z for _, z in where) / len(where)
             )
         )  # fmt: skip
+
+    def room_at(self, place_m: Vec3) -> str:
+        """Return the room that a place is in."""
+        room = room_at(self._scene, place_m[0], place_m[2])
+        return room.name if room is not None else self._scene.name
 
     def point(self, cell: Cell) -> list[float]:
         """Return where a cell is."""

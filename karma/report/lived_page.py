@@ -15,12 +15,13 @@ from karma.benchmarks.lived.trace import HomeTrace
 from karma.benchmarks.run import BenchmarkHeader, read_header, read_records
 from karma.errors import KarmaError, did_you_mean
 from karma.report.html import fill, script_data
-from karma.report.lived_day import day_name, told_day
+from karma.report.lived_day import WALK_S, day_name, told_day
 from karma.report.lived_pictures import lived_pictures
 from karma.report.page import columns_of, facts_of
 from karma.report.room import plan_of
 
 NAMED = 6  # homes in a message
+DRAWN_CM = 800.0  # of a home, at which marks have their usual size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,12 +107,10 @@ def chosen_day(run: LivedRun, home: str = "", day: int | None = None, row: str =
 
 def _check(option: str, value: str, known: Sequence[str], folder: Path) -> None:
     if value not in known:
-        shown = ", ".join(known[:NAMED]) + (
-            f" and {len(known) - NAMED} more" * (len(known) > NAMED)
-        )
+        more = f" and {len(known) - NAMED} more" if len(known) > NAMED else ""
         raise KarmaError(
             f"{folder}: {option} {value!r}: there is none in the run.{did_you_mean(value, known)} "
-            f"It has {shown}\n  To fix: karma report {folder} {option} '{known[0]}'"
+            f"It has {', '.join(known[:NAMED])}{more}\n  To fix: karma report {folder} {option} '{known[0]}'"
         )
 
 
@@ -170,12 +169,13 @@ def render_lived(run: LivedRun, shown: LivedDay) -> str:
         remarks=results.remarks,
         facts=tuple(facts_of(run.header)),
         plan=plan,
+        walk_s=round(WALK_S),
         data=script_data(
             {
                 "row": record.row,
                 "task": record.task,
                 "seed": record.seed,
-                "scale": max(1.0, float(plan.view_box.split()[2]) / 900.0),
+                "scale": max(1.0, max(map(float, plan.view_box.split()[2:])) / DRAWN_CM),
                 "requests": columns_of(_listed(run.records)),
                 "day": told_day(shown.trace, record.day),
             }

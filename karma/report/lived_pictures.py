@@ -46,8 +46,8 @@ def lived_pictures(
     for setting in settings:
         yield LivedPicture(
             title=f"Served rightly, by kind: {setting}",
-            caption="Whiskers: 95 % intervals over homes. Reliability: what rows that give a chance "
-            "said of “it is still there”, in tenths, against what was so.",
+            caption="Whiskers: 95 % intervals over homes. Reliability: what rows that give a "
+            "chance said of “it is still there”, in tenths, against what was so.",
             figure=_success([one for one in figures if one.setting == setting]),
         )
 
