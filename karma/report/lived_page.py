@@ -10,7 +10,7 @@ from karma.bench.sheet import Sheet
 from karma.benchmarks.lived.benchmark import LivedHomes
 from karma.benchmarks.lived.records import LivedRecord
 from karma.benchmarks.lived.schedule import DAY_S
-from karma.benchmarks.lived.table import OURS, figures_of, stale_shares
+from karma.benchmarks.lived.table import OURS, stale_shares
 from karma.benchmarks.lived.trace import HomeTrace
 from karma.benchmarks.run import BenchmarkHeader, read_header, read_records
 from karma.errors import KarmaError, did_you_mean
@@ -110,7 +110,8 @@ def _check(option: str, value: str, known: Sequence[str], folder: Path) -> None:
         more = f" and {len(known) - NAMED} more" if len(known) > NAMED else ""
         raise KarmaError(
             f"{folder}: {option} {value!r}: there is none in the run.{did_you_mean(value, known)} "
-            f"It has {', '.join(known[:NAMED])}{more}\n  To fix: karma report {folder} {option} '{known[0]}'"
+            f"It has {', '.join(known[:NAMED])}{more}\n"
+            f"  To fix: karma report {folder} {option} '{known[0]}'"
         )
 
 
@@ -149,7 +150,7 @@ def render_lived(run: LivedRun, shown: LivedDay) -> str:
     record = shown.record
     pictures = [
         {"title": one.title, "caption": one.caption, "uri": one.uri()}
-        for one in lived_pictures(figures_of(run.records), stale_shares(run.records))
+        for one in lived_pictures(results.figures, stale_shares(run.records))
     ]
     sheets: tuple[Sheet, ...] = (results.table, *results.behind)
     plan = plan_of(shown.trace.scene, None)
