@@ -141,7 +141,9 @@ def test_a_day_that_comes_out_otherwise_is_refused(run):
     changed = replace(record, missing=99)
     records = tuple(changed if one == record else one for one in run.records)
     wrong = replace(run, records=records)
-    with pytest.raises(KarmaError, match=r"day_1 of 'ours'.* missing differ; (.|\n)*To fix: karma eval"):
+    with pytest.raises(
+        KarmaError, match=r"day_1 of 'ours'.* missing differ; (.|\n)*To fix: karma eval"
+    ):
         lived_again(wrong, changed)
 
 
