@@ -84,17 +84,16 @@ def chosen_day(run: LivedRun, home: str = "", day: int | None = None, row: str =
     _check("--row", row, rows, run.folder)
     if home:
         _check("--home", home, homes, run.folder)
-    found = [
-        one
-        for one in run.records
-        if one.row == row and home in ("", home_of_record(one)) and day in (None, one.day)
-    ]
+    mine = [one for one in run.records if one.row == row and home in ("", home_of_record(one))]
+    if not mine:
+        fix = f"karma eval FILE --out {run.folder}"
+        raise KarmaError(f"{run.folder}: {row!r} was not yet in {home}\n  To fix: {fix}")
+    found = [one for one in mine if day in (None, one.day)]
     if not found:
-        days = sorted({one.day for one in run.records if one.row == row})
+        days = sorted({one.day for one in mine})
         raise KarmaError(
-            f"{run.folder}: --day {day}: row {row!r} has {home or 'no home with it'}"
-            f"{' without it' if home else ''}\n  To fix: karma report {run.folder} "
-            f"--day {days[0] if days else 0} (to {days[-1] if days else 0})"
+            f"{run.folder}: --day {day}: {row!r} has days {days[0]} to {days[-1]}\n"
+            f"  To fix: karma report {run.folder} --day {days[0]}"
         )
     played = [one for one in found if not one.error]
     if not played:

@@ -206,7 +206,7 @@ def test_page_lists_every_request_of_every_row(page, run):
     [
         (["--home", "40 %/home_7"], "--home '40 %/home_7'"),
         (["--row", "our"], "Did you mean 'ours'?"),
-        (["--day", "9"], "--day 9"),
+        (["--day", "9"], "--day 9: 'ours' has days 0 to 1"),
         (["--episodes", "all"], "have days, no episodes"),
     ],
 )
