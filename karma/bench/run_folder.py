@@ -118,8 +118,8 @@ def read_header(path: Path) -> Header:
     if benchmark := benchmark_in(path.parent):
         raise FileError(
             path,
-            f"a run of the benchmark {benchmark}, which has records of its own: no page, no"
-            " comparison",
+            f"a run of the benchmark {benchmark}, which has records of its own: they are not"
+            " read here",
             fix=f"karma table {path.parent}",
         )
     fix = "run it again: karma eval FILE --fresh, or --out another folder"

@@ -237,7 +237,7 @@ def read_results(folder: Path, *more: Path) -> BenchmarkResults:
     records: list[Any] = []
     remarks: list[str] = []
     for place, header in zip((folder, *more), headers, strict=True):
-        kind, mine = _read_run(place, header)
+        kind, mine = read_records(place, header)
         rows = {one.row for one in records} & {one.row for one in mine}
         if header.files != headers[0].files:
             raise FileError(place / HEADER, f"its tasks or prompts are not those of {folder}")
@@ -245,13 +245,17 @@ def read_results(folder: Path, *more: Path) -> BenchmarkResults:
             raise FileError(place / HEADER, f"row {min(rows)!r} is in another of these runs, too")
         records += mine
         remarks += kind.results(mine).remarks
-    return replace(_read_run(folder, headers[0])[0].results(records), remarks=tuple(remarks))
+    return replace(read_records(folder, headers[0])[0].results(records), remarks=tuple(remarks))
 
 
-def _read_run(folder: Path, header: BenchmarkHeader) -> tuple[Benchmark, list[Any]]:
-    """Return a run's benchmark, and its records."""
+def read_records(folder: Path, header: BenchmarkHeader) -> tuple[Benchmark, list[Any]]:
+    """Return a run's benchmark, and its records; FileError for a damaged line."""
     kind = kind_of(header.benchmark, folder / HEADER)
-    experiment = msgspec.convert(header.experiment, kind.experiment_kind)
+    try:
+        experiment = msgspec.convert(header.experiment, kind.experiment_kind)
+    except msgspec.ValidationError as error:
+        fix = f"karma eval FILE --out {folder} --fresh"
+        raise FileError(folder / HEADER, f"experiment: {error}", fix=fix) from error
     return kind(experiment, folder / HEADER), read_lines(folder / EPISODES, kind.record_kind)
 
 

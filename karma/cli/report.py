@@ -11,6 +11,8 @@ from karma.cli.shared import SHOWN, clear_errors, console
 from karma.errors import KarmaError
 from karma.files import write_atomic
 
+CHOICE = ("8", "auto", "auto")  # of episodes, instructions and frames, unless told otherwise
+
 
 def add_to(app: typer.Typer) -> None:
     """Add the command to the top level."""
@@ -35,21 +37,21 @@ def report_command(
     episodes: Annotated[
         str,
         typer.Option(help="Which can be stepped through: all, a number, a task, ROW/TASK/SEED."),
-    ] = "8",
+    ] = CHOICE[0],
     instructions: Annotated[
         str,
         typer.Option(
             help='Of those, which instructions: all, numbers such as 1-40,77, or "auto": of long '
             "sequences those that failed first."
         ),
-    ] = "auto",
+    ] = CHOICE[1],
     frames: Annotated[
         str,
         typer.Option(
             help='First-person pictures: "every" action, "calls" only, their "ends", "none", or '
             '"auto": the less the more there is to show.'
         ),
-    ] = "auto",
+    ] = CHOICE[2],
     published: Annotated[
         Path | None, typer.Option(help="The paper's figures, to stand beside ours.")
     ] = None,
@@ -62,13 +64,36 @@ def report_command(
     pages: Annotated[
         bool, typer.Option(help="Of several: also make their own pages, where missing or old.")
     ] = True,
+    home: Annotated[
+        str, typer.Option(help='Of lived-in homes: which is shown, such as "usual/home_003".')
+    ] = "",
+    day: Annotated[
+        int | None, typer.Option(min=0, help="Of lived-in homes: which day; the first is 0.")
+    ] = None,
+    row: Annotated[
+        str, typer.Option(help="Of lived-in homes: which row; ours unless told otherwise.")
+    ] = "",
 ) -> None:
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
     from karma.bench.sweep_folder import is_sweep
     from karma.report.figure_page import is_figure_folder
+    from karma.report.lived_page import is_lived
 
     run = Path(runs[0])
-    if len(runs) > 1 or is_sweep(run):
+    is_home = len(runs) == 1 and is_lived(run)
+    if (home or day is not None or row) and not is_home:
+        raise KarmaError(
+            "--home, --day and --row are of one run of lived-in homes\n"
+            "  To fix: karma eval eval/lived/demo.toml"
+        )
+    if is_home:
+        if rerun is not None or (episodes, instructions, frames) != CHOICE:
+            raise KarmaError(
+                f"{run}: lived-in homes have days, no episodes, frames or recording\n"
+                f"  To fix: karma report {run} --home HOME --day DAY --row ROW"
+            )
+        _write_lived(run, out or run / "report.html", home, day, row)
+    elif len(runs) > 1 or is_sweep(run):
         if rerun is not None:
             raise KarmaError("--rerun is of one run\n  To fix: karma report RUN --rerun FILE")
         choice = (episodes, instructions, frames)
@@ -78,6 +103,23 @@ def report_command(
     else:
         choice = (episodes, instructions, frames)
         _write_run(run, out or run / "report.html", choice, published, rerun)
+
+
+def _write_lived(run: Path, path: Path, home: str, day: int | None, row: str) -> None:
+    """Write the page of a run of lived-in homes, with one day to watch."""
+    from karma.report.lived_page import chosen_day, lived_again, read_lived, render_lived
+
+    found = read_lived(run)
+    record = chosen_day(found, home, day, row)
+    shown = lived_again(found, record)
+    write_atomic(path, render_lived(found, shown).encode())
+    console.print(
+        escape(
+            f"page: {path}: {len(found.records)} days; to watch: {record.task} of {record.row!r}, "
+            f"{path.stat().st_size / 1e6:.1f} MB"
+        ),
+        soft_wrap=True,
+    )
 
 
 def _write_figure(run: Path, path: Path) -> None:

@@ -17,23 +17,26 @@ if TYPE_CHECKING:
 TEMPLATES = Path(__file__).parent
 
 
-def fill(template: str, *, columns: int = 1, letters: int = 1, **words: Any) -> str:
+def fill(
+    template: str, *, script: str = "replay.js.j2", columns: int = 1, letters: int = 1, **words: Any
+) -> str:
     """Return a page.
 
     Args:
         template: its file's name.
+        script: that of its script.
         columns: rows of the experiment, which are columns of the list of tasks.
         letters: of the longest task's name.
         words: what the template says.
     """
     environment = _environment()
     css = environment.get_template("page.css.j2").render(columns=columns, letters=letters)
-    script = environment.get_template("replay.js.j2").render()
+    code = environment.get_template(script).render()
     return environment.get_template(template).render(
         version=__version__,
-        policy=_policy(css, script),
+        policy=_policy(css, code),
         css=_trusted(css),
-        script=_trusted(script),
+        script=_trusted(code),
         **words,
     )
 

@@ -178,7 +178,7 @@ def page_of(run: RunData, result: Result, replays: Sequence[EpisodeReplay]) -> P
         failures={(one.row, one.task, one.seed): one for one in result.failures if one.is_first},
         tasks=lines,
         has_long=any(line.is_long for line in lines),
-        facts=tuple(_facts(run)),
+        facts=tuple(facts_of(run.header)),
         replays=by_key,
         rooms=tuple({name: room for one in replays for name, room in one.rooms.items()}.values()),
         cut=tuple(one for one in replays if len(one.shown) < len(one.story.parts)),
@@ -218,9 +218,9 @@ def _caption(result: Result) -> str:
     )
 
 
-def _facts(run: RunData) -> Iterator[tuple[str, tuple[tuple[str, str], ...]]]:
+def facts_of(run_header: Any) -> Iterator[tuple[str, tuple[tuple[str, str], ...]]]:
     """Yield what the run depends on: groups of names and values."""
-    header: dict[str, Any] = msgspec.to_builtins(run.header)
+    header: dict[str, Any] = msgspec.to_builtins(run_header)
     groups = {name: value for name, value in header.items() if isinstance(value, dict)}
     yield "run", tuple((n, _plain(value)) for n, value in header.items() if n not in groups)
     for group, facts in groups.items():

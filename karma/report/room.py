@@ -50,6 +50,16 @@ class Edge:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RoomFloor:
+    """The floor of one room of a home; x and y are where its name stands."""
+
+    name: str
+    points: str  # of a polygon
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RoomPlan:
     """What the page draws under a path."""
 
@@ -57,6 +67,8 @@ class RoomPlan:
     room: str
     view_box: str
     floor: PlanShape
+    rooms: tuple[RoomFloor, ...]  # of a home; () where the scene is one room
+    walls: str  # path data
     cells: str  # path data, a dot each
     shapes: tuple[PlanShape, ...]
     areas: tuple[AreaMark, ...]
@@ -88,11 +100,30 @@ def plan_of(scene: Scene, graph: SceneGraph | None) -> RoomPlan:
         room=scene.room,
         view_box=" ".join(f"{value:g}" for value in box),
         floor=floor,
+        rooms=tuple(_floors(scene)),
+        walls="".join(_walls(scene)),
         cells="".join(f"M{_cm(x):g} {_cm(-z):g}h0" for x, z in scene.reachable),
         shapes=tuple(_shapes(scene)),
         areas=areas,
         edges=tuple(_edges(areas)),
     )
+
+
+def _floors(scene: Scene) -> Iterable[RoomFloor]:
+    for room in scene.rooms or ():
+        xs, zs = zip(*room.corners, strict=True)
+        yield RoomFloor(
+            name=room.name,
+            points=" ".join(f"{_cm(x):g},{_cm(-z):g}" for x, z in room.corners),
+            x=_cm((min(xs) + max(xs)) / 2),
+            y=_cm(-(min(zs) + max(zs)) / 2),
+        )
+
+
+def _walls(scene: Scene) -> Iterable[str]:
+    for wall in scene.walls or ():
+        (left, _, near), (right, _, far) = wall.low, wall.high
+        yield f"M{_cm(left):g} {_cm(-far):g}H{_cm(right):g}V{_cm(-near):g}H{_cm(left):g}Z"
 
 
 def _shapes(scene: Scene) -> Iterable[PlanShape]:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from karma.bench.experiment import filled
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play
 from karma.benchmarks.lived.experiment import LivedExperiment
-from karma.benchmarks.lived.play import lost_days, player
+from karma.benchmarks.lived.play import lost_days, player, traced
 from karma.benchmarks.lived.records import LivedRecord
 from karma.benchmarks.lived.table import (
     figures_of,
@@ -17,6 +17,8 @@ from karma.benchmarks.lived.table import (
     truth_sheet,
     work_sheet,
 )
+from karma.benchmarks.lived.trace import HomeTrace
+from karma.contracts import Embedder
 from karma.errors import KarmaError
 from karma.infer.hosted.session import Session
 from karma.memory.lived.ageing import PRIOR
@@ -60,16 +62,18 @@ class LivedHomes:
 
     def begin(self, session: Session) -> Play:
         """Load the embedder and the reader's words."""
-        one = self._experiment
-        embedder = filled("embedders", one.models.embedder, None, session, one.models)
-        if embedder is None:
-            raise KarmaError(f"{self._path}: an embedder is needed\n  To fix: embedder = 'minilm'")
-        play = player(one, embedder, Reader(embedder))
+        embedder = self._embedder(session)
+        play = player(self._experiment, embedder, Reader(embedder))
 
         def played(chain: Chain) -> Iterator[LivedRecord]:
             yield from play(chain.row, chain.tasks[0].rpartition("/")[0], chain.seed)
 
         return played
+
+    def trace(self, chain: Chain, days: int) -> tuple[list[LivedRecord], HomeTrace]:
+        """Live the first days of a chain again; return their records, and what went on."""
+        embedder = self._embedder(Session())
+        return traced(self._experiment, chain, embedder, Reader(embedder), days)
 
     def lost(self, chain: Chain, cause: str) -> list[LivedRecord]:
         """Return records of days that end every process which plays them."""
@@ -88,3 +92,10 @@ class LivedHomes:
             ),
             remarks=tuple(remarks_on(self._experiment)),
         )
+
+    def _embedder(self, session: Session) -> Embedder:
+        models = self._experiment.models
+        embedder: Embedder | None = filled("embedders", models.embedder, None, session, models)
+        if embedder is None:
+            raise KarmaError(f"{self._path}: an embedder is needed\n  To fix: embedder = 'minilm'")
+        return embedder

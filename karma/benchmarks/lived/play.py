@@ -1,16 +1,16 @@
 """Live one home with one memory, day by day, and say what came of every request."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
 
 from karma.benchmarks.benchmark import Chain
 from karma.benchmarks.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
 from karma.benchmarks.lived.expert import ExpertMemory
 from karma.benchmarks.lived.records import CheckedDoubt, LivedRecord, ServedRequest
 from karma.benchmarks.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan
-from karma.contracts import Embedder, HomeAnswer, HomeMemory, HomeMoment, Sighting
+from karma.benchmarks.lived.trace import HomeTrace, HomeTracer
+from karma.contracts import Embedder, HomeMemory, HomeMoment, Sighting
 from karma.memory.lived.designs import DESIGNS
 from karma.memory.lived.setting import MemorySetting
 from karma.methods.lived.body import HomeRobot, sighting_of
@@ -28,7 +28,6 @@ from karma.tasks.lived import (
     room_right,
 )
 from karma.world.core.placement import find_place
-from karma.world.core.scene import Scene
 from karma.world.core.thing import is_inert
 from karma.world.houses import build_home
 from karma.world.residents import Household
@@ -41,7 +40,6 @@ TOUR_H = 6.0  # of the first day, when the tour begins
 class TouredHome:
     """A home after the first tour of the robot, which is the same for every row."""
 
-    scene: Scene
     map: HomeMap
     household: Household  # to be forked
     at: LookSpot
@@ -50,8 +48,7 @@ class TouredHome:
     moments: tuple[HomeMoment, ...]  # that the tour showed
 
 
-@lru_cache(maxsize=2)
-def toured(spec: HomeSpec, seed: int) -> TouredHome:
+def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredHome:
     """Return a home whose robot has looked at and into everything once, before the first day."""
     scene = build_home(
         spec.rooms, seed + spec.number, name=f"home_{spec.number}", things=spec.setting.things
@@ -63,11 +60,12 @@ def toured(spec: HomeSpec, seed: int) -> TouredHome:
     moments: list[HomeMoment] = []
     robot = HomeRobot(household, home, moments.append)
     start = positions(household, home)
+    if tracer is not None:
+        tracer.enter(scene, household, robot)
     robot.wait(TOUR_H * HOUR_S)
     for place_id in near_order(robot, tuple(home.places)):
         robot.look_at(place_id)
     return TouredHome(
-        scene=scene,
         map=home,
         household=household,
         at=robot.at,
@@ -75,6 +73,9 @@ def toured(spec: HomeSpec, seed: int) -> TouredHome:
         start=start,
         moments=tuple(moments),
     )
+
+
+toured = lru_cache(maxsize=2)(tour)  # one for all rows of a home
 
 
 def positions(household: Household, home: HomeMap) -> dict[str, Sighting]:
@@ -102,19 +103,6 @@ def near_order(robot: HomeRobot, place_ids: tuple[str, ...]) -> Iterator[str]:
         yield best
 
 
-class LifeWatch(Protocol):
-    """Sees a home being lived in, and changes nothing."""
-
-    def acted(self) -> None:
-        """Take note of an action of the robot, or that it has waited."""
-
-    def served(
-        self, request: LivedRequest, served: ServedRequest, believed: Sighting | None,
-        truth: Sequence[Sighting], answer: HomeAnswer,
-    ) -> None:  # fmt: skip
-        """Take note of a request, of what memory took to be meant, and of what was."""
-
-
 class HomeLife:
     """One row in one home, from the first tour on.
 
@@ -125,46 +113,34 @@ class HomeLife:
         seed: of the run.
         embedder: of short texts.
         reader: of requests.
+        tracer: writes down what goes on; records are the same without one.
     """
 
     def __init__(
         self, experiment: LivedExperiment, row: LivedRow, spec: HomeSpec, seed: int,
-        embedder: Embedder, reader: Reader,
+        embedder: Embedder, reader: Reader, tracer: HomeTracer | None = None,
     ) -> None:  # fmt: skip
         self._experiment, self._row, self._spec, self._seed = experiment, row, spec, seed
-        self._reader = reader
-        home = toured(spec, seed)
-        self.scene = home.scene
-        self._watch: LifeWatch | None = None
+        self._reader, self._tracer = reader, tracer
+        home = toured(spec, seed) if tracer is None else tour(spec, seed, tracer)
         self._map, self._start, self._people = home.map, home.start, spec.people(seed)
         self._household = home.household.fork()
-        self.robot = HomeRobot(self._household, self._map, self._told)
-        self.robot.at, self.robot.actions = home.at, home.actions
+        self._robot = HomeRobot(self._household, self._map, self._told)
+        self._robot.at, self._robot.actions = home.at, home.actions
         self._memory = self._made(embedder)
-        self._server = Server(self.robot, self._memory, row.settings(experiment.tokens))
+        self._server = Server(self._robot, self._memory, row.settings(experiment.tokens))
         self._scheduled: list[HomeMoment] = []  # learnt on rounds and waits: the same for every row
         self._serving = False
         self._seen: dict[str, Sighting] = {}  # the last of each thing, whatever its memory
         self._rooms = tuple(self._map.in_rooms())
+        if tracer is not None:
+            tracer.follow(self._household, self._robot)
         for moment in home.moments:
             self._told(moment)
 
     def now(self) -> dict[str, Sighting]:
         """Return where every movable thing is."""
         return positions(self._household, self._map)
-
-    def people(self) -> tuple[tuple[str, str], ...]:
-        """Return who lives there, and the room that each is in or was in last."""
-        names = (one.name for one in self._household.residents)
-        return tuple((name, self._household.room_of(name)) for name in names)
-
-    def logged(self) -> int:
-        """Return how many deeds the log of truth holds."""
-        return len(self._household.log)
-
-    def watch(self, watch: LifeWatch) -> None:
-        """Have somebody watch from now on."""
-        self._watch, self.robot.acted = watch, watch.acted
 
     def day(self, day: int) -> LivedRecord:
         """Live one day."""
@@ -173,7 +149,7 @@ class HomeLife:
         served: list[ServedRequest] = []
         missing = rounds = 0
         for number, planned in enumerate(plan):
-            self.robot.wait(max(planned.time_s, self.robot.time_s))
+            self._robot.wait(max(planned.time_s, self._robot.time_s))
             if planned.what == "request":
                 one = self._request(planned, day, number)
                 served += [one] if one is not None else []
@@ -182,7 +158,7 @@ class HomeLife:
                 rounds += self._round()
             else:
                 self._wait_in(planned.room)
-        self.robot.wait(max((day + 1) * DAY_S, self.robot.time_s))
+        self._robot.wait(max((day + 1) * DAY_S, self._robot.time_s))
         moved = {
             deed.object_id
             for deed in self._household.log[logged:]
@@ -229,21 +205,23 @@ class HomeLife:
     def _told(self, moment: HomeMoment) -> None:
         self._memory.take_in(moment)
         self._seen.update((seen.object_id, seen) for seen in moment.seen)
+        if self._tracer is not None:
+            self._tracer.learnt(moment)
         if not self._serving:
             self._scheduled.append(moment)
 
     def _round(self) -> int:
         """Walk through all rooms and look at all open furniture; return the actions."""
-        before = self.robot.actions
+        before = self._robot.actions
         shown = tuple(one for one, place in self._map.places.items() if not place.openable)
-        for place_id in near_order(self.robot, shown):
-            self.robot.look_at(place_id)
-        return self.robot.actions - before
+        for place_id in near_order(self._robot, shown):
+            self._robot.look_at(place_id)
+        return self._robot.actions - before
 
     def _wait_in(self, room: str) -> None:
         places = self._map.in_rooms().get(room, ())
         if places:
-            self.robot.go(self._map.spots[places[0]][0])
+            self._robot.go(self._map.spots[places[0]][0])
 
     def _request(self, planned: DayItem, day: int, number: int) -> ServedRequest | None:
         assert planned.kind is not None
@@ -253,14 +231,14 @@ class HomeLife:
         request = draw_request(self._view(), planned.kind, rng)
         if request is None:
             return None
-        question = self._reader.read(request.text, request.speaker, self.robot.time_s)
-        before, truth, known_s = self.robot.actions, self.now(), None
+        question = self._reader.read(request.text, request.speaker, self._robot.time_s)
+        before, truth, known_s = self._robot.actions, self.now(), None
         if request.kind in PLACED:
             known_s = max(self._times_seen(request, truth), default=None)
         self._serving = True
         answer = self._server.serve(question)
-        if self.robot.held is not None:
-            self.robot.put_down()
+        if self._robot.held is not None:
+            self._robot.put_down()
         self._serving = False
         now = self.now()
         if request.asked == "errand":
@@ -276,7 +254,7 @@ class HomeLife:
             right=right,
             unknown=answer.unknown,
             room_right=room_right(request, answer, now) if request.asked == "place" else None,
-            actions=self.robot.actions - before,
+            actions=self._robot.actions - before,
             places=effort.places,
             wasted=effort.wasted,
             believed=effort.believed,
@@ -294,9 +272,8 @@ class HomeLife:
                 for holds, so in effort.doubts
             ),
         )
-        if self._watch is not None:
-            meant = [truth[one] for one in request.object_ids if one in truth]
-            self._watch.served(request, served, effort.first, meant, answer)
+        if self._tracer is not None:
+            self._tracer.served(request, truth, effort.went_by, answer, served)
         return served
 
     def _times_seen(self, request: LivedRequest, now: dict[str, Sighting]) -> Iterator[float]:
@@ -314,7 +291,7 @@ class HomeLife:
 
     def _view(self) -> HomeView:
         return HomeView(
-            time_s=self.robot.time_s,
+            time_s=self._robot.time_s,
             people=tuple(one.name for one in self._household.residents),
             places=self._map.places,
             log=tuple(self._household.log),
@@ -354,6 +331,21 @@ def player(
             life.close()
 
     return played
+
+
+def traced(
+    experiment: LivedExperiment, chain: Chain, embedder: Embedder, reader: Reader, days: int
+) -> tuple[list[LivedRecord], HomeTrace]:
+    """Live the first days of a chain again; return their records, and what went on."""
+    row = next(one for one in experiment.rows if one.name == chain.row)
+    home = chain.tasks[0].rpartition("/")[0]
+    spec = next(one for one in experiment.specs() if one.name == home)
+    tracer = HomeTracer()
+    life = HomeLife(experiment, row, spec, chain.seed, embedder, reader, tracer)
+    try:
+        return [life.day(day) for day in range(days)], tracer.trace()
+    finally:
+        life.close()
 
 
 def lost_days(experiment: LivedExperiment, chain: Chain, cause: str) -> list[LivedRecord]:

@@ -66,6 +66,41 @@ class LivedFigures:
     errors: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StaleShare:
+    """What part of a row's actions under one setting went to beliefs that were false."""
+
+    row: str
+    setting: str
+    share: float | None
+    low: float | None  # ends of the interval over resampled homes
+    high: float | None
+
+
+def stale_shares(records: Sequence[LivedRecord]) -> list[StaleShare]:
+    """Return the stale actions of each row under each setting, with intervals."""
+    groups: dict[tuple[str, str], list[LivedRecord]] = {}
+    for record in records:
+        groups.setdefault((record.row, record.setting), []).append(record)
+    return [_stale_share(row, setting, mine) for (row, setting), mine in groups.items()]
+
+
+def _stale_share(row: str, setting: str, records: Sequence[LivedRecord]) -> StaleShare:
+    homes = [
+        (sum(one.stale_actions for one in served), sum(one.actions for one in served))
+        for served in _by_home(records).values()
+    ]
+    stale, actions = np.array(homes, dtype=float).T
+    low = high = None
+    if len(homes) > 1 and actions.all():
+        rng = stream(0, "lived", "resampled", "stale")
+        draws = rng.integers(len(homes), size=(_RESAMPLES, len(homes)))
+        shares = stale[draws].sum(axis=1) / actions[draws].sum(axis=1)
+        low, high = map(float, np.quantile(shares, (0.025, 0.975)))
+    share = float(stale.sum() / actions.sum()) if actions.any() else None
+    return StaleShare(row=row, setting=setting, share=share, low=low, high=high)
+
+
 def figures_of(records: Sequence[LivedRecord]) -> list[LivedFigures]:
     """Return the figures of each row under each setting, rows in their order."""
     found = []

@@ -1,153 +1,201 @@
-"""One day of a run, lived again and written down: who went where, and what was asked and said."""
+"""What went on in a home, written down while it is lived in; nothing else is touched by that."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from karma.benchmarks.lived.experiment import HomeSpec, LivedExperiment, LivedRow
-from karma.benchmarks.lived.play import HomeLife
-from karma.benchmarks.lived.records import LivedRecord, ServedRequest
-from karma.contracts import Deed, Embedder, HomeAnswer, Sighting
-from karma.errors import KarmaError
-from karma.household.places import HAND
+from karma.benchmarks.lived.records import ServedRequest
+from karma.contracts import Deed, Fact, HomeAnswer, HomeMoment, Pose, Sighting, Vec3
+from karma.memory.lived.setting import KnownPlace
 from karma.methods.lived.body import HomeRobot
-from karma.tasks.lived import LivedRequest, Reader
+from karma.tasks.lived import LivedRequest
+from karma.world.core.objects import Objects
 from karma.world.core.scene import Scene
+from karma.world.core.thing import is_inert
+from karma.world.residents import Household
+from karma.world.residents.household import Resident
+
+ROBOT = "robot"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RobotStep:
-    """Where the robot is from a time on."""
+class TracedThing:
+    """Where a movable thing is from a time on."""
 
     time_s: float
-    x_m: float
-    z_m: float
-    yaw_deg: float
-    held: str  # id of what is in its hand; "" nothing
+    object_id: str
+    object_type: str
+    center_m: Vec3 | None  # None: in somebody's hand, or used up
+    holder: str = ""  # a resident, or the robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TracedDeed:
-    """A deed of the log of truth, and where its thing lies from then on."""
+    """A line of the household's log, and where it was done."""
+
+    deed: Deed
+    at_m: Vec3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TracedWalk:
+    """One walk of the robot, by the shortest way."""
+
+    begun_s: float
+    over_s: float
+    start: Pose
+    end: Pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TracedLook:
+    """What the robot saw at one time."""
 
     time_s: float
-    who: str
-    action: str
-    object_id: str
-    place_id: str | None
-    x_m: float
-    z_m: float
+    seen: tuple[str, ...]  # ids
+    looked_over: tuple[str, ...]  # ids of furniture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TracedRequest:
-    """A request with what memory had, what was so, and what was said."""
+    """A request, what memory believed, and the truth of that time."""
 
-    begin_s: float
-    end_s: float
-    speaker: str
-    served: ServedRequest
-    believed: Sighting | None  # what memory took to be meant, and where
-    truth: tuple[Sighting, ...]  # the things that are meant, where they were then
+    request: LivedRequest
+    over_s: float
+    truth: tuple[Sighting, ...]  # of what is meant, when it was asked
+    went_by: tuple[Fact, ...]  # what memory said, in the order of use
     answer: HomeAnswer
+    served: ServedRequest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DayTrace:
-    """A day."""
+class HomeTrace:
+    """A home from its first midnight on, as it was lived in."""
 
     scene: Scene
-    record: LivedRecord
-    people: tuple[tuple[str, str], ...]  # name, and the room they begin the day in
-    things: tuple[Sighting, ...]  # where everything is at midnight
-    steps: tuple[RobotStep, ...]
+    places: Mapping[str, KnownPlace]
+    residents: tuple[Resident, ...]
+    rooms: Mapping[str, str]  # in which residents are at first
+    start: Pose  # of the robot
+    things: tuple[TracedThing, ...]  # first where each is at first, then changes
     deeds: tuple[TracedDeed, ...]
+    walks: tuple[TracedWalk, ...]
+    looks: tuple[TracedLook, ...]
     requests: tuple[TracedRequest, ...]
 
 
-@dataclass(slots=True)
-class DayWatch:
-    """Writes down what it sees of a home, and changes nothing."""
+class HomeTracer:
+    """Writes down what goes on in one home; see `HomeLife`."""
 
-    robot: HomeRobot
-    steps: list[RobotStep] = field(default_factory=list)
-    deeds: list[TracedDeed] = field(default_factory=list)
-    requests: list[TracedRequest] = field(default_factory=list)
-    logged: int = 0  # deeds of the log that are written down
+    def __init__(self) -> None:
+        self._things: list[TracedThing] = []
+        self._deeds: list[TracedDeed] = []
+        self._walks: list[TracedWalk] = []
+        self._looks: list[TracedLook] = []
+        self._requests: list[TracedRequest] = []
+        self._now: dict[str, TracedThing] = {}
 
-    def acted(self) -> None:
-        """Take note of where the robot is, and of what has been done since."""
-        household, pose = self.robot.household, self.robot.household.world.state.pose
-        x, _, z = pose.position_m
-        step = RobotStep(
-            time_s=self.robot.time_s, x_m=x, z_m=z, yaw_deg=pose.yaw_deg, held=self.robot.held or ""
-        )
-        if not self.steps or self.steps[-1] != step:
-            self.steps.append(step)
-        new = household.log[self.logged :]
-        last = {deed.object_id: number for number, deed in enumerate(new)}
-        self.deeds += [
-            self._traced(deed, is_last=last[deed.object_id] == number)
-            for number, deed in enumerate(new)
-        ]
-        self.logged = len(household.log)
+    def enter(self, scene: Scene, household: Household, robot: HomeRobot) -> None:
+        """Begin, before anything has happened."""
+        self._scene, self._household = scene, household
+        self._rooms = {one.name: household.room_of(one.name) for one in household.residents}
+        self._start = household.world.state.pose
+        self._objects: Objects | None = None
+        self._held: frozenset[str] = frozenset()
+        self._note_things(0.0)
+        self.follow(household, robot)
+
+    def follow(self, household: Household, robot: HomeRobot) -> None:
+        """Go on with a fork of the home."""
+        self._household, self._robot = household, robot
+        household.watch, robot.watch = self._changed, self._walked
+
+    def learnt(self, moment: HomeMoment) -> None:
+        """Write down a look; deeds are in the log."""
+        if moment.deed is None:
+            self._looks.append(
+                TracedLook(
+                    time_s=moment.time_s,
+                    seen=tuple(one.object_id for one in moment.seen),
+                    looked_over=moment.looked_over,
+                )
+            )
 
     def served(
-        self, request: LivedRequest, served: ServedRequest, believed: Sighting | None,
-        truth: Sequence[Sighting], answer: HomeAnswer,
+        self, request: LivedRequest, truth: Mapping[str, Sighting], went_by: Sequence[Fact],
+        answer: HomeAnswer, served: ServedRequest,
     ) -> None:  # fmt: skip
-        """Take note of a request that is over."""
-        one = TracedRequest(
-            begin_s=request.time_s, end_s=self.robot.time_s, speaker=request.speaker,
-            served=served, believed=believed, truth=tuple(truth), answer=answer,
-        )  # fmt: skip
-        self.requests.append(one)
-
-    def _traced(self, deed: Deed, *, is_last: bool) -> TracedDeed:
-        """Return a deed with where its thing then lies; between two, the middle of its place."""
-        objects = self.robot.household.world.state.objects
-        there = objects.get(deed.object_id if is_last else deed.place_id or deed.object_id)
-        x, _, z = there.center if there is not None else (0.0, 0.0, 0.0)
-        return TracedDeed(
-            time_s=deed.time_s, who=deed.who, action=deed.action, object_id=deed.object_id,
-            place_id=deed.place_id, x_m=x, z_m=z,
-        )  # fmt: skip
-
-
-def trace_day(
-    experiment: LivedExperiment, row: LivedRow, spec: HomeSpec, seed: int, day: int,
-    embedder: Embedder, reader: Reader, *, expected: Sequence[LivedRecord],
-) -> DayTrace:  # fmt: skip
-    """Live a home again up to a day, and write that day down.
-
-    Args:
-        experiment: of the run.
-        row: of it.
-        spec: the home.
-        seed: of the run.
-        day: the last to be lived, from 0.
-        embedder: of the run.
-        reader: of its requests.
-        expected: what the run recorded of those days.
-
-    Raises:
-        KarmaError: another day came out than the run recorded.
-    """
-    life = HomeLife(experiment, row, spec, seed, embedder, reader)
-    try:
-        lived = [life.day(number) for number in range(day)]
-        things = tuple(one for one in life.now().values() if one.place_id != HAND)
-        people, watch = life.people(), DayWatch(life.robot, logged=life.logged())
-        life.watch(watch)
-        lived.append(life.day(day))
-    finally:
-        life.close()
-    for number, record in enumerate(lived):
-        if record != expected[number]:
-            raise KarmaError(
-                f"{record.task} of row {row.name!r} comes out otherwise than this run recorded it\n"
-                "  To fix: use the version of karma that its run.json names, or karma eval --fresh"
+        """Write down a request with what came of it; the truth is of when it was asked."""
+        self._requests.append(
+            TracedRequest(
+                request=request,
+                over_s=self._household.clock_s,
+                truth=tuple(truth[one] for one in request.object_ids if one in truth),
+                went_by=tuple(went_by),
+                answer=answer,
+                served=served,
             )
-    return DayTrace(
-        scene=life.scene, record=lived[day], people=people, things=things,
-        steps=tuple(watch.steps), deeds=tuple(watch.deeds), requests=tuple(watch.requests),
-    )  # fmt: skip
+        )
+
+    def trace(self) -> HomeTrace:
+        """Return what was written down so far."""
+        return HomeTrace(
+            scene=self._scene,
+            places=self._robot.map.places,
+            residents=self._household.residents,
+            rooms=self._rooms,
+            start=self._start,
+            things=tuple(self._things),
+            deeds=tuple(self._deeds),
+            walks=tuple(self._walks),
+            looks=tuple(self._looks),
+            requests=tuple(self._requests),
+        )
+
+    # ------------------------------------------------------------- what is shown to it
+
+    def _walked(self, start: Pose, begun_s: float) -> None:
+        end, over_s = self._household.world.state.pose, self._household.clock_s
+        self._walks.append(TracedWalk(begun_s=begun_s, over_s=over_s, start=start, end=end))
+
+    def _changed(self, deeds: Sequence[Deed]) -> None:
+        """Write down deeds, who carries what meanwhile, and where things are afterwards."""
+        for deed in deeds:
+            self._deeds.append(TracedDeed(deed=deed, at_m=self._place_of(deed)))
+            if deed.action == "PickupObject" and deed.who != ROBOT:
+                self._note(deed.object_id, deed.object_type, deed.time_s, None, deed.who)
+        self._note_things(deeds[-1].time_s if deeds else self._household.clock_s)
+
+    def _place_of(self, deed: Deed) -> Vec3:
+        """Return where a deed was done: before a thing is put down, where it was taken."""
+        before = self._now.get(deed.object_id)
+        if deed.action != "PutObject" and before is not None and before.center_m is not None:
+            return before.center_m
+        if deed.action != "PutObject" and before is not None and self._deeds:
+            return self._deeds[-1].at_m
+        return self._household.world.state.objects[deed.object_id].center
+
+    def _note_things(self, time_s: float) -> None:
+        state = self._household.world.state
+        if state.objects is self._objects and self._held == state.in_hand:
+            return
+        self._objects, self._held = state.objects, state.in_hand
+        there = set()
+        for one in state.objects.values():
+            if "pickupable" in one.capabilities and not is_inert(one):
+                there.add(one.id)
+                holder = ROBOT if one.id in state.in_hand else ""
+                self._note(one.id, one.type, time_s, None if holder else one.center, holder)
+        for object_id in sorted(self._now.keys() - there):
+            self._note(object_id, self._now[object_id].object_type, time_s, None, "")
+
+    def _note(
+        self, object_id: str, object_type: str, time_s: float, center_m: Vec3 | None, holder: str
+    ) -> None:
+        before = self._now.get(object_id)
+        if before is not None and (before.center_m, before.holder) == (center_m, holder):
+            return
+        self._now[object_id] = TracedThing(
+            time_s=time_s, object_id=object_id, object_type=object_type, center_m=center_m,
+            holder=holder,
+        )  # fmt: skip
+        self._things.append(self._now[object_id])

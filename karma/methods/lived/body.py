@@ -7,7 +7,7 @@ action each. What it sees is what the world's own sight shows from there.
 
 from collections.abc import Callable, Iterator, Sequence
 
-from karma.contracts import Deed, HomeMoment, Sighting
+from karma.contracts import Deed, HomeMoment, Pose, Sighting
 from karma.household.places import HAND
 from karma.methods.lived.home_map import HomeMap, LookSpot
 from karma.world.core.objects import Objects
@@ -35,7 +35,7 @@ class HomeRobot:
         self.household, self.map, self._tell = household, home_map, tell
         self.at = home_map.start
         self.actions = 0  # world actions, a step of a walk counted as one
-        self.acted: Callable[[], None] = _nobody  # told after every action and every wait
+        self.watch: Callable[[Pose, float], None] | None = None  # shown each walk: from where, when
 
     @property
     def time_s(self) -> float:
@@ -50,11 +50,10 @@ class HomeRobot:
     def wait(self, time_s: float, *, watching: bool = True) -> None:
         """Let time pass; deeds of residents in the same room are seen."""
         self._witness(self.household.until(time_s), watching=watching)
-        self.acted()
 
     def go(self, spot: LookSpot) -> bool:
         """Walk to a spot; False where the world refuses it."""
-        steps = self.map.cost(self.at, spot)
+        steps, begun_s, start = self.map.cost(self.at, spot), self.time_s, self._pose()
         x, y, z = spot.pose.position_m
         there = {"x": x, "y": y, "z": z, "rotation": spot.pose.yaw_deg}
         event = self._act(
@@ -65,6 +64,8 @@ class HomeRobot:
             self.wait(self.time_s + (steps - 1) * rules().time.action_s)
         if event:
             self.at = spot
+            if self.watch is not None:
+                self.watch(start, begun_s)
         return event
 
     def look(self, looked_over: Sequence[str] = (), since_s: float | None = None) -> HomeMoment:
@@ -157,6 +158,9 @@ class HomeRobot:
 
     # ------------------------------------------------------------- what happens
 
+    def _pose(self) -> Pose:
+        return self.household.world.state.pose
+
     def _took(self, object_id: str) -> bool:
         self.look()
         return True
@@ -166,7 +170,6 @@ class HomeRobot:
         event = self.household.robot(action, **arguments)
         self.actions += 1
         self._witness(self.household.log[before:])
-        self.acted()
         return bool(event)
 
     def _witness(self, deeds: Sequence[Deed], *, watching: bool = True) -> None:
@@ -200,10 +203,6 @@ class HomeRobot:
     def _room_of_place(self, place_id: str | None) -> str:
         place = self.map.places.get(place_id or "")
         return place.room if place is not None else self.at.room
-
-
-def _nobody() -> None:
-    """Watch nothing."""
 
 
 def sightings(

@@ -62,6 +62,7 @@ class Effort:
     tokens: int = 0
     first: Sighting | None = None  # the thing that it took to be meant, where memory had it
     doubts: list[tuple[float | None, bool]] = field(default_factory=list)  # holds, and was so
+    went_by: list[Fact] = field(default_factory=list)  # what memory said, in the order of use
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,6 +139,7 @@ class Server:
             fact = now.latest(object_id) or told.latest(object_id)
             kind = next(f.sighting.object_type for f in meant if f.sighting.object_id == object_id)
             targets.append(MeantThing(object_id=object_id, object_type=kind, fact=fact))
+        self.effort.went_by += [one.fact for one in targets[:1] if one.fact is not None]
         return targets
 
     def _place_of(self, question: HomeQuestion, other: SaidThing, said: SaidThing) -> str | None:
@@ -196,6 +198,7 @@ class Server:
         at = max(known, key=lambda fact: fact.sighting.time_s, default=None)
         if at is None:
             return HomeAnswer(unknown=True)
+        self.effort.went_by.append(at)
         return _answer(self._robot, at.sighting, None)
 
     def _when_or_who(self, question: HomeQuestion) -> HomeAnswer:
@@ -211,6 +214,7 @@ class Server:
         )
         if newest is None:
             return HomeAnswer(unknown=True)
+        self.effort.went_by.append(newest)
         if question.asked == "who":
             return HomeAnswer(who=newest.deed.who if newest.deed else "")
         seen_s = newest.deed.time_s if newest.deed and said.action else newest.sighting.time_s
@@ -229,7 +233,8 @@ class Server:
             self._note_doubt(fact)
         if not facts and not self._recall(plain(question)).facts:
             return HomeAnswer(unknown=True)
-        there = sum(fact.holds is None or fact.holds >= COUNTED for fact in facts)
+        there = [fact for fact in facts if fact.holds is None or fact.holds >= COUNTED]
+        self.effort.went_by += there
         lost = {one for one, fact in newest if fact is None}
         anywhere = replace(said, place_types=(), room="")
         fitting = {
@@ -237,7 +242,8 @@ class Server:
             for fact in told.facts
             if fact.sighting.object_id in lost and fits(fact, anywhere, self._places)
         }
-        return HomeAnswer(count=there + sum(self._likely_there(question, one) for one in fitting))
+        likely = sum(self._likely_there(question, one) for one in fitting)
+        return HomeAnswer(count=len(there) + likely)
 
     def _likely_there(self, question: HomeQuestion, object_id: str) -> bool:
         """Return whether a lost thing is more likely than not where it is asked for."""
