@@ -20,13 +20,14 @@ from karma.files import to_json, write_atomic
 from karma.household.ids import type_of
 from karma.infer.embed.minilm import MiniLm
 from karma.memory.lived.ageing import (
+    AT_NIGHT,
+    BY_HOUR,
     PRIOR,
     SURE,
     Asked,
     HomePrior,
     TypePrior,
     home_prior,
-    waking_hours,
 )
 from karma.seeds import stream
 from karma.tasks.lived import Reader
@@ -35,7 +36,7 @@ from karma.world.residents import Household
 
 FIRST_SEED = 1_000_000
 DAYS = 5
-DAY_S = 86_400.0
+DAY_S, HOUR_S = 86_400.0, 3_600.0
 DISTURBANCES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 FIRST_LIVED = 1_000  # number of the first home that things are asked for in
 FORMS = {  # how a thing is asked for -> kinds of requests
@@ -43,7 +44,8 @@ FORMS = {  # how a thing is asked for -> kinds of requests
     "described": ("attribute", "event", "several"),
     "told": ("place",),
 }
-STRENGTH_H = 30.0  # waking hours that the prior is worth
+STRENGTH_H = 30.0  # hours that the prior is worth
+LIKE_ALL = 20.0  # moves that the hours of all types are worth against those of one
 
 
 def main(
@@ -60,8 +62,8 @@ def main(
 
 def _types(homes: int) -> dict[str, TypePrior]:
     """Return how often each type moves, and where it is."""
-    moves: Counter[str] = Counter()
-    hours: defaultdict[str, float] = defaultdict(float)
+    moves: defaultdict[str, np.ndarray] = defaultdict(lambda: np.zeros(24))  # by hour of the day
+    days: Counter[str] = Counter()
     places: defaultdict[str, Counter[str]] = defaultdict(Counter)
     for number in track(range(homes), description="homes"):
         seed = FIRST_SEED + number
@@ -76,23 +78,33 @@ def _types(homes: int) -> dict[str, TypePrior]:
         for day in range(DAYS):
             for deed in household.until((day + 1) * DAY_S):
                 if deed.action == "PutObject":
-                    moves[deed.object_type] += 1
+                    moves[deed.object_type][int(deed.time_s % DAY_S // HOUR_S)] += 1
             for seen in household.now().values():
-                hours[seen.object_type] += waking_hours(0.0, DAY_S)
+                days[seen.object_type] += 1
                 room = seen.room.rpartition("_")[0]
                 places[seen.object_type][f"{room}/{type_of(seen.place_id)}"] += 1
+    day_h, of_all = sum(BY_HOUR), sum(moves.values(), np.zeros(24))
     return {
         name: TypePrior(
-            moves=round(STRENGTH_H * (moves[name] + 0.2) / (hours[name] + 50.0), 4),
+            moves=round(
+                STRENGTH_H * (float(moves[name].sum()) + 0.2) / (days[name] * day_h + 50.0), 4
+            ),
             hours=STRENGTH_H,
             places={
                 place: round(times / sum(places[name].values()), 4)
                 for place, times in sorted(places[name].items())
                 if not place.endswith("/")
             },
+            by_hour=_by_hour(moves[name] + LIKE_ALL * of_all / of_all.sum(), day_h),
         )
-        for name in sorted(hours)
+        for name in sorted(days)
     }
+
+
+def _by_hour(moves: np.ndarray, day_h: float) -> tuple[float, ...]:
+    """Return what each hour of a day counts, for moves by hour; no hour counts nothing."""
+    awake = day_h - 24 * AT_NIGHT
+    return tuple(round(AT_NIGHT + awake * float(share), 3) for share in moves / moves.sum())
 
 
 def _asked(homes: int) -> dict[str, Asked]:

@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
+from karma.benchmarks.header import read_header
 from karma.benchmarks.lived.table import figures_of, stale_shares
-from karma.benchmarks.run import read_header, read_records
+from karma.benchmarks.run import read_records
 from karma.report.lived_pictures import lived_pictures
 
 

@@ -111,7 +111,9 @@ def _write_lived(run: Path, path: Path, home: str, day: int | None, row: str) ->
 
     found = read_lived(run)
     record = chosen_day(found, home, day, row)
-    shown = lived_again(found, record)
+    with bar(passing=True) as progress:
+        line = progress.add_task("days lived again", total=record.day + 1)
+        shown = lived_again(found, record, after_day=lambda: progress.advance(line))
     write_atomic(path, render_lived(found, shown).encode())
     console.print(
         escape(

@@ -1,6 +1,6 @@
 """A run of lived-in homes as one page: figures, requests, and a day lived again on the map."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -115,8 +115,15 @@ def _check(option: str, value: str, known: Sequence[str], folder: Path) -> None:
         )
 
 
-def lived_again(run: LivedRun, record: LivedRecord) -> LivedDay:
+def lived_again(
+    run: LivedRun, record: LivedRecord, *, after_day: Callable[[], object] = lambda: None
+) -> LivedDay:
     """Live a home again up to a day.
+
+    Args:
+        run: it was played in.
+        record: of the day.
+        after_day: called when a day is over.
 
     Raises:
         KarmaError: what comes out is not what the run says.
@@ -126,7 +133,7 @@ def lived_again(run: LivedRun, record: LivedRecord) -> LivedDay:
         for one in run.benchmark.chains()
         if one.row == record.row and one.seed == record.seed and record.task in one.tasks
     )
-    records, trace = run.benchmark.trace(chain, record.day + 1)
+    records, trace = run.benchmark.trace(chain, record.day + 1, after_day=after_day)
     kept = {one.day: one for one in run.records if (one.row, one.task, one.seed) in chain.keys}
     for one in records:
         said = kept.get(one.day, one)

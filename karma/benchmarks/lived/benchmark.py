@@ -1,6 +1,6 @@
 """Lived-in homes as a run plays them: a chain for each row in each home, a record a day."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -70,10 +70,13 @@ class LivedHomes:
 
         return played
 
-    def trace(self, chain: Chain, days: int) -> tuple[list[LivedRecord], HomeTrace]:
+    def trace(
+        self, chain: Chain, days: int, *, after_day: Callable[[], object] = lambda: None
+    ) -> tuple[list[LivedRecord], HomeTrace]:
         """Live the first days of a chain again; return their records, and what went on."""
         embedder = self._embedder(Session())
-        return traced(self._experiment, chain, embedder, Reader(embedder), days)
+        reader = Reader(embedder)
+        return traced(self._experiment, chain, embedder, reader, days, after_day=after_day)
 
     def lost(self, chain: Chain, cause: str) -> list[LivedRecord]:
         """Return records of days that end every process which plays them."""

@@ -334,16 +334,21 @@ def player(
 
 
 def traced(
-    experiment: LivedExperiment, chain: Chain, embedder: Embedder, reader: Reader, days: int
-) -> tuple[list[LivedRecord], HomeTrace]:
+    experiment: LivedExperiment, chain: Chain, embedder: Embedder, reader: Reader, days: int,
+    *, after_day: Callable[[], object],
+) -> tuple[list[LivedRecord], HomeTrace]:  # fmt: skip
     """Live the first days of a chain again; return their records, and what went on."""
     row = next(one for one in experiment.rows if one.name == chain.row)
     home = chain.tasks[0].rpartition("/")[0]
     spec = next(one for one in experiment.specs() if one.name == home)
     tracer = HomeTracer()
     life = HomeLife(experiment, row, spec, chain.seed, embedder, reader, tracer)
+    records: list[LivedRecord] = []
     try:
-        return [life.day(day) for day in range(days)], tracer.trace()
+        for day in range(days):
+            records.append(life.day(day))
+            after_day()
+        return records, tracer.trace()
     finally:
         life.close()
 

@@ -1,16 +1,18 @@
 """How beliefs age: the chance that a thing is still where it was seen, learnt from this home.
 
-Moves of a thing are taken as a Poisson process in waking hours with an unknown rate. The rate has a
-Gamma distribution: a prior for the type from training homes (`prior.json`), made sharper by what
-this home showed of the type and of the very thing. With shape a and rate b (hours) the chance of no
-move within t hours is (b / (b + t)) ** a, the Gamma-Poisson mixture (a Lomax tail). A thing that
-has moved may be back: that is added by its share of places.
+Moves of a thing are taken as a Poisson process with an unknown rate, in the time of its type: an
+hour of the day counts as much as such things are moved in it. The rate has a Gamma distribution: a
+prior for the type from training homes (`prior.json`), made sharper by what this home showed of the
+type and of the very thing. With shape a and rate b (hours) the chance of no move within t hours is
+(b / (b + t)) ** a, the Gamma-Poisson mixture (a Lomax tail). A thing that has moved may be back:
+that is added by its share of places.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -20,20 +22,22 @@ from karma.files import read_json
 
 PRIOR = Path(__file__).with_name("prior.json")
 DAY_S, HOUR_S = 86_400.0, 3_600.0
-WAKING_H = (6.5, 23.0)  # hours in which people move things
 AT_NIGHT = 0.02  # of an hour, what an hour of the night counts
+BY_HOUR = (
+    (AT_NIGHT,) * 6 + (0.5,) + (1.0,) * 16 + (AT_NIGHT,)
+)  # of a day, for any type: people are up
 HOME = 8.0  # moves that the priors are worth against how busy this home is
 SURE = 0.005  # chances are kept so far from 0 and 1
-OWN = 12.0  # waking hours of evidence that a type's rate is worth for one thing of it
-_DAY_H = WAKING_H[1] - WAKING_H[0] + (24.0 - WAKING_H[1] + WAKING_H[0]) * AT_NIGHT
+OWN = 12.0  # hours of evidence that a type's rate is worth for one thing of it
 
 
 class TypePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What training homes showed of a type."""
 
     moves: float  # shape of the Gamma distribution
-    hours: float  # its rate, waking hours
+    hours: float  # its rate, hours of its own time
     places: dict[str, float]  # "kitchen/Cabinet": share of the time in such places
+    by_hour: tuple[float, ...] = BY_HOUR  # what each hour of a day counts; their sum is a day's
 
 
 class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -72,21 +76,29 @@ def home_prior() -> HomePrior:
 FLAT = TypePrior(moves=0.5, hours=12.0, places={})  # of a type that no training home had
 
 
-def waking_hours(start_s: float, end_s: float) -> float:
-    """Return how many waking hours lie between two times; hours of the night count a little.
+class OwnTime:
+    """The time of a type: its hours are long when such things are moved, and short when not.
 
-    >>> waking_hours(8 * 3600.0, 10 * 3600.0)
+    Args:
+        by_hour: what each hour of a day counts.
+
+    >>> round(OwnTime().hours(8 * 3600.0, 10 * 3600.0), 6)
     2.0
     """
-    return _waking_until(end_s) - _waking_until(start_s)
 
+    def __init__(self, by_hour: Sequence[float] = BY_HOUR) -> None:
+        self._by_hour = tuple(by_hour)
+        self._before = (0.0, *accumulate(by_hour))  # an hour of the day
 
-def _waking_until(time_s: float) -> float:
-    day, second = divmod(time_s, DAY_S)
-    hour = second / HOUR_S
-    first, last = WAKING_H
-    awake = min(max(hour - first, 0.0), last - first)
-    return day * _DAY_H + awake + (hour - awake) * AT_NIGHT
+    def hours(self, start_s: float, end_s: float) -> float:
+        """Return how many hours lie between two times of a home's clock."""
+        return self._until(end_s) - self._until(start_s)
+
+    def _until(self, time_s: float) -> float:
+        day, second = divmod(time_s, DAY_S)
+        hour, part_s = divmod(second, HOUR_S)
+        at = int(hour)
+        return day * self._before[-1] + self._before[at] + part_s / HOUR_S * self._by_hour[at]
 
 
 @dataclass(slots=True)
@@ -116,6 +128,8 @@ class Ageing:
 
     def __init__(self, priors: Mapping[str, TypePrior]) -> None:
         self._priors = priors
+        self._times = {name: OwnTime(prior.by_hour) for name, prior in priors.items()}
+        self._any_time = OwnTime()
         self._types: dict[str, _Evidence] = {}
         self._things: dict[str, _Evidence] = {}
         self._moves, self._expected = 0.0, 0.0  # of all things, and by the priors alone
@@ -156,8 +170,12 @@ class Ageing:
                 table = self._types if kind == "type" else self._things
                 table[name] = _Evidence(moves, hours)
 
+    def hours(self, object_type: str, start_s: float, end_s: float) -> float:
+        """Return how many hours of a type's own time lie between two times."""
+        return self._times.get(object_type, self._any_time).hours(start_s, end_s)
+
     def stays(self, object_id: str, object_type: str, hours: float) -> float:
-        """Return the chance that a thing was not moved for so many waking hours."""
+        """Return the chance that a thing was not moved for so many hours of its type."""
         shape, rate = self._gamma(object_id, object_type)
         return float((rate / (rate + hours)) ** shape)
 

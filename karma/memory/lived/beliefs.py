@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from karma.contracts import Deed, HomeMoment, Sighting
 from karma.household.places import HAND
-from karma.memory.lived.ageing import Ageing, waking_hours
+from karma.memory.lived.ageing import Ageing
 from karma.memory.lived.episodes import LoggedEpisode
 
 Reason = Literal["", "not there", "seen elsewhere", "otherwise"]
@@ -123,7 +123,7 @@ class Beliefs:
         """Return the chance that a thing was not moved from where it was seen."""
         seen = belief.sighting
         since = seen.time_s if belief.looked_s is None else belief.looked_s
-        hours = waking_hours(since, max(time_s, since))
+        hours = self._ageing.hours(seen.object_type, since, max(time_s, since))
         return belief.chance * self._ageing.stays(seen.object_id, seen.object_type, hours)
 
     def _end(self, object_id: str, time_s: float) -> tuple[Belief, Belief] | None:
@@ -131,7 +131,7 @@ class Beliefs:
         old = self._by_id[object_id]
         self._fresh[object_id] = None
         seen = old.sighting
-        hours = waking_hours(seen.time_s, time_s)
+        hours = self._ageing.hours(seen.object_type, seen.time_s, time_s)
         before = self.chance(old, time_s)
         chance = before * OVERLOOKED / (before * OVERLOOKED + 1.0 - before)
         if chance >= KEPT:
@@ -149,7 +149,7 @@ class Beliefs:
             return  # the move was counted when it was missed
         if deed is not None and deed.who == ROBOT:
             return
-        hours = waking_hours(old.sighting.time_s, seen.time_s)
+        hours = self._ageing.hours(seen.object_type, old.sighting.time_s, seen.time_s)
         self._ageing.learn(seen.object_id, seen.object_type, hours, moved=moved)
 
     def _keep(self, belief: Belief) -> None:

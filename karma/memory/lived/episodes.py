@@ -40,6 +40,8 @@ create index if not exists by_text on episodes (text_id, until_s);
 create index if not exists by_type on episodes (object_type, since_s);
 create index if not exists by_time on episodes (since_s);
 create index if not exists by_end on episodes (is_open, until_s);
+create index if not exists by_place on episodes
+    (place_type, until_s, since_s, states, text_id);
 create index if not exists by_deed on episodes (who, action, since_s);
 create table if not exists kept (
     part text not null, name text not null, value text not null, primary key (part, name)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 from karma.household.places import HAND
-from karma.memory.lived.ageing import Ageing, Asked, HomePrior, home_prior, waking_hours
+from karma.memory.lived.ageing import Ageing, Asked, HomePrior, home_prior
 from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs, doubt_of
 from karma.memory.lived.episodes import MOST_EPISODES, EpisodeLog, LoggedEpisode
 from karma.memory.lived.history import EpisodeHistory
@@ -190,7 +190,7 @@ class TrueMemory:
         looked_s = self._looked.get(place_id)
         if looked_s is None or looked_s <= since_s:
             return 1.0
-        hours = waking_hours(looked_s, max(time_s, looked_s))
+        hours = self._ageing.hours(kind, looked_s, max(time_s, looked_s))
         stays = self._ageing.stays(ids[0] if ids else "", kind, hours)
         return OVERLOOKED + (1.0 - OVERLOOKED) * (1.0 - stays)
 

@@ -32,7 +32,7 @@ from karma.methods.lived.recalling import (
 )
 from karma.methods.lived.search import look_cost, looks, worth_a_look
 
-COUNTED = 0.2  # chance from which on a thing is counted where it was seen
+COUNTED = 0.2  # chance from which on a thing is counted, where it was seen or where it may lie
 Verify = Literal["never", "doubted", "always"]
 
 
@@ -246,12 +246,12 @@ class Server:
         return HomeAnswer(count=len(there) + likely)
 
     def _likely_there(self, question: HomeQuestion, object_id: str) -> bool:
-        """Return whether a lost thing is more likely than not where it is asked for."""
+        """Return whether a lost thing may well be where it is asked for."""
         said = question.thing
         lost = replace(said, place_types=(), room="", ids=(object_id,))
         likely = self._memory.likely_places(replace(question, thing=lost))
         there = (one.chance for one in likely if is_said_place(one.place_id, said, self._places))
-        return sum(there) > 0.5
+        return sum(there) >= COUNTED
 
     # ------------------------------------------------------------- errands
 

@@ -83,7 +83,12 @@ def plural(noun: str) -> str:
 
     >>> plural("mug"), plural("dish"), plural("knife"), plural("berry"), plural("potato")
     ('mugs', 'dishes', 'knives', 'berries', 'potatoes')
+    >>> plural("bunch of keys")
+    'bunches of keys'
     """
+    head, of, rest = noun.partition(" of ")
+    if of:
+        return f"{plural(head)}{of}{rest}"
     if noun.endswith(("s", "x", "ch", "sh", "ato")):
         return f"{noun}es"
     if noun.endswith("ife"):

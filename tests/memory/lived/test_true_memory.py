@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from karma.contracts import Deed
 from karma.errors import FileError
-from karma.memory.lived.ageing import Ageing, TypePrior, waking_hours
+from karma.memory.lived.ageing import AT_NIGHT, Ageing, OwnTime, TypePrior
 from karma.memory.lived.beliefs import Beliefs
 from karma.memory.lived.episodes import EpisodeLog, EpisodeQuery, LoggedEpisode
 from karma.memory.lived.setting import sighting_text
@@ -87,9 +87,34 @@ def test_a_belief_is_the_last_sighting(steps):
 
 
 def test_hours_of_the_night_hardly_count():
-    assert waking_hours(8 * HOUR_S, 20 * HOUR_S) == pytest.approx(12.0)
-    assert waking_hours(0.0, 6 * HOUR_S) < 0.5
-    assert waking_hours(0.0, DAY_S) == pytest.approx(waking_hours(DAY_S, 2 * DAY_S))
+    usual = OwnTime()
+    assert usual.hours(8 * HOUR_S, 20 * HOUR_S) == pytest.approx(12.0)
+    assert usual.hours(0.0, 6 * HOUR_S) < 0.5
+    assert usual.hours(0.0, DAY_S) == pytest.approx(usual.hours(DAY_S, 2 * DAY_S))
+
+
+@given(
+    st.lists(st.floats(0, 3), min_size=24, max_size=24),
+    st.integers(0, 4 * 24 * 60), st.integers(0, 4 * 24 * 60),
+)  # fmt: skip
+def test_own_time_is_what_the_minutes_between_count(by_hour, one, other):
+    start, end = sorted((one, other))
+    minutes = sum(by_hour[minute // 60 % 24] / 60 for minute in range(start, end))
+    assert OwnTime(by_hour).hours(start * 60.0, end * 60.0) == pytest.approx(minutes, abs=1e-6)
+
+
+def test_what_is_only_moved_in_the_evening_is_still_there_at_noon():
+    evening = (AT_NIGHT,) * 18 + (4.0,) * 4 + (AT_NIGHT,) * 2
+    prior = {"Mug": TypePrior(moves=3.0, hours=10.0, places={}, by_hour=evening)}
+    ageing = Ageing(prior)
+
+    def stays(start_h: float, end_h: float) -> float:
+        hours = ageing.hours("Mug", start_h * HOUR_S, end_h * HOUR_S)
+        return ageing.stays("Mug|1", "Mug", hours)
+
+    assert stays(8, 16) > 0.9
+    assert stays(18, 22) < 0.1
+    assert stays(8, 16) == pytest.approx(stays(24 + 8, 24 + 16))
 
 
 @given(st.floats(0, 1e6), st.floats(0, 1e6))
