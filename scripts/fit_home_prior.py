@@ -24,6 +24,7 @@ from karma.memory.lived.ageing import (
     BY_HOUR,
     PRIOR,
     SURE,
+    WEEK,
     Asked,
     HomePrior,
     TypePrior,
@@ -35,7 +36,6 @@ from karma.world.houses import build_home
 from karma.world.residents import Household
 
 FIRST_SEED = 1_000_000
-DAYS = 5
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 DISTURBANCES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 FIRST_LIVED = 1_000  # number of the first home that things are asked for in
@@ -44,7 +44,8 @@ FORMS = {  # how a thing is asked for -> kinds of requests
     "described": ("attribute", "event", "several"),
     "told": ("place",),
 }
-STRENGTH_H = 30.0  # hours that the prior is worth
+STRENGTH_H = 300.0  # hours that the prior is worth
+_DAYS = np.repeat(WEEK, 24)  # of a week that have each of the hours
 LIKE_ALL = 20.0  # moves that the hours of all types are worth against those of one
 
 
@@ -62,7 +63,7 @@ def main(
 
 def _types(homes: int) -> dict[str, TypePrior]:
     """Return how often each type moves, and where it is."""
-    moves: defaultdict[str, np.ndarray] = defaultdict(lambda: np.zeros(24))  # by hour of the day
+    moves: defaultdict[str, np.ndarray] = defaultdict(lambda: np.zeros(48))  # by hour
     days: Counter[str] = Counter()
     places: defaultdict[str, Counter[str]] = defaultdict(Counter)
     for number in track(range(homes), description="homes"):
@@ -75,15 +76,16 @@ def _types(homes: int) -> dict[str, TypePrior]:
             people=int(rng.integers(1, 5)),
             disturbance=DISTURBANCES[number % len(DISTURBANCES)],
         )
-        for day in range(DAYS):
+        for day in range(sum(WEEK)):
             for deed in household.until((day + 1) * DAY_S):
                 if deed.action == "PutObject":
-                    moves[deed.object_type][int(deed.time_s % DAY_S // HOUR_S)] += 1
+                    moves[deed.object_type][_hour(deed.time_s)] += 1
             for seen in household.now().values():
                 days[seen.object_type] += 1
                 room = seen.room.rpartition("_")[0]
                 places[seen.object_type][f"{room}/{type_of(seen.place_id)}"] += 1
-    day_h, of_all = sum(BY_HOUR), sum(moves.values(), np.zeros(24))
+    week_h, of_all = np.dot(_DAYS, BY_HOUR), sum(moves.values(), np.zeros(48))
+    day_h = float(week_h) / sum(WEEK)
     return {
         name: TypePrior(
             moves=round(
@@ -95,16 +97,23 @@ def _types(homes: int) -> dict[str, TypePrior]:
                 for place, times in sorted(places[name].items())
                 if not place.endswith("/")
             },
-            by_hour=_by_hour(moves[name] + LIKE_ALL * of_all / of_all.sum(), day_h),
+            by_hour=_by_hour(moves[name] + LIKE_ALL * of_all / of_all.sum(), float(week_h)),
         )
         for name in sorted(days)
     }
 
 
-def _by_hour(moves: np.ndarray, day_h: float) -> tuple[float, ...]:
-    """Return what each hour of a day counts, for moves by hour; no hour counts nothing."""
-    awake = day_h - 24 * AT_NIGHT
-    return tuple(round(AT_NIGHT + awake * float(share), 3) for share in moves / moves.sum())
+def _hour(time_s: float) -> int:
+    """Return which of the 48 hours of `by_hour` a time is in."""
+    day, second = divmod(time_s, DAY_S)
+    return int(second // HOUR_S) + 24 * (day % sum(WEEK) >= WEEK[0])
+
+
+def _by_hour(moves: np.ndarray, week_h: float) -> tuple[float, ...]:
+    """Return what each hour counts, for moves of weeks by hour; no hour counts nothing."""
+    awake = week_h - AT_NIGHT * float(_DAYS.sum())
+    shares = moves / moves.sum() / _DAYS
+    return tuple(round(AT_NIGHT + awake * float(share), 3) for share in shares)
 
 
 def _asked(homes: int) -> dict[str, Asked]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -23,12 +23,12 @@ from karma.files import read_json
 PRIOR = Path(__file__).with_name("prior.json")
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 AT_NIGHT = 0.02  # of an hour, what an hour of the night counts
-BY_HOUR = (
-    (AT_NIGHT,) * 6 + (0.5,) + (1.0,) * 16 + (AT_NIGHT,)
-)  # of a day, for any type: people are up
+_UP = (AT_NIGHT,) * 6 + (0.5,) + (1.0,) * 16 + (AT_NIGHT,)
+BY_HOUR = _UP + _UP  # of a weekday, then of a day of the weekend; for any type
+WEEK = (5, 2)  # days of each, in this order
 HOME = 8.0  # moves that the priors are worth against how busy this home is
 SURE = 0.005  # chances are kept so far from 0 and 1
-OWN = 12.0  # hours of evidence that a type's rate is worth for one thing of it
+OWN = 48.0  # hours of evidence that a type's rate is worth for one thing of it
 
 
 class TypePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -37,7 +37,7 @@ class TypePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     moves: float  # shape of the Gamma distribution
     hours: float  # its rate, hours of its own time
     places: dict[str, float]  # "kitchen/Cabinet": share of the time in such places
-    by_hour: tuple[float, ...] = BY_HOUR  # what each hour of a day counts; their sum is a day's
+    by_hour: Annotated[tuple[float, ...], msgspec.Meta(min_length=48, max_length=48)] = BY_HOUR
 
 
 class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -80,25 +80,26 @@ class OwnTime:
     """The time of a type: its hours are long when such things are moved, and short when not.
 
     Args:
-        by_hour: what each hour of a day counts.
+        by_hour: what each hour of a weekday counts, then of a day of the weekend.
 
     >>> round(OwnTime().hours(8 * 3600.0, 10 * 3600.0), 6)
     2.0
     """
 
     def __init__(self, by_hour: Sequence[float] = BY_HOUR) -> None:
-        self._by_hour = tuple(by_hour)
-        self._before = (0.0, *accumulate(by_hour))  # an hour of the day
+        days, ends = tuple(by_hour[:24]), tuple(by_hour[24:])
+        self._by_hour = days * WEEK[0] + ends * WEEK[1]
+        self._before = (0.0, *accumulate(self._by_hour))  # an hour of the week
 
     def hours(self, start_s: float, end_s: float) -> float:
         """Return how many hours lie between two times of a home's clock."""
         return self._until(end_s) - self._until(start_s)
 
     def _until(self, time_s: float) -> float:
-        day, second = divmod(time_s, DAY_S)
+        week, second = divmod(time_s, sum(WEEK) * DAY_S)
         hour, part_s = divmod(second, HOUR_S)
         at = int(hour)
-        return day * self._before[-1] + self._before[at] + part_s / HOUR_S * self._by_hour[at]
+        return week * self._before[-1] + self._before[at] + part_s / HOUR_S * self._by_hour[at]
 
 
 @dataclass(slots=True)

@@ -1,7 +1,8 @@
 """What is believed of each thing: where it was seen last, since when, and why no more.
 
 Contradiction evicts: a thing that is not at a place that was looked over is believed there no more
-from that moment on, with the reason; seen elsewhere or otherwise corrects it at once. A look
+from that moment on, with the reason; seen elsewhere or otherwise corrects it at once, and what a
+resident takes along is nowhere until it is seen again. A look
 may miss what stands behind something (`OVERLOOKED`), so of what hardly ever moves one look in vain
 leaves a doubt, and the next one evicts it.
 """
@@ -15,7 +16,7 @@ from karma.household.places import HAND
 from karma.memory.lived.ageing import Ageing
 from karma.memory.lived.episodes import LoggedEpisode
 
-Reason = Literal["", "not there", "seen elsewhere", "otherwise"]
+Reason = Literal["", "not there", "seen elsewhere", "otherwise", "carried off"]
 ROBOT = "robot"
 OVERLOOKED = (
     0.01  # chance that a look over a place does not show what is known to be there; 39 of 5,552
@@ -115,6 +116,8 @@ class Beliefs:
             return None
         reason: Reason = "otherwise" if same_place else "seen elsewhere"
         new = Belief(sighting=seen, since_s=seen.time_s, deed=deed, reason=reason)
+        if seen.place_id == HAND and deed is not None and deed.who != ROBOT:
+            new = replace(new, ended_s=seen.time_s, reason="carried off")
         self._leave(old)
         self._keep(new)
         return old, new
@@ -145,9 +148,9 @@ class Beliefs:
 
     def _learn(self, old: Belief, seen: Sighting, deed: Deed | None, *, moved: bool) -> None:
         """Count a confirmation or a move of the household's people; not the robot's own deeds."""
-        if old.ended_s is not None or HAND in (old.sighting.place_id, seen.place_id):
-            return  # the move was counted when it was missed
-        if deed is not None and deed.who == ROBOT:
+        if old.ended_s is not None or old.sighting.place_id == HAND:
+            return  # the move was counted when it was missed or seen
+        if deed.who == ROBOT if deed is not None else seen.place_id == HAND:
             return
         hours = self._ageing.hours(seen.object_type, old.sighting.time_s, seen.time_s)
         self._ageing.learn(seen.object_id, seen.object_type, hours, moved=moved)

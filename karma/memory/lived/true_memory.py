@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 from karma.household.places import HAND
-from karma.memory.lived.ageing import Ageing, Asked, HomePrior, home_prior
+from karma.memory.lived.ageing import SURE, Ageing, Asked, HomePrior, home_prior
 from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs, doubt_of
 from karma.memory.lived.episodes import MOST_EPISODES, EpisodeLog, LoggedEpisode
 from karma.memory.lived.history import EpisodeHistory
@@ -55,8 +55,8 @@ class TrueMemory:
             self._looked[place_id] = moment.time_s
         for old, new in self._beliefs.take_in(moment):
             seen = new.sighting
-            if new.ended_s is not None:
-                continue
+            if new.reason == "not there":
+                continue  # what is known is what was seen last
             if old is None or old.sighting.place_id != seen.place_id:
                 self._shares.visit(seen.object_id, seen.object_type, seen.place_id)
             if old is not None:
@@ -162,11 +162,19 @@ class TrueMemory:
         )
 
     def _holds(self, belief: Belief, time_s: float, asked: Asked) -> float:
-        """Return the chance that a thing is where it was seen: not moved, or back there."""
+        """Return the chance that a thing is where it was seen: not moved, or back there.
+
+        Looks at other places since then, which would have shown it, make that likelier (Bayes).
+        """
         seen = belief.sighting
-        stays = self._beliefs.chance(belief, time_s)
-        share = self._shares.of([seen.object_id], seen.object_type).get(seen.place_id or "", 0.0)
-        return asked.chance(stays + (1.0 - stays) * share)
+        stays, ids = self._beliefs.chance(belief, time_s), [seen.object_id]
+        shares = self._shares.of(ids, seen.object_type)
+        there = stays + (1.0 - stays) * shares.pop(seen.place_id or "", 0.0)
+        elsewhere = (1.0 - stays) * sum(
+            share * self._unseen(ids, seen.object_type, place_id, seen.time_s, time_s)
+            for place_id, share in shares.items()
+        )
+        return asked.chance(there / max(there + elsewhere, SURE))
 
     def _asked_for(self, said: SaidThing, *, found: Sequence[str] = ()) -> Asked:
         """Return what it says about a thing that it is asked for in these words.

@@ -135,8 +135,9 @@ class Server:
             meant = [fact for fact in meant if told.latest(fact.sighting.object_id) in (fact, None)]
             now = told
         targets = []
+        known = set(ids_of(now.facts))  # of these, what has ended is lost
         for object_id in ids_of(meant):
-            fact = now.latest(object_id) or told.latest(object_id)
+            fact = (now if object_id in known else told).latest(object_id)
             kind = next(f.sighting.object_type for f in meant if f.sighting.object_id == object_id)
             targets.append(MeantThing(object_id=object_id, object_type=kind, fact=fact))
         self.effort.went_by += [one.fact for one in targets[:1] if one.fact is not None]

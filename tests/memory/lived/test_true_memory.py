@@ -1,6 +1,7 @@
 """Beliefs that age and give way; the log on disk; what a restart finds."""
 
 import sqlite3
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from hypothesis import strategies as st
 
 from karma.contracts import Deed
 from karma.errors import FileError
-from karma.memory.lived.ageing import AT_NIGHT, Ageing, OwnTime, TypePrior
+from karma.household.places import HAND
+from karma.memory.lived.ageing import AT_NIGHT, Ageing, HomePrior, OwnTime, TypePrior
 from karma.memory.lived.beliefs import Beliefs
 from karma.memory.lived.episodes import EpisodeLog, EpisodeQuery, LoggedEpisode
+from karma.memory.lived.likely import PlaceShares
 from karma.memory.lived.setting import sighting_text
 from karma.memory.lived.true_memory import LOG, TrueMemory
 from karma.seeds import stream
@@ -28,6 +31,14 @@ from tests.support.lived import (
 
 RESTLESS = {"Mug": TypePrior(moves=6.0, hours=30.0, places={})}
 STILL = {"Mug": TypePrior(moves=0.002, hours=30.0, places={})}
+
+
+def took(time_s):
+    """Return that Ann takes the mug."""
+    return Deed(
+        time_s=time_s, who="Ann", action="PickupObject", object_id="Mug|1", object_type="Mug",
+        place_id="CounterTop|1", room="kitchen_1",
+    )  # fmt: skip
 
 
 def beliefs(prior):
@@ -83,6 +94,35 @@ def test_a_belief_is_the_last_sighting(steps):
     assert {b.sighting.object_id: b.sighting for b in believed} == last
 
 
+def test_what_a_resident_takes_along_is_nowhere_until_it_is_seen_again(tmp_path):
+    memory = TrueMemory(setting(tmp_path))
+    memory.take_in(moment(9 * HOUR_S, seen("Mug|1", "CounterTop|1", 9 * HOUR_S)))
+    memory.take_in(moment(10 * HOUR_S, seen("Mug|1", HAND, 10 * HOUR_S), deed=took(10 * HOUR_S)))
+    memory.close()
+    memory = TrueMemory(setting(tmp_path))
+    now = where("Mug", 10.5 * HOUR_S)
+    assert [fact.ended_s for fact in memory.recall(now, 5)] == [10 * HOUR_S]
+    likely = [one.place_id for one in memory.likely_places(now)]
+    assert likely
+    assert HAND not in likely
+    told = memory.recall(where("Mug", 11 * HOUR_S, asked="who", action="PickupObject"), 5)
+    assert [fact.deed.who for fact in told] == ["Ann"]
+    memory.take_in(moment(12 * HOUR_S, seen("Mug|1", "Shelf|1", 12 * HOUR_S)))
+    fact = memory.recall(where("Mug", 12 * HOUR_S), 1)[0]
+    assert (fact.sighting.place_id, fact.ended_s) == ("Shelf|1", None)
+
+
+def test_a_move_that_was_seen_from_taking_to_putting_is_learnt_once():
+    ageing = Ageing(RESTLESS)
+    believed = Beliefs(ageing)
+    believed.take_in(moment(9 * HOUR_S, seen("Mug|1", "Desk|1", 9 * HOUR_S)))
+    believed.take_in(moment(10 * HOUR_S, seen("Mug|1", HAND, 10 * HOUR_S), deed=took(10 * HOUR_S)))
+    put = replace(took(10.1 * HOUR_S), action="PutObject", place_id="Shelf|1")
+    believed.take_in(moment(10.1 * HOUR_S, seen("Mug|1", "Shelf|1", 10.1 * HOUR_S), deed=put))
+    moves, _ = ageing.fresh()["thing Mug|1"]
+    assert moves == 1
+
+
 # ----------------------------------------------------------------- ageing
 
 
@@ -94,17 +134,18 @@ def test_hours_of_the_night_hardly_count():
 
 
 @given(
-    st.lists(st.floats(0, 3), min_size=24, max_size=24),
-    st.integers(0, 4 * 24 * 60), st.integers(0, 4 * 24 * 60),
+    st.lists(st.floats(0, 3), min_size=48, max_size=48),
+    st.integers(0, 9 * 24 * 60), st.integers(0, 9 * 24 * 60),
 )  # fmt: skip
 def test_own_time_is_what_the_minutes_between_count(by_hour, one, other):
     start, end = sorted((one, other))
-    minutes = sum(by_hour[minute // 60 % 24] / 60 for minute in range(start, end))
+    at = [(minute // 1440 % 7 >= 5) * 24 + minute // 60 % 24 for minute in range(start, end)]
+    minutes = sum(by_hour[hour] / 60 for hour in at)
     assert OwnTime(by_hour).hours(start * 60.0, end * 60.0) == pytest.approx(minutes, abs=1e-6)
 
 
 def test_what_is_only_moved_in_the_evening_is_still_there_at_noon():
-    evening = (AT_NIGHT,) * 18 + (4.0,) * 4 + (AT_NIGHT,) * 2
+    evening = 2 * ((AT_NIGHT,) * 18 + (4.0,) * 4 + (AT_NIGHT,) * 2)
     prior = {"Mug": TypePrior(moves=3.0, hours=10.0, places={}, by_hour=evening)}
     ageing = Ageing(prior)
 
@@ -295,6 +336,34 @@ def test_states_of_two_words_come_back_whole(tmp_path):
 
 
 # ----------------------------------------------------------------- likely places
+
+
+@pytest.mark.parametrize("looked", [(), ("Shelf|1",), ("Shelf|1", "Desk|1", "CoffeeTable|1")])
+def test_looks_that_do_not_show_it_elsewhere_make_surer(looked):
+    """By Bayes, held against 200,000 things that were drawn to move so."""
+    usual = {"bedroom/Desk": 0.3, "living/Shelf": 0.4, "kitchen/Drawer": 0.3}
+    per_hour, seen_h, looked_h, asked_h = 0.2, 9.0, 14.0, 15.0
+    kind = TypePrior(moves=1e6 * per_hour, hours=1e6, places=usual)
+    prior = HomePrior(homes=1, types={"Mug": kind})
+    memory = TrueMemory(setting(), prior=prior)
+    memory.take_in(moment(seen_h * HOUR_S, seen("Mug|1", "CounterTop|1", seen_h * HOUR_S)))
+    memory.take_in(moment(looked_h * HOUR_S, looked_over=looked))
+    said = memory.recall(where("Mug", asked_h * HOUR_S), 1)[0].holds
+
+    shares = PlaceShares(prior, PLACES)
+    shares.visit("Mug|1", "Mug", "CounterTop|1")
+    chances = shares.of(["Mug|1"], "Mug")
+    names, rng = list(chances), stream(3, "test", "looks")
+    weights = np.array(list(chances.values()))
+    at = np.full(200_000, names.index("CounterTop|1"))
+    in_sight = np.zeros(len(at), dtype=bool)
+    for begun_h, over_h in ((seen_h, looked_h), (looked_h, asked_h)):
+        moved = rng.random(len(at)) > np.exp(-per_hour * (over_h - begun_h))
+        at = np.where(moved, rng.choice(len(names), size=len(at), p=weights), at)
+        if over_h == looked_h:
+            in_sight = np.isin(at, [names.index(one) for one in looked])
+    drawn = (at[~in_sight] == names.index("CounterTop|1")).mean()
+    assert said == pytest.approx(drawn, abs=0.04)
 
 
 def test_places_that_were_looked_at_are_less_likely_and_habits_more():
