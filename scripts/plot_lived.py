@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from karma.benchmarks.header import read_header
-from karma.benchmarks.lived.table import figures_of, stale_shares
+from karma.benchmarks.lived.table import by_day, figures_of, stale_shares
 from karma.benchmarks.run import read_records
 from karma.report.lived_pictures import lived_pictures
 
@@ -18,12 +18,15 @@ def main(
     run: Annotated[Path, typer.Argument(help="Folder of a run, finished or not.")],
     out: Annotated[Path, typer.Option(help="The picture.")],
     rows: Annotated[str, typer.Option(help="Rows to draw, with ';' between; '' is all.")] = "",
+    days: Annotated[bool, typer.Option(help="Curves over the days lived.")] = False,
 ) -> None:
     """Draw one picture."""
     wanted = [name.strip() for name in rows.split(";") if name.strip()]
     _, records = read_records(run, read_header(run))
-    figures = [one for one in figures_of(records) if not wanted or one.row in wanted]
-    stale = [one for one in stale_shares(records) if not wanted or one.row in wanted]
+    records = [one for one in records if not wanted or one.row in wanted]
+    if days:
+        records = by_day(records)
+    figures, stale = figures_of(records), stale_shares(records)
     next(lived_pictures(figures, stale)).figure.savefig(out, dpi=110)
     print(out)
 

@@ -11,13 +11,13 @@ from karma.benchmarks.header import BenchmarkHeader, read_header
 from karma.benchmarks.lived.benchmark import LivedHomes
 from karma.benchmarks.lived.records import LivedRecord
 from karma.benchmarks.lived.schedule import DAY_S
-from karma.benchmarks.lived.table import OURS, stale_shares
+from karma.benchmarks.lived.table import OURS, by_day, figures_of, stale_shares
 from karma.benchmarks.lived.trace import HomeTrace
 from karma.benchmarks.run import read_records
 from karma.errors import KarmaError, did_you_mean
 from karma.report.html import fill, script_data
 from karma.report.lived_day import WALK_S, day_name, told_day
-from karma.report.lived_pictures import lived_pictures
+from karma.report.lived_pictures import curves_picture, lived_pictures
 from karma.report.page import columns_of, facts_of
 from karma.report.room import plan_of
 
@@ -155,10 +155,10 @@ def render_lived(run: LivedRun, shown: LivedDay) -> str:
     """Return the page."""
     results = run.benchmark.results(run.records)
     record = shown.record
-    pictures = [
-        {"title": one.title, "caption": one.caption, "uri": one.uri()}
-        for one in lived_pictures(results.figures, stale_shares(run.records))
-    ]
+    pictures = list(lived_pictures(results.figures, stale_shares(run.records)))
+    if len({one.setting for one in run.records}) == 1 and len({one.day for one in run.records}) > 1:
+        days = by_day(run.records)
+        pictures.append(curves_picture("Over days lived", figures_of(days), stale_shares(days)))
     sheets: tuple[Sheet, ...] = (results.table, *results.behind)
     plan = plan_of(shown.trace.scene, None)
     return fill(
@@ -172,7 +172,9 @@ def render_lived(run: LivedRun, shown: LivedDay) -> str:
         homes=len({(home_of_record(one), one.seed) for one in run.records}),
         days=len(run.records),
         requests=sum(len(one.requests) for one in run.records),
-        pictures=pictures,
+        pictures=[
+            {"title": one.title, "caption": one.caption, "uri": one.uri()} for one in pictures
+        ],
         sheets=sheets,
         remarks=results.remarks,
         facts=tuple(facts_of(run.header)),

@@ -37,12 +37,7 @@ def lived_pictures(
     """Yield the curves where there are several settings, then each setting's bars."""
     settings = list(dict.fromkeys(one.setting for one in figures))
     if len(settings) > 1:
-        yield LivedPicture(
-            title="Over settings",
-            caption="Shares with their 95 % intervals over homes; stale actions: of the world "
-            "actions for requests, those spent on a belief that was false.",
-            figure=_curves(figures, stale, settings),
-        )
+        yield curves_picture("Over settings", figures, stale)
     for setting in settings:
         yield LivedPicture(
             title=f"Served rightly, by kind: {setting}",
@@ -50,6 +45,18 @@ def lived_pictures(
             "chance said of “it is still there”, in tenths, against what was so.",
             figure=_success([one for one in figures if one.setting == setting]),
         )
+
+
+def curves_picture(
+    title: str, figures: Sequence[LivedFigures], stale: Sequence[StaleShare]
+) -> LivedPicture:
+    """Return the hard kinds and stale actions over settings, or over what stands as such."""
+    return LivedPicture(
+        title=title,
+        caption="Shares with their 95 % intervals over homes; stale actions: of the world "
+        "actions for requests, those spent on a belief that was false.",
+        figure=_curves(figures, stale, list(dict.fromkeys(one.setting for one in figures))),
+    )
 
 
 def _success(figures: Sequence[LivedFigures]) -> Any:

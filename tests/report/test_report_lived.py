@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from karma.benchmarks.lived.play import HomeLife
 from karma.benchmarks.lived.schedule import DAY_S
-from karma.benchmarks.lived.table import stale_shares
+from karma.benchmarks.lived.table import ALL, by_day, figures_of, stale_shares
 from karma.benchmarks.lived.trace import HomeTracer
 from karma.benchmarks.run import BenchmarkRun
 from karma.cli import app
@@ -20,7 +20,7 @@ from karma.errors import KarmaError
 from karma.infer.embed.minilm import MiniLm
 from karma.report.lived_day import requests_of, told_day
 from karma.report.lived_page import chosen_day, lived_again, read_lived, render_lived
-from karma.report.lived_pictures import HARD, lived_pictures
+from karma.report.lived_pictures import HARD, curves_picture, lived_pictures
 from karma.tasks.lived import Reader
 
 SMALL = """
@@ -174,6 +174,24 @@ def test_pictures_draw_the_figures_of_the_run(run):
     heights = [bar.get_height() for bar in bars[1].axes[0].patches]
     mine = [one for one in figures if one.setting == "40 %"]
     assert heights == [k.right for one in mine for k in one.kinds if k.right is not None]
+
+
+def test_curves_over_days_show_the_requests_of_each_day(run):
+    records = [one for one in run.records if one.setting == "40 %"]
+    picture = curves_picture("days", figures_of(by_day(records)), stale_shares(by_day(records)))
+    axis = picture.figure.axes[HARD.index(ALL)]
+    drawn = {line.get_label(): list(line.get_ydata()) for line in axis.lines}
+    days = sorted({one.day for one in records})
+    assert [label.get_text() for label in axis.get_xticklabels()] == [f"day {d + 1}" for d in days]
+    for row in ("ours", "KARMA, FIFO"):
+        for day, share in zip(days, drawn[row], strict=True):
+            asked = [
+                served.right
+                for one in records
+                if (one.row, one.day) == (row, day)
+                for served in one.requests
+            ]
+            assert share == pytest.approx(sum(asked) / len(asked))
 
 
 def test_stale_shares_are_those_of_the_table_with_intervals_around_them(run):

@@ -1,7 +1,7 @@
 """Add up days: success by kind of request, stale beliefs, doubt, effort; homes are the units."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
@@ -99,6 +99,11 @@ def _stale_share(row: str, setting: str, records: Sequence[LivedRecord]) -> Stal
         low, high = map(float, np.quantile(shares, (0.025, 0.975)))
     share = float(stale.sum() / actions.sum()) if actions.any() else None
     return StaleShare(row=row, setting=setting, share=share, low=low, high=high)
+
+
+def by_day(records: Sequence[LivedRecord]) -> list[LivedRecord]:
+    """Return the records with the days lived as their settings."""
+    return [replace(one, setting=f"day {one.day + 1}") for one in records]
 
 
 def figures_of(records: Sequence[LivedRecord]) -> list[LivedFigures]:
