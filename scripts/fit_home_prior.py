@@ -25,7 +25,7 @@ from karma.memory.lived.ageing import (
     PRIOR,
     SURE,
     WEEK,
-    Asked,
+    AskedFor,
     HomePrior,
     TypePrior,
     home_prior,
@@ -116,7 +116,7 @@ def _by_hour(moves: np.ndarray, week_h: float) -> tuple[float, ...]:
     return tuple(round(AT_NIGHT + awake * float(share), 3) for share in shares)
 
 
-def _asked(homes: int) -> dict[str, Asked]:
+def _asked(homes: int) -> dict[str, AskedFor]:
     """Return what being asked for says: chances by age alone, against where things were."""
     home_prior.cache_clear()  # the file has no "asked" now
     row = LivedRow(name="ours", design="ours")
@@ -137,7 +137,7 @@ def _asked(homes: int) -> dict[str, Asked]:
     }
 
 
-def _fitted(doubts: list[tuple[float, bool]]) -> Asked:
+def _fitted(doubts: list[tuple[float, bool]]) -> AskedFor:
     """Return the logistic function with the largest likelihood (Platt 1999)."""
     said = np.clip([holds for holds, _ in doubts], SURE, 1.0 - SURE)
     so = np.array([1.0 if was_so else -1.0 for _, was_so in doubts])
@@ -147,7 +147,7 @@ def _fitted(doubts: list[tuple[float, bool]]) -> Asked:
         return float(np.logaddexp(0.0, -so * (by[0] + by[1] * odds)).mean())
 
     shift, slope = minimize(loss, np.array([0.0, 1.0])).x
-    return Asked(shift=round(float(shift), 2), slope=round(float(slope), 2))
+    return AskedFor(shift=round(float(shift), 2), slope=round(float(slope), 2))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from karma.report.html import data_uri
 WIDTH = 0.8  # of all rows of one kind, beside each other
 HARD = (ALL, "changed", "several", "event")  # kinds that the curves show
 STALE = "stale actions"
+LEAST = 10  # chances of a tenth that is drawn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +43,7 @@ def lived_pictures(
         yield LivedPicture(
             title=f"Served rightly, by kind: {setting}",
             caption="Whiskers: 95 % intervals over homes. Reliability: what rows that give a "
-            "chance said of “it is still there”, in tenths, against what was so.",
+            "chance said of “it is still there”, in tenths with ten or more, against what was so.",
             figure=_success([one for one in figures if one.setting == setting]),
         )
 
@@ -112,7 +113,10 @@ def _reliability(axis: Any, figures: Sequence[LivedFigures]) -> None:
     """Draw what was said of "it is still there" against what was so; the numbers are of ours."""
     axis.plot([0, 1], [0, 1], color="grey", linewidth=0.8)
     for one in figures:
-        said, so, number = zip(*one.reliability, strict=True)
+        tenths = [tenth for tenth in one.reliability if tenth[2] >= LEAST]
+        if not tenths:
+            continue
+        said, so, number = zip(*tenths, strict=True)
         axis.plot(said, so, marker="o", markersize=4, label=one.row)
         for x, y, many in zip(said, so, number, strict=True) if one.row == OURS else ():
             axis.annotate(str(many), (x, y), fontsize=7, xytext=(3, -9),
@@ -122,8 +126,8 @@ def _reliability(axis: Any, figures: Sequence[LivedFigures]) -> None:
     axis.set_xlim(0, 1.02)
     axis.set_ylim(0, 1.02)
     axis.set_title("reliability, with numbers", fontsize=9)
-    if figures:
-        axis.legend(fontsize=7, loc="upper left")
+    if len(axis.lines) > 1:
+        axis.legend(fontsize=7, loc="lower right")
 
 
 def _curve(

@@ -40,7 +40,7 @@ class TypePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     by_hour: Annotated[tuple[float, ...], msgspec.Meta(min_length=48, max_length=48)] = BY_HOUR
 
 
-class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class AskedFor(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What being asked for says about a thing: people ask for what they do not find.
 
     The chance that a thing is where it was seen is a logistic function of the chance by its age.
@@ -52,7 +52,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     def chance(self, aged: float) -> float:
         """Return the chance of a thing that is asked for.
 
-        >>> round(Asked(shift=0.0, slope=1.0).chance(0.8), 3)
+        >>> round(AskedFor(shift=0.0, slope=1.0).chance(0.8), 3)
         0.8
         """
         odds = math.log(max(aged, SURE) / max(1.0 - aged, SURE))
@@ -63,7 +63,7 @@ class HomePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """All of `prior.json`."""
 
     homes: int  # that it was fitted on
-    asked: dict[str, Asked] = {}  # by how a thing is asked for, see `true_memory`
+    asked: dict[str, AskedFor] = {}  # by how a thing is asked for, see `true_memory`
     types: dict[str, TypePrior]
 
 

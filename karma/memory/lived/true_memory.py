@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 from karma.household.places import HAND
-from karma.memory.lived.ageing import SURE, Ageing, Asked, HomePrior, home_prior
+from karma.memory.lived.ageing import SURE, Ageing, AskedFor, HomePrior, home_prior
 from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs, doubt_of
 from karma.memory.lived.episodes import MOST_EPISODES, EpisodeLog, LoggedEpisode
 from karma.memory.lived.history import EpisodeHistory
@@ -14,7 +14,7 @@ from karma.memory.lived.setting import MemorySetting
 MARGIN = 0.03  # below the best meaning, within which another type may be meant as well
 OTHERS = 0.08  # chance that is left for places of no opinion
 ELSEWHERE = 0.05  # what a place counts that is not of the kind that was said
-AS_AGED = Asked()
+AS_AGED = AskedFor()
 LOG = "episodes.sqlite"
 
 
@@ -154,14 +154,14 @@ class TrueMemory:
 
     # ------------------------------------------------------------- now
 
-    def _fact(self, belief: Belief, time_s: float, asked: Asked) -> Fact:
+    def _fact(self, belief: Belief, time_s: float, asked: AskedFor) -> Fact:
         if belief.ended_s is not None:
             return Fact(sighting=belief.sighting, deed=belief.deed, ended_s=belief.ended_s)
         return Fact(
             sighting=belief.sighting, deed=belief.deed, holds=self._holds(belief, time_s, asked)
         )
 
-    def _holds(self, belief: Belief, time_s: float, asked: Asked) -> float:
+    def _holds(self, belief: Belief, time_s: float, asked: AskedFor) -> float:
         """Return the chance that a thing is where it was seen: not moved, or back there.
 
         Looks at other places since then, which would have shown it, make that likelier (Bayes).
@@ -176,7 +176,7 @@ class TrueMemory:
         )
         return asked.chance(there / max(there + elsewhere, SURE))
 
-    def _asked_for(self, said: SaidThing, *, found: Sequence[str] = ()) -> Asked:
+    def _asked_for(self, said: SaidThing, *, found: Sequence[str] = ()) -> AskedFor:
         """Return what it says about a thing that it is asked for in these words.
 
         Where its place is said, it is most likely there; of what is asked for by its name alone,

@@ -136,7 +136,7 @@ def _marked_again(before: Objects, known: list[_Mark], change: Change) -> list[_
 _marks = Derived(lambda objects: [_mark(one) for one in objects.values()], patch=_marked_again)
 
 
-class _Look(NamedTuple):
+class _LookFrom(NamedTuple):
     """A place to look from, and how all that stands in reach is arranged."""
 
     place: _Place
@@ -145,7 +145,7 @@ class _Look(NamedTuple):
     marks: tuple[_Mark, ...]
 
 
-def _no_looks(objects: Objects) -> dict[_Look, _Vantage]:
+def _no_looks(objects: Objects) -> dict[_LookFrom, _Vantage]:
     return {}
 
 
@@ -297,11 +297,11 @@ def _vantage(
     return found
 
 
-def _look_of(objects: Objects, place: _Place, held: frozenset[str]) -> _Look:
+def _look_of(objects: Objects, place: _Place, held: frozenset[str]) -> _LookFrom:
     (x, _, z), reach_m = place[1], math.sqrt(2) * (place[2] + BEYOND_M) + 0.01
     rows = tuple(np.flatnonzero(across(objects, x, z) <= reach_m).tolist())
     marks = _marks(objects)
-    return _Look(place, held, rows, tuple(marks[row] for row in rows))
+    return _LookFrom(place, held, rows, tuple(marks[row] for row in rows))
 
 
 def _remember(table: dict[K, _Vantage], key: K, vantage: _Vantage, most: int) -> None:
