@@ -105,8 +105,8 @@ def measured(units: int, objects: int, embedder: MiniLm, folder: Path) -> Measur
     memory.close()
     log = EpisodeLog(folder / LOG, embedder, setting.places)
     log.recall(EpisodeQuery(text="a mug"), 1)  # the index is made once
-    text_ms = _median_ms(lambda at: log.recall(_text_query(at), 20))
-    embed_ms = _median_ms(lambda at: embedder.embed([f"the thing called number {at} of {units}"]))
+    text_ms = _median_ms(lambda at: log.recall(_text_query(at, f"{units} {objects}"), 20))
+    embed_ms = _median_ms(lambda at: embedder.embed([f"thing {at} of {units} {objects}"]))
     size = log.size_bytes() / 1e6
     log.close()
     return Measured(
@@ -134,9 +134,10 @@ def _question(at: int) -> HomeQuestion:
     return HomeQuestion(text="", speaker="Ann", time_s=now_s, asked="place", thing=said)
 
 
-def _text_query(at: int) -> EpisodeQuery:
+def _text_query(at: int, size: str) -> EpisodeQuery:
+    """Return a query whose text no other size has asked for: MiniLM keeps what it has embedded."""
     return EpisodeQuery(
-        text=f"something soft to wash up with, number {at}",
+        text=f"something soft to wash up with, number {at} of {size}",
         after_s=(at % 25) * DAY_S,
         before_s=(at % 25 + 4) * DAY_S,
         place_types=(KINDS[at % len(KINDS)],),
