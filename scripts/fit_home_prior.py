@@ -22,6 +22,8 @@ from karma.infer.embed.minilm import MiniLm
 from karma.memory.lived.ageing import (
     AT_NIGHT,
     BY_HOUR,
+    DAY_S,
+    HOUR_S,
     PRIOR,
     SURE,
     WEEK,
@@ -36,7 +38,6 @@ from karma.world.houses import build_home
 from karma.world.residents import Household
 
 FIRST_SEED = 1_000_000
-DAY_S, HOUR_S = 86_400.0, 3_600.0
 DISTURBANCES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 FIRST_LIVED = 1_000  # number of the first home that things are asked for in
 FORMS = {  # how a thing is asked for -> kinds of requests

@@ -2,9 +2,9 @@
 
 Contradiction evicts: a thing that is not at a place that was looked over is believed there no more
 from that moment on, with the reason; seen elsewhere or otherwise corrects it at once, and what a
-resident takes along is nowhere until it is seen again. A look
-may miss what stands behind something (`OVERLOOKED`), so of what hardly ever moves one look in vain
-leaves a doubt, and the next one evicts it.
+resident takes along is nowhere until it is seen again. A look may miss what stands behind something
+(`OVERLOOKED`), so of what hardly ever moves one look in vain leaves a doubt, and the next one
+evicts it.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,9 +18,7 @@ from karma.memory.lived.episodes import LoggedEpisode
 
 Reason = Literal["", "not there", "seen elsewhere", "otherwise", "carried off"]
 ROBOT = "robot"
-OVERLOOKED = (
-    0.01  # chance that a look over a place does not show what is known to be there; 39 of 5,552
-)
+OVERLOOKED = 0.01  # chance that a look does not show what is known to be there; 39 of 5,552
 KEPT = 0.5  # chance from which on a thing is still believed to be where a look did not show it
 
 
@@ -105,8 +103,10 @@ class Beliefs:
     def _see(self, seen: Sighting, deed: Deed | None) -> tuple[Belief | None, Belief] | None:
         old = self._by_id.get(seen.object_id)
         self._fresh[seen.object_id] = None
+        new = Belief(sighting=seen, since_s=seen.time_s, deed=deed)
+        if seen.place_id == HAND and deed is not None and deed.who != ROBOT:
+            new = replace(new, ended_s=seen.time_s, reason="carried off")
         if old is None:
-            new = Belief(sighting=seen, since_s=seen.time_s, deed=deed)
             self._keep(new)
             return None, new
         same_place = old.sighting.place_id == seen.place_id and old.ended_s is None
@@ -114,10 +114,8 @@ class Beliefs:
         if same_place and old.sighting.states == seen.states and deed is None:
             self._by_id[seen.object_id] = replace(old, sighting=seen, chance=1.0, looked_s=None)
             return None
-        reason: Reason = "otherwise" if same_place else "seen elsewhere"
-        new = Belief(sighting=seen, since_s=seen.time_s, deed=deed, reason=reason)
-        if seen.place_id == HAND and deed is not None and deed.who != ROBOT:
-            new = replace(new, ended_s=seen.time_s, reason="carried off")
+        if not new.reason:
+            new = replace(new, reason="otherwise" if same_place else "seen elsewhere")
         self._leave(old)
         self._keep(new)
         return old, new

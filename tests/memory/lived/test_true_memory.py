@@ -112,6 +112,13 @@ def test_what_a_resident_takes_along_is_nowhere_until_it_is_seen_again(tmp_path)
     assert (fact.sighting.place_id, fact.ended_s) == ("Shelf|1", None)
 
 
+def test_what_is_first_seen_in_a_hand_is_lost_too():
+    believed = beliefs(RESTLESS)
+    believed.take_in(moment(10 * HOUR_S, seen("Mug|1", HAND, 10 * HOUR_S), deed=took(10 * HOUR_S)))
+    found = believed.get("Mug|1")
+    assert (found.ended_s, found.reason) == (10 * HOUR_S, "carried off")
+
+
 def test_a_move_that_was_seen_from_taking_to_putting_is_learnt_once():
     ageing = Ageing(RESTLESS)
     believed = Beliefs(ageing)
