@@ -381,6 +381,7 @@ class Decoding:
     retry_temperature: float = 0.6  # once a program has failed, the same again will not help
     seed: int = 0
     max_tokens: int = 512
+    answer_seconds: float | None = None  # by the clock, reading the prompt counted; None: no bound
     attempts: int = 4  # per request; later ones quote the error
     inspected: bool = True  # see `karma.agent.inspector`
     refusing: bool = False  # the planner has learnt to refuse requests, or is told how to
@@ -418,7 +419,7 @@ class Completion:
     """A model's answer and what it cost; None where a hosted model does not tell."""
 
     text: str
-    finish: Literal["stop", "length"]
+    finish: Literal["stop", "length", "time"]
     prompt_tokens: int | None
     reused_tokens: int | None  # of the prompt, taken from kept KV state
     completion_tokens: int | None
@@ -432,6 +433,17 @@ class Completion:
     state: KvState | None = None  # where that of the stable part came from, likewise
     certainty: Certainty | None = None  # None where a model does not tell
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heard:
+    """What has come of an answer while the model is still at it."""
+
+    text: str  # since it was heard last, a thought's too
+    tokens: int | None  # so far; None where a hosted model does not tell
+    seconds: float  # since it was asked
+
+
+Listener = Callable[[Heard], None]
 
 Scoring = Literal["sum", "average"]  # of the log-probabilities of a text's tokens
 END = ""  # as a text to be scored: the answer ends here
@@ -827,10 +839,15 @@ class LanguageModel(Protocol):
         *,
         spec: AnswerSpec | None = None,
         max_tokens: int = 512,
+        max_seconds: float | None = None,
         temperature: float = 0.0,
         seed: int = 0,
+        listen: Listener | None = None,
     ) -> Completion:
-        """Continue the prompt; with `spec`, only with a program or plan that parses."""
+        """Continue the prompt; with `spec`, only with a program or plan that parses.
+
+        `listen` hears the answer as it comes, and changes nothing of it.
+        """
 
 
 @runtime_checkable
@@ -912,6 +929,7 @@ class Resources:
     model: LanguageModel  # the planner's
     profile: str  # of its prompts: "compact" or "full"
     decoding: Decoding = Decoding()
+    listen: Listener | None = None  # hears the planner's answers as they come
     hints: Hints | None = None  # where the planner has learnt to read them
     doubt: Doubt | None = None  # where it has been fitted for the planner
     recall: Recall

@@ -2,8 +2,10 @@
 
 `python scripts/compare_runs.py BEFORE AFTER [--rename OLD=NEW ...]` compares what an episode came
 to: success, unmet goals, places searched, world actions, the skills and what they answered, the
-programs, the tokens, memory hits. Seconds are left out. Of a figure of the policy laboratory, which
-has no episodes, `results.json` is compared. Exit status 1 when anything differs.
+programs, the tokens, memory hits. Seconds are left out, and so are episodes in which the clock cut
+off an answer (`answer_seconds`), in either run: equal runs need not be equal there. Of a figure of
+the policy laboratory, which has no episodes, `results.json` is compared. Exit status 1 when
+anything differs.
 """
 
 import argparse
@@ -16,13 +18,14 @@ from typing import Any
 Key = tuple[str, str, int]
 
 
-def outcomes(folder: Path, rows: dict[str, str]) -> dict[Key, list[Any]]:
-    """Return what each episode of a run folder came to, by row, task and seed."""
-    found = {}
+def outcomes(folder: Path, rows: dict[str, str]) -> dict[Key, list[Any] | None]:
+    """Return what each episode of a run came to, by row, task and seed; None: the clock cut it."""
+    found: dict[Key, list[Any] | None] = {}
     for line in (folder / "episodes.jsonl").read_text(encoding="utf-8").splitlines():
         record = json.loads(line)
         row = rows.get(record["row"], record["row"])
-        found[row, record["task"], record["seed"]] = list(_outcome(record))
+        cut = any(a["finish"] == "time" for sub in record["subtasks"] for a in sub["answers"])
+        found[row, record["task"], record["seed"]] = None if cut else list(_outcome(record))
     return found
 
 
@@ -52,12 +55,14 @@ def main() -> int:
         return int(one != other)
     renamed = dict(pair.split("=", 1) for pair in given.rename)
     before, after = outcomes(given.before, renamed), outcomes(given.after, {})
-    keys = sorted(before.keys() | after.keys())
+    every = sorted(before.keys() | after.keys())
+    keys = [key for key in every if None not in (before.get(key, ""), after.get(key, ""))]
     wrong = [key for key in keys if before.get(key) != after.get(key)]
     for key in wrong:
         there = "differs" if key in before and key in after else "stands in one run only"
         print(*key, there)
-    print(f"{len(keys)} episodes, {len(wrong)} differ")
+    cut = f", {len(every) - len(keys)} left out, cut off by the clock" * (len(keys) < len(every))
+    print(f"{len(keys)} episodes, {len(wrong)} differ{cut}")
     return 1 if wrong else 0
 
 

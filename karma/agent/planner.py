@@ -18,6 +18,7 @@ from karma.contracts import (
     FailedProgram,
     Hints,
     LanguageModel,
+    Listener,
     Plan,
     PlanRequest,
     ProgramSpec,
@@ -41,6 +42,7 @@ class Planner:
         decoding: how answers are drawn.
         hints: of an instruction; None: the planner reads none.
         doubt: decides by the first answer whether a request is refused; None: the answer does.
+        listen: hears answers as they come.
     """
 
     def __init__(
@@ -50,22 +52,26 @@ class Planner:
         decoding: Decoding | None = None,
         hints: Hints | None = None,
         doubt: Doubt | None = None,
+        listen: Listener | None = None,
     ) -> None:
         self.model = model
         self.profile = profile
         self.decoding = decoding or Decoding()
         self.hints = hints
         self.doubt = doubt
+        self.listen = listen
 
     @classmethod
     def of(cls, resources: Resources) -> Self:
         """Return the planner that a run has loaded."""
         given = resources
-        return cls(given.model, given.profile, given.decoding, given.hints, given.doubt)
+        return cls(
+            given.model, given.profile, given.decoding, given.hints, given.doubt, given.listen
+        )
 
     def drawn_by(self, decoding: Decoding) -> "Planner":
         """Return the same planner with its answers drawn otherwise."""
-        return Planner(self.model, self.profile, decoding, self.hints, self.doubt)
+        return Planner(self.model, self.profile, decoding, self.hints, self.doubt, self.listen)
 
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
@@ -124,8 +130,10 @@ class Planner:
             rendered.prompt,
             spec=spec if self.decoding.constrained else None,
             max_tokens=self.decoding.max_tokens,
+            max_seconds=self.decoding.answer_seconds,
             temperature=self._temperature(request),
             seed=self.decoding.seed + attempt,
+            listen=self.listen,
         )
         answer = _read(completion, skills, refusing=refusing)
         return Plan(

@@ -66,6 +66,7 @@ class Comparison:
     seeds: tuple[int, ...]
     agreement: float | None  # share of pairs in which both or neither solved the task
     same_programs: float | None  # share of sub-tasks for which both planners first wrote the same
+    timed_out: int  # pairs in which the clock cut off an answer; not in `same_programs`
     only_first: tuple[Split, ...]
     only_second: tuple[Split, ...]
     p: float  # McNemar's exact test of the success rates, pairs taken as independent
@@ -113,7 +114,8 @@ def compare(
         tasks=len({a.record.task for a in mine}),
         seeds=tuple(sorted({a.record.seed for a in mine})),
         agreement=1 - differing / len(pairs),
-        same_programs=_same_programs(pairs),
+        same_programs=_same_programs([pair for pair in pairs if not _timed_out(pair)]),
+        timed_out=sum(map(_timed_out, pairs)),
         only_first=_splits(only_first),
         only_second=_splits(only_second),
         p=mcnemar(len(only_first), len(only_second)),
@@ -274,6 +276,10 @@ def _splits(episodes: Sequence[TimedEpisode]) -> tuple[Split, ...]:
     for one in episodes:
         found.setdefault(one.record.task, []).append(one.record.seed)
     return tuple(Split(task=task, seeds=tuple(sorted(found[task]))) for task in sorted(found))
+
+
+def _timed_out(pair: Pair) -> bool:
+    return any(one.record.timed_out for one in pair)
 
 
 def _same_programs(pairs: Sequence[Pair]) -> float | None:

@@ -49,7 +49,7 @@ def _settled(models: Models) -> dict[str, Any]:
     file = resolve_planner(models.planner)
     return {
         "profile": models.profile or file.prompt_profile,
-        "chat": models.chat or file.chat,
+        "chat": file.chat if models.chat is None else models.chat,
         "refusing": may_refuse(models.planner, models.refusing),
         "words": str(chosen_words(models.planner, models.words) or NO_WORDS),
     }

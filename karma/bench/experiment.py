@@ -47,11 +47,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     preset: str = ""  # "paper": recall, query and K as in the paper; `options` go before it
     vision: str = ""  # in place of the one in [models]
     recall: str = ""  # likewise
+    answer_seconds: float | None = None  # of an answer, by the clock; None: tokens alone bound it
     options: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
         """Refuse an unknown preset, and a hosted model: its host is in [models]. Name all whole."""
         _ = preset(self.preset)
+        if self.answer_seconds is not None and not self.answer_seconds > 0:
+            raise ValueError(f"answer_seconds = {self.answer_seconds:g}: more than 0, or left out")
         if self.vision:
             force_setattr(self, "vision", whole_name("vision", self.vision))
         if self.preset and self.method != "karma":
@@ -70,7 +73,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     planner: str = "karma-nano"  # a name of models/manifest.toml, a GGUF's path, or "openai"
     profile: str = ""  # "compact", "full" or a folder of templates; "" = what the manifest says
-    chat: bool = False  # through the GGUF's own chat template
+    chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
     words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
     thinking: Thinking = "off"  # whether a model that can think first may
@@ -286,7 +289,8 @@ def for_row(
         if row.vision not in loaded:
             loaded[row.vision] = filled("vision_models", row.vision, None, Session(), models)
         vision = loaded[row.vision]
-    return replace(resources, recall=recall, vision=vision)
+    decoding = replace(resources.decoding, answer_seconds=row.answer_seconds)
+    return replace(resources, recall=recall, vision=vision, decoding=decoding)
 
 
 def _recall(name: str, text: str, embedder: Embedder | None, maps: Path | None) -> Recall:
@@ -340,7 +344,8 @@ def language_model(
         options=models.llama,
         name=file.name,
         sha256=file.sha256,
-        chat=models.chat or file.chat,
+        restore=file.fix,
+        chat=file.chat if models.chat is None else models.chat,
         states=states,
         thinking=models.thinking,
         thinking_tokens=models.thinking_tokens,

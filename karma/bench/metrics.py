@@ -74,6 +74,11 @@ def refuses(record: EpisodeRecord) -> bool:
     return any(sub.refused for sub in record.subtasks)
 
 
+def is_timed_out(record: EpisodeRecord) -> bool:
+    """Return whether the clock cut off an answer."""
+    return record.timed_out
+
+
 def is_done_before(record: EpisodeRecord) -> bool:
     """Return whether all goals held when the task began."""
     return not record.to_do
@@ -115,6 +120,11 @@ def refused(episode: TimedEpisode) -> Observations:
     """Return for each instruction that a planner was asked to carry out whether it refused."""
     asked = (sub for sub in episode.record.subtasks if sub.answers)
     return [float(sub.refused is not None) for sub in asked]
+
+
+def timed_out(episode: TimedEpisode) -> Observations:
+    """Return for each answer of the planner whether the clock cut it off."""
+    return [float(a.finish == "time") for sub in episode.record.subtasks for a in sub.answers]
 
 
 def retrieved(episode: TimedEpisode) -> Observations:
@@ -285,6 +295,10 @@ METRICS = (
     Metric(
         key="refused", title="refused", of=refused, only=refuses, is_rate=True,
         says="instructions that the planner would not carry out",
+    ),
+    Metric(
+        key="timed_out", title="timed out", of=timed_out, only=is_timed_out, is_rate=True,
+        says="answers of the planner that the clock cut off",
     ),
     Metric(
         key="retrieved", title="MRA", of=retrieved, only=remembers, is_rate=True,

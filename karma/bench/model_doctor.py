@@ -134,7 +134,8 @@ def _planner(models: Models) -> ModelSeen:
         found = ModelSeen(
             role="planner", name=file.name, device=engine.device,
             how=f"{layers}{engine.kv} KV, flash attention {flash}, "
-            f"{engine.threads} thread{'s' * (engine.threads > 1)}",
+            f"{engine.threads} thread{'s' * (engine.threads > 1)}"
+            + (f", {model.manner}" if model.manner else ""),
             predicted_mb=predicted, measured_mb=measured, speeds=speeds,
             context=gguf.n_ctx, limit=gguf.limit,
         )  # fmt: skip

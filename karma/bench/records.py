@@ -101,6 +101,11 @@ class SubTaskRecord:
         return not self.unmet
 
     @property
+    def timed_out(self) -> bool:
+        """Whether the clock cut off an answer, so that another run may come out otherwise."""
+        return any(answer.finish == "time" for answer in self.answers)
+
+    @property
     def refused(self) -> RefusedRequest | None:
         """Why the planner would not carry it out; None where it tried."""
         return self.answers[-1].refused if self.answers else None
@@ -135,6 +140,11 @@ class EpisodeRecord:
         """Whether every sub-task succeeded (KARMA §4.2); a task without goals cannot."""
         asked = any(sub.goals for sub in self.subtasks)
         return asked and not self.error and all(sub.success for sub in self.subtasks)
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the clock cut off an answer in it: no run need be equal to another there."""
+        return any(sub.timed_out for sub in self.subtasks)
 
     @property
     def to_do(self) -> bool:

@@ -199,6 +199,11 @@ def _remarks(one: "Comparison") -> str:
         f"only {one.first} solved: {_splits(one.only_first)}",
         f"only {one.second} solved: {_splits(one.only_second)}",
     ]
+    if one.timed_out:
+        lines.append(
+            f"{one.timed_out} pairs had an answer that the clock cut off; their programs are not "
+            "compared"
+        )
     for name, more in ((one.first, one.more_seeds_first), (one.second, one.more_seeds_second)):
         words = "not by more seeds of these tasks" if more is None else f"{more} more seeds"
         lines.append(f"success of {name} to ± {one.half_width:g}: {words}")

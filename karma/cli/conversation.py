@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
+from karma.cli.answers import AnswerView
 from karma.cli.shared import console
 from karma.errors import KarmaError
 
@@ -29,10 +30,16 @@ _HELP = (
 )
 
 
-def say(agent: "Agent", instruction: str) -> "AgentReply":
-    """Have something carried out in view; what was understood is printed before it is done."""
+def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "AgentReply":
+    """Have something carried out in view; what was understood is printed before it is done.
+
+    Args:
+        agent: who does it.
+        instruction: what.
+        view: hears the agent's answers, and shows them while they come.
+    """
     from karma.agent.understood import Understanding
-    from karma.contracts import SkillResult
+    from karma.contracts import Plan, SkillResult
     from karma.talk.replies import (
         Line,
         RequestReply,
@@ -46,10 +53,14 @@ def say(agent: "Agent", instruction: str) -> "AgentReply":
     clauses = split_instruction(instruction)
     most = rows_for(len(clauses))
     number, printed = 0, 0
+    view = view or AnswerView()
     with console.status("thinking ...") as status:
+        view.request(status)
         for moment in agent.doing(instruction):
             if isinstance(moment, SkillResult):
                 status.update(escape(f"{moment.call} ..."))
+            elif isinstance(moment, Plan):
+                view.answered(moment)
             elif isinstance(moment, Understanding | RequestReply):
                 lines: list[Line] = []
                 if isinstance(moment, RequestReply):
@@ -64,6 +75,7 @@ def say(agent: "Agent", instruction: str) -> "AgentReply":
                 printed += len(lines)
                 if isinstance(moment, RequestReply):
                     number, printed = number + 1, 0
+                    view.request(status)
     return agent.replies[-1]
 
 
@@ -101,15 +113,15 @@ def show_folder(agent: "Agent") -> None:
 # ----------------------------------------------------------------- the conversation
 
 
-def converse(agent: "Agent") -> None:
-    """Take what is typed, or piped in, until it ends."""
+def converse(agent: "Agent", view: AnswerView | None = None) -> None:
+    """Take what is typed, or piped in, until it ends; `view` as in `say`."""
     console.print(escape(f"{agent.map.lines()[0]}. Say what to do, or /help."), soft_wrap=True)
     for typed in _typed():
         word = typed.split()[0] if typed.startswith("/") else ""
         if word == "/quit":
             break
         try:
-            _commands().get(word, _unknown)(agent) if word else say(agent, typed)
+            _commands().get(word, _unknown)(agent) if word else say(agent, typed, view)
         except KeyboardInterrupt:
             console.print("stopped; all is as it was before you said that", style="yellow")
         except KarmaError as error:

@@ -24,6 +24,7 @@ _OPEN = "hash not known: fill with karma models add PATH"
 _MARKS = {
     "ok": "[green]✓[/]", "absent": "[dim]–[/]", "open": "[yellow]?[/]", "wrong": "[red]✗[/]"
 }  # fmt: skip
+_TEMPLATE = {True: "yes", False: "no", None: "if it has one"}
 _ROLES = "planner, vlm, text-embedder, image-embedder or detector."
 Names = Annotated[list[str] | None, typer.Argument(help="Names; default all that are here.")]
 
@@ -66,7 +67,8 @@ def models_show(
     said = {
         "role": entry.role, "format": entry.format, "licence": entry.licence,
         "source": entry.source, "revision": entry.revision, "prompt profile": entry.prompt_profile,
-        "chat template": "yes" if entry.chat else None, "context": entry.context_length,
+        "chat template": _TEMPLATE[entry.chat] if entry.role == "planner" else None,
+        "context": entry.context_length,
         "memory, MB": entry.memory_mb, "package": entry.package, "here": is_present(entry),
         "to bring it": entry.fix,
     }  # fmt: skip
@@ -119,7 +121,8 @@ def models_add(
     profile: Annotated[str | None, typer.Option(help='Planners: "full" or "compact".')] = None,
     context: Annotated[int | None, typer.Option(min=32, help="Tokens to open with.")] = None,
     chat: Annotated[
-        bool | None, typer.Option("--chat/--no-chat", help="Through its chat template.")
+        bool | None,
+        typer.Option("--chat/--no-chat", help="Through its chat template; default: if it has one."),
     ] = None,
     in_place: Annotated[bool, typer.Option("--in-place", help="Do not copy the files.")] = False,
     untried: Annotated[

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
+from karma.cli.answers import AnswerView
 from karma.cli.conversation import converse, figures_of, say, show_folder
 from karma.cli.model_options import (
     BaseUrl,
@@ -45,7 +46,10 @@ def run_command(
     scene: Annotated[str, typer.Option(help="A scene's name or file.")] = "kitchen_1",
     planner: Annotated[str, typer.Option(help="Name in the manifest, or a GGUF.")] = "karma-nano",
     profile: Annotated[str, typer.Option(help='"compact" or "full".')] = "",
-    chat: Annotated[bool, typer.Option(help="Use the GGUF's chat template.")] = False,
+    chat: Annotated[
+        bool | None,
+        typer.Option("--chat/--no-chat", help="Through the GGUF's chat template; default: if any."),
+    ] = None,
     long_term: Annotated[bool, typer.Option(help="With long-term memory.")] = True,
     short_term: Annotated[bool, typer.Option(help="With short-term memory.")] = True,
     policy: Annotated[str, typer.Option(help='e.g. "fifo-merge[10]".')] = "wtinylfu-karma[9,1]",
@@ -82,6 +86,10 @@ def run_command(
         ),
     ] = None,
     max_tokens: Annotated[int, typer.Option(min=1, help="Of an answer.")] = 512,
+    answer_seconds: Annotated[
+        float | None,
+        typer.Option(min=0, help="Of an answer, by the clock; default 120; 0: no bound."),
+    ] = None,
     cassette: CassetteFolder = None,
     cassette_mode: CassetteMode = "",
     states: States = None,
@@ -101,7 +109,7 @@ def run_command(
     from karma.bench.experiment import Models
     from karma.infer.hosted.session import Session
     from karma.infer.llama.room_states import StateOptions
-    from karma.talk.agent import Agent
+    from karma.talk.agent import ANSWER_SECONDS, Agent
 
     if instruction is not None and not instruction.strip():
         raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
@@ -135,6 +143,7 @@ def run_command(
             **computed,
         }
     )
+    view = AnswerView()
     with console.status(escape(f"loading models, getting to know {scene} ...")):
         agent = Agent(
             scene,
@@ -145,11 +154,15 @@ def run_command(
             seed=seed,
             session=session,
             states=StateOptions(folder=states),
+            listen=view.hear,
+            answer_seconds=ANSWER_SECONDS if answer_seconds is None else answer_seconds or None,
         )
+    if agent.manner:
+        console.print(escape(f"planner: {planner}, {agent.manner}"), style="dim", soft_wrap=True)
     if instruction is None:
-        converse(agent)
+        converse(agent, view)
         return
-    reply = say(agent, instruction)
+    reply = say(agent, instruction, view)
     _close(agent)
     if json is not None:
         write_atomic(json, to_json(figures_of(reply), indent=2))

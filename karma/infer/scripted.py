@@ -2,7 +2,16 @@
 
 from collections.abc import Iterable, Sequence
 
-from karma.contracts import END, AnswerSpec, Choice, Completion, Prompt, Scoring
+from karma.contracts import (
+    END,
+    AnswerSpec,
+    Choice,
+    Completion,
+    Heard,
+    Listener,
+    Prompt,
+    Scoring,
+)
 from karma.errors import ModelError
 
 
@@ -31,10 +40,14 @@ class ScriptedModel:
         *,
         spec: AnswerSpec | None = None,
         max_tokens: int = 512,
+        max_seconds: float | None = None,
         temperature: float = 0.0,
         seed: int = 0,
+        listen: Listener | None = None,
     ) -> Completion:
         """Return the next answer; tokens are counted as words, times are zero.
+
+        It is heard line by line.
 
         Raises:
             ModelError: the script has run out.
@@ -45,6 +58,10 @@ class ScriptedModel:
         if text is None:
             count = len(self.prompts) - 1
             raise ModelError(f"the script has run out: {count} answers, asked once more")
+        for number, line in enumerate(text.splitlines(keepends=True), 1):
+            if listen is not None:
+                said = len(" ".join(text.splitlines()[:number]).split())
+                listen(Heard(text=line, tokens=said, seconds=0.0))
         return Completion(
             text=text,
             finish="stop",

@@ -24,11 +24,21 @@ from karma.bench.presets import preset as preset_of
 from karma.bench.records import SubTaskRecord
 from karma.bench.steps import LoggedWorld, StepLog
 from karma.bench.workers import world_maker
-from karma.contracts import Outcome, Plan, Resources, SceneRef, SkillResult, SubTask, Tour
+from karma.contracts import (
+    Listener,
+    Outcome,
+    Plan,
+    Resources,
+    SceneRef,
+    SkillResult,
+    SubTask,
+    Tour,
+)
 from karma.errors import KarmaError
 from karma.files import read_bytes
 from karma.infer.hosted.cost import Spent
 from karma.infer.hosted.session import Session
+from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.language.lexicon import Lexicon
@@ -44,6 +54,7 @@ if TYPE_CHECKING:
     from karma.world.sim import EmbeddedWorld
 
 MAPS = Path("runs/maps")
+ANSWER_SECONDS = 120.0  # that an answer may take unless told otherwise
 Moment = Understanding | Plan | SkillResult | RequestReply  # what happens while an agent acts
 
 
@@ -74,6 +85,9 @@ class Agent:
         session: of hosted models.
         states: where a local planner keeps what it computed of rooms.
         resources: models that are loaded already, in place of all by name.
+        answer_seconds: an answer of the planner takes at most; one that is cut is asked for again,
+            never carried out. None: no bound.
+        listen: hears the planner's answers as they come.
 
     Raises:
         KarmaError: a model, scene or option is not there or not as it should be.
@@ -93,11 +107,13 @@ class Agent:
         session: Session | None = None,
         states: StateOptions | None = None,
         resources: Resources | None = None,
+        answer_seconds: float | None = ANSWER_SECONDS,
+        listen: Listener | None = None,
     ) -> None:
         self.scene = SceneRef.of(scene)
         self.session = session or Session()
         named = None if resources else asking(models or _models(planner, preset))
-        row = Row(name="KARMA", preset=preset, options=dict(options or {}))
+        row = _row(preset, options or {}, answer_seconds)
         self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
         self._world.reset(self.scene.source)  # wrong names are told before models are loaded
         check_options(row.method, row.all_options)
@@ -111,6 +127,8 @@ class Agent:
             states=states,
         )
         self.session.ledger.take()  # what loading asked, such as the canary, is no part of the bill
+        decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
+        loaded = replace(loaded, decoding=decoding, listen=listen)
         self._method = KarmaMethod.build(loaded, row.all_options)
         self._lexicon = Lexicon(loaded.embedder)
         where = Path(folder) if folder is not None else next_folder(self.scene.name)
@@ -263,6 +281,12 @@ class Agent:
         return RoomMap.of(self.scene.name, self._episode.graph)
 
     @property
+    def manner(self) -> str:
+        """How prompts go into the planner's GGUF where it has a chat template; else ""."""
+        model = self._method.planner.model
+        return model.manner if isinstance(model, LlamaModel) else ""
+
+    @property
     def folder(self) -> Path:
         """Where the run is kept; `karma report FOLDER` makes a page of it."""
         return self._keeper.folder
@@ -295,6 +319,15 @@ class Agent:
         said = len(self.replies)
         remembered = f"{said} said, {len(self.memory)} things remembered"
         return f"Agent({self.scene.source!r}): {self._method.name}, {remembered}"
+
+
+def _row(preset: str, options: Mapping[str, Any], answer_seconds: float | None) -> Row:
+    try:
+        return Row(
+            name="KARMA", preset=preset, options=dict(options), answer_seconds=answer_seconds
+        )
+    except ValueError as error:
+        raise KarmaError(str(error)) from error
 
 
 def _models(planner: str, preset: str) -> Models:

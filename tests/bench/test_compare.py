@@ -1,11 +1,14 @@
 """Two arms over the same tasks and seeds: pairs, differences, refusals, and the command."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.made_records import answer, episode, plain, sub, write_run
+from support.paths import ROOT
 from typer.testing import CliRunner
 
 from karma.bench.compare import Arm, compare, compare_kinds
@@ -254,3 +257,36 @@ def test_compare_command_refuses_a_half_width_that_is_none(folders):
     assert "between 0 and 0.5" in karma(
         "compare", folders / "local", folders / "hosted", "--half-width", "0", code=1
     )
+
+
+# ----------------------------------------------------------------- what the clock cut off
+
+
+def asked(program, finish="stop", **said):
+    return episode(sub("HOLDON(robot, Apple): 1", answers=[answer(program, finish=finish)]), **said)
+
+
+def test_programs_of_episodes_that_the_clock_cut_are_not_compared_and_they_are_counted():
+    first = [asked("x"), asked("y", "time", task="t2"), asked("z", task="t3")]
+    second = [asked("x"), asked("y", task="t2"), asked("other", "time", task="t3")]
+    found = compare(arm("A", first), arm("B", second))
+    assert [one.timed_out for one in first] == [False, True, False]
+    assert (found.pairs, found.timed_out, found.same_programs) == (3, 2, 1.0)
+    assert line(found, "timed_out").first.value == pytest.approx(1 / 3)
+    whole = compare(arm("A", first[:1]), arm("B", second[:1]))
+    assert (whole.timed_out, line(whole, "timed_out").first.value) == (0, None)
+
+
+def test_equal_runs_are_equal_save_for_what_the_clock_cut(tmp_path):
+    def told(*pairs):
+        folders = [tmp_path / f"{len(list(tmp_path.iterdir()))}{side}" for side in "ab"]
+        for folder, records in zip(folders, zip(*pairs, strict=True), strict=True):
+            write_run(folder, records)
+        command = [sys.executable, str(ROOT / "scripts/compare_runs.py"), *map(str, folders)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        return done.returncode, done.stdout.splitlines()[-1]
+
+    same, cut = (asked("x"), asked("x")), (asked("y", task="t2"), asked("y m", "time", task="t2"))
+    assert told(same, cut) == (0, "1 episodes, 0 differ, 1 left out, cut off by the clock")
+    differs = (asked("z", task="t3"), asked("other", task="t3"))
+    assert told(same, differs) == (1, "2 episodes, 1 differ")

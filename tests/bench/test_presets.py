@@ -85,6 +85,7 @@ def row_of(tmp_path, text):
     [
         ('preset = "papers"', "preset = 'papers'; there is 'paper'"),
         ('preset = "paper"\nmethod = "helper"', "is for rows of method 'karma'"),
+        ("answer_seconds = 0.0", "answer_seconds = 0: more than 0"),
         ('vision = "openai"', "it stands in"),
         ('vision = "eyes"', "row 'one': vision: no vision_models named 'eyes'"),
     ],
@@ -115,4 +116,6 @@ def test_row_takes_its_own_vision_and_recall_and_leaves_the_run_s_alone(tmp_path
     assert blind.vision.read_states(None, "wash it", [object()]) == {}
     paper = for_row(run, row_of(tmp_path, 'preset = "paper"'), loaded, Models())
     assert type(paper.recall) is registry.load("recalls", "cosine")
+    hasty = for_row(run, row_of(tmp_path, "answer_seconds = 5"), loaded, Models())
+    assert (plain.decoding.answer_seconds, hasty.decoding.answer_seconds) == (None, 5)
     assert msgspec.structs.asdict(row_of(tmp_path, "")) == msgspec.structs.asdict(Row(name="one"))

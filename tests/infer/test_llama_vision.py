@@ -261,7 +261,7 @@ def test_added_pair_is_described_verified_and_opened_by_name(pairs, manifest, mo
     added = add_model(pairs["smolvlm"], AddOptions(licence="MIT"))
     entry = find_model("smolvlm")
     assert added.entry == entry
-    assert (entry.role, entry.format, entry.chat) == ("vlm", "gguf", False)
+    assert (entry.role, entry.format, entry.chat) == ("vlm", "gguf", None)
     assert [file.path for file in entry.files] == [
         "weights/smolvlm/mmproj-smolvlm.gguf", "weights/smolvlm/smolvlm.gguf",
     ]  # fmt: skip

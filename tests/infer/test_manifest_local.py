@@ -93,7 +93,7 @@ def test_gguf_is_copied_hashed_described_and_runs(manifest, gguf):
     assert added.entry == entry
     assert not added.known
     assert (entry.role, entry.format, entry.licence) == ("planner", "gguf", "MIT")
-    assert (entry.context_length, entry.prompt_profile, entry.chat) == (4096, "full", False)
+    assert (entry.context_length, entry.prompt_profile, entry.chat) == (4096, "full", None)
     assert entry.files[0].sha256 == hashlib.sha256(gguf.read_bytes()).hexdigest()
     assert entry.memory_mb > entry.files[0].bytes / 1e6 + 12
     (path,) = verify(entry, manifest)

@@ -117,7 +117,7 @@ def test_answer_in_a_new_process_is_the_same(gguf, model):
         "from karma.contracts import Prompt\n"
         "from karma.infer.llama.model import LlamaModel\n"
         "path, stable, changing = json.loads(sys.argv[1])\n"
-        "model = LlamaModel(path)\n"
+        "model = LlamaModel(path, chat=False)\n"
         "prompt = Prompt(stable=stable, changing=changing)\n"
         "model.complete(prompt, max_tokens=1)\n"
         "bits = hashlib.sha256(model.gguf.logits().tobytes()).hexdigest()\n"

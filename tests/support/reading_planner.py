@@ -26,7 +26,7 @@ class ReadingPlanner:
         self._repair = repair or do_what_it_says
         self.prompts = []
 
-    def complete(self, prompt, *, spec=None, max_tokens=512, temperature=0.0, seed=0):
+    def complete(self, prompt, *, spec=None, **drawn):
         text = prompt.stable + prompt.changing
         self.prompts.append(text)
         assert "|" not in text, "an object id in the prompt"

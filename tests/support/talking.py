@@ -34,13 +34,13 @@ def resources(answers, model=None, doubt=None, maps=None, embedder=None):
     )
 
 
-def agent_saying(folder, answers, **given):
+def agent_saying(folder, answers, listen=None, **given):
     """An agent in the kitchen made by hand, with its run and its maps in a folder."""
     scene = folder / "handmade.json"
     scene.write_bytes(to_json(kitchen()))
     maps = folder / "maps"
     loaded = resources(answers, maps=maps, **given)
-    return Agent(str(scene), resources=loaded, folder=folder / "run", maps=maps)
+    return Agent(str(scene), resources=loaded, folder=folder / "run", maps=maps, listen=listen)
 
 
 class _Alike:

@@ -5,7 +5,7 @@ from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 CORPUS = ["#task put the apple in the fridge\n#memory\n @Fridge *Apple\n#program\n"]
 
 
-def export_tiny(path):
+def export_tiny(path, template=None):
     import torch
     from transformers import LlamaConfig, LlamaForCausalLM
 
@@ -17,6 +17,7 @@ def export_tiny(path):
     )  # fmt: skip
     tokenizer = new_tokenizer(CORPUS, 400, ["<|eos|>"])
     export_llama_gguf(
-        LlamaForCausalLM(config), tokenizer, path, name="tiny", eos_token="<|eos|>", dtype="F16"
-    )
+        LlamaForCausalLM(config), tokenizer, path, name="tiny", eos_token="<|eos|>", dtype="F16",
+        chat_template=template,
+    )  # fmt: skip
     return path

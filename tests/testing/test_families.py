@@ -273,5 +273,5 @@ def test_thinking_takes_its_room_from_the_context_after_the_answer_s(thinker):
 
 
 def test_thinking_without_a_template_is_refused(thinker):
-    with pytest.raises(ModelError, match="thinking = 'on' needs chat = true"):
+    with pytest.raises(ModelError, match="thinking = 'on' needs its chat template"):
         opened(thinker, thinking="on", chat=False)

@@ -12,7 +12,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from karma.contracts import AnswerSpec, Completion, Frame, PlanSpec, Prompt, Vectors
+from karma.contracts import (
+    AnswerSpec,
+    Completion,
+    Frame,
+    Heard,
+    Listener,
+    PlanSpec,
+    Prompt,
+    Vectors,
+)
 from karma.errors import ModelError
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
@@ -67,13 +76,16 @@ class HostedLanguageModel:
         *,
         spec: AnswerSpec | None = None,
         max_tokens: int = 512,
+        max_seconds: float | None = None,
         temperature: float = 0.0,
         seed: int = 0,
+        listen: Listener | None = None,
     ) -> Completion:
         """Continue the prompt; `spec` goes along in the form that the server takes, if any.
 
         Every answer is read all the same: one that is cut, or not of the language that it was to
-        be held to, has a fault. The time to the first token is not measured: answers come whole.
+        be held to, has a fault. Answers come whole: the time to the first token is not measured,
+        `listen` hears them once, and the endpoint's `timeout_s` bounds them, not `max_seconds`.
 
         Raises:
             ModelError: the endpoint failed, or its answer has another form.
@@ -86,6 +98,9 @@ class HostedLanguageModel:
             prompt, language, max_tokens=max_tokens, temperature=temperature, seed=seed
         )
         usage = usage_of(said.exchange.reply.answer or {})
+        if listen is not None:
+            seconds = said.exchange.seconds
+            listen(Heard(text=said.text, tokens=usage.completion_tokens, seconds=seconds))
         fault = _fault(said, language, usage.completion_tokens)
         return Completion(
             text=said.text,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from karma.contracts import END, AnswerSpec, Choice, Completion, Prompt, Scoring
+from karma.contracts import END, AnswerSpec, Choice, Completion, Listener, Prompt, Scoring
 from karma.errors import ModelError
 from karma.infer.choosing.best_first import Race
 from karma.infer.choosing.token_trie import Floats, Node, path_to, trie_of
@@ -46,13 +46,16 @@ class HostedScorer:
         *,
         spec: AnswerSpec | None = None,
         max_tokens: int = 512,
+        max_seconds: float | None = None,
         temperature: float = 0.0,
         seed: int = 0,
+        listen: Listener | None = None,
     ) -> Completion:
         """Continue the prompt; see `HostedLanguageModel.complete`."""
         return self._model.complete(
-            prompt, spec=spec, max_tokens=max_tokens, temperature=temperature, seed=seed
-        )
+            prompt, spec=spec, max_tokens=max_tokens, max_seconds=max_seconds,
+            temperature=temperature, seed=seed, listen=listen,
+        )  # fmt: skip
 
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"

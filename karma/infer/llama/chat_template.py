@@ -1,6 +1,6 @@
 """Render prompts by a GGUF's own chat template, cut where their changing part begins."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from typing import Any
 
@@ -10,7 +10,19 @@ from karma.infer.checks.template import try_template
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.thinking import CLOSE, prepared
 
+TEMPLATE = "tokenizer.chat_template"  # key of a GGUF's metadata
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
+_FIX = "\n  To fix: --no-chat, or chat = false, opens it without"
+
+
+def through_template(metadata: Mapping[str, Any], chat: bool | None) -> bool:
+    """Return whether prompts go through a GGUF's template: if it has one, unless told so.
+
+    Args:
+        metadata: of the file.
+        chat: what was said; None: nothing.
+    """
+    return TEMPLATE in metadata if chat is None else chat
 
 
 class ChatTemplate:
@@ -28,17 +40,19 @@ class ChatTemplate:
     def __init__(self, model: GgufModel, *, thinking: Thinking = "off") -> None:
         from llama_cpp.llama_chat_format import Jinja2ChatFormatter
 
-        text = model.llama.metadata.get("tokenizer.chat_template")
+        text = model.llama.metadata.get(TEMPLATE)
         if text is None:
-            raise ModelError(f"{model.name}: has no chat template; open it with chat=False")
-
+            raise ModelError(f"{model.name}: has no chat template{_FIX}")
         if thinking == "on" and CLOSE not in text:
             raise ModelError(
                 f"{model.name}: its chat template knows no {CLOSE}; only a model that was taught to"
                 ' think can\n  To fix: thinking = "off"'
             )
 
-        try_template(model.name, text)
+        try:
+            try_template(model.name, text)
+        except ModelError as error:
+            raise ModelError(f"{error}{_FIX}") from error
 
         class Formatter(Jinja2ChatFormatter):  # type: ignore[misc]
             @staticmethod
@@ -74,7 +88,7 @@ class ChatTemplate:
                 self._form = form
                 return halves[0], prompt.changing + prepared(halves[1], self._thinking)
             reason = "it does not repeat what it is given"
-        raise ModelError(f"{self._name}: its chat template cannot be used: {reason}")
+        raise ModelError(f"{self._name}: its chat template cannot be used: {reason}{_FIX}")
 
 
 def _system(stable: str) -> list[dict[str, Any]]:

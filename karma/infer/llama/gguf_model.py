@@ -8,7 +8,7 @@ long the context is changes no bit, so it is as long as the longest prompt so fa
 
 import ctypes
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,15 @@ _PIECE_BYTES = 256
 _SMALLER = "take a smaller model (`karma models list`) or a shorter context"
 
 
+def never() -> bool:
+    """Return False: there is all the time in the world."""
+    return False
+
+
+class OutOfTime(Exception):
+    """A prompt's time was up before all of it was read."""
+
+
 class GgufModel:
     """An opened file: text to tokens, tokens to logits, keys and values kept.
 
@@ -43,6 +52,7 @@ class GgufModel:
         name: by default the file's name.
         sha256: if given, the file is refused unless it has this hash; a file without is first
             tried in a process of its own, which costs a second or two.
+        restore: the step that brings a file with such a hash back, for errors.
         states: where what was computed of stable parts is kept.
         beside_mb: memory that something else will take with it, on the same device.
 
@@ -58,11 +68,12 @@ class GgufModel:
         *,
         name: str | None = None,
         sha256: str | None = None,
+        restore: str = "",
         states: StateOptions | None = None,
         beside_mb: float = 0.0,
     ) -> None:
         path, options = Path(path), options or LlamaOptions()
-        _check_there(path, sha256)
+        _check_there(path, sha256, restore)
         metadata = check_gguf(path)
         trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
         self.name, self.options = name or path.stem, options
@@ -153,41 +164,67 @@ class GgufModel:
         self.llama.input_ids = np.zeros(wanted, np.intc)
         self.llama._n_ctx = self.n_ctx = wanted
 
-    def evaluate(self, stable: Sequence[int], changing: Sequence[int]) -> KvState:
+    def evaluate(
+        self, stable: Sequence[int], changing: Sequence[int], *, is_late: Callable[[], bool] = never
+    ) -> KvState:
         """Decode a prompt in its cut; return where the state of its stable part came from.
+
+        Args:
+            stable: tokens of the first part.
+            changing: of the second.
+            is_late: asked before each batch of tokens; what was read until then stays, and the same
+                prompt goes on from there.
 
         Raises:
             ModelError: it does not fit the context, or llama.cpp cannot decode it.
+            OutOfTime: it is late.
         """
         self.make_room(len(stable) + len(changing))
-        kept = self._keeps and bool(stable) and self._kept == stable
+        known = self._known(stable)
         self._kept = []  # while decoding, nothing is certain
-        if kept:
-            self.llama.n_tokens = len(stable)
-        source: KvState = "kept" if kept else self._bring(stable)
-        self.extend(changing)
+        try:
+            if known:
+                self.llama.n_tokens = known
+            source: KvState = "kept"
+            if not stable or known < len(stable):
+                source = self._bring(stable, known, is_late)
+            self.extend(changing, is_late=is_late)
+        except OutOfTime:
+            self._kept = list(stable[: self.llama.n_tokens])
+            raise
         self._kept = list(stable)
         return source
 
-    def _bring(self, stable: Sequence[int]) -> KvState:
-        """Have the stable part in an empty cache: put back, or decoded and kept."""
-        self.llama.reset()
+    def _known(self, stable: Sequence[int]) -> int:
+        """Return how many tokens of the stable part are in the cache, in batches as it is read."""
+        count = len(self._kept)
+        if not self._keeps or self._kept != stable[:count]:
+            return 0
+        return count if count == len(stable) or count % self.n_batch == 0 else 0
+
+    def _bring(self, stable: Sequence[int], known: int, is_late: Callable[[], bool]) -> KvState:
+        """Have the stable part in the cache, of which some is: put back, or decoded and kept."""
         states = self._states if stable else None
-        if states is not None and (found := states.find(stable)):
+        if not known:
+            self.llama.reset()
+        if states is not None and not known and (found := states.find(stable)):
             if put_back(self.llama.ctx, found.state):
                 self.llama.n_tokens = len(stable)
                 return found.source
             states.forget(stable)
         if stable:
-            self.extend(stable)
+            self.extend(stable[known:], is_late=is_late)
         if states is not None:
             states.keep(stable, taken_out(self.llama.ctx))
         return "evaluated"
 
-    def extend(self, tokens: Sequence[int]) -> None:
-        """Decode tokens behind what was decoded last; errors as in `evaluate`."""
+    def extend(self, tokens: Sequence[int], *, is_late: Callable[[], bool] = never) -> None:
+        """Decode tokens behind what was decoded last; `is_late` and errors as in `evaluate`."""
         try:
-            self.llama.eval(tokens)
+            for start in range(0, len(tokens), self.n_batch):
+                if is_late():
+                    raise OutOfTime
+                self.llama.eval(tokens[start : start + self.n_batch])
         except RuntimeError as error:
             raise ModelError(f"{self.name}: llama.cpp cannot decode: {error}") from error
 
@@ -269,10 +306,10 @@ class GgufModel:
         }  # fmt: skip
 
 
-def _check_there(path: Path, sha256: str | None) -> None:
+def _check_there(path: Path, sha256: str | None, restore: str) -> None:
     """Refuse a file that is missing or, where a hash is given, another."""
     if sha256 is not None:
-        check_file(path, sha256)
+        check_file(path, sha256, restore=restore)
     elif not path.is_file():
         fix = f"`karma models verify` tells which models are there, `{repair()}` restores them"
         expected = "any (no manifest vouches for this path)"

@@ -1,7 +1,7 @@
 """Continue prompts, with or without a grammar, and score texts, by one GGUF file."""
 
-import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +13,8 @@ from karma.contracts import (
     AnswerSpec,
     Choice,
     Completion,
+    KvState,
+    Listener,
     ProgramSpec,
     Prompt,
     Scoring,
@@ -20,13 +22,14 @@ from karma.contracts import (
 )
 from karma.errors import ModelError
 from karma.infer.llama.certainty import CertaintyLog
-from karma.infer.llama.chat_template import ChatTemplate
+from karma.infer.llama.chat_template import TEMPLATE, ChatTemplate, through_template
 from karma.infer.llama.constrain import best_token, choose_token, gumbel
-from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.gguf_model import GgufModel, OutOfTime
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.llama.thinking import Thought, closing_tokens, think, told_apart
+from karma.infer.llama.under_way import UnderWay
 from karma.infer.programs.automaton import ProgramAutomaton, State
 from karma.seeds import stream
 
@@ -36,9 +39,8 @@ class _Decoded:
     """What came out of the token loop."""
 
     text: bytes
-    finish: Literal["stop", "length"]
+    finish: Literal["stop", "length", "time"]
     tokens: int
-    first_token_s: float
 
 
 class LlamaModel:
@@ -46,36 +48,47 @@ class LlamaModel:
 
     Args:
         path: the file.
-        chat: render prompts through the file's own chat template (instruction-tuned models):
-            `stable` is the system message, `changing` the user's. Texts are scored without it.
-        thinking: whether a thinking model may think before it answers; needs `chat`.
+        chat: whether prompts go through the file's own chat template: `stable` is the system
+            message, `changing` the user's; None: if it has one. Texts are scored without it.
+        thinking: whether a thinking model may think before it answers; needs the template.
         thinking_tokens: of a thought at most; it is then closed.
         options: this and the rest: see `GgufModel`.
         name: see there.
         sha256: see there.
+        restore: see there.
         states: see there.
 
+    Attributes:
+        manner: how prompts go in where there is a template, in words; else "".
+
     Raises:
-        ModelError: see `GgufModel`; or there is no template, and `chat` needs one.
+        ModelError: see `GgufModel`; or there is no template that can be used, and one is wanted.
     """
 
     def __init__(
         self,
         path: str | Path,
         *,
-        chat: bool = False,
+        chat: bool | None = None,
         thinking: Thinking = "off",
         thinking_tokens: int = 1024,
         options: LlamaOptions | None = None,
         name: str | None = None,
         sha256: str | None = None,
+        restore: str = "",
         states: StateOptions | None = None,
     ) -> None:
-        self.gguf = GgufModel(path, options, name=name, sha256=sha256, states=states)
+        self.gguf = GgufModel(
+            path, options, name=name, sha256=sha256, restore=restore, states=states
+        )
         self.name = self.gguf.name
-        if thinking == "on" and not chat:
-            raise ModelError(f"{self.name}: thinking = 'on' needs chat = true, its chat template")
-        self._template = ChatTemplate(self.gguf, thinking=thinking) if chat else None
+        metadata = self.gguf.llama.metadata
+        used = through_template(metadata, chat)
+        if thinking == "on" and not used:
+            raise ModelError(f"{self.name}: thinking = 'on' needs its chat template")
+        self._template = ChatTemplate(self.gguf, thinking=thinking) if used else None
+        way = "through" if used else "without"
+        self.manner = f"{way} its own chat template" if TEMPLATE in metadata else ""
         self._thinking_tokens = thinking_tokens if thinking == "on" else 0
         self._closing_tokens = closing_tokens(self.gguf) if thinking == "on" else 0
         self._scorer: SkillScorer | None = None  # opened when first asked
@@ -86,8 +99,10 @@ class LlamaModel:
         *,
         spec: AnswerSpec | None = None,
         max_tokens: int = 512,
+        max_seconds: float | None = None,
         temperature: float = 0.0,
         seed: int = 0,
+        listen: Listener | None = None,
     ) -> Completion:
         """Continue the prompt; with `spec`, only with a program or plan that parses.
 
@@ -95,22 +110,29 @@ class LlamaModel:
         spec it is cut back to its last whole line. A thought comes before the answer and counts
         as what the model said, but neither for `max_tokens` nor for the spec.
 
+        One that takes longer than `max_seconds`, reading the prompt counted, has finish "time" and
+        is at fault. That is looked at after each token, and after each 512 of the prompt; asked
+        again, it goes on where it stopped reading.
+
         Raises:
             ModelError: the prompt does not fit the context, or the model cannot continue it.
         """
         if prompt.pictures:
             raise ModelError(f"{self.name} takes no pictures here; a hosted model may")
-        begun = time.perf_counter()
+        answer = UnderWay(max_seconds, listen)
         stable, changing = self._cut(prompt)
         prompt_tokens = len(stable) + len(changing)
         spare, room = self._rooms(prompt_tokens, max_tokens)
         self.gguf.make_room(prompt_tokens + spare + self._closing_tokens + room)
-        state = self.gguf.evaluate(stable, changing)
         automaton = None if spec is None else _automaton(spec)
         rng = stream(seed, "decode") if temperature > 0 else None
-        thought = self._think(spare, temperature, rng)
         log = CertaintyLog(self.gguf.table, spec)
-        found = self._decode(automaton, room, temperature, rng, begun, log)
+        state: KvState | None = None
+        thought, found = Thought("", 0), _Decoded(b"", "time", 0)
+        with suppress(OutOfTime):
+            state = self.gguf.evaluate(stable, changing, is_late=lambda: answer.is_late)
+            thought = self._think(spare, temperature, rng, answer)
+            found = self._decode(automaton, room, temperature, rng, answer, log)
         said = found.text
         if found.finish == "length" and isinstance(spec, ProgramSpec):
             said = said[: said.rfind(b"\n") + 1]
@@ -121,12 +143,13 @@ class LlamaModel:
             text=text,
             finish=found.finish,
             prompt_tokens=prompt_tokens,
-            reused_tokens=0 if state == "evaluated" else len(stable),
+            reused_tokens=len(stable) if state in ("kept", "loaded") else 0,
             completion_tokens=thought.tokens + found.tokens,
-            first_token_s=found.first_token_s,
-            total_s=time.perf_counter() - begun,
+            first_token_s=answer.first_token_s,
+            total_s=answer.seconds,
             reasoning=reasoning,
             constrained=spec is not None,
+            fault=f"the answer was cut off after {max_seconds} s" if found.finish == "time" else "",
             engine=self.gguf.engine,
             state=state,
             certainty=log.certainty(),
@@ -182,10 +205,16 @@ class LlamaModel:
         answer = min(max_tokens, left)
         return min(self._thinking_tokens, left - answer), answer
 
-    def _think(self, spare: int, temperature: float, rng: np.random.Generator | None) -> Thought:
+    def _think(
+        self, spare: int, temperature: float, rng: np.random.Generator | None, answer: UnderWay
+    ) -> Thought:
         if not self._closing_tokens:
             return Thought("", 0)
-        return think(self.gguf, spare, lambda: self._next(None, None, temperature, rng)[0][0])
+
+        def choose() -> int:
+            return self._next(None, None, temperature, rng)[0][0]
+
+        return think(self.gguf, spare, choose, answer)
 
     def _decode(
         self,
@@ -193,25 +222,27 @@ class LlamaModel:
         room: int,
         temperature: float,
         rng: np.random.Generator | None,
-        begun: float,
+        answer: UnderWay,
         log: CertaintyLog,
     ) -> _Decoded:
         table = self.gguf.table
         state = automaton.start() if automaton is not None else None
         pieces: list[bytes] = []
-        first_token_s = 0.0
         while len(pieces) < room:
             chosen, state = self._next(automaton, state, temperature, rng, log)
-            if not pieces:
-                first_token_s = time.perf_counter() - begun
+            answer.begins()
             if chosen[0] in table.end_tokens:
-                return _Decoded(b"".join(pieces), "stop", len(pieces), first_token_s)
-            pieces += [table.pieces[token] for token in chosen[: room - len(pieces)]]
+                return _Decoded(b"".join(pieces), "stop", len(pieces))
+            new = [table.pieces[token] for token in chosen[: room - len(pieces)]]
+            pieces += new
+            answer.came(b"".join(new), len(new))
             if automaton is not None and state is not None and not automaton.next_bytes(state):
-                return _Decoded(b"".join(pieces), "stop", len(pieces), first_token_s)
+                return _Decoded(b"".join(pieces), "stop", len(pieces))
+            if answer.is_late:
+                return _Decoded(b"".join(pieces), "time", len(pieces))
             if len(pieces) < room:
                 self.gguf.extend(chosen)
-        return _Decoded(b"".join(pieces), "length", len(pieces), first_token_s)
+        return _Decoded(b"".join(pieces), "length", len(pieces))
 
     def _next(
         self,

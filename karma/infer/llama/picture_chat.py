@@ -18,6 +18,7 @@ from karma.contracts import Engine
 from karma.errors import ModelError
 from karma.infer.checks.memory import projector_mb
 from karma.infer.checks.projector import check_projector
+from karma.infer.llama.chat_template import TEMPLATE
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.picture_pair import PicturePair
@@ -50,7 +51,7 @@ class PictureChat:
             pair.model, replace(options, n_ctx=_whole(options.n_ctx or CONTEXT)), name=pair.name,
             sha256=pair.sha256, beside_mb=projector_mb(pair.projector),
         )  # fmt: skip
-        if "tokenizer.chat_template" not in self._model.llama.metadata:
+        if TEMPLATE not in self._model.llama.metadata:
             raise ModelError(
                 f"{pair.model}: has no chat template, and a picture needs one\n"
                 "  To fix: gguf-new-metadata --chat-template-file TEMPLATE IN.gguf OUT.gguf"

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from karma.contracts import Thinking
 from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.under_way import UnderWay
 
 OPEN, CLOSE = "<think>", "</think>"
 _GAP = "\n\n"  # between thought and answer, as the families' own templates have it
@@ -35,28 +36,30 @@ def prepared(ending: str, thinking: Thinking) -> str:
     return f"{ending.rstrip()}\n\n{CLOSE}{_GAP}" if is_open else ending
 
 
-def think(model: GgufModel, budget: int, choose: Callable[[], int]) -> Thought:
+def think(model: GgufModel, budget: int, choose: Callable[[], int], answer: UnderWay) -> Thought:
     """Continue the thought that the prompt has opened, and close it.
 
-    It ends where the model closes it, or would end its answer, or after `budget` tokens; what is
-    then missing of the closing tag and the gap behind it is put there.
+    It ends where the model closes it, or would end its answer, or after `budget` tokens, or when
+    time is up; what is then missing of the closing tag and the gap behind it is put there.
 
     Args:
         model: with the prompt evaluated.
         budget: tokens at most; 0 closes the thought at once.
         choose: returns the next token.
+        answer: that it is a part of.
 
     Raises:
         ModelError: see `GgufModel.extend`.
     """
     tag = model.tokens(CLOSE, special=True)
     said, count, closed = b"", 0, False
-    while count < budget and not closed:
+    while count < budget and not closed and not answer.is_late:
         token = choose()
         if token in model.table.end_tokens:
             break
         count += 1
         said += CLOSE.encode() if [token] == tag else model.table.pieces[token]
+        answer.came(model.table.pieces[token])
         model.extend([token])
         closed = CLOSE.encode() in said
     before, _, behind = said.decode("utf-8", errors="replace").partition(CLOSE)

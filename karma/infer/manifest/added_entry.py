@@ -136,7 +136,6 @@ def _gguf(path: Path) -> dict[str, Any]:
     return {
         "format": "gguf",
         "role": "planner",
-        "chat": "tokenizer.chat_template" in metadata,
         "context_length": context,
         "licence": metadata.get("general.license"),
         "memory_mb": gguf_parts_mb(path, metadata, context=context, batch=_BATCH),
@@ -162,7 +161,6 @@ def _described(
     if role is None:
         raise ModelError(f"{name!r}: its config.json does not tell what it is for; give --role")
     planner = role == "planner"
-    chat = seen.get("chat", False) if options.chat is None else options.chat
     fields = {
         "name": name,
         "role": role,
@@ -173,7 +171,7 @@ def _described(
         "revision": options.revision,
         "restore": f"bring {name}'s files back, or `karma models remove {name}`",
         "prompt_profile": (options.prompt_profile or "full") if planner else None,
-        "chat": bool(chat) and planner,
+        "chat": options.chat if planner else None,
         "context_length": options.context_length or seen["context_length"],
         "memory_mb": round(seen["memory_mb"]),
     }

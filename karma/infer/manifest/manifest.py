@@ -57,7 +57,9 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     restore: str | None = None  # the command that brings the files back
     package: str | None = None  # the files lie in this installed package, not beside the manifest
     prompt_profile: Literal["compact", "full"] | None = None  # planners only
-    chat: bool = False  # planners only: through the GGUF's own chat template
+    chat: bool | None = (
+        None  # planners only: through the GGUF's own chat template; None: if it has one
+    )
     refuses: bool = False  # planners only: it has learnt to refuse requests
     words: str = ""  # planners only: path of the words file, of `files`, whose hints it reads
     doubt: str = ""  # planners only: path of what was fitted to tell when to refuse, of `files`
@@ -102,7 +104,8 @@ class PlannerFile:
     sha256: str | None = None  # None for a file that no manifest vouches for
     prompt_profile: Literal["compact", "full"] = "full"
     context_length: int | None = None
-    chat: bool = False
+    chat: bool | None = None  # through its own chat template; None: if it has one
+    fix: str = ""  # the step that brings the file back, where a manifest says
     refuses: bool = False  # it has learnt to refuse requests
 
 
@@ -336,6 +339,7 @@ def resolve_planner(text: str, path: str | Path | None = None) -> PlannerFile:
         prompt_profile=entry.prompt_profile,
         context_length=entry.context_length,
         chat=entry.chat,
+        fix=entry.fix,
         refuses=entry.refuses,
     )
 

@@ -210,8 +210,10 @@ class LotaGenerate:
             prompt,
             spec=spec if decoding.constrained else None,
             max_tokens=decoding.max_tokens,
+            max_seconds=decoding.answer_seconds,
             temperature=decoding.temperature,
             seed=decoding.seed,
+            listen=self._planner.listen,
         )
         calls: tuple[SkillCall, ...] = ()
         error = ""
