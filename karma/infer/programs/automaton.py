@@ -1,16 +1,18 @@
 """Recognise the answers that a spec admits: an automaton over bytes.
 
-The language of a `ProgramSpec` is one to `max_calls` lines, each written as `str(SkillCall)` and
-ended by a newline; or one line that refuses, where the spec has such. Names stand in quotes and
-hold none, so every choice is settled by the bytes read so far: the automaton is deterministic and
-nothing is ever taken back. `forms` says the same language in short; the automaton, and the grammars
-that servers take (`gbnf`, `regex`, `schema`), are made of it. A `PlanSpec` admits one JSON text,
-see `plans`.
+The language of a `ProgramSpec` is one to `max_calls` lines, each written as `str(SkillCall)`; or
+one line that refuses, where the spec has such. An answer may end right after a line's `)`, after
+its newline, and after one of `CLOSINGS` on the line below: instruction-tuned models end in all of
+these ways. Names stand in quotes and hold none, so every choice is settled by the bytes read so
+far: the automaton is deterministic and nothing is ever taken back. `forms` says the same language
+in short; the automaton, and the grammars that servers take (`gbnf`, `regex`, `schema`), are made of
+it. A `PlanSpec` admits one JSON text, see `plans`.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +21,7 @@ from karma.contracts import AnswerSpec, PlanSpec, ProgramSpec, RefusedRequest
 from karma.infer.programs.frames import END, Frame, followed, trie
 from karma.infer.programs.plans import plan_frame
 
+CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
 _MAX_POSITIONS = 100  # entries of one list, as the parser admits
 
 
@@ -72,7 +75,24 @@ def forms(spec: ProgramSpec) -> tuple[LineForm, ...]:
 
 def refusal_lines(spec: ProgramSpec) -> tuple[str, ...]:
     """Return the lines of which one may stand in place of a program."""
-    return tuple(f"{RefusedRequest(kind=kind)}\n" for kind in dict.fromkeys(spec.refusals))
+    return tuple(str(RefusedRequest(kind=kind)) for kind in dict.fromkeys(spec.refusals))
+
+
+def without_closing(text: str) -> str:
+    r"""Return the program of an answer in the language, without what only ended it.
+
+    >>> without_closing("GoToObject(robot, 'Mug')\n```\nThis")
+    "GoToObject(robot, 'Mug')\n"
+    """
+    return "".join(takewhile(_is_call, text.splitlines(keepends=True)))
+
+
+def _is_call(line: str) -> bool:
+    return not line.startswith(CLOSINGS)
+
+
+_CLOSED = END._replace()  # a frame of its own: nothing of the program follows
+_REFUSED = trie(["\n"])._replace(follow=(lambda: END,), ends=True)
 
 
 class State(NamedTuple):
@@ -91,7 +111,7 @@ class ProgramAutomaton:
     """
 
     def __init__(self, spec: AnswerSpec) -> None:
-        self._max_lines = 0
+        self._max_lines, self._calls = 0, frozenset[int]()
         self._jumps = isinstance(spec, PlanSpec)  # programs are decoded token by token
         if isinstance(spec, PlanSpec):
             self._start = self._line = plan_frame(spec)
@@ -100,22 +120,37 @@ class ProgramAutomaton:
         frame_of = {form: self._after(form) for form in forms(spec)}
         after = {name: frame_of[form] for form in frame_of for name in form.skills}
         names = [skill.name for skill in spec.skills if skill.name in after]
-        line = trie([f"{name}(robot" for name in names])
+        begins = [f"{name}(robot" for name in names]
+        self._calls = frozenset(name.encode()[0] for name in names)
         follow = tuple(after[name] for name in names)
-        self._line = line._replace(follow=follow, line_start=True)
+        self._line = trie([*begins, *CLOSINGS])._replace(
+            follow=(*follow, *((lambda: _CLOSED,) * len(CLOSINGS))), line_start=True
+        )
+        self._said = trie(["\n"])._replace(follow=(lambda: self._line,), line_end=True)
         refusals = refusal_lines(spec)
-        start = trie([*line.words, *refusals])
-        self._start = start._replace(follow=(*follow, *((lambda: END,) * len(refusals))))
+        self._start = trie([*begins, *refusals])._replace(
+            follow=(*follow, *((lambda: _REFUSED,) * len(refusals)))
+        )
 
     def start(self) -> State:
         """Return the state before the first character."""
         return State(0, self._start, 0)
 
-    def advance(self, state: State, text: str | bytes) -> State | None:
-        """Return the state after `text`, or None when no program goes on like this."""
+    def advance(
+        self, state: State, text: str | bytes, *, closing: bool = False
+    ) -> State | None:
+        """Return the state after `text`, or None when no program goes on like this.
+
+        Args:
+            state: before it.
+            text: what comes.
+            closing: whether anything may follow what closes a program: a token may hold both.
+        """
         lines, frame, node = state
         for byte in text.encode() if isinstance(text, str) else text:
-            if node == 0 and frame.line_start and lines == self._max_lines:
+            if closing and frame is _CLOSED:
+                break
+            if frame.line_start and node == 0 and lines == self._max_lines and byte in self._calls:
                 return None
             edge = frame.nodes[node].get(byte)
             if edge is None:
@@ -124,19 +159,20 @@ class ProgramAutomaton:
                 node = edge
                 continue
             frame, node = frame.follow[~edge](), 0
-            lines += frame.line_start
+            lines += frame.line_end
         return State(lines, frame, node)
 
     def accepts(self, state: State) -> bool:
         """Return whether the text so far is a whole answer."""
         frame = state.frame
-        return frame.ends or (state.lines > 0 and state.node == 0 and frame.line_start)
+        return frame.ends or (state.node == 0 and (frame.line_end or frame.line_start))
 
     def next_bytes(self, state: State) -> tuple[int, ...]:
         """Return the bytes that may come next; () after the last possible line."""
-        if self.accepts(state) and state.lines == self._max_lines:
+        frame = state.frame
+        if frame.line_start and state.node == 0 and state.lines == self._max_lines:
             return ()
-        return tuple(state.frame.nodes[state.node])
+        return tuple(frame.nodes[state.node])
 
     def forced(self, state: State) -> bytes:
         """Return the bytes of a plan that have to come next, up to a choice or the end."""
@@ -155,11 +191,12 @@ class ProgramAutomaton:
         """Return a program of so many lines, or a refusal, each choice made uniformly."""
         text, frame, done = [], self._start, 0
         while done < lines and not frame.ends:
-            word = int(generator.integers(len(frame.words)))
+            choices = len(frame.words) - (len(CLOSINGS) if frame.line_start else 0)
+            word = int(generator.integers(choices))
             text.append(frame.words[word])
             frame = frame.follow[word]()
-            done += frame.line_start
-        return "".join(text)
+            done += frame.line_end
+        return "".join([*text, "\n"])
 
     def _after(self, form: LineForm, done: int = 0) -> Callable[[], Frame]:
         """Return the frame after `done` arguments: end of line, or one argument more."""
@@ -168,7 +205,7 @@ class ProgramAutomaton:
         def build() -> Frame:
             words: dict[str, Callable[[], Frame]] = {}
             if done >= form.needed:
-                words[")\n"] = lambda: self._line
+                words[")"] = lambda: self._said
             if done < len(form.arguments):
                 argument, then = form.arguments[done], self._after(form, done + 1)
                 names = trie([f"{name}'" for name in argument.names])

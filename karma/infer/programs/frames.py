@@ -14,7 +14,8 @@ class Frame(NamedTuple):
     words: tuple[str, ...]
     follow: tuple[Callable[[], "Frame"], ...]
     line_start: bool = False
-    ends: bool = False  # nothing follows
+    line_end: bool = False  # a call is whole, its newline may follow
+    ends: bool = False  # nothing has to follow
 
 
 def followed(frame: Frame, then: Callable[[], Frame]) -> Callable[[], Frame]:

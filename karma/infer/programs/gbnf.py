@@ -1,7 +1,7 @@
 """Write the language of a spec as GBNF, the grammars of llama.cpp; XGrammar reads them too."""
 
 from karma.contracts import ProgramSpec
-from karma.infer.programs.automaton import Argument, LineForm, forms, refusal_lines
+from karma.infer.programs.automaton import CLOSINGS, Argument, LineForm, forms, refusal_lines
 
 _COMMA, _OPENS = ", '", ", ['"
 
@@ -15,15 +15,19 @@ def gbnf(spec: ProgramSpec) -> str:
     >>> from karma.contracts import SkillSignature
     >>> go = SkillSignature(name="GoToObject", arguments=("object",))
     >>> print(gbnf(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=3)))
-    root ::= line{1,3}
-    line ::= "GoToObject" "(robot" ", '" names0 ")\n"
+    root ::= line ("\n" line){0,2} ("\n" ("\n" | "```" | "#")?)?
+    line ::= "GoToObject" "(robot" ", '" names0 ")"
     names0 ::= ("Mug" | "Sink") "'"
     """
     kinds = forms(spec)
     lists = list(dict.fromkeys(one.names for form in kinds for one in form.arguments))
     rule_of = {names: f"names{number}" for number, names in enumerate(lists)}
+    newline = literal("\n")
+    more = f" ({newline} line){{0,{spec.max_calls - 1}}}" if spec.max_calls > 1 else ""
+    refusals = [f"{literal(line)} {newline}?" for line in refusal_lines(spec)]
+    program = f"root ::= line{more} ({newline} {_any(CLOSINGS)}?)?"
     rules = [
-        " | ".join([f"root ::= line{{1,{spec.max_calls}}}", *map(literal, refusal_lines(spec))]),
+        " | ".join([program, *refusals]),
         f"line ::= {' | '.join(_line(form, rule_of) for form in kinds)}",
         *(f'{rule} ::= {_any(names)} "\'"' for names, rule in rule_of.items()),
     ]
@@ -46,7 +50,7 @@ def _line(form: LineForm, rule_of: dict[tuple[str, ...], str]) -> str:
     rest = ""
     for one in reversed(form.arguments[form.needed :]):
         rest = f"({' '.join([_argument(one, rule_of[one.names]), rest]).rstrip()})?"
-    return " ".join([*parts, *([rest] if rest else []), literal(")\n")])
+    return " ".join([*parts, *([rest] if rest else []), literal(")")])
 
 
 def _argument(argument: Argument, rule: str) -> str:

@@ -1,7 +1,7 @@
 """Write the language of a spec as one regular expression that matches whole programs."""
 
 from karma.contracts import ProgramSpec
-from karma.infer.programs.automaton import Argument, LineForm, forms, refusal_lines
+from karma.infer.programs.automaton import CLOSINGS, Argument, LineForm, forms, refusal_lines
 
 _SIGNS = frozenset(".^$*+?{}[]()|\\")
 
@@ -15,10 +15,13 @@ def regex(spec: ProgramSpec) -> str:
     >>> from karma.contracts import SkillSignature
     >>> go = SkillSignature(name="GoToObject", arguments=("object",))
     >>> print(regex(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=3)))
-    ((GoToObject)\(robot, '(Mug|Sink)'\)\n){1,3}
+    ((GoToObject)\(robot, '(Mug|Sink)'\))(\n((GoToObject)\(robot, '(Mug|Sink)'\))){0,2}(\n(\n|```|#)?)?
     """
-    program = f"({'|'.join(map(_line, forms(spec)))}){{1,{spec.max_calls}}}"
-    refusals = [escaped(line).replace("\n", r"\n") for line in refusal_lines(spec)]
+    line = f"({'|'.join(map(_line, forms(spec)))})"
+    more = rf"(\n{line}){{0,{spec.max_calls - 1}}}" if spec.max_calls > 1 else ""
+    closing = _any(CLOSINGS).replace("\n", r"\n")
+    program = rf"{line}{more}(\n{closing}?)?"
+    refusals = [rf"{escaped(line)}\n?" for line in refusal_lines(spec)]
     return f"({'|'.join([program, *refusals])})" if refusals else program
 
 
@@ -27,7 +30,7 @@ def _line(form: LineForm) -> str:
     for argument in reversed(form.arguments[form.needed :]):
         rest = f"({_argument(argument)}{rest})?"
     needed = "".join(map(_argument, form.arguments[: form.needed]))
-    return rf"{_any(form.skills)}\(robot{needed}{rest}\)\n"
+    return rf"{_any(form.skills)}\(robot{needed}{rest}\)"
 
 
 def _argument(argument: Argument) -> str:
