@@ -54,6 +54,8 @@ class AnswerView:
     def answered(self, plan: "Plan") -> None:
         """Note that an answer is whole, and why it was refused if it was."""
         self._before = plan.error.partition("\n")[0]
+        if self._status is not None:
+            self._status.update("thinking ...")
         if not console.is_terminal and self._cost:
             if rest := self._lines[-1]:
                 self._say(f"  {rest}  ({self._cost})")

@@ -120,6 +120,24 @@ def test_answers_without_time_are_asked_again_never_carried_out_and_end_honestly
     assert [one["finish"] for one in kept["answers"]] == ["time"] * 4
 
 
+@pytest.mark.parametrize("command", [["run", "take the apple"], ["chat"]])
+@pytest.mark.parametrize("switch", [[], ["--no-chat"]])
+def test_first_line_says_whether_a_chat_template_is_used(command, switch, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    template = "{% for m in messages %}[{{ m.role }}] {{ m.content }}\n{% endfor %}"
+    planner = str(export_tiny(tmp_path / "tiny.gguf", template))
+    options = ["--planner", planner, "--profile", "compact", "--answer-seconds", NO_TIME, *switch]
+    done = CliRunner().invoke(app, [*command, *options], input="")
+    way = "without" if switch else "through"
+    assert done.stdout.splitlines()[0] == f"planner: {planner}, {way} its own chat template"
+
+
+def test_first_line_says_nothing_of_a_model_without_a_template(tiny):
+    options = ["--planner", tiny, "--profile", "compact", "--answer-seconds", NO_TIME]
+    done = CliRunner().invoke(app, ["run", "take the apple", *options])
+    assert done.stdout.splitlines()[0] == "1. take the apple"
+
+
 def test_agent_bounds_its_answers_unless_told_otherwise(tmp_path):
     agent = agent_saying(tmp_path, [])
     assert agent._method.planner.decoding.answer_seconds == 120

@@ -251,3 +251,18 @@ def test_cut_prompt_is_not_taken_for_the_beginning_of_another(tmp_path, clocked)
     assert slow.complete(one, max_tokens=5, max_seconds=3).finish == "time"
     assert slow.complete(other, max_tokens=5).text == quick.complete(other, max_tokens=5).text
     assert slow.gguf.logits().tobytes() == quick.gguf.logits().tobytes()
+
+
+def test_prompt_that_begins_like_the_last_one_is_still_read_in_its_own_batches(tmp_path):
+    gguf = LlamaModel(export_tiny(tmp_path / "tiny.gguf")).gguf
+    asked = []
+
+    def in_time():
+        asked.append(1)
+        return False
+
+    gguf.make_room(700)  # a context that is opened anew keeps nothing
+    gguf.evaluate([5] * 100, [6])
+    gguf.evaluate([5] * 600, [6], is_late=in_time)
+    assert gguf.n_batch == 512
+    assert len(asked) == 3  # 512 and 88 of the stable part, 1 of the other

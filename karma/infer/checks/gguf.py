@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from karma.errors import FileError, ModelError
 from karma.files import open_regular
-from karma.infer.checks.template import check_template
+from karma.infer.checks.template import TEMPLATE, check_template
 
 _SCALARS = {
     0: "<B", 1: "<b", 2: "<H", 3: "<h", 4: "<I", 5: "<i", 6: "<f", 7: "<?",
@@ -59,7 +59,7 @@ def read_header(path: Path, *, sizes: Sequence[str]) -> GgufHeader:
         raise ModelError(f"{path}: cannot be read: {error.reason}") from error
     except (OSError, ValueError) as error:  # ValueError: an empty file cannot be mapped
         raise ModelError(f"{path}: cannot be read: {error}") from error
-    if isinstance(template := header.metadata.get("tokenizer.chat_template"), str):
+    if isinstance(template := header.metadata.get(TEMPLATE), str):
         check_template(path, template)
     parts = header.metadata.get("split.count", 0)
     if isinstance(parts, int) and parts > 1:

@@ -14,6 +14,7 @@ from typing import Any
 
 from karma.errors import ModelError
 
+TEMPLATE = "tokenizer.chat_template"  # key of a GGUF's metadata
 LONGEST = 256 << 10  # characters; the longest in use have 20,000
 LARGEST_NUMBER = 1_000_000
 _WIDE = re.compile(r"[%:]\D{0,3}\d{7,}")  # in a format

@@ -6,11 +6,10 @@ from typing import Any
 
 from karma.contracts import Prompt, Thinking
 from karma.errors import ModelError
-from karma.infer.checks.template import try_template
+from karma.infer.checks.template import TEMPLATE, try_template
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.thinking import CLOSE, prepared
 
-TEMPLATE = "tokenizer.chat_template"  # key of a GGUF's metadata
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
 _FIX = "\n  To fix: --no-chat, or chat = false, opens it without"
 

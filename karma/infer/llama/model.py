@@ -21,8 +21,9 @@ from karma.contracts import (
     Thinking,
 )
 from karma.errors import ModelError
+from karma.infer.checks.template import TEMPLATE
 from karma.infer.llama.certainty import CertaintyLog
-from karma.infer.llama.chat_template import TEMPLATE, ChatTemplate, through_template
+from karma.infer.llama.chat_template import ChatTemplate, through_template
 from karma.infer.llama.constrain import best_token, choose_token, gumbel
 from karma.infer.llama.gguf_model import GgufModel, OutOfTime
 from karma.infer.llama.options import LlamaOptions
@@ -149,7 +150,7 @@ class LlamaModel:
             total_s=answer.seconds,
             reasoning=reasoning,
             constrained=spec is not None,
-            fault=f"the answer was cut off after {max_seconds} s" if found.finish == "time" else "",
+            fault=answer.late if found.finish == "time" else "",
             engine=self.gguf.engine,
             state=state,
             certainty=log.certainty(),

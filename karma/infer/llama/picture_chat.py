@@ -18,7 +18,7 @@ from karma.contracts import Engine
 from karma.errors import ModelError
 from karma.infer.checks.memory import projector_mb
 from karma.infer.checks.projector import check_projector
-from karma.infer.llama.chat_template import TEMPLATE
+from karma.infer.checks.template import TEMPLATE
 from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.picture_pair import PicturePair

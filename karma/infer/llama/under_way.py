@@ -31,6 +31,11 @@ class UnderWay:
         """Whether its time is up."""
         return self._most is not None and self.seconds >= self._most
 
+    @property
+    def late(self) -> str:
+        """Say that its time was up."""
+        return f"the answer was cut off after {self._most or 0:g} s"
+
     def begins(self) -> None:
         """Note that the first token of the answer is there, a thought before it not counted."""
         if self.first_token_s is None:
