@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from karma.contracts import END, AnswerSpec, Choice, Completion, Prompt, Scoring
-from karma.errors import ModelError
+from karma.errors import ModelError, RequestRefused
 
 
 class ScriptedModel:
@@ -37,14 +37,14 @@ class ScriptedModel:
         """Return the next answer; tokens are counted as words, times are zero.
 
         Raises:
-            ModelError: the script has run out.
+            RequestRefused: the script has run out.
         """
         self.prompts.append(prompt)
         self.specs.append(spec)
         text = next(self._answers, None)
         if text is None:
             count = len(self.prompts) - 1
-            raise ModelError(f"the script has run out: {count} answers, asked once more")
+            raise RequestRefused(f"the script has run out: {count} answers, asked once more")
         return Completion(
             text=text,
             finish="stop",
@@ -61,7 +61,7 @@ class ScriptedModel:
         """Choose the next line of the answers, `END` after each answer; others are passed over.
 
         Raises:
-            ModelError: the script has run out.
+            RequestRefused: the script has run out.
         """
         self._pass_over(continuations)
         if not self._lines:

@@ -18,7 +18,7 @@ from karma.contracts import (
     Scoring,
     Thinking,
 )
-from karma.errors import ModelError
+from karma.errors import ModelError, RequestRefused
 from karma.infer.llama.certainty import CertaintyLog
 from karma.infer.llama.chat_template import ChatTemplate
 from karma.infer.llama.constrain import best_token, choose_token, gumbel
@@ -96,7 +96,8 @@ class LlamaModel:
         as what the model said, but neither for `max_tokens` nor for the spec.
 
         Raises:
-            ModelError: the prompt does not fit the context, or the model cannot continue it.
+            RequestRefused: the prompt does not fit the context.
+            ModelError: the model cannot continue it.
         """
         if prompt.pictures:
             raise ModelError(f"{self.name} takes no pictures here; a hosted model may")
@@ -171,11 +172,11 @@ class LlamaModel:
         """Return how many tokens a thought and the answer may have; the answer comes first.
 
         Raises:
-            ModelError: there is no room for an answer.
+            RequestRefused: there is no room for an answer.
         """
         left = self.gguf.limit - prompt_tokens - self._closing_tokens
         if left < 1:
-            raise ModelError(
+            raise RequestRefused(
                 f"the prompt has {prompt_tokens} tokens and needs room for an answer,"
                 f" but {self.name} has a context of {self.gguf.limit}"
             )
