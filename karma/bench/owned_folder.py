@@ -39,7 +39,7 @@ _FIX = "--out another folder"
 _MOVE = "move it away, or --out another place"
 
 
-class _Begun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The first line of a mark."""
 
     kind: Kind
@@ -56,7 +56,7 @@ class OwnedFolder:
 
     def __init__(self, path: Path, kind: Kind) -> None:
         self.path = path
-        self._begun = _Begun(kind=kind)
+        self._begun = _Mark(kind=kind)
         self.names: frozenset[str] = frozenset()  # below the folder, that were written or may be
 
     def look(self) -> bool:
@@ -172,14 +172,14 @@ class OwnedFolder:
 
     def _write_mark(self, names: frozenset[str], header: bytes) -> None:
         self.names = names
-        self._begun = _Begun(kind=self._begun.kind, header=_hash(header) if header else "")
+        self._begun = _Mark(kind=self._begun.kind, header=_hash(header) if header else "")
         replace_file(self.path / MARK, self._mark())
 
     def _mark(self) -> bytes:
         return b"".join(map(to_json, (self._begun, *sorted(self.names))))
 
 
-def read_mark(folder: Path) -> tuple[_Begun | None, frozenset[str]]:
+def read_mark(folder: Path) -> tuple[_Mark | None, frozenset[str]]:
     """Return what a folder's mark says, None where there is none, and the files that it names.
 
     Raises:
@@ -191,7 +191,7 @@ def read_mark(folder: Path) -> tuple[_Begun | None, frozenset[str]]:
     if path.is_symlink():
         raise FileError(path, "is a link, and a run keeps to its own folder", fix=_FIX)
     first, *lines = read_bytes(path, most=LARGEST_LOG).split(b"\n")[:-1] or [b""]
-    begun = decode_json(first, _Begun, path=path, fix=_FIX)
+    begun = decode_json(first, _Mark, path=path, fix=_FIX)
     return begun, frozenset(name for line in lines if (name := _name_in(line)))
 
 

@@ -33,7 +33,7 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.language.lexicon import Lexicon
 from karma.methods.karma import KarmaMethod, Remembered
-from karma.talk.keeping import Keeper, Place
+from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.replies import AgentReply, RequestReply
 from karma.talk.views import Memory, RoomMap
 from karma.tasks.goals import GoalTracker
@@ -104,7 +104,7 @@ class Agent:
         self._world.reset(self.scene.source)  # wrong names are told before models are loaded
         check_options(row.method, row.all_options)
         check_options("karma", row.all_options)
-        place = Place(None if folder is None else Path(folder), self.scene.name)
+        place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
         loaded = resources or load_resources(
             named or Models(),
             maps=Path(maps),

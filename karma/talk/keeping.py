@@ -25,7 +25,7 @@ SAID = "said"  # the task, and its kind
 _FIX = "--out another folder"
 
 
-class Place:
+class TalkFolder:
     """A folder that one conversation has for itself, as long as it lives.
 
     Args:
@@ -90,7 +90,7 @@ class Keeper:
     """
 
     def __init__(
-        self, place: Place, scene: SceneRef, row: Row, models: Models | None, given: Resources
+        self, place: TalkFolder, scene: SceneRef, row: Row, models: Models | None, given: Resources
     ) -> None:
         self.place, self._scene, self._row = place, scene, row
         self._models, self._given = models, given

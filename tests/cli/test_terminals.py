@@ -17,7 +17,7 @@ from karma import __version__
 from karma.bench.figures import figures
 from karma.bench.records import EpisodeTiming, SubTaskTiming
 from karma.bench.run_folder import read_run
-from karma.cli import app
+from karma.cli import app, shared
 from karma.cli.progress import bar
 from karma.cli.shared import SafeConsole
 from karma.cli.show import summary_table, task_table
@@ -78,11 +78,12 @@ def run(tmp_path_factory):
 
 @pytest.mark.parametrize("columns", ["60", "80", "200"])
 @pytest.mark.parametrize("command", ["table", "compare"])
-def test_no_figure_is_cut_however_narrow_the_terminal(run, columns, command, tmp_path):
+def test_no_figure_is_cut_however_narrow_the_terminal(run, columns, command, tmp_path, monkeypatch):
+    monkeypatch.setattr(shared.console, "width", int(columns))
     words = {"table": [str(run), "--out", str(tmp_path)], "compare": []}[command]
     if command == "compare":
         words = [f"{run}:{name}" for name in dict.fromkeys(r.row for r in read_run(run).records)]
-    done = CliRunner().invoke(app, [command, *words], env={"COLUMNS": columns})
+    done = CliRunner().invoke(app, [command, *words])
     assert done.exit_code == 0, done.output
     assert "…" not in done.output
     assert re.search(r"0\.33 \[0\.\d\d, 0\.\d\d\]", done.output)  # in one piece, not wrapped

@@ -17,7 +17,7 @@ from karma.bench.run_folder import read_run
 from karma.bench.steps import read_steps, steps_path
 from karma.errors import FileError, KarmaError
 from karma.talk.agent import asking
-from karma.talk.keeping import Place
+from karma.talk.keeping import TalkFolder
 from karma.talk.replies import ROWS, lines_of, lines_why, rows_for
 
 
@@ -166,13 +166,13 @@ def test_answers_fit_a_screen_of_24_rows_however_much_there_is(tmp_path):
 
 def test_place_is_the_first_folder_that_is_free(tmp_path):
     (tmp_path / "kitchen_1-1").mkdir()
-    places = [Place(None, "kitchen_1", tmp_path) for _ in range(2)]
+    places = [TalkFolder(None, "kitchen_1", tmp_path) for _ in range(2)]
     assert [one.folder.name for one in places] == ["kitchen_1-2", "kitchen_1-3"]
 
 
 def test_conversations_begun_at_once_have_a_folder_each(tmp_path):
     with ThreadPoolExecutor(8) as pool:
-        places = list(pool.map(lambda _: Place(None, "kitchen_1", tmp_path), range(40)))
+        places = list(pool.map(lambda _: TalkFolder(None, "kitchen_1", tmp_path), range(40)))
     assert len({one.folder for one in places}) == 40
 
 
@@ -193,7 +193,7 @@ def test_two_conversations_at_once_in_one_folder_are_refused(tmp_path):
 def test_conversation_in_which_nothing_was_said_leaves_no_folder(tmp_path):
     given = tmp_path / "given"
     given.mkdir()
-    places = [Place(one, "kitchen_1", tmp_path) for one in (None, tmp_path / "new", given)]
+    places = [TalkFolder(one, "kitchen_1", tmp_path) for one in (None, tmp_path / "new", given)]
     for one in places:
         one.leave()
     assert list(tmp_path.rglob("*")) == [given]
