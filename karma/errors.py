@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
+from typing import ClassVar
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -17,7 +18,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 class KarmaError(Exception):
-    """Anything this package refuses to do."""
+    """Anything this package refuses to do.
+
+    Whose fault one is in an episode is said by its class. One of the agent's own ends the episode,
+    which has failed. Any other (a file, a model, a server, a simulator, a bug) ends the run, which
+    says so and counts nothing; the same command does the episode again.
+    """
+
+    agents_own: ClassVar[bool] = False
 
 
 class FileError(KarmaError):
@@ -46,8 +54,14 @@ class ModelError(KarmaError):
     """A model cannot be used: missing, wrong hash, damaged, or of the wrong kind."""
 
 
+class RequestRefused(ModelError):
+    """A model that works does not take what it was asked, e.g. longer than its context."""
+
+    agents_own = True
+
+
 class ServerLost(ModelError):
-    """A hosted model cannot be reached or takes no more; unlike its refusals, no agent's doing."""
+    """A hosted model cannot be reached or takes no more."""
 
 
 class ProgramError(KarmaError):
@@ -59,9 +73,26 @@ class ProgramError(KarmaError):
         code: that line; quoted in the retry prompt.
     """
 
+    agents_own = True
+
     def __init__(self, reason: str, *, line: int, code: str) -> None:
         super().__init__(f"line {line}: {reason}\n    {code}")
         self.reason, self.line, self.code = reason, line, code
+
+
+class WorkerLost(KarmaError):
+    """An episode ends every process that does it.
+
+    Args:
+        episode: row, task and seed.
+        reason: what became of the processes.
+    """
+
+    def __init__(self, episode: str, reason: str) -> None:
+        super().__init__(
+            f"episode {episode} cannot be done: {reason}\n"
+            "  To fix: give it more memory, or fewer --workers; the same command does it again"
+        )
 
 
 class WorldLost(KarmaError):

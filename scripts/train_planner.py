@@ -164,7 +164,10 @@ def _evaluate_alfred(path: Path, planner: str, wrong: int, read: Sources, *, map
     )
     plans = read.known_plans() if mapped else None
     training = read_sentences(read.demonstrations)
-    found = list(read_goals(model, read_sentences(path), training, plans, hints_for(planner)))
+    sentences = list(read_sentences(path))
+    found = list(read_goals(model, sentences, training, plans, hints_for(planner)))
+    if left_out := len(sentences) - len(found):
+        say(f"{left_out} of {len(sentences)} left out, as nothing is known of their rooms")
     for one in [one for one in found if not one.right][:wrong]:
         say(f"{one.sentence.text!r}\n  is   {one.sentence.facts}\n  read {one.found}")
     for line in tell(found):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from karma.agent.program import SKILLS, parse_program, parse_refusal
 from karma.contracts import Completion, RefusedRequest, SkillCall, SkillSignature
 from karma.errors import ProgramError
+from karma.language.repetition import repeated, what_repeats
 
 _MARKS = r"(?:(?:[Ss]tep\s*)?\d+\s*[.):]|[-*•>+`]|\*\*)"  # of lists, of emphasis
 _CALL = r"""[A-Za-z_]\w*\(\s*robots?\b(?:[^()'"]|'[^'\n]*'|"[^"\n]*"|\([^()\n]*\))*\)"""
@@ -46,14 +47,25 @@ def program_of(
     if completion.fault:
         lines = text.rstrip().split("\n")
         raise ProgramError(completion.fault, line=len(lines), code=lines[-1].strip()[:120])
-    if refusing and (found := _refusal(text)):
-        return found
+    if refusing and (refusal := _refusal(text)):
+        return refusal
     try:
-        return Recovered(calls=parse_program(text, skills))
+        found = Recovered(calls=parse_program(text, skills))
     except ProgramError:
         if completion.constrained:
             raise
-        return recover_program(text, skills)
+        found = recover_program(text, skills)
+    _check_circles(found.calls)
+    return found
+
+
+def _check_circles(calls: Sequence[SkillCall]) -> None:
+    """Refuse a program that says the same for the third time running."""
+    found = repeated([str(call) for call in calls])
+    if found is not None:
+        end, size = found
+        last = calls[end - 1]
+        raise ProgramError(what_repeats(size), line=last.line, code=str(last))
 
 
 def recover_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> Recovered:

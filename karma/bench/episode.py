@@ -31,9 +31,9 @@ from karma.contracts import (
     Tour,
     World,
 )
-from karma.errors import FileError, KarmaError, ServerLost, UnknownNameError
+from karma.errors import FileError, KarmaError, UnwritableError
 from karma.household.pieces import base_type
-from karma.infer.hosted.cassette import Cassette
+from karma.infer.hosted.cassette import Cassette, CassetteError
 from karma.infer.hosted.cost import Ledger
 from karma.tasks.files import required_types
 from karma.tasks.goals import GoalTracker, WatchedWorld
@@ -72,7 +72,7 @@ def run_episode(
     times: TimeLog | None = None,
     days: Days | None = None,
 ) -> EpisodeRecord:
-    """Run a task to its end; an error ends it early and is recorded.
+    """Run a task to its end; an error of the agent's own ends it early and is recorded.
 
     Args:
         method: who acts.
@@ -88,11 +88,9 @@ def run_episode(
         days: finds what the seed stands for; shared by a run's episodes it searches once.
 
     Raises:
-        FileError: a replay left its recording, the disk is full, or a room, a map or another file
-            of a task with goals is missing or torn: no fault of the agent's.
-        UnknownNameError: something is registered under no such name.
-        ServerLost: a hosted model cannot answer now.
-        KarmaError: the task has no start for the seed.
+        KarmaError: what is no agent's doing (see `karma.errors.KarmaError.agents_own`), e.g. the
+            simulator or a server is lost, a file is missing or torn, the disk is full. Only that
+            the room is missing of a task that nobody can be judged by is recorded.
         TypeError: the task has several rooms and the world is no home.
     """
     check_seeds((task,), (seed,))
@@ -128,11 +126,9 @@ def run_episode(
             one = _through(part.carry_out(number, subtask, scene.name))
             one = replace(one, at_start=met[number])
             done.append(one if scene.name == first else replace(one, scene=scene.name))
-    except ServerLost:
-        raise  # nothing that the agent did
     except KarmaError as failure:
-        if isinstance(failure, FileError | UnknownNameError) and not _unjudged(task):
-            raise  # a room, a map or a template that is gone is not the agent's doing either
+        if not (failure.agents_own or (_unjudged(task) and _no_room(failure))):
+            raise
         error = f"{type(failure).__name__}: {failure}"
     spent = ledger.take()
     times.hosted_s = waited(spent)
@@ -159,6 +155,13 @@ def _unjudged(task: Task) -> str:
     if any(subtask.goals for subtask in task.subtasks):
         return ""
     return "; ".join(task.notes) or "it has no goals"
+
+
+def _no_room(failure: KarmaError) -> bool:
+    """Return whether a room is not there; tasks that cannot be judged may name rooms of others."""
+    return isinstance(failure, FileError) and not isinstance(
+        failure, UnwritableError | CassetteError
+    )
 
 
 def _met(tracker: GoalTracker, subtask: SubTask, event: Event) -> tuple[str, ...]:

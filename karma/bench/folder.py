@@ -3,15 +3,14 @@
 import fcntl
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
 from karma.errors import FileError, KarmaError
-from karma.files import LARGEST_LOG, TEMPORARY, decode_json, read_bytes, write_atomic
+from karma.files import LARGEST_LOG, decode_json, read_bytes, write_atomic
 
-_BESIDE = frozenset({"exchanges.jsonl", "recording.lock"})  # a cassette may lie in the folder
 T = TypeVar("T")
 
 
@@ -31,6 +30,8 @@ def locked(path: Path) -> Iterator[None]:
         raise FileError(path, reason, fix="--out another folder") from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not path.exists() or not os.path.samestat(os.fstat(handle), path.stat()):
+            raise BlockingIOError  # it went while this waited
     except BlockingIOError as error:
         os.close(handle)
         raise KarmaError(
@@ -41,55 +42,6 @@ def locked(path: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-def sweep(path: Path, ours: Collection[str]) -> None:
-    """Take away what a killed run left half written among its own files, and nothing else.
-
-    Args:
-        path: of the run folder.
-        ours: names of the files and folders in it that a run writes.
-    """
-    for name in ours:
-        place = path / name
-        inside = place.rglob(f".*{TEMPORARY}") if place.is_dir() else ()
-        for left in (*path.glob(f".{name}.*{TEMPORARY}"), *inside):
-            left.unlink(missing_ok=True)
-
-
-def check_ours(path: Path, ours: Collection[str], *, header: str) -> None:
-    """See that a folder may be a run's: a run's already, or with nothing else in it; no links.
-
-    Args:
-        path: of the folder.
-        ours: names of the files and folders in it that a run writes.
-        header: the one without which it is no run's yet.
-
-    Raises:
-        FileError: it holds something else, or a link leads out of it.
-    """
-    fix = "--out another folder"
-    found = sorted(entry.name for entry in os.scandir(path)) if path.is_dir() else []
-    for name in found:
-        if name in ours and (link := _link(path / name)) is not None:
-            raise FileError(link, "is a link, and a run keeps to its own folder", fix=fix)
-    if header in found:
-        return
-    for name in found:
-        if not (name in ours or name in _BESIDE or name.endswith(TEMPORARY) or _taped(path / name)):
-            raise FileError(path, f"holds no run, but {ascii(name)[:80]}", fix=fix)
-
-
-def _link(place: Path) -> Path | None:
-    """Return the first link among a file and what lies below it."""
-    if place.is_symlink() or not place.is_dir():
-        return place if place.is_symlink() else None
-    inside = (Path(at) / name for at, dirs, files in os.walk(place) for name in (*dirs, *files))
-    return next((one for one in inside if one.is_symlink()), None)
-
-
-def _taped(place: Path) -> bool:
-    return any((place / name).exists() for name in _BESIDE)
 
 
 def read_lines(path: Path, kind: type[T]) -> list[T]:

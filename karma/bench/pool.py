@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Generic, Protocol, TypeVar
 
-from karma.errors import KarmaError
+from karma.errors import KarmaError, WorkerLost
 
 LIVES = 2  # workers that a job may kill before it is given up
 _LEAVE_S = 10.0  # that a worker has to put things away
@@ -45,7 +45,6 @@ class Workshop(Generic[J, D]):
     """What processes need to know to do jobs; `begin` travels, the rest stays."""
 
     begin: Callable[[], Callable[[J], D]]  # loads, in each process; a function of a module
-    lost: Callable[[J, str], D]  # what stands for a job that kills every worker, and what of
     imports: tuple[str, ...] = ()  # modules that are imported once for all
 
 
@@ -68,17 +67,11 @@ class WorkerError:
         return KarmaError(self.text) if self.known else RuntimeError(self.text)
 
 
-class JobQueue(Generic[J, D]):
-    """The jobs that are left to do, and how many workers each has cost.
+class JobQueue(Generic[J]):
+    """The jobs that are left to do, and how many workers each has cost."""
 
-    Args:
-        jobs: all of them.
-        lost: see `Workshop`.
-    """
-
-    def __init__(self, jobs: Iterable[J], lost: Callable[[J, str], D]) -> None:
+    def __init__(self, jobs: Iterable[J]) -> None:
         self.jobs = deque(jobs)
-        self._lost = lost
         self._deaths: Counter[tuple[Hashable, ...]] = Counter()
 
     def next_after(self, last: J | None) -> J:
@@ -89,29 +82,32 @@ class JobQueue(Generic[J, D]):
             return near
         return self.jobs.popleft()
 
-    def died(self, job: J, cause: str) -> Iterator[D]:
-        """Put a dead worker's job in front again; yield it as lost if it cost `LIVES` workers.
+    def died(self, job: J, cause: str) -> None:
+        """Put a dead worker's job in front again.
 
         Args:
             job: what the worker was doing.
             cause: what became of the worker.
+
+        Raises:
+            WorkerLost: the job has cost `LIVES` workers.
         """
         self._deaths[job.key] += 1
-        _log.warning("a worker was %s in episode %s", cause, "/".join(map(str, job.key)))
-        if self._deaths[job.key] < LIVES:
-            self.jobs.appendleft(job)
-        else:
-            yield self._lost(job, cause)
+        name = "/".join(map(str, job.key))
+        _log.warning("a worker was %s in episode %s", cause, name)
+        if self._deaths[job.key] >= LIVES:
+            raise WorkerLost(name, f"{LIVES} workers died of it, the last was {cause}")
+        self.jobs.appendleft(job)
 
 
 def in_processes(shop: Workshop[J, D], jobs: Sequence[J], number: int) -> Iterator[D]:
     """Do the jobs in `number` processes; yields what each leaves as it is done.
 
-    A worker that dies is replaced. Its job is done once more, and is lost if it takes the next
-    worker with it.
+    A worker that dies is replaced, and its job done once more.
 
     Raises:
-        KarmaError: a worker cannot load its things, or says that the run must end.
+        KarmaError: a worker cannot load its things, or says that the run must end; or a job takes
+            the next worker with it, too.
     """
     pool = _Pool(shop, jobs)
     try:
@@ -138,7 +134,7 @@ class _Pool(Generic[J, D]):
     def __init__(self, shop: Workshop[J, D], jobs: Sequence[J]) -> None:
         self.workers: list[_Worker[J]] = []
         self._ending: list[_Worker[J]] = []
-        self._shop, self._queue = shop, JobQueue(jobs, shop.lost)
+        self._shop, self._queue = shop, JobQueue(jobs)
 
     def start_one(self) -> None:
         """Start one more process."""
@@ -159,7 +155,7 @@ class _Pool(Generic[J, D]):
             try:
                 said: D | WorkerError | None = worker.line.recv()
             except (EOFError, ConnectionResetError):
-                yield from self._replace(worker)
+                self._replace(worker)
                 continue
             if isinstance(said, WorkerError):
                 raise said.error()
@@ -188,8 +184,8 @@ class _Pool(Generic[J, D]):
             self._ending.append(worker)
             worker.line.close()
 
-    def _replace(self, worker: _Worker[J]) -> Iterator[D]:
-        """Do a dead worker's job again, or yield it as lost; start another process."""
+    def _replace(self, worker: _Worker[J]) -> None:
+        """Do a dead worker's job again; start another process."""
         self.workers.remove(worker)
         worker.process.join()
         worker.line.close()
@@ -197,7 +193,7 @@ class _Pool(Generic[J, D]):
         if worker.job is None:
             self._died_loading(cause)
             return
-        yield from self._queue.died(worker.job, cause)
+        self._queue.died(worker.job, cause)
         if self._queue.jobs:
             self.start_one()
 

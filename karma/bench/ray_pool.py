@@ -35,8 +35,7 @@ def in_cluster(
 ) -> Iterator[D]:
     """Do the jobs on a cluster; yields what each leaves as it is done.
 
-    A worker that dies is replaced. Its job is done once more, and is lost if it takes the next
-    worker with it.
+    A worker that dies is replaced, and its job done once more.
 
     Args:
         shop: its `begin` travels to the nodes, and looks there for what it needs.
@@ -46,8 +45,8 @@ def in_cluster(
         number: workers; 0 for as many as the cluster has room for.
 
     Raises:
-        KarmaError: Ray is not installed, the address may not or cannot be reached, or a node does
-            not have what is needed.
+        KarmaError: Ray is not installed, the address may not or cannot be reached, a node does not
+            have what is needed, or a job takes two workers with it.
     """
     ray = _ray()
     _check_leave(host_of(address))
@@ -113,7 +112,7 @@ class _RayPool(Generic[J, D]):
     def __init__(self, ray: Any, shop: Workshop[J, D], jobs: Sequence[J], need: WorkerNeed) -> None:
         self.waiting: dict[Any, _RayWorker[J]] = {}  # pending answer -> its worker
         self._ray, self._begin = ray, shop.begin
-        self._queue = JobQueue(jobs, shop.lost)
+        self._queue = JobQueue(jobs)
         options = {
             "num_cpus": need.cores,
             "memory": int(need.memory_mb * 1e6),
@@ -134,7 +133,7 @@ class _RayPool(Generic[J, D]):
         try:
             said: D | WorkerError | None = self._ray.get(ready)
         except self._ray.exceptions.RayActorError as error:
-            yield from self._replace(worker, error)
+            self._replace(worker, error)
             return
         if isinstance(said, WorkerError):
             raise said.error()
@@ -160,14 +159,14 @@ class _RayPool(Generic[J, D]):
                 del self.waiting[answer]
                 self._ray.kill(worker.actor)
 
-    def _replace(self, worker: _RayWorker[J], error: Exception) -> Iterator[D]:
-        """Do a dead worker's job again, or yield it as lost; start another worker."""
+    def _replace(self, worker: _RayWorker[J], error: Exception) -> None:
+        """Do a dead worker's job again; start another worker."""
         if worker.job is None:
             if not self.waiting:
                 raise KarmaError(f"no worker could be started on the cluster: {error}") from error
             _log.warning("a worker was %s while it loaded its models", _CAUSE)
             return
-        yield from self._queue.died(worker.job, _CAUSE)
+        self._queue.died(worker.job, _CAUSE)
         if self._queue.jobs:
             self.start_one()
 

@@ -27,7 +27,7 @@ from karma.bench.provenance import (
 from karma.bench.ray_pool import WorkerNeed, in_cluster
 from karma.bench.run_folder import Finished, Header, differences
 from karma.bench.worker_count import worker_mb
-from karma.bench.workers import Job, Performer, Stage, lost_episode
+from karma.bench.workers import Job, Performer, Stage
 from karma.contracts import SceneRef
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
@@ -55,7 +55,7 @@ def perform_on_ray(
         number: workers; 0 for as many as the cluster has cores and memory for.
     """
     begin = partial(_begun, stage, header, dict(scenes))
-    shop: Workshop[Job, Finished] = Workshop(begin=begin, lost=lost_episode)
+    shop: Workshop[Job, Finished] = Workshop(begin=begin)
     need = need_of(stage.models, stage.rows)
     return in_cluster(shop, jobs, address, need=need, number=number)
 

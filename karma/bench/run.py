@@ -26,7 +26,6 @@ from karma.bench.workers import (
 )
 from karma.contracts import Task
 from karma.errors import FileError, KarmaError
-from karma.files import write_atomic
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Session
@@ -178,11 +177,9 @@ class Run:
 
     def _claim(self) -> None:
         fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
-        self._files.claim(self.header, self._config, fix=fix)
-        for name, data in self._scenes.items():
-            place = scene_path(self.folder, name)
-            if not place.exists() or place.read_bytes() != data:
-                write_atomic(place, data)
+        rooms = {scene_path(self.folder, name): data for name, data in self._scenes.items()}
+        scenes = {place.relative_to(self.folder).as_posix(): rooms[place] for place in rooms}
+        self._files.claim(self.header, self._config, fix=fix, scenes=scenes)
 
     def _go_on(self) -> None:
         """Look at what is done, and at what is to be done next."""

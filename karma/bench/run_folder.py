@@ -5,7 +5,6 @@ whole or not at all, then a line of `timings.jsonl`, and last a line of `episode
 killed run left half done is not counted and is written again, so the files end up the same.
 """
 
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,8 @@ import msgspec
 
 from karma.bench.configuration import CONFIG, Config, all_apart, read_config
 from karma.bench.figures import figures, plain
-from karma.bench.folder import brief, changed, check_ours, refuse_other, replace_file, sweep
+from karma.bench.folder import brief, changed, refuse_other
+from karma.bench.owned_folder import HEADER, MARK, Kind, OwnedFolder
 from karma.bench.records import (
     EpisodeRecord,
     EpisodeTiming,
@@ -26,15 +26,15 @@ from karma.bench.records import (
 from karma.bench.steps import FOLDER as STEPS
 from karma.bench.steps import packed, steps_path
 from karma.errors import FileError
-from karma.files import read_json, to_json, write_atomic
+from karma.files import TEMPORARY, read_bytes, read_json, to_json, write_atomic
+from karma.methods.picture_states import FOLDER as PICTURES
+from karma.methods.picture_states import picture_name
 
 FORMAT = 6  # of the folder; 1 had times among the records, 2 no methods or rooms, 3 no tours,
 # 4 no engine and no refused prompts, 5 no goals met at the start and no tasks left unjudged
-HEADER, EPISODES, TIMINGS, RESULTS = (
-    "header.json", "episodes.jsonl", "timings.jsonl", "results.json",
-)  # fmt: skip
+EPISODES, TIMINGS, RESULTS = "episodes.jsonl", "timings.jsonl", "results.json"
 CELLS, SWEEP = "cells", "sweep.json"  # of a sweep's folder, see `karma.bench.sweep_folder`
-_OURS = (EPISODES, TIMINGS, RESULTS, STEPS, "short_term", "maps", "scenes", CONFIG, HEADER)
+_NO_SCENES: Mapping[str, bytes] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +122,7 @@ def read_header(path: Path) -> Header:
             " read here",
             fix=f"karma table {path.parent}",
         )
-    fix = "run it again: karma eval FILE --fresh, or --out another folder"
+    fix = "run it again: karma eval FILE --out another folder"
     try:
         header = read_json(path, Header)
     except FileError as error:
@@ -131,12 +131,6 @@ def read_header(path: Path) -> Header:
     if header.format != FORMAT:
         raise FileError(path, f"the run is of form {header.format}, not {FORMAT}", fix=fix)
     return header
-
-
-class _AnyHeader(msgspec.Struct, frozen=True):
-    """What the headers of all forms have."""
-
-    experiment: str
 
 
 class _Headed(msgspec.Struct, frozen=True):
@@ -186,11 +180,12 @@ class RunFolder:
     Args:
         path: of the folder.
         steps: whether episodes leave step logs.
+        kind: of run.
     """
 
-    def __init__(self, path: Path, *, steps: bool) -> None:
+    def __init__(self, path: Path, *, steps: bool, kind: Kind = "run") -> None:
         self.path, self._steps = path, steps
-        self._is_ours = False  # what lies in it was seen to be a run's, or beside one
+        self._owned = OwnedFolder(path, kind)
 
     def clear(self) -> None:
         """Throw away what an earlier run left.
@@ -198,47 +193,63 @@ class RunFolder:
         Raises:
             FileError: what is there is no run's.
         """
-        if not self._is_ours:
-            check_ours(self.path, _OURS, header=HEADER)
-        if (self.path / HEADER).exists() and not (self.path / EPISODES).exists():
-            read_json(self.path / HEADER, _AnyHeader, fix="--out another folder")
-        if not any((self.path / name).exists() for name in (HEADER, EPISODES)):
-            return
-        self._is_ours = True
-        for name in _OURS:
-            place = self.path / name
-            if place.is_dir():
-                shutil.rmtree(place)
-            else:
-                place.unlink(missing_ok=True)
+        if self._owned.look():
+            for picture in (self.path / PICTURES).glob("*.png"):
+                if picture.stem == picture_name(picture.read_bytes()):
+                    picture.unlink()
+            self._owned.fold(f"{PICTURES}/picture")
+            self._owned.clear()
 
-    def claim(self, header: Header, config: Config, *, fix: str) -> None:
+    def claim(
+        self,
+        header: Header,
+        config: Config,
+        *,
+        fix: str,
+        scenes: Mapping[str, bytes] = _NO_SCENES,
+    ) -> None:
         """Make the folder that run's, or see that it is; a run without an episode is no obstacle.
 
         Args:
             header: what the run depends on.
             config: what it was told, which is kept beside it.
             fix: what helps where the folder holds another run.
+            scenes: rooms that the tasks bring along, path below the folder -> content.
 
         Raises:
-            FileError: it holds another run; names what differs.
+            FileError: it holds another run, and what differs is named; or it is somebody else's.
         """
-        path = self.path / HEADER
-        if (self.path / SWEEP).exists():
-            raise FileError(self.path, "this folder holds a sweep", fix="--out another folder")
-        if not self._is_ours:
-            check_ours(self.path, _OURS, header=HEADER)
+        path, data = self.path / HEADER, to_json(header, indent=2)
+        self._adopt(header, config)
+        self._owned.look()
         found = ["header: none"]
         if path.exists():
             found = differences(read_header(path), header, read_config(self.path), config)
         begun = bool(read_records(self.path / EPISODES))
         if found and not begun:
             self.clear()
-        if not path.exists() and not begun:
-            write_atomic(path, to_json(header, indent=2))
-        else:
+        if path.exists() or begun:
             refuse_other(path, found, fix=fix)
-        replace_file(self.path / CONFIG, to_json(config, indent=2))
+        else:
+            self._owned.begin({*_names(header), *scenes}, data)
+            self._owned.write(HEADER, data)
+        for name, room in {CONFIG: to_json(config, indent=2), **scenes}.items():
+            self._owned.write(name, room)
+
+    def reserve(self) -> None:
+        """Make a folder in which nothing was written yet this run's.
+
+        Raises:
+            FileError: something is in it.
+        """
+        if self._owned.look() and any((self.path / name).exists() for name in self._owned.names):
+            raise FileError(self.path, "holds another conversation", fix="--out another folder")
+        self._owned.begin(())
+
+    def release(self) -> None:
+        """Take the mark away where nothing else was written."""
+        if [one.name for one in self.path.iterdir()] == [MARK]:
+            (self.path / MARK).unlink()
 
     def done(self) -> tuple[list[EpisodeRecord], dict[Key, EpisodeTiming]]:
         """Return the episodes that are done; traces of those that are not are swept away.
@@ -246,7 +257,9 @@ class RunFolder:
         Raises:
             FileError: a line that is not the last is damaged.
         """
-        sweep(self.path, _OURS)
+        self._owned.sweep()
+        for left in (self.path / PICTURES).glob(f".*{TEMPORARY}"):
+            left.unlink(missing_ok=True)
         timings = {timing.key: timing for timing in read_timings(self.path / TIMINGS)}
         found = {record.key: record for record in read_records(self.path / EPISODES)}
         kept = {key: found[key] for key in found if key in timings and self._has_steps(key)}
@@ -268,24 +281,28 @@ class RunFolder:
             if not (self.path / name).exists():
                 write_atomic(self.path / name, data)
         if self._steps:
-            write_atomic(steps_path(self.path, *one.record.key), packed(one.steps))
+            self._write_steps(one)
         write_record(self.path / TIMINGS, one.timing)
         write_record(self.path / EPISODES, one.record)
 
     def put_only(self, header: Header, one: Finished) -> None:
-        """Have one episode in the folder, finished as far as it goes, in place of what was there.
+        """Have one episode in the folder, finished as far as it goes, in place of itself before.
 
         Raises:
-            FileError: the disk is full.
+            FileError: the disk is full, or somebody's file is in the way.
         """
         for name, data in one.files.items():
-            replace_file(self.path / name, data)
-        if self._steps:
-            replace_file(steps_path(self.path, *one.record.key), packed(one.steps))
-        replace_file(self.path / TIMINGS, to_json(one.timing))
-        replace_file(self.path / EPISODES, to_json(one.record))
-        replace_file(self.path / RESULTS, to_json(plain(figures([one.record])), indent=2))
-        replace_file(self.path / HEADER, to_json(header, indent=2))
+            self._owned.write(name, data)
+        self._write_steps(one)
+        results = to_json(plain(figures([one.record])), indent=2)
+        for name, data in (
+            (TIMINGS, to_json(one.timing)),
+            (EPISODES, to_json(one.record)),
+            (RESULTS, results),
+            (HEADER, to_json(header, indent=2)),
+        ):
+            self._owned.write(name, data)
+        self._owned.settle()
 
     def finish(self, order: Sequence[Key]) -> None:
         """Put all lines in their final order, and write what they add up to.
@@ -299,9 +316,30 @@ class RunFolder:
         by_key = {record.key: record for record in records}
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
         lines = figures([by_key[key] for key in order])  # without seconds: no run repeats them
-        replace_file(self.path / RESULTS, to_json(plain(lines), indent=2))
+        self._owned.settle()
+        self._owned.write(RESULTS, to_json(plain(lines), indent=2))
 
     # ------------------------------------------------------------- parts
+
+    def _adopt(self, header: Header, config: Config) -> None:
+        """Take over the same run as an earlier version left it, without a mark.
+
+        Raises:
+            FileError: it is another run.
+        """
+        path = self.path / HEADER
+        if (self.path / MARK).exists() or not _is_header(path):
+            return
+        found = differences(read_header(path), header, read_config(self.path), config)
+        refuse_other(path, found, fix="--out another folder")
+        there = [*self.path.glob(f"{STEPS}/*/*.jsonl.gz")]
+        there += [one for one in self.path.glob("scenes/*.json") if one.stem in header.scenes]
+        names = {one.relative_to(self.path).as_posix() for one in there}
+        self._owned.adopt(names | _names(header), read_bytes(path))
+
+    def _write_steps(self, one: Finished) -> None:
+        path = steps_path(self.path, *one.record.key)
+        self._owned.write(path.relative_to(self.path).as_posix(), packed(one.steps))
 
     def _has_steps(self, key: Key) -> bool:
         return not self._steps or steps_path(self.path, *key).exists()
@@ -312,4 +350,18 @@ class RunFolder:
         for name, lines in ((TIMINGS, timings), (EPISODES, records)):
             data = b"".join(to_json(line) for line in lines.values())
             if data or (self.path / name).exists():
-                replace_file(self.path / name, data)
+                self._owned.write(name, data)
+
+
+def _names(header: Header) -> set[str]:
+    """Return the files that a run may write, but for those of its episodes."""
+    maps = (f"maps/{scene}.json" for scene in header.scenes)
+    return {HEADER, CONFIG, EPISODES, TIMINGS, RESULTS, *maps}
+
+
+def _is_header(path: Path) -> bool:
+    """Return whether a file is the header of a run of the present form."""
+    try:
+        return bool(read_header(path))
+    except FileError:
+        return False

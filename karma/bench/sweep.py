@@ -20,12 +20,20 @@ from typing import Any
 import msgspec
 
 from karma.bench.experiment_file import Changes, Setting, read_experiment
-from karma.bench.folder import check_ours, locked, sweep
+from karma.bench.folder import locked
+from karma.bench.owned_folder import MARK, OwnedFolder
 from karma.bench.records import EpisodeRecord
 from karma.bench.run import Run
-from karma.bench.run_folder import CELLS, HEADER, SWEEP, RunFolder
+from karma.bench.run_folder import CELLS, SWEEP, RunFolder
 from karma.bench.steps import slug
-from karma.bench.sweep_folder import TABLE, SweepData, SweptCell, write_sweep
+from karma.bench.sweep_folder import (
+    TABLE,
+    SweepData,
+    SweptCell,
+    is_sweep,
+    read_sweep,
+    write_sweep,
+)
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.infer.manifest.picture_pair import is_projector
 
@@ -88,17 +96,17 @@ class SweepRun:
         self.cells = cells_of(path, self.experiment.grid, changes or Changes(), planner_dir)
         for cell in self.cells:  # a misspelt key must not come to light hours later
             read_experiment(path, cell.changes)
-        if (folder / HEADER).exists():
-            fix = "--out another folder"
-            raise FileError(folder, "this folder holds a run, not a sweep", fix=fix)
         self.failed: dict[str, str] = {}
         with locked(folder):
-            ours = (SWEEP, TABLE, CELLS)
-            check_ours(folder, ours, header=SWEEP)
-            sweep(folder, ours)
+            owned = OwnedFolder(folder, "sweep")
+            if self._is_older():
+                owned.adopt((SWEEP, TABLE))
+            owned.look()
+            owned.sweep()
+            owned.begin((SWEEP, TABLE))
             if fresh:
-                for place in sorted((folder / CELLS).glob("*")):
-                    RunFolder(place, steps=True).clear()
+                for place in sorted((folder / CELLS).glob(f"*/{MARK}")):
+                    RunFolder(place.parent, steps=True).clear()
             write_sweep(self.data)
 
     @property
@@ -134,6 +142,17 @@ class SweepRun:
                 except KarmaError as error:
                     self.failed[cell.name] = str(error)
                 write_sweep(self.data)
+
+    def _is_older(self) -> bool:
+        """Return whether this sweep is there as an earlier version left it, without a mark."""
+        if (self.folder / MARK).exists() or not is_sweep(self.folder):
+            return False
+        try:
+            kept = read_sweep(self.folder)
+        except FileError:
+            return False
+        cells = {cell.folder for cell in kept.cells} & {cell.kept.folder for cell in self.cells}
+        return kept.name == self.experiment.name and bool(cells)
 
     def _do(
         self,

@@ -7,8 +7,9 @@ from pathlib import Path
 from karma.bench.figures import COLUMNS, Figures, figures
 from karma.bench.folder import replace_file
 from karma.bench.formats import UNKNOWN, figure_text, interval_text
+from karma.bench.owned_folder import HEADER
 from karma.bench.records import ALL
-from karma.bench.run_folder import CELLS, HEADER, SWEEP, RunData, read_run
+from karma.bench.run_folder import CELLS, SWEEP, RunData, read_run
 from karma.bench.sheet import Sheet, to_markdown
 from karma.errors import FileError
 from karma.files import read_json, to_json

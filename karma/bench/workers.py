@@ -15,12 +15,12 @@ from karma import registry
 from karma.bench.days import Days
 from karma.bench.episode import TimeLog, run_episode
 from karma.bench.experiment import Models, Row, for_row, load_resources
-from karma.bench.pool import LIVES, Workshop, in_processes
-from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
+from karma.bench.pool import Workshop, in_processes
+from karma.bench.records import EpisodeRecord, Key
 from karma.bench.run_folder import Finished
 from karma.bench.steps import StepLog
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
-from karma.errors import KarmaError
+from karma.errors import FileError, KarmaError
 from karma.infer.hosted.cassette import Cassette, Tape
 from karma.infer.hosted.session import Hosted, Session
 from karma.infer.llama.room_states import StateOptions
@@ -142,7 +142,7 @@ class Performer:
         try:
             self._world.reset(scene.source)
             graph, _ = explore_room(self._world, scene, None)
-        except KarmaError:  # the episode will record why
+        except FileError:  # the episode will say why
             return
         graph.save(path)
 
@@ -184,10 +184,9 @@ def perform_here(
 
 
 def perform_in_processes(stage: Stage, jobs: Sequence[Job], number: int) -> Iterator[Finished]:
-    """Do the episodes in `number` processes, see `in_processes`; one that kills all is an error."""
+    """Do the episodes in `number` processes, see `in_processes`."""
     shop: Workshop[Job, Finished] = Workshop(
         begin=partial(_begun, stage),
-        lost=lost_episode,
         imports=(__name__, *imported(stage.models)),
     )
     return in_processes(shop, jobs, number)
@@ -228,20 +227,3 @@ def check_workers(models: Models, cassette: Cassette, ray: str) -> None:
             "hosted models and cassettes are for workers on this machine\n"
             "  To fix: --workers in place of --ray"
         )
-
-
-def lost_episode(job: Job, cause: str) -> Finished:
-    """Return the record of an episode that kills every worker that does it."""
-    record = EpisodeRecord(
-        row=job.row,
-        task=job.task.id,
-        kind=job.task.counted_as,
-        scene=job.task.scenes[0].name,
-        seed=job.seed,
-        notes=job.task.notes,
-        trained=job.task.trained,
-        subtasks=(),
-        error=f"WorkerLost: {LIVES} workers died of it, the last was {cause}",
-    )
-    timing = EpisodeTiming(row=record.row, task=record.task, seed=record.seed, subtasks=())
-    return Finished(record=record, timing=timing)

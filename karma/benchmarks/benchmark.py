@@ -88,9 +88,6 @@ class Benchmark(Protocol):
     def begin(self, session: Session) -> Play:
         """Load what episodes need, in the process that plays them; KarmaError if that fails."""
 
-    def lost(self, chain: Chain, cause: str) -> Sequence[Any]:
-        """Return the records of a chain that kills every process which plays it."""
-
     def results(self, records: Sequence[Any]) -> BenchmarkResults:
         """Return what records come to, finished or not; FileError for damaged published scores."""
 

@@ -10,8 +10,8 @@ import msgspec
 from karma import registry
 from karma.bench.experiment_file import without_places
 from karma.bench.folder import changed
+from karma.bench.owned_folder import HEADER
 from karma.bench.provenance import model_hashes, versions
-from karma.bench.run_folder import HEADER
 from karma.benchmarks.benchmark import Benchmark, ExperimentFile
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_json, to_json
@@ -67,7 +67,7 @@ def read_header(folder: Path) -> BenchmarkHeader:
     Raises:
         FileError: it is damaged, or of a run that is no benchmark's.
     """
-    fix = "karma eval FILE --fresh, or --out another folder"
+    fix = "karma eval FILE --out another folder"
     return read_json(folder / HEADER, BenchmarkHeader, fix=fix)
 
 

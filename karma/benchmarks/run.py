@@ -12,16 +12,10 @@ from typing import Any
 import msgspec
 
 from karma.bench.experiment_file import Changes, read_as
-from karma.bench.folder import (
-    check_ours,
-    locked,
-    read_lines,
-    refuse_other,
-    replace_file,
-    sweep,
-)
+from karma.bench.folder import locked, read_lines, refuse_other
+from karma.bench.owned_folder import HEADER, MARK, OwnedFolder
 from karma.bench.records import Key
-from karma.bench.run_folder import EPISODES, HEADER, RESULTS, TIMINGS
+from karma.bench.run_folder import EPISODES, RESULTS, TIMINGS, benchmark_in
 from karma.bench.sheet import to_markdown
 from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
 from karma.bench.workers import check_workers
@@ -35,7 +29,7 @@ from karma.benchmarks.benchmark import (
 from karma.benchmarks.header import BenchmarkHeader, differences, header_of, kind_of, read_header
 from karma.benchmarks.workers import ChainPlayer, loaded_models
 from karma.errors import FileError
-from karma.files import append_line, read_toml, to_json, write_atomic
+from karma.files import append_line, read_bytes, read_toml, to_json
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Session
@@ -108,10 +102,9 @@ class BenchmarkRun:
             benchmark=self.benchmark, experiment=self._asked, path=path, session=self._session
         )
         with locked(folder):
-            check_ours(folder, _OURS, header=HEADER)
-            if fresh:
-                for name in _OURS:
-                    (folder / name).unlink(missing_ok=True)
+            self._owned = OwnedFolder(folder, "benchmark")
+            if fresh and self._owned.look():
+                self._owned.clear()
             self._claim()
             self.records = self._read()
 
@@ -196,30 +189,37 @@ class BenchmarkRun:
         """
         self._header = header_of(self.experiment, self.benchmark)
         place, header = self.folder / HEADER, self._header
+        if not (self.folder / MARK).exists() and benchmark_in(self.folder):  # an earlier version's
+            found = differences(read_header(self.folder), header)
+            refuse_other(place, found, fix="--out another folder")
+            self._owned.adopt(_OURS, read_bytes(place))
+        self._owned.look()
         if place.exists():
             fix = f"--out another folder, or karma eval {self.path} --fresh"
             refuse_other(place, differences(read_header(self.folder), header), fix=fix)
         else:
-            write_atomic(place, to_json(header, indent=2))
+            data = to_json(header, indent=2)
+            self._owned.begin(_OURS, data)
+            self._owned.write(HEADER, data)
 
     def _read(self) -> list[Any]:
         """Return the records of chains that are whole; lines of others are dropped."""
-        sweep(self.folder, _OURS)
+        self._owned.sweep()
         place = self.folder / EPISODES
         found = {_key(one): one for one in read_lines(place, self._kind.record_kind)}
         whole = [chain.keys for chain in self.chains if found.keys() >= {*chain.keys}]
         records = [found[key] for keys in whole for key in keys]
         if place.exists():
-            replace_file(place, b"".join(map(to_json, records)))
+            self._owned.write(EPISODES, b"".join(map(to_json, records)))
         return records
 
     def _finish(self) -> None:
         found = {_key(record): record for record in self.records}
         self.records = [found[key] for chain in self.chains for key in chain.keys]
-        replace_file(self.folder / EPISODES, b"".join(map(to_json, self.records)))
+        self._owned.write(EPISODES, b"".join(map(to_json, self.records)))
         results = self.results()
-        replace_file(self.folder / RESULTS, to_json(results.figures, indent=2))
-        replace_file(self.folder / TABLE, written(results))
+        self._owned.write(RESULTS, to_json(results.figures, indent=2))
+        self._owned.write(TABLE, written(results))
 
 
 def read_results(folder: Path, *more: Path) -> BenchmarkResults:

@@ -48,7 +48,7 @@ class ChainPlayer:
     def here(self, chains: Sequence[Chain]) -> Iterator[tuple[Any, float]]:
         """Play in this process; yields each record as it is there."""
         play = self.benchmark.begin(self.session)
-        queue, chain = JobQueue(chains, self._lost), None
+        queue, chain = JobQueue(chains), None
         while queue.jobs:
             chain = queue.next_after(chain)
             yield from _played(play, chain, self.session)
@@ -58,7 +58,6 @@ class ChainPlayer:
         plans, tape = self.experiment.plans, self.session.cassette.tape
         shop: Workshop[Chain, _Records] = Workshop(
             begin=partial(_begun, self.experiment, self.path, tape, network_allowed()),
-            lost=self._lost,
             imports=(__name__, *(imported(self.experiment.models) if plans else ())),
         )
         for found in in_processes(shop, chains, number):
@@ -69,13 +68,10 @@ class ChainPlayer:
     ) -> Iterator[tuple[Any, float]]:
         """Play on a cluster, see `in_cluster`; `header` is held against every node."""
         begin = partial(_begun_on_node, header, self.path, DataFolders.here())
-        shop: Workshop[Chain, _Records] = Workshop(begin=begin, lost=self._lost)
+        shop: Workshop[Chain, _Records] = Workshop(begin=begin)
         need = need_of(loaded_models(self.experiment))
         for found in in_cluster(shop, chains, address, need=need, number=number):
             yield from found
-
-    def _lost(self, chain: Chain, cause: str) -> _Records:
-        return [(record, 0.0) for record in self.benchmark.lost(chain, cause)]
 
 
 def loaded_models(experiment: ExperimentFile) -> Models:

@@ -81,13 +81,14 @@ def write_table(runs: Sequence[Path], folder: Path, json: Path | None) -> None:
     Raises:
         KarmaError: the run has no episodes yet; or see `read_results`.
     """
+    from karma.bench.owned_folder import write_beside
     from karma.bench.sheet import to_markdown
     from karma.benchmarks.run import TABLE, read_results, written
 
     results = read_results(*runs)
     if not results.figures:
         raise KarmaError(f"{runs[0]}: the run has no episodes yet\n  To fix: karma eval FILE")
-    write_atomic(folder / TABLE, written(results))
+    write_beside(folder, TABLE, written(results))
     console.print(escape(to_markdown(results.behind)), soft_wrap=True)
     console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
     if json is not None:

@@ -48,8 +48,8 @@ def compare_command(
         for other in group[1:]
     ]
     for comparisons in found:
-        console.print(sheet_table(_side_by_side(comparisons[0]), kept="detectable"))
-        console.print(sheet_table(_by_kind(comparisons), kept="difference"))
+        console.print(sheet_table(_side_by_side(comparisons[0])))
+        console.print(sheet_table(_by_kind(comparisons)))
         console.print(escape(_remarks(comparisons[0])), soft_wrap=True, highlight=False)
     for words in set_apart(runs):
         console.print(escape(words), soft_wrap=True, highlight=False)
@@ -79,6 +79,7 @@ def table_command(
     from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
     from karma.bench.figures import plain
     from karma.bench.margins import margin_sheet, margins
+    from karma.bench.owned_folder import write_beside
     from karma.bench.published import load_published
     from karma.bench.results import result_of, unfinished
     from karma.bench.run_folder import benchmark_in, read_run
@@ -116,9 +117,9 @@ def table_command(
     for words in unfinished([str(run)]):
         console.print(escape(words), soft_wrap=True, highlight=False)
     folder = out or run
-    write_atomic(folder / "table.md", to_markdown(sheets).encode())
-    write_atomic(folder / "table.tex", to_latex(sheets).encode())
-    write_atomic(folder / "table.csv", tables.to_csv(result).encode())
+    write_beside(folder, "table.md", to_markdown(sheets).encode())
+    write_beside(folder, "table.tex", to_latex(sheets).encode())
+    write_beside(folder, "table.csv", tables.to_csv(result).encode())
     console.print(
         escape(
             f"written, with all that stands behind them: {folder}/table.md, table.tex, table.csv"

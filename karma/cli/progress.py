@@ -7,7 +7,7 @@ from rich.markup import escape
 from karma.cli.shared import console
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from rich.progress import Progress, ProgressColumn
 
 
 def bar(*, passing: bool = False) -> "Progress":
@@ -22,7 +22,6 @@ def bar(*, passing: bool = False) -> "Progress":
         Progress,
         TextColumn,
         TimeElapsedColumn,
-        TimeRemainingColumn,
     )
 
     return Progress(
@@ -30,12 +29,28 @@ def bar(*, passing: bool = False) -> "Progress":
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        _time_left(),
         console=console,
         transient=passing,
         disable=passing and not console.is_terminal,
     )
+
+
+def _time_left() -> "ProgressColumn":
+    """Return the column that says how long it will still take, while that is known and not over."""
+    from rich.progress import ProgressColumn, Task, TimeRemainingColumn
+    from rich.text import Text
+
+    class Left(ProgressColumn):
+        max_refresh = 0.5
+        _clock = TimeRemainingColumn()
+
+        def render(self, task: Task) -> Text:
+            if task.finished or not task.time_remaining:
+                return Text("")
+            return Text("left ").append_text(self._clock.render(task))
+
+    return Left()
 
 
 def tell_cluster(address: str, workers: int) -> None:

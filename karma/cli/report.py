@@ -92,20 +92,20 @@ def report_command(
                 f"{run}: lived-in homes have days, no episodes, frames or recording\n"
                 f"  To fix: karma report {run} --home HOME --day DAY --row ROW"
             )
-        _write_lived(run, out or run / "report.html", home, day, row)
+        _write_lived(run, out, home, day, row)
     elif len(runs) > 1 or is_sweep(run):
         if rerun is not None:
             raise KarmaError("--rerun is of one run\n  To fix: karma report RUN --rerun FILE")
         choice = (episodes, instructions, frames)
         _write_comparison(runs, out, reference, choice if pages else None, published)
     elif is_figure_folder(run):
-        _write_figure(run, out or run / "report.html")
+        _write_figure(run, out)
     else:
         choice = (episodes, instructions, frames)
-        _write_run(run, out or run / "report.html", choice, published, rerun)
+        _write_run(run, out, choice, published, rerun)
 
 
-def _write_lived(run: Path, path: Path, home: str, day: int | None, row: str) -> None:
+def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: str) -> None:
     """Write the page of a run of lived-in homes, with one day to watch."""
     from karma.report.lived_page import chosen_day, lived_again, read_lived, render_lived
 
@@ -114,7 +114,7 @@ def _write_lived(run: Path, path: Path, home: str, day: int | None, row: str) ->
     with bar(passing=True) as progress:
         line = progress.add_task("days lived again", total=record.day + 1)
         shown = lived_again(found, record, after_day=lambda: progress.advance(line))
-    write_atomic(path, render_lived(found, shown).encode())
+    path = _written(run, out, render_lived(found, shown))
     console.print(
         escape(
             f"page: {path}: {len(found.records)} days; to watch: {record.task} of {record.row!r}, "
@@ -124,10 +124,10 @@ def _write_lived(run: Path, path: Path, home: str, day: int | None, row: str) ->
     )
 
 
-def _write_figure(run: Path, path: Path) -> None:
+def _write_figure(run: Path, out: Path | None) -> None:
     from karma.report.figure_page import figure_page
 
-    write_atomic(path, figure_page(run).encode())
+    path = _written(run, out, figure_page(run))
     console.print(escape(f"page: {path}"), soft_wrap=True)
 
 
@@ -160,7 +160,7 @@ def _write_comparison(
                 page = one
             else:
                 progress.update(line, completed=round(100 * one))
-    write_atomic(path, render_comparison(page).encode())
+    _written(path.parent, out, render_comparison(page), path.name)
     console.print(
         escape(f"page: {path}: {len(page.sides)} side by side, {len(page.tasks)} tasks"),
         soft_wrap=True,
@@ -171,7 +171,7 @@ def _write_comparison(
     old = [folder for folder in folders if _is_old(folder / PAGE, folder)]
     for number, folder in enumerate(old, start=1):
         words = f"page {number} of {len(old)}: "
-        _write_run(folder, folder / PAGE, choice or ("", "", ""), published, None, words)
+        _write_run(folder, None, choice or ("", "", ""), published, None, words)
 
 
 def _is_old(page: Path, run: Path) -> bool:
@@ -182,7 +182,7 @@ def _is_old(page: Path, run: Path) -> bool:
 
 def _write_run(
     run: Path,
-    path: Path,
+    out: Path | None,
     choice: tuple[str, str, str],
     published: Path | None,
     rerun: Path | None,
@@ -215,7 +215,7 @@ def _write_run(
                 progress.update(line, completed=round(100 * one))
         progress.update(line, completed=100, description=f"{words}figures, pictures")
         page = page_of(found, result_of(found, paper), shown)
-        write_atomic(path, render(page, pictures).encode())
+        path = _written(run, out, render(page, pictures))
     console.print(
         escape(
             f"page: {path}: {len(shown)} of {page.episodes} episodes to step through, "
@@ -229,6 +229,16 @@ def _write_run(
 
         write_rerun(rerun, found.header.name, shown, pictures)
         console.print(escape(f"rerun: {rerun}"), soft_wrap=True)
+
+
+def _written(run: Path, out: Path | None, page: str, name: str = "report.html") -> Path:
+    """Write a page where it is wanted, else into the run's folder; returns where."""
+    from karma.bench.owned_folder import write_beside
+
+    if out is None:
+        return write_beside(run, name, page.encode())
+    write_atomic(out, page.encode())
+    return out
 
 
 def _say_replayed(same: int, actions: int) -> None:

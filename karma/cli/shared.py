@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.segment import Segment
 from rich.table import Table
 
+from karma.cli.wide_tables import parts_of
 from karma.errors import KarmaError
 from karma.offline import settle
 
@@ -53,6 +54,14 @@ def _fitting(text: str, encoding: str) -> str:
 
 class SafeConsole(Console):
     """A console whose every text, whoever wrote it, is shown and steers nothing."""
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        """Print as any console does; a table that is too wide comes in parts that fit."""
+        alone = objects[0] if len(objects) == 1 else None
+        for one in parts_of(alone, self) if isinstance(alone, Table) else ():
+            super().print(one, **how)
+        if not isinstance(alone, Table):
+            super().print(*objects, **how)
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
@@ -103,11 +112,11 @@ def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
     return wrapped
 
 
-def sheet_table(sheet: "Sheet", *, kept: str = "") -> Table:
-    """Return a sheet for the terminal; the column named `kept` is never broken."""
+def sheet_table(sheet: "Sheet") -> Table:
+    """Return a sheet for the terminal."""
     table = Table(title=escape(sheet.title), title_justify="left", caption=escape(sheet.caption))
     for number, name in enumerate(sheet.head):
-        table.add_column(escape(name), justify="right" if number else "left", no_wrap=name == kept)
+        table.add_column(escape(name), justify="right" if number else "left")
     for cells in sheet.lines:
         table.add_row(*map(escape, cells))
     return table

@@ -121,30 +121,35 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
     for name in ("task", "scene", "goals", *rows):
         table.add_column(escape(name))
     table.caption = (
-        "goals: resolved of all; a task is judged by those that could be resolved, and by none "
-        "where there are none; at start: all of them held when it began"
+        "goals: how many could be resolved, of all; a task is judged by those, and by none where "
+        "there are none; ✗: how many of those were met; at start: all of them held when it began"
     )
     table.add_column("notes", overflow="fold")
     by_task: dict[str, dict[str, EpisodeRecord]] = {}  # of each row the last seed
     for record in records:
         by_task.setdefault(record.task, {})[record.row] = record
     for task, found in by_task.items():
-        one = next(iter(found.values()))
-        goals = sum(len(sub.goals) for sub in one.subtasks)
+        one = max(found.values(), key=_goals)  # an error ends a record early
+        goals = _goals(one)
         table.add_row(
             escape(task),
             escape(one.scene),
-            f"{goals}/{goals + sum(note.startswith('unresolved') for note in one.notes)}",
-            *(_mark(found.get(row)) for row in rows),
+            f"{goals} of {goals + sum(note.startswith('unresolved') for note in one.notes)}",
+            *(_mark(found.get(row), goals) for row in rows),
             "\n".join(escape(note) for note in one.notes) or "",
         )
     return table
 
 
-def _mark(record: EpisodeRecord | None) -> str:
+def _goals(record: EpisodeRecord) -> int:
+    return sum(len(sub.goals) for sub in record.subtasks)
+
+
+def _mark(record: EpisodeRecord | None, goals: int) -> str:
+    """Return whether a task was solved; if not, how many of its goals were met."""
     if record is None or record.unjudged:
         return UNKNOWN
     if record.success:
         return "[green]✓[/]" if record.to_do else "[green]✓[/] at start"
-    good = sum(sub.success for sub in record.subtasks)
-    return f"[red]✗[/] {good}/{len(record.subtasks)}"
+    met = sum(len(sub.goals) - len(sub.unmet) for sub in record.subtasks)
+    return f"[red]✗[/] {met}/{goals}"

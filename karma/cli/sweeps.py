@@ -36,6 +36,7 @@ def export_command(
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
     from karma.bench.export import exported
+    from karma.bench.owned_folder import write_beside
 
     if to == "tensorboard":
         from karma.bench.tensorboard import write_tensorboard
@@ -45,9 +46,11 @@ def export_command(
         console.print(escape(f"written: {place}; to see it: tensorboard --logdir {place}"))
         return
     data = exported(run, to)
-    place = out or run / {"junit": "junit.xml"}.get(to, f"episodes.{to}")
-    write_atomic(place, data)
-    console.print(escape(f"written: {place}"))
+    if out is None:
+        out = write_beside(run, {"junit": "junit.xml"}.get(to, f"episodes.{to}"), data)
+    else:
+        write_atomic(out, data)
+    console.print(escape(f"written: {out}"))
 
 
 def do_sweep(

@@ -12,7 +12,7 @@ from karma.contracts import (
     Prompt,
     Scoring,
 )
-from karma.errors import ModelError
+from karma.errors import ModelError, RequestRefused
 
 
 class ScriptedModel:
@@ -50,14 +50,14 @@ class ScriptedModel:
         It is heard line by line.
 
         Raises:
-            ModelError: the script has run out.
+            RequestRefused: the script has run out.
         """
         self.prompts.append(prompt)
         self.specs.append(spec)
         text = next(self._answers, None)
         if text is None:
             count = len(self.prompts) - 1
-            raise ModelError(f"the script has run out: {count} answers, asked once more")
+            raise RequestRefused(f"the script has run out: {count} answers, asked once more")
         for number, line in enumerate(text.splitlines(keepends=True), 1):
             if listen is not None:
                 said = len(" ".join(text.splitlines()[:number]).split())
@@ -78,7 +78,7 @@ class ScriptedModel:
         """Choose the next line of the answers, `END` after each answer; others are passed over.
 
         Raises:
-            ModelError: the script has run out.
+            RequestRefused: the script has run out.
         """
         self._pass_over(continuations)
         if not self._lines:

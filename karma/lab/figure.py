@@ -14,6 +14,8 @@ from typing import Literal
 import msgspec
 
 from karma import __version__
+from karma.bench.folder import locked
+from karma.bench.owned_folder import HEADER, MARK, OwnedFolder
 from karma.errors import FileError
 from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
 from karma.lab.exploration import Exploration, explore
@@ -116,16 +118,28 @@ def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[Fig
     policies = _with_bounds(sized(figure.policies, figure.sizes))
     claims_of(figure.claims, [])  # a wrong name must not come to light minutes later
     pool = _pool(figure, path)
-    if (folder / "episodes.jsonl").exists():
-        raise FileError(folder, "this folder holds a run's episodes", fix="--out another folder")
-    if fresh:
-        _clear(folder)
-    _check_header(figure, pool, path, folder)
+    with locked(folder):
+        yield from _run(figure, policies, pool, path, folder, fresh=fresh)
+
+
+def _run(
+    figure: TraceFigure,
+    policies: tuple[str, ...],
+    pool: Pool,
+    path: Path,
+    folder: Path,
+    *,
+    fresh: bool,
+) -> Iterator[FigureProgress]:
+    owned = OwnedFolder(folder, "figure")
+    if fresh and owned.look():
+        owned.clear()
+    _claim(owned, figure, pool, path)
     places = [(workload, units) for workload in figure.workloads for units in figure.unit_sets]
     total, cells = len(places) * len(policies), []
     for number, (workload, units) in enumerate(places):
         done = number * len(policies)
-        kept = folder / "cells" / f"{workload}-{units}.json"
+        kept = folder / _cell(workload, units)
         if not kept.exists():
             runner = _Runner(figure, pool, workload, units)
             for more in runner.run(policies):
@@ -149,24 +163,28 @@ def read_figure(folder: Path) -> Results:
     return read_json(folder / "results.json", Results, fix="karma eval FILE runs the figure")
 
 
-def draw_figure(folder: Path) -> tuple[Path, ...]:
+def draw_figure(folder: Path, into: Path | None = None) -> tuple[Path, ...]:
     """Draw the results of a folder as PNG and SVG, and write its claims as Markdown.
+
+    Args:
+        folder: of the figure.
+        into: takes the files; None: the same folder.
 
     Raises:
         FileError: there are no results.
     """
     from karma.lab import plot
 
-    results = read_figure(folder)
+    results, into = read_figure(folder), into or folder
     caption = caption_of(results)
     if results.claims:
-        write_atomic(folder / "claims.md", claims_text(results.claims, caption).encode())
+        write_atomic(into / "claims.md", claims_text(results.claims, caption).encode())
     draw = plot.curves if results.figure.shows == "curves" else plot.exploration
     made: list[Path] = []
     for unit_set in results.figure.unit_sets:
         mine = [cell.results() for cell in results.cells if cell.unit_set == unit_set]
         picture = draw(mine, f"{results.figure.name}, {unit_set.upper()}", caption)
-        made += plot.save(picture, folder / f"figure-{unit_set}")
+        made += plot.save(picture, into / f"figure-{unit_set}")
     return tuple(made)
 
 
@@ -206,27 +224,32 @@ class _Header(msgspec.Struct, frozen=True, kw_only=True):
     tasks: str  # and of what is drawn from
 
 
-def _check_header(figure: TraceFigure, pool: Pool, path: Path, folder: Path) -> None:
+def _claim(owned: OwnedFolder, figure: TraceFigure, pool: Pool, path: Path) -> None:
+    """Make a folder the figure's, or see that it is; FileError where it holds something else."""
     header = _Header(
         version=__version__,
         figure=hashlib.sha256(read_bytes(path)).hexdigest(),
         tasks=hashlib.sha256(to_json([pool.source, pool.errands])).hexdigest(),
     )
-    place = folder / "header.json"
-    if place.exists() and read_json(place, _Header) != header:
+    place, data = owned.path / HEADER, to_json(header, indent=2)
+    cells = (_cell(one, units) for one in figure.workloads for units in figure.unit_sets)
+    drawn = (f"figure-{one}.{end}" for one in figure.unit_sets for end in ("png", "svg"))
+    names = {HEADER, "results.json", "claims.md", *cells, *drawn}
+    if not (owned.path / MARK).exists() and place.exists() and read_bytes(place) == data:
+        owned.adopt(names, data)  # an earlier version's, which left no mark
+    owned.look()
+    if place.exists() and read_bytes(place) != data:
         raise FileError(
             place,
             "this folder holds another figure, or one of other tasks",
             fix=f"karma eval {path} --fresh, or --out another folder",
         )
-    write_atomic(place, to_json(header, indent=2))
+    owned.begin(names, data)
+    owned.write(HEADER, data)
 
 
-def _clear(folder: Path) -> None:
-    for old in (folder / "cells").glob("*.json"):
-        old.unlink()
-    for name in ("header.json", "results.json", "claims.md"):
-        (folder / name).unlink(missing_ok=True)
+def _cell(workload: Workload, units: UnitSet) -> str:
+    return f"cells/{workload}-{units}.json"
 
 
 class _Runner:

@@ -65,10 +65,15 @@ def look_at(
 def keep(frame: Frame, folder: Path) -> str:
     """Write a picture into the run folder, once; returns its path below it."""
     data = png(frame)
-    name = f"{FOLDER}/{hashlib.sha256(data).hexdigest()[:20]}.png"
+    name = f"{FOLDER}/{picture_name(data)}.png"
     if not (folder / name).exists():
         write_atomic(folder / name, data)
     return name
+
+
+def picture_name(data: bytes) -> str:
+    """Return what a picture is called after its content."""
+    return hashlib.sha256(data).hexdigest()[:20]
 
 
 def png(frame: Frame) -> bytes:

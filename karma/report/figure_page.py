@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from karma.bench.formats import UNKNOWN, range_text
 from karma.bench.sheet import Sheet
@@ -31,13 +32,13 @@ def figure_page(folder: Path) -> str:
     Raises:
         FileError: the folder has no results yet, or they are torn.
     """
-    drawn = draw_figure(folder)
     results = read_figure(folder)
-    pictures = [
-        {"name": path.stem, "uri": data_uri("image/svg+xml", path.read_bytes())}
-        for path in drawn
-        if path.suffix == ".svg"
-    ]
+    with TemporaryDirectory() as place:
+        pictures = [
+            {"name": path.stem, "uri": data_uri("image/svg+xml", path.read_bytes())}
+            for path in draw_figure(folder, Path(place))
+            if path.suffix == ".svg"
+        ]
     return fill(
         "figure.html.j2",
         title=results.figure.name,

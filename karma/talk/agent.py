@@ -43,7 +43,7 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.language.lexicon import Lexicon
 from karma.methods.karma import KarmaMethod, Remembered
-from karma.talk.keeping import Keeper, next_folder
+from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.replies import AgentReply, RequestReply
 from karma.talk.views import Memory, RoomMap
 from karma.tasks.goals import GoalTracker
@@ -79,7 +79,8 @@ class Agent:
         models: which models fill the roles, in place of `planner`.
         options: of the agent, as in a row of an experiment, e.g. `{"policy": "fifo-merge[10]"}`.
         preset: "paper": recall, K and query as in the paper.
-        folder: takes the run: records, step log, pictures; None: the next in `runs/talks`.
+        folder: takes the run: records, step log, pictures; a new or empty one, which nobody else
+            has as long as the agent lives. None: the next in `runs/talks`.
         maps: folder of long-term memories.
         seed: of the planner's sampling.
         session: of hosted models.
@@ -90,7 +91,8 @@ class Agent:
         listen: hears the planner's answers as they come.
 
     Raises:
-        KarmaError: a model, scene or option is not there or not as it should be.
+        KarmaError: a model, scene or option is not there or not as it should be; or the folder
+            holds something.
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class Agent:
         self._world.reset(self.scene.source)  # wrong names are told before models are loaded
         check_options(row.method, row.all_options)
         check_options("karma", row.all_options)
+        place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
         loaded = resources or load_resources(
             named or Models(),
             maps=Path(maps),
@@ -131,8 +134,7 @@ class Agent:
         loaded = replace(loaded, decoding=decoding, listen=listen)
         self._method = KarmaMethod.build(loaded, row.all_options)
         self._lexicon = Lexicon(loaded.embedder)
-        where = Path(folder) if folder is not None else next_folder(self.scene.name)
-        self._keeper = Keeper(where, self.scene, row, named, loaded)
+        self._keeper = Keeper(place, self.scene, row, named, loaded)
         self._maps = Path(maps)
         self._begin(seed)
 
@@ -289,7 +291,7 @@ class Agent:
     @property
     def folder(self) -> Path:
         """Where the run is kept; `karma report FOLDER` makes a page of it."""
-        return self._keeper.folder
+        return self._keeper.place.folder
 
     @property
     def spent(self) -> tuple[Spent, ...]:

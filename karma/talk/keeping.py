@@ -4,11 +4,15 @@ The same records, step log and header as an experiment's; nobody judges it, as i
 """
 
 from collections.abc import Iterable, Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from weakref import finalize
 
 from karma.bench.episode import TimeLog
 from karma.bench.experiment import Experiment, Models, Row
+from karma.bench.folder import locked
 from karma.bench.provenance import header_of
 from karma.bench.records import EpisodeRecord, SubTaskRecord
 from karma.bench.run_folder import Finished, Header, RunFolder
@@ -18,21 +22,67 @@ from karma.errors import FileError
 
 TALKS = Path("runs/talks")
 SAID = "said"  # the task, and its kind
+_FIX = "--out another folder"
 
 
-def next_folder(scene: str, talks: Path = TALKS) -> Path:
-    """Return the next folder that is free: `kitchen_1-1`, then `kitchen_1-2`."""
-    number = 1
-    while (talks / f"{scene}-{number}").exists():
-        number += 1
-    return talks / f"{scene}-{number}"
+class TalkFolder:
+    """A folder that one conversation has for itself, as long as it lives.
+
+    Args:
+        folder: made where it is not there; None: the next of the scene that is free, such as
+            `kitchen_1-1`, then `kitchen_1-2`.
+        scene: its name.
+        talks: where those lie.
+
+    Raises:
+        FileError: it cannot be made, or something is in it.
+        KarmaError: another conversation is at work in it.
+    """
+
+    def __init__(self, folder: Path | None, scene: str, talks: Path = TALKS) -> None:
+        made = folder is None or not folder.exists()
+        self.folder = _next(scene, talks) if folder is None else folder
+        held = ExitStack()
+        held.enter_context(locked(self.folder))
+        self.files = RunFolder(self.folder, steps=True, kind="talk")
+        try:
+            self.files.reserve()
+        except BaseException:
+            held.close()
+            raise
+        self.leave = finalize(self, _left, self.files, held, made)
+
+
+def _left(files: RunFolder, held: ExitStack, made: bool) -> None:
+    """Let go of a folder; where nothing was said, nothing of it stays."""
+    with held, suppress(OSError):
+        files.release()
+        if made:
+            files.path.rmdir()
+
+
+def _next(scene: str, talks: Path) -> Path:
+    """Make the next folder that is free, which nobody else can have made."""
+    for number in count(1):
+        place = talks / f"{scene}-{number}"
+        try:
+            talks.mkdir(parents=True, exist_ok=True)
+            place.mkdir()
+        except FileExistsError:
+            if talks.is_dir():
+                continue
+            raise FileError(talks, "is no folder", fix=_FIX) from None
+        except OSError as error:
+            raise FileError(place, f"cannot be made: {error.strerror}", fix=_FIX) from error
+        return place
+    raise AssertionError
 
 
 class Keeper:
     """Writes a conversation into its folder, whole each time.
 
     Args:
-        folder: of the run; made at the first writing.
+        place: of the run.
         scene: where.
         row: name and options of the agent.
         models: that were loaded by name; None where they were given.
@@ -40,9 +90,9 @@ class Keeper:
     """
 
     def __init__(
-        self, folder: Path, scene: SceneRef, row: Row, models: Models | None, given: Resources
+        self, place: TalkFolder, scene: SceneRef, row: Row, models: Models | None, given: Resources
     ) -> None:
-        self.folder, self._scene, self._row = folder, scene, row
+        self.place, self._scene, self._row = place, scene, row
         self._models, self._given = models, given
 
     def write(
@@ -75,13 +125,7 @@ class Keeper:
         )
         files = {f"maps/{name}.json": data for name, data in maps.items()}
         finished = Finished(record=record, timing=times.of(record), steps=steps.data(), files=files)
-        header = self._header(subtasks)
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            reason = f"cannot be made: {error.strerror}"
-            raise FileError(self.folder, reason, fix="--out another folder") from error
-        RunFolder(self.folder, steps=True).put_only(header, finished)
+        self.place.files.put_only(self._header(subtasks), finished)
 
     def _header(self, done: Iterable[SubTaskRecord]) -> Header:
         said = tuple(SubTask(instruction=one.instruction) for one in done)

@@ -8,12 +8,9 @@ import pytest
 from support.abuse import all_held, refused
 from support.abuse.files import a_gguf, files
 from support.household import kitchen
-from support.made_records import episode, write_run
 from typer.testing import CliRunner
 
-from karma.bench.folder import check_ours, sweep
-from karma.bench.run_folder import _OURS as OURS
-from karma.bench.run_folder import HEADER, RunFolder
+from karma.bench.owned_folder import MARK, OwnedFolder
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnwritableError
 from karma.files import TEMPORARY, below, read_toml, unpack, write_atomic
@@ -38,43 +35,39 @@ def test_folder_that_is_no_run_is_refused_and_keeps_every_file(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("mine")
     before = sorted(tmp_path.rglob("*"))
-    sweep(tmp_path, OURS)
+    owned = OwnedFolder(tmp_path, "run")
+    owned.sweep()
     with pytest.raises(FileError, match="holds no run, but"):
-        check_ours(tmp_path, OURS, header=HEADER)
+        owned.look()
     assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_run_folder_sweeps_its_own_leftovers_only(tmp_path):
-    folder = write_run(tmp_path / "run", [episode()])
-    mine = folder / ".notes.original"
-    left = [folder / f".episodes.jsonl.ab12cd34{TEMPORARY}", folder / f"maps/.a.json.x{TEMPORARY}"]
-    for path in (mine, *left):
+    owned = OwnedFolder(tmp_path, "run")
+    owned.begin(["episodes.jsonl", "maps/a.json"])
+    mine = [tmp_path / ".notes.original", tmp_path / f"maps/.b.json.x{TEMPORARY}"]
+    left = [
+        tmp_path / f".episodes.jsonl.ab12cd34{TEMPORARY}",
+        tmp_path / f"maps/.a.json.x{TEMPORARY}",
+    ]
+    for path in (*mine, *left):
         path.parent.mkdir(exist_ok=True)
         path.write_text("x")
-    sweep(folder, OURS)
-    assert mine.exists()
+    owned.sweep()
+    assert all(path.exists() for path in mine)
     assert not any(path.exists() for path in left)
 
 
-def test_fresh_run_throws_away_no_folder_that_is_not_a_run_s(tmp_path):
-    (tmp_path / HEADER).write_text('{"title": "my page"}')
-    (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "one.txt").write_text("mine")
-    with pytest.raises(FileError, match=r"header\.json"):
-        RunFolder(tmp_path, steps=True).clear()
-    assert (tmp_path / "scenes" / "one.txt").read_text() == "mine"
-
-
-@pytest.mark.parametrize("part", ["episodes.jsonl", "maps", "scenes/a.json"])
+@pytest.mark.parametrize("part", ["episodes.jsonl", "maps", "scenes/a.json", MARK])
 def test_run_folder_with_a_link_in_it_is_refused(part, tmp_path):
-    elsewhere = tmp_path / "elsewhere"
+    elsewhere, folder = tmp_path / "elsewhere", tmp_path / "run"
     elsewhere.mkdir()
-    folder = write_run(tmp_path / "run", [])
+    OwnedFolder(folder, "run").begin(["episodes.jsonl", "maps/b.json", "scenes/a.json"])
     (folder / part).unlink(missing_ok=True)
     (folder / part).parent.mkdir(exist_ok=True)
     (folder / part).symlink_to(elsewhere)
     with pytest.raises(FileError, match="is a link"):
-        check_ours(folder, OURS, header=HEADER)
+        OwnedFolder(folder, "run").look()
 
 
 def test_link_stays_and_what_it_leads_to_is_replaced(tmp_path):

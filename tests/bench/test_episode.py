@@ -1,17 +1,35 @@
 """One task, one method, one world: what the record says of it."""
 
+from contextlib import nullcontext
+from importlib import import_module
+from pkgutil import iter_modules
+
 import pytest
 
+import karma
 from karma import registry
 from karma.agent.planner import Planner
 from karma.bench.episode import run_episode
 from karma.contracts import MemoryUnit, Outcome, SceneRef, SubTask, Task
-from karma.errors import FileError
+from karma.errors import (
+    FileError,
+    KarmaError,
+    ModelError,
+    ProgramError,
+    RequestRefused,
+    ServerLost,
+    UnknownNameError,
+    UnwritableError,
+    WorkerLost,
+    WorldLost,
+)
+from karma.infer.hosted.cassette import CassetteError
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
 from karma.memory.recall import CosineRecall
 from karma.methods.expert import ExpertMethod
 from karma.methods.karma import KarmaMethod, KarmaSettings
+from karma.offline import NetworkRefused
 from karma.tasks.goals import parse_goal
 from karma.world.sim import EmbeddedWorld
 
@@ -135,9 +153,9 @@ def test_record_keeps_refused_answers_and_failed_calls(run):
     assert "Unicorn" in second.calls[0].reason
 
 
-def test_error_ends_the_episode_and_is_recorded_with_what_was_done(run):
+def test_error_of_the_agent_s_own_ends_the_episode_and_is_recorded_with_what_was_done(run):
     record = run([AWAY])
-    assert record.error.startswith("ModelError: the script has run out")
+    assert record.error.startswith("RequestRefused: the script has run out")
     assert len(record.subtasks) == 1
     assert record.subtasks[0].success
     assert not record.success
@@ -174,11 +192,63 @@ class Blurting(Mute):
         yield Outcome(finished=True, resident=(unit,), handled_ids=())
 
 
-def test_method_without_an_outcome_is_a_recorded_error(tmp_path):
+def test_method_without_an_outcome_is_a_bug_and_no_failed_episode(tmp_path):
+    with pytest.raises(KarmaError, match="mute ended an instruction without an outcome"):
+        run_episode(Mute(), EmbeddedWorld(), PUT_AND_FETCH, row="mute", seed=0, folder=tmp_path)
+
+
+class Failing(Mute):
+    """A method in whose course an error comes up."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def do(self, subtask):
+        raise self._error
+        yield
+
+
+class OfAPlugin(KarmaError):
+    """What somebody's plug-in raises."""
+
+
+NOT_THE_AGENTS = [
+    KarmaError("x"), FileError("x", "torn"), UnwritableError("x", "full"), UnknownNameError("x"),
+    ModelError("damaged weights"), ServerLost("x"), WorkerLost("x", "killed"),
+    WorldLost("it died", during="PickupObject", log="x.log"),
+    NetworkRefused("a socket", "x", "y"),
+    CassetteError("x", "a miss"), OfAPlugin("x"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("error", NOT_THE_AGENTS, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("goals", [("OPEN(Fridge)",), ()], ids=["judged", "unjudged"])
+def test_error_that_is_not_the_agent_s_is_no_record_of_a_failure(error, goals, tmp_path):
+    asked = task(("Go.", *goals))
+    unplayed = not goals and type(error) is FileError  # nobody is judged, and its room may be lost
+    with nullcontext() if unplayed else pytest.raises(type(error)):
+        run_episode(Failing(error), EmbeddedWorld(), asked, row="x", seed=0, folder=tmp_path)
+
+
+@pytest.mark.parametrize(
+    "error", [RequestRefused("too long"), ProgramError("no skill", line=1, code="Fly()")]
+)
+def test_error_of_the_agent_s_own_is_its_failure(error, tmp_path):
     record = run_episode(
-        Mute(), EmbeddedWorld(), PUT_AND_FETCH, row="mute", seed=0, folder=tmp_path
+        Failing(error), EmbeddedWorld(), PUT_AND_FETCH, row="x", seed=0, folder=tmp_path
     )
-    assert "mute ended an instruction without an outcome" in record.error
+    assert record.error == f"{type(error).__name__}: {error}"
+    assert not record.success
+
+
+def test_every_error_of_the_package_is_the_agent_s_only_where_its_class_says_so():
+    for module in iter_modules(karma.__path__, "karma."):
+        import_module(module.name)
+    kinds = {KarmaError}
+    while more := {one for kind in kinds for one in kind.__subclasses__()} - kinds:
+        kinds |= more
+    ours = {kind.__name__ for kind in kinds if kind.agents_own and "test" not in kind.__module__}
+    assert ours == {"RequestRefused", "ProgramError"}
 
 
 def test_slice_in_memory_is_a_hit_for_the_whole(tmp_path):

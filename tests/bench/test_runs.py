@@ -19,12 +19,12 @@ from typer.testing import CliRunner
 
 from karma.bench.configuration import CONFIG
 from karma.bench.folder import locked
+from karma.bench.owned_folder import HEADER, MARK, OwnedFolder, read_mark
 from karma.bench.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
 from karma.bench.run import Run
 from karma.bench.run_folder import (
     EPISODES,
     FORMAT,
-    HEADER,
     RESULTS,
     TIMINGS,
     Finished,
@@ -39,6 +39,8 @@ from karma.cli import app
 from karma.contracts import SubTask
 from karma.errors import FileError, KarmaError
 from karma.files import TEMPORARY
+from karma.methods.picture_states import FOLDER as PICTURES
+from karma.methods.picture_states import picture_name
 from karma.seeds import stream
 from karma.tasks.goals import GoalTracker, WatchedWorld, parse_goal
 from karma.world.sim import EmbeddedWorld
@@ -294,7 +296,9 @@ def test_comment_in_the_experiment_and_another_machine_change_nothing(whole, tmp
     other.write_text("# a comment\n" + path.read_text())
     header = json.loads((run / HEADER).read_text())
     header["machine"]["cpu"] = "an abacus"
-    (run / HEADER).write_text(json.dumps(header))
+    (run / MARK).unlink()
+    OwnedFolder(run, "run").adopt(read_mark(folder)[1], data := json.dumps(header).encode())
+    (run / HEADER).write_bytes(data)
     assert list(Run(other, run).episodes()) == []
 
 
@@ -328,22 +332,66 @@ def test_folder_of_the_earlier_form_is_refused_with_the_fix(planner, tmp_path):
     folder.mkdir()
     old = {"version": "0.1.0", "experiment": "a", "tasks": "b", "planner": "c", "network": False}
     (folder / HEADER).write_text(json.dumps(old))
-    for attempt in (lambda: read_run(folder), lambda: Run(path, folder)):
-        with pytest.raises(FileError, match="no run of the present form") as caught:
-            attempt()
-        assert "To fix: run it again: karma eval FILE --fresh" in str(caught.value)
-    assert Run(path, folder, fresh=True).records == []
+    with pytest.raises(FileError, match="no run of the present form") as caught:
+        read_run(folder)
+    assert "To fix: run it again: karma eval FILE --out another folder" in str(caught.value)
+    for fresh in (False, True):
+        with pytest.raises(FileError, match=r"holds no run, but 'header.json': no run left its"):
+            Run(path, folder, fresh=fresh)
+    assert json.loads((folder / HEADER).read_text()) == old
     with pytest.raises(FileError, match="there is no run in this folder"):
         read_run(tmp_path)
+
+
+def test_same_run_of_a_version_without_marks_is_gone_on_with(whole, tmp_path):
+    path, folder = whole
+    cut = copy(folder, tmp_path / "cut")
+    (cut / MARK).unlink()
+    (cut / RESULTS).unlink()
+    lines = (cut / EPISODES).read_bytes().splitlines(keepends=True)
+    (cut / EPISODES).write_bytes(b"".join(lines[:-2]))  # whose step logs are there
+    assert len(read_run(cut).records) == 10
+    with pytest.raises(FileError, match="no run left its mark"):
+        Run(path, cut, fresh=True)
+    assert len(list(Run(path, cut).episodes())) == 2
+    assert files(cut) == files(folder)
+
+
+def test_other_run_of_a_version_without_marks_is_refused_by_what_differs(whole, tmp_path):
+    path, folder = whole
+    old, other = copy(folder, tmp_path / "old"), tmp_path / "x.toml"
+    (old / MARK).unlink()
+    other.write_text(path.read_text().replace("seeds = [0, 1]", "seeds = [0, 2]"))
+    with pytest.raises(
+        FileError, match=r"seeds: \[0,1\] became \[0,2\]\n  To fix: --out another f"
+    ):
+        Run(other, old)
+    assert not (old / MARK).exists()
 
 
 def test_fresh_run_forgets_what_the_earlier_one_left_and_nothing_else(whole, tmp_path):
     path, folder = whole
     run = copy(folder, tmp_path / "run")
-    (run / "notes.txt").write_text("mine")
-    (run / HEADER).write_text('{"torn')
+    theirs = ("notes.txt", "maps/mine.json", "steps/mine.gz", f"{PICTURES}/mine.png")
+    for name in theirs:
+        (run / name).parent.mkdir(parents=True, exist_ok=True)
+        (run / name).write_text("mine")
+    (run / PICTURES / f"{picture_name(b'seen')}.png").write_bytes(b"seen")
     assert Run(path, run, fresh=True).records == []
-    assert sorted(p.name for p in run.iterdir()) == [CONFIG, HEADER, "notes.txt"]
+    left = {p.relative_to(run).as_posix() for p in run.rglob("*") if p.is_file()}
+    assert left == {CONFIG, HEADER, MARK, *theirs}
+    assert all((run / name).read_text() == "mine" for name in theirs)
+
+
+def test_header_that_the_run_did_not_write_is_refused_and_stays(whole, tmp_path):
+    path, folder = whole
+    run = copy(folder, tmp_path / "run")
+    (run / HEADER).write_text('{"experiment": "mine"}')
+    before = files(run)
+    for fresh in (False, True):
+        with pytest.raises(FileError, match="is not the one that this folder's run wrote"):
+            Run(path, run, fresh=fresh)
+    assert files(run) == before
 
 
 # ----------------------------------------------------------------- killed at any byte
@@ -364,6 +412,7 @@ def complete(folder, order=range(4)):
     """Do what is missing."""
     files = RunFolder(folder, steps=True)
     with locked(files.path):
+        files.claim(header(format=FORMAT), {"rows": []}, fix="")
         done = {record.key for record in files.done()[0]}
         for number in order:
             if ORDER[number] not in done:
@@ -386,6 +435,7 @@ def test_run_killed_at_any_byte_ends_in_the_same_bytes(
     folder = base / "killed"
     folder.mkdir()
     run = RunFolder(folder, steps=True)
+    run.claim(header(format=FORMAT), {"rows": []}, fix="")
     for number in order[:whole_episodes]:
         run.commit(finished(number))
     before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
@@ -478,7 +528,7 @@ def test_eval_takes_a_figure_of_the_laboratory_too(tmp_path):
     taken = CliRunner().invoke(
         app, ["eval", str(path), "--fresh", "--out", str(tmp_path / "taken")]
     )
-    assert (taken.exit_code, "holds a run's episodes" in taken.output) == (1, True)
+    assert (taken.exit_code, "holds no run, but" in taken.output) == (1, True)
     arguments = ["eval", str(path), "--out", str(tmp_path / "run")]
     refused = CliRunner().invoke(app, [*arguments, "--half-width", "0.1"])
     assert (refused.exit_code, "has no --half-width" in refused.output) == (1, True)

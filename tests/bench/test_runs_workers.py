@@ -10,7 +10,7 @@ from support.tiny import export_tiny
 from karma.bench.experiment import Models
 from karma.bench.run import Run
 from karma.bench.worker_count import suggest_workers
-from karma.errors import KarmaError
+from karma.errors import KarmaError, WorkerLost
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.session import Endpoint, Hosted
 
@@ -60,19 +60,27 @@ def test_worker_that_dies_is_replaced_and_its_episode_done_once_more(
     deadly, planner, tmp_path, caplog
 ):
     rows = '[[rows]]\nname = "deadly"\nmethod = "deadly"\n'
-    path = write_experiment(tmp_path / "x.toml", planner, rows=rows, only=ONLY[:2], more="")
-    run = Run(path, tmp_path / "run")
-    records = {record.task: record for record in run.episodes(workers=2)}
-    lost = [record for record in records.values() if record.error]
-    assert [record.task for record in lost] == ["simple-14"]
-    assert lost[0].error == (
-        "WorkerLost: 2 workers died of it, the last was killed by SIGKILL, as happens when memory "
-        "runs out"
-    )
-    assert (lost[0].subtasks, lost[0].success) == ((), False)
-    assert all(record.subtasks for record in records.values() if not record.error)
+    path = write_experiment(tmp_path / "x.toml", planner, rows=rows, only=ONLY[:1], more="")
+    (record,) = Run(path, tmp_path / "run").episodes(workers=2)
+    assert (record.error, len(record.subtasks)) == ("", 2)
     assert "a worker was killed by SIGKILL" in caplog.text
-    assert list(Run(path, tmp_path / "run").episodes()) == []
+
+
+def test_episode_that_kills_two_workers_ends_the_run_and_is_nobody_s_failure(
+    deadly, planner, tmp_path
+):
+    rows = '[[rows]]\nname = "deadly"\nmethod = "deadly"\n'
+    path = write_experiment(tmp_path / "x.toml", planner, rows=rows, only=ONLY[:2], more="")
+    with pytest.raises(WorkerLost) as caught:
+        list(Run(path, tmp_path / "run").episodes(workers=2))
+    assert str(caught.value).startswith(
+        "episode deadly/simple-14/0 cannot be done: 2 workers died of it, the last was killed by "
+        "SIGKILL, as happens when memory runs out"
+    )
+    again = Run(path, tmp_path / "run")
+    assert "simple-14" not in {record.task for record in again.records}
+    assert not any(record.error for record in again.records)
+    assert again.left > 0
 
 
 HOSTED = """

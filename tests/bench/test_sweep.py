@@ -15,9 +15,10 @@ from karma.bench.experiment_file import Changes
 from karma.bench.export import exported, to_arrow, to_csv, to_junit
 from karma.bench.folder import locked
 from karma.bench.metrics import METRICS
+from karma.bench.owned_folder import HEADER
 from karma.bench.records import read_records
 from karma.bench.run import Run
-from karma.bench.run_folder import EPISODES, HEADER, RESULTS, read_run
+from karma.bench.run_folder import EPISODES, RESULTS, read_run
 from karma.bench.steps import slug
 from karma.bench.sweep import SweepRun, cells_of, planners_in
 from karma.bench.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
@@ -353,7 +354,7 @@ def test_prompts_that_fit_no_context_are_named_under_the_table(tmp_path):
     assert len(list(sweep.episodes(1))) == 2 * 2
     assert sweep.failed == {}
     table = (tmp_path / "run" / TABLE).read_text()
-    assert "Ended by an error: planner=a: 2 of 4 episodes, the first: ModelError" in table
+    assert "Ended by an error: planner=a: 2 of 4 episodes, the first: RequestRefused" in table
     assert "context of 64" in table
 
 

@@ -23,7 +23,7 @@ from karma.bench.experiment_file import DataFolders, with_places_here
 from karma.benchmarks.eb_alfred.experiment import EbExperiment
 from karma.benchmarks.run import EPISODES, HEADER, BenchmarkRun
 from karma.cli import app
-from karma.errors import KarmaError
+from karma.errors import KarmaError, WorkerLost
 from karma.infer.hosted.cassette import Cassette
 
 pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
@@ -96,9 +96,6 @@ class Deadly:
                 os.kill(os.getpid(), signal.SIGKILL)
             yield Record(row="r", task=task, seed=0, success=True, end="played")
         return play
-
-    def lost(self, chain, cause):
-        return [Record(row="r", task=chain.tasks[0], seed=0, success=False, end=cause)]
 
     def results(self, records):
         done = tuple((one.task, one.end) for one in records)
@@ -196,7 +193,7 @@ def test_cluster_that_is_stopped_and_loses_all_workers_goes_on_to_the_same_bytes
     assert run_files(tmp_path / "ray") == run_files(tmp_path / "one")
 
 
-def test_chain_that_kills_its_workers_is_done_again_and_then_lost(
+def test_chain_that_kills_its_workers_is_done_again_and_then_ends_the_run(
     cluster, plugin, tmp_path, monkeypatch
 ):
     monkeypatch.syspath_prepend(str(plugin))
@@ -204,13 +201,11 @@ def test_chain_that_kills_its_workers_is_done_again_and_then_lost(
     path = tmp_path / "x.toml"
     path.write_text(f'name = "x"\nbenchmark = "deadly"\nmark = "{tmp_path / "mark"}"\n')
     run = BenchmarkRun(path, tmp_path / "run")
-    assert len(list(run.episodes(1, ray=cluster))) == 3
-    cause = "lost with its node or killed, as happens when memory runs out"
-    assert [(one.task, one.end) for one in run.records] == [
-        ("once", "played"),
-        ("always", cause),
-        ("never", "played"),
-    ]
+    cause = "2 workers died of it, the last was lost with its node or killed"
+    with pytest.raises(WorkerLost, match=f"r/always/0 cannot be done: {cause}"):
+        list(run.episodes(1, ray=cluster))
+    again = BenchmarkRun(path, tmp_path / "run")
+    assert [(one.task, one.end) for one in again.records] == [("once", "played")]
 
 
 def test_nodes_find_their_own_files_for_an_experiment_that_only_this_machine_has(cluster, eb_run):

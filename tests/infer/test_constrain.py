@@ -86,7 +86,7 @@ def test_random_program_is_a_member_and_its_prefixes_are_alive(spec, generator, 
     assert members(spec, text)
     for cut in range(len(text) + 1):
         found = read(automaton, text[:cut])
-        assert found == ("whole" if cut and text[cut - 1] == "\n" else "alive")
+        assert found == ("whole" if cut and text[:cut].rstrip("\n")[-1:] == ")" else "alive")
     state = automaton.start()
     for character in text:  # and one character at a time leads to the same place
         state = automaton.advance(state, character)
@@ -138,7 +138,8 @@ def test_mangled_program_is_accepted_only_if_still_a_member(spec, generator, dat
     "", "\n", "GoToObject(robot, 'Pear')\n", "GoToObject(robot,'Apple')\n",
     "Explore(robot, 'Apple', [])\n",
     "Explore(robot, 'Apple', ['node_1',])\n", "Explore(robot, ['node_1'])\n", "GoToObject(robot)\n",
-    "GoToObject(robot, 'Apple')\n\n", "# hm\nWait(robot)\n", "Wait(robot)", "wait(robot)\n",
+    "GoToObject(robot, 'Apple')#", "GoToObject(robot, 'Apple')\n``", "# hm\nWait(robot)\n",
+    "Wait(robot", "wait(robot)\n", "Wait(robot)\n\n\n", "Wait(robot)\n#\nWait(robot)\n",
     "Wait(robot)\n" * 4, "refuse('deed')\n",
 ])  # fmt: skip
 def test_text_outside_the_language_is_not_accepted(text):

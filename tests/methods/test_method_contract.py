@@ -276,10 +276,10 @@ def test_begin_again_leaves_nothing_of_the_episode_before(name, tmp_path):
     assert moments[0] == moments[1]
 
 
-def test_model_that_fails_becomes_a_record(name, tmp_path):
+def test_model_that_refuses_what_is_asked_becomes_a_record(name, tmp_path):
     method = build(name, answers=[])
     record = run_episode(method, EmbeddedWorld(), TASK, row=name, seed=0, folder=tmp_path)
-    assert record.error.startswith("ModelError: ") == (name not in ("expert", "idle"))
+    assert record.error.startswith("RequestRefused: ") == (name not in ("expert", "idle"))
     assert record.success == (name == "expert")
 
 

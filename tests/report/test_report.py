@@ -22,12 +22,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.chromium import chromium
 from support.paths import ROOT
-from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, TASKS, make_run
+from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, make_run
 from typer.testing import CliRunner
 
-from karma.bench.records import EpisodeRecord
+from karma.bench.records import EpisodeRecord, EpisodeTiming
 from karma.bench.results import result_of
-from karma.bench.run_folder import RunFolder, read_run
+from karma.bench.run_folder import Finished, RunFolder, read_run
 from karma.bench.steps import (
     Action,
     Ended,
@@ -38,7 +38,6 @@ from karma.bench.steps import (
     read_steps,
     steps_path,
 )
-from karma.bench.workers import Job, lost_episode
 from karma.cli import app
 from karma.errors import KarmaError
 from karma.report.choice import choose, episode_key
@@ -404,16 +403,20 @@ def test_page_without_step_logs_has_tables_and_no_replay(run):
     assert 'id="replay"' not in page
 
 
-def test_episode_that_was_lost_before_it_began_is_in_the_tables_only(tmp_path):
+def test_episode_that_ended_before_it_began_is_in_the_tables_only(tmp_path):
     folder = make_run(tmp_path / "run", KEYS[:1])
-    lost = lost_episode(Job(row=EXPERT, task=TASKS["t1"], seed=0), "killed")
-    RunFolder(folder, steps=True).commit(lost)
+    record = EpisodeRecord(
+        row=EXPERT, task="t1", kind="simple", scene="kitchen_1", seed=0, notes=(), subtasks=(),
+        error="RequestRefused: too long",
+    )  # fmt: skip
+    timing = EpisodeTiming(row=EXPERT, task="t1", seed=0, subtasks=())
+    RunFolder(folder, steps=True).commit(Finished(record=record, timing=timing))
     result = invoke(folder, "--episodes", "all")
     assert result.exit_code == 0, result.output
     assert "1 of 2 episodes to step through" in " ".join(result.output.split())
     page = (folder / "report.html").read_text()
     assert [one["key"] for one in data_of(page)] == [f"{AGENT}/t1/0"]
-    assert "WorkerLost" in page
+    assert "RequestRefused" in page
 
 
 def test_success_plot_puts_rates_and_intervals_on_the_scale():

@@ -3,8 +3,9 @@
 from hypothesis import strategies as st
 
 from karma.bench.needs import needs
+from karma.bench.owned_folder import HEADER
 from karma.bench.records import Answer, Call, EpisodeRecord, SubTaskRecord
-from karma.bench.run_folder import EPISODES, FORMAT, HEADER, TIMINGS, Header, Machine
+from karma.bench.run_folder import EPISODES, FORMAT, TIMINGS, Header, Machine
 from karma.files import to_json
 
 

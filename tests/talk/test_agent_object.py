@@ -1,7 +1,9 @@
 """`from karma import Agent`: one path for Python, `karma run` and `karma chat`."""
 
+import gc
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from html.parser import HTMLParser
 
 import pytest
@@ -13,9 +15,9 @@ from karma import Agent
 from karma.bench.experiment import Models
 from karma.bench.run_folder import read_run
 from karma.bench.steps import read_steps, steps_path
-from karma.errors import KarmaError
+from karma.errors import FileError, KarmaError
 from karma.talk.agent import asking
-from karma.talk.keeping import next_folder
+from karma.talk.keeping import TalkFolder
 from karma.talk.replies import ROWS, lines_of, lines_why, rows_for
 
 
@@ -162,10 +164,47 @@ def test_answers_fit_a_screen_of_24_rows_however_much_there_is(tmp_path):
     assert all("\n" not in line.text for line in lines_of(part))
 
 
-def test_next_folder_is_the_first_that_is_free(tmp_path):
-    assert next_folder("kitchen_1", tmp_path).name == "kitchen_1-1"
+def test_place_is_the_first_folder_that_is_free(tmp_path):
     (tmp_path / "kitchen_1-1").mkdir()
-    assert next_folder("kitchen_1", tmp_path).name == "kitchen_1-2"
+    places = [TalkFolder(None, "kitchen_1", tmp_path) for _ in range(2)]
+    assert [one.folder.name for one in places] == ["kitchen_1-2", "kitchen_1-3"]
+
+
+def test_conversations_begun_at_once_have_a_folder_each(tmp_path):
+    with ThreadPoolExecutor(8) as pool:
+        places = list(pool.map(lambda _: TalkFolder(None, "kitchen_1", tmp_path), range(40)))
+    assert len({one.folder for one in places}) == 40
+
+
+def test_two_conversations_at_once_in_one_folder_are_refused(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE])
+    with pytest.raises(KarmaError, match="another run is at work in this folder"):
+        agent_saying(tmp_path, [TAKE])
+    agent.do("take the apple")
+    before = files(agent.folder)
+    folder = agent.folder
+    del agent
+    gc.collect()
+    with pytest.raises(FileError, match="holds another conversation"):
+        agent_saying(tmp_path, [TAKE])
+    assert files(folder) == before
+
+
+def test_conversation_in_which_nothing_was_said_leaves_no_folder(tmp_path):
+    given = tmp_path / "given"
+    given.mkdir()
+    places = [TalkFolder(one, "kitchen_1", tmp_path) for one in (None, tmp_path / "new", given)]
+    for one in places:
+        one.leave()
+    assert list(tmp_path.rglob("*")) == [given]
+
+
+def test_file_of_somebody_s_in_the_way_of_a_conversation_stays(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE])
+    (agent.folder / "results.json").write_text("mine")
+    with pytest.raises(FileError, match="this run did not write it"):
+        agent.do("take the apple")
+    assert (agent.folder / "results.json").read_text() == "mine"
 
 
 def test_nothing_said_is_refused(tmp_path):

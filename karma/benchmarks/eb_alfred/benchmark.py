@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.eb_alfred.experiment import EbExperiment, EbRow, remarks_on, tasks_of
-from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, lost_episode, play
+from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, play
 from karma.benchmarks.eb_alfred.prompt import kind_of
 from karma.benchmarks.eb_alfred.table import detail_sheet, results_of, success_sheet
 from karma.benchmarks.trial_rooms import read_rooms, room_files
@@ -74,11 +74,6 @@ class EbAlfred:
                 yield play(stage, rows[chain.row], tasks[task], chain.seed, puts)
 
         return played
-
-    def lost(self, chain: Chain, cause: str) -> list[EbRecord]:
-        """Return records of episodes that end every process that plays them."""
-        tasks = {task.id: task for task in tasks_of(self._experiment, self._path)}
-        return [lost_episode(chain.row, tasks[one], chain.seed, cause) for one in chain.tasks]
 
     def results(self, records: Sequence[EbRecord]) -> BenchmarkResults:
         """Return success rates by list, and what lies behind them."""

@@ -2,14 +2,12 @@
 
 from dataclasses import dataclass
 
-from karma.bench.pool import LIVES
 from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.planner import PlannerAnswer, PlannerPlayer
 from karma.benchmarks.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
 from karma.benchmarks.trial_rooms import TrialRooms
 from karma.contracts import LanguageModel
-from karma.errors import KarmaError, ServerLost, UnwritableError
-from karma.infer.hosted.cassette import CassetteError
+from karma.errors import KarmaError
 from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import ActionTypes
 from karma.world.eb_alfred.environment import Environment, Step
@@ -50,7 +48,7 @@ class EbStage:
 
 
 def play(stage: EbStage, row: EbRow, task: ListedTask, seed: int, puts: dict[str, int]) -> EbRecord:
-    """Play an episode; what is wrong with it or its model is in the record.
+    """Play an episode; what is wrong with it, or with what a model was asked, is in the record.
 
     Args:
         stage: what all share.
@@ -60,8 +58,7 @@ def play(stage: EbStage, row: EbRow, task: ListedTask, seed: int, puts: dict[str
         puts: counts of puts, which a strict row's next episode goes on with.
 
     Raises:
-        CassetteError: a recording does not hold what was asked for, or cannot be written.
-        ServerLost: a hosted model cannot answer now.
+        KarmaError: what is no player's doing, e.g. a server is lost or the disk full.
     """
     environment: Environment | None = None
     player = _player(stage, row, task, seed)
@@ -79,31 +76,12 @@ def play(stage: EbStage, row: EbRow, task: ListedTask, seed: int, puts: dict[str
             while not environment.end:
                 calls += 1
                 _take_turn(environment, player)
-    except (CassetteError, ServerLost, UnwritableError):
-        raise  # nothing that the player did
     except KarmaError as problem:
+        if not problem.agents_own:
+            raise
         error = str(problem)
     answers = tuple(player.answers) if isinstance(player, PlannerPlayer) else ()
     return _record(row, task, seed, environment, calls=calls, answers=answers, error=error)
-
-
-def lost_episode(row: str, task: ListedTask, seed: int, cause: str) -> EbRecord:
-    """Return the record of an episode that ends every process which plays it."""
-    return EbRecord(
-        row=row,
-        task=task.id,
-        subset=task.list,
-        seed=seed,
-        trial=task.trial,
-        instruction=task.instruction,
-        success=False,
-        progress=0.0,
-        end="error",
-        invalid=0,
-        calls=0,
-        steps=(),
-        error=f"WorkerLost: {LIVES} workers died of it, the last was {cause}",
-    )
 
 
 def _player(stage: EbStage, row: EbRow, task: ListedTask, seed: int) -> BenchmarkPlayer:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from karma.bench.experiment import filled
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play
 from karma.benchmarks.lived.experiment import LivedExperiment
-from karma.benchmarks.lived.play import lost_days, player, traced
+from karma.benchmarks.lived.play import player, traced
 from karma.benchmarks.lived.records import LivedRecord
 from karma.benchmarks.lived.table import (
     figures_of,
@@ -77,10 +77,6 @@ class LivedHomes:
         embedder = self._embedder(Session())
         reader = Reader(embedder)
         return traced(self._experiment, chain, embedder, reader, days, after_day=after_day)
-
-    def lost(self, chain: Chain, cause: str) -> list[LivedRecord]:
-        """Return records of days that end every process which plays them."""
-        return lost_days(self._experiment, chain, cause)
 
     def results(self, records: Sequence[LivedRecord]) -> BenchmarkResults:
         """Return success by kind of request, and what lies behind it."""

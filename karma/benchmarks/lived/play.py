@@ -351,18 +351,3 @@ def traced(
         return records, tracer.trace()
     finally:
         life.close()
-
-
-def lost_days(experiment: LivedExperiment, chain: Chain, cause: str) -> list[LivedRecord]:
-    """Return the records of days that could not be played: nothing was served."""
-    spec = next(one for one in experiment.specs() if one.name == chain.tasks[0].rpartition("/")[0])
-    return [
-        LivedRecord(
-            row=chain.row, task=task, seed=chain.seed, success=False, end="error",
-            setting=spec.setting.name, home=spec.number, day=day, rooms=spec.rooms,
-            people=spec.people(chain.seed), things=0, moved=0.0, requests=(),
-            missing=experiment.requests, round_actions=0, memory_bytes=0,
-            units=spec.setting.units, error=cause,
-        )
-        for day, task in enumerate(chain.tasks)
-    ]  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.lota_alfred.experiment import LotaExperiment, tasks_of
-from karma.benchmarks.lota_alfred.play import LotaRecord, LotaStage, lost_episode, play
+from karma.benchmarks.lota_alfred.play import LotaRecord, LotaStage, play
 from karma.benchmarks.lota_alfred.prompt import FILES
 from karma.benchmarks.lota_alfred.table import detail_sheet, results_of, success_sheet
 from karma.benchmarks.trial_rooms import read_rooms, room_files
@@ -64,11 +64,6 @@ class LotaAlfred:
                 yield play(stage, rows[chain.row], tasks[task], chain.seed)
 
         return played
-
-    def lost(self, chain: Chain, cause: str) -> list[LotaRecord]:
-        """Return records of episodes that end every process that plays them."""
-        tasks = {task.id: task for task in tasks_of(self._experiment, self._path)}
-        return [lost_episode(chain.row, tasks[one], chain.seed, cause) for one in chain.tasks]
 
     def results(self, records: Sequence[LotaRecord]) -> BenchmarkResults:
         """Return success rates by type of task, and what lies behind them."""

@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass
 
-from karma.bench.pool import LIVES
 from karma.benchmarks.lota_alfred.experiment import LotaRow
 from karma.benchmarks.lota_alfred.planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
 from karma.benchmarks.lota_alfred.tasks import type_of_task
 from karma.benchmarks.players import ChancePlayer, ExpertPlayer
 from karma.benchmarks.trial_rooms import TrialRooms
 from karma.contracts import LanguageModel, ScoringModel
-from karma.errors import KarmaError, ServerLost, UnwritableError
-from karma.infer.hosted.cassette import CassetteError
+from karma.errors import KarmaError
 from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import ActionTypes
 from karma.world.eb_alfred.environment import UNKNOWN, Environment, Step
@@ -50,11 +48,10 @@ class LotaStage:
 
 
 def play(stage: LotaStage, row: LotaRow, task: ListedTask, seed: int) -> LotaRecord:
-    """Play an episode; what is wrong with it or its model is in the record.
+    """Play an episode; what is wrong with it, or with what a model was asked, is in the record.
 
     Raises:
-        CassetteError: a recording does not hold what was asked for, or cannot be written.
-        ServerLost: a hosted model cannot answer now.
+        KarmaError: what is no player's doing, e.g. a server is lost or the disk full.
     """
     environment: Environment | None = None
     instruction, error = _asked(stage.rooms, task)
@@ -70,9 +67,9 @@ def play(stage: LotaStage, row: LotaRow, task: ListedTask, seed: int) -> LotaRec
             while not environment.end:
                 calls += 1
                 _take_turn(environment, player)
-    except (CassetteError, ServerLost, UnwritableError):
-        raise  # nothing that the player did
     except KarmaError as problem:
+        if not problem.agents_own:
+            raise
         error = str(problem)
     answers = () if isinstance(player, ExpertPlayer | ChancePlayer) else tuple(player.answers)
     steps = () if environment is None else tuple(environment.steps)
@@ -92,25 +89,6 @@ def play(stage: LotaStage, row: LotaRow, task: ListedTask, seed: int) -> LotaRec
         steps=steps,
         answers=answers,
         error=error,
-    )
-
-
-def lost_episode(row: str, task: ListedTask, seed: int, cause: str) -> LotaRecord:
-    """Return the record of an episode that ends every process which plays it."""
-    return LotaRecord(
-        row=row,
-        task=task.id,
-        kind=type_of_task(task),
-        seed=seed,
-        trial=task.trial,
-        instruction=task.instruction,
-        success=False,
-        end="error",
-        failed=0,
-        unknown=0,
-        calls=0,
-        steps=(),
-        error=f"WorkerLost: {LIVES} workers died of it, the last was {cause}",
     )
 
 

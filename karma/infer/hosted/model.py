@@ -19,6 +19,7 @@ from karma.contracts import (
     Heard,
     Listener,
     PlanSpec,
+    ProgramSpec,
     Prompt,
     Vectors,
 )
@@ -30,6 +31,8 @@ from karma.infer.hosted.dialects import Language, Manner, language_of
 from karma.infer.hosted.server import manner_of
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.hosted.thinking import told_apart
+from karma.infer.programs.automaton import without_closing
+from karma.infer.programs.faults import cut_off
 from karma.infer.vision.pictures import picture_url
 
 
@@ -102,8 +105,9 @@ class HostedLanguageModel:
             seconds = said.exchange.seconds
             listen(Heard(text=said.text, tokens=usage.completion_tokens, seconds=seconds))
         fault = _fault(said, language, usage.completion_tokens)
+        is_program = isinstance(spec, ProgramSpec) and not fault
         return Completion(
-            text=said.text,
+            text=without_closing(said.text) if is_program else said.text,
             finish=said.finish,
             prompt_tokens=usage.prompt_tokens,
             reused_tokens=usage.cached_tokens,
@@ -161,8 +165,7 @@ class HostedLanguageModel:
 def _fault(said: Said, language: Language | None, tokens: int | None) -> str:
     """Return why an answer is no program, as far as that is known without parsing it."""
     if said.finish == "length":
-        many = "" if tokens is None else f" after {tokens} tokens"
-        return f"the answer was cut off{many}: it must be shorter"
+        return cut_off(tokens)
     if language is not None and not language.admits(said.text):
         return "the answer is not of the form that was asked for, or names what is not there"
     return ""

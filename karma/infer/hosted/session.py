@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from karma.errors import KarmaError, ModelError, ServerLost
+from karma.errors import KarmaError, ModelError, RequestRefused, ServerLost
 from karma.infer.hosted.bounded import bounded_transport
 from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
@@ -26,6 +26,7 @@ _KEY = re.compile(r"[!-~]+")
 _NOTHING = Usage(prompt_tokens=0, completion_tokens=0)  # what a failure takes
 _LONGEST_MESSAGE = 500
 _BUSY = frozenset({401, 403, 429, 502, 503, 504})  # HTTP: not now, or not with this key
+_REFUSED = ("HTTP 400", "HTTP 413", "HTTP 422")  # what was asked, e.g. too long or improper
 _OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
 
 
@@ -173,7 +174,8 @@ class Session:
             billed: not so where it costs nothing and is not asked in every episode.
 
         Raises:
-            ModelError: the endpoint failed or refused; never holds the key.
+            ModelError: the endpoint failed; never holds the key.
+            RequestRefused: it does not take what was asked; likewise.
             ServerLost: it cannot be reached, says nothing in time, or takes no more requests.
             CassetteError: see `Cassette.exchange`.
         """
@@ -187,7 +189,9 @@ class Session:
         if billed:
             self._enter(role, endpoint, exchange)
         if exchange.reply.answer is None:
-            raise ModelError(f"{endpoint.model} at {endpoint.host}: {exchange.reply.failure}")
+            reason = str(exchange.reply.failure)
+            kind = RequestRefused if reason.startswith(_REFUSED) else ModelError
+            raise kind(f"{endpoint.model} at {endpoint.host}: {reason}")
         return exchange
 
     def look(self, endpoint: Endpoint, path: str) -> dict[str, Any] | None:

@@ -80,7 +80,7 @@ def choose_token(
         if token in table.end_tokens:
             return ChosenToken(token, None) if ends else None
         piece = table.pieces[token]
-        after = automaton.advance(state, piece) if piece else None
+        after = automaton.advance(state, piece, closing=True) if piece else None
         return None if after is None else ChosenToken(token, after)
 
     best = admitted(best_token(scores))

@@ -20,7 +20,7 @@ from karma.contracts import (
     Scoring,
     Thinking,
 )
-from karma.errors import ModelError
+from karma.errors import ModelError, RequestRefused
 from karma.infer.checks.template import TEMPLATE
 from karma.infer.llama.certainty import CertaintyLog
 from karma.infer.llama.chat_template import ChatTemplate, through_template
@@ -31,7 +31,9 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.llama.thinking import Thought, closing_tokens, think, told_apart
 from karma.infer.llama.under_way import UnderWay
-from karma.infer.programs.automaton import ProgramAutomaton, State
+from karma.infer.programs.automaton import ProgramAutomaton, State, without_closing
+from karma.infer.programs.faults import cut_off
+from karma.language.repetition import cycle, what_repeats
 from karma.seeds import stream
 
 
@@ -40,7 +42,7 @@ class _Decoded:
     """What came out of the token loop."""
 
     text: bytes
-    finish: Literal["stop", "length", "time"]
+    finish: Literal["stop", "length", "time", "cycle"]
     tokens: int
 
 
@@ -107,16 +109,16 @@ class LlamaModel:
     ) -> Completion:
         """Continue the prompt; with `spec`, only with a program or plan that parses.
 
-        An answer that reaches `max_tokens` or the end of the context has finish "length"; under a
-        spec it is cut back to its last whole line. A thought comes before the answer and counts
-        as what the model said, but neither for `max_tokens` nor for the spec.
-
-        One that takes longer than `max_seconds`, reading the prompt counted, has finish "time" and
-        is at fault. That is looked at after each token, and after each 512 of the prompt; asked
-        again, it goes on where it stopped reading.
+        A thought comes before the answer and counts as what the model said, but neither for
+        `max_tokens` nor for the spec. An answer that is not whole has a fault, and its finish says
+        why: "length" at `max_tokens` or the end of the context; "cycle" where a program's last
+        lines come for the third time; "time" after `max_seconds`, reading the prompt counted. The
+        clock is looked at after each token, and after each 512 of the prompt; asked again, it goes
+        on where it stopped reading.
 
         Raises:
-            ModelError: the prompt does not fit the context, or the model cannot continue it.
+            RequestRefused: the prompt does not fit the context.
+            ModelError: the model cannot continue it.
         """
         if prompt.pictures:
             raise ModelError(f"{self.name} takes no pictures here; a hosted model may")
@@ -134,10 +136,9 @@ class LlamaModel:
             state = self.gguf.evaluate(stable, changing, is_late=lambda: answer.is_late)
             thought = self._think(spare, temperature, rng, answer)
             found = self._decode(automaton, room, temperature, rng, answer, log)
-        said = found.text
-        if found.finish == "length" and isinstance(spec, ProgramSpec):
-            said = said[: said.rfind(b"\n") + 1]
-        reasoning, text = thought.text, said.decode("utf-8", errors="replace")
+        reasoning, text = thought.text, found.text.decode("utf-8", errors="replace")
+        if isinstance(spec, ProgramSpec):
+            text = without_closing(text)
         if not reasoning and self._template is not None:  # it may think without being asked to
             reasoning, text = told_apart(text)
         return Completion(
@@ -150,7 +151,7 @@ class LlamaModel:
             total_s=answer.seconds,
             reasoning=reasoning,
             constrained=spec is not None,
-            fault=answer.late if found.finish == "time" else "",
+            fault=_fault(found, answer),
             engine=self.gguf.engine,
             state=state,
             certainty=log.certainty(),
@@ -195,11 +196,11 @@ class LlamaModel:
         """Return how many tokens a thought and the answer may have; the answer comes first.
 
         Raises:
-            ModelError: there is no room for an answer.
+            RequestRefused: there is no room for an answer.
         """
         left = self.gguf.limit - prompt_tokens - self._closing_tokens
         if left < 1:
-            raise ModelError(
+            raise RequestRefused(
                 f"the prompt has {prompt_tokens} tokens and needs room for an answer,"
                 f" but {self.name} has a context of {self.gguf.limit}"
             )
@@ -239,6 +240,8 @@ class LlamaModel:
             answer.came(b"".join(new), len(new))
             if automaton is not None and state is not None and not automaton.next_bytes(state):
                 return _Decoded(b"".join(pieces), "stop", len(pieces))
+            if automaton is not None and b"\n" in new[-1] and _circles(pieces):
+                return _Decoded(b"".join(pieces), "cycle", len(pieces))
             if answer.is_late:
                 return _Decoded(b"".join(pieces), "time", len(pieces))
             if len(pieces) < room:
@@ -270,6 +273,26 @@ class LlamaModel:
         if b"".join(self.gguf.table.pieces[one] for one in more) != text:
             return [token], after  # a tokenizer that cannot go on in the middle of a text
         return [token, *more], automaton.advance(after, text)
+
+
+def _lines(text: bytes) -> list[bytes]:
+    return text.split(b"\n")[:-1]
+
+
+def _circles(pieces: Sequence[bytes]) -> int:
+    return cycle(_lines(b"".join(pieces)))
+
+
+def _fault(found: _Decoded, answer: UnderWay) -> str:
+    """Return why an answer is not whole; "" for one that is."""
+    match found.finish:
+        case "length":
+            return cut_off(found.tokens)
+        case "cycle":
+            return what_repeats(cycle(_lines(found.text)))
+        case "time":
+            return answer.late
+    return ""
 
 
 @lru_cache(maxsize=8)

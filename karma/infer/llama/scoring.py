@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from karma.contracts import END, Choice, Scoring
-from karma.errors import ModelError
+from karma.errors import RequestRefused
 from karma.infer.choosing.best_first import Race
 from karma.infer.choosing.token_trie import Floats, Node, score_children, trie_of
 from karma.infer.llama.constrain import Logits
@@ -95,7 +95,7 @@ class SkillScorer:
             scoring: the sum of log-probabilities, or their average.
 
         Raises:
-            ModelError: prompt and longest continuation do not fit the context.
+            RequestRefused: prompt and longest continuation do not fit the context.
             ValueError: there is no continuation, one without tokens, or no prompt.
         """
         begun = self._begin(prompt, continuations)
@@ -153,7 +153,7 @@ class SkillScorer:
         tokens, longest = sum(map(len, segments)), trie[0].longest
         needed = tokens + longest - 1
         if needed > self.model.limit:
-            raise ModelError(
+            raise RequestRefused(
                 f"the prompt has {tokens} tokens and the longest continuation {longest}:"
                 f" that needs a context of {needed}, but {self.model.name} has {self.model.limit}"
             )

@@ -136,9 +136,7 @@ class ProgramAutomaton:
         """Return the state before the first character."""
         return State(0, self._start, 0)
 
-    def advance(
-        self, state: State, text: str | bytes, *, closing: bool = False
-    ) -> State | None:
+    def advance(self, state: State, text: str | bytes, *, closing: bool = False) -> State | None:
         """Return the state after `text`, or None when no program goes on like this.
 
         Args:

@@ -14,8 +14,8 @@ def regex(spec: ProgramSpec) -> str:
 
     >>> from karma.contracts import SkillSignature
     >>> go = SkillSignature(name="GoToObject", arguments=("object",))
-    >>> print(regex(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=3)))
-    ((GoToObject)\(robot, '(Mug|Sink)'\))(\n((GoToObject)\(robot, '(Mug|Sink)'\))){0,2}(\n(\n|```|#)?)?
+    >>> print(regex(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=1)))
+    ((GoToObject)\(robot, '(Mug|Sink)'\))(\n(\n|```|#)?)?
     """
     line = f"({'|'.join(map(_line, forms(spec)))})"
     more = rf"(\n{line}){{0,{spec.max_calls - 1}}}" if spec.max_calls > 1 else ""

@@ -12,6 +12,7 @@ import numpy as np
 
 from karma.agent.program import parse_program
 from karma.agent.prompt import compact
+from karma.bench.formats import figure_text
 from karma.contracts import Hints, LanguageModel, PlanRequest
 from karma.errors import ProgramError
 from karma.tasks.demonstrations import plain
@@ -87,13 +88,16 @@ def tell(read: Sequence[ReadSentence]) -> Iterator[str]:
         same = sum(
             getattr(one.found, fact, None) == getattr(one.sentence.facts, fact) for one in read
         )
-        yield f"{fact:26}       right {same / len(read):.3f}"
-    seconds = float(np.median([one.seconds for one in read]))
-    yield f"{_line('all', read)}  median {seconds:.3f} s an instruction"
+        yield f"{fact:26}       right {_share(same, read)}"
+    seconds = float(np.median([one.seconds for one in read])) if read else None
+    yield f"{_line('all', read)}  median {figure_text(seconds, 3)} s an instruction"
     yield _line("in the training split too", [one for one in read if one.trained])
     yield _line("not in the training split", [one for one in read if not one.trained])
 
 
 def _line(name: str, read: Sequence[ReadSentence]) -> str:
-    share = f"{sum(one.right for one in read) / len(read):.3f}" if read else "–"
-    return f"{name:26} {len(read):4}  exact {share}"
+    return f"{name:26} {len(read):4}  exact {_share(sum(one.right for one in read), read)}"
+
+
+def _share(count: int, read: Sequence[ReadSentence]) -> str:
+    return figure_text(count / len(read) if read else None, 3)

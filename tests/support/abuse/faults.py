@@ -244,7 +244,8 @@ def _two_runs(place: Path, rng: random.Random) -> None:
 
 
 def _read_while_it_runs(place: Path, rng: random.Random) -> None:
-    from karma.bench.run_folder import HEADER, read_run
+    from karma.bench.owned_folder import HEADER
+    from karma.bench.run_folder import read_run
 
     folder, path = place / "run", _whole()[0]
     child, most = Child(evaluate, path, folder), 0

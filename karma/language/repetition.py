@@ -1,0 +1,31 @@
+"""Tell an answer that goes round in circles from one that goes on."""
+
+from collections.abc import Sequence
+
+TIMES = 3
+LONGEST = 4  # lines of a cycle
+
+
+def cycle(lines: Sequence[str] | Sequence[bytes]) -> int:
+    """Return how many lines the last ones repeat for the third time; 0 where they do not.
+
+    >>> cycle(["a", "b", "a", "b", "a", "b"]), cycle(["a", "a", "a"]), cycle(["a", "a", "b", "a"])
+    (2, 1, 0)
+    """
+    for size in range(1, LONGEST + 1):
+        last = lines[-size * TIMES :]
+        if len(last) == size * TIMES and all(one == last[n % size] for n, one in enumerate(last)):
+            return size
+    return 0
+
+
+def repeated(lines: Sequence[str]) -> tuple[int, int] | None:
+    """Return the line, from 1, that ends the first third round, and its length; None: none does."""
+    found = ((end, cycle(lines[:end])) for end in range(TIMES, len(lines) + 1))
+    return next((one for one in found if one[1]), None)
+
+
+def what_repeats(size: int) -> str:
+    """Return why an answer is refused in which so many lines came for the third time."""
+    what = "one line" if size == 1 else f"{size} lines"
+    return f"the answer repeats {what} for the third time: it must do each step once, and end"
