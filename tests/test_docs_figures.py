@@ -90,41 +90,41 @@ def test_every_other_number_is_listed_as_one_that_no_record_holds(page):
         for start, numbers in blocks.items()
     }
     wrong, used = [], set()
-    for line, block, numbers in unrecorded(page):
-        start = next((key for key in listed if beginning(block).startswith(key)), None)
+    for line, block, start, numbers in unrecorded(page):
         kind, allowed = listed.get(start, ("", ""))
         used.add(start)
         if numbers != allowed:
             wrong.append(
                 f"{page}:{line} is listed with {allowed or 'nothing'}, but says\n"
-                f'"{beginning(block)}" = "{numbers}"'
+                f'"{start}" = "{numbers}"'
             )
         elif kind == "not kept" and not told_to_be_made_again(block):
-            wrong.append(
-                f'{page}:{line} does not say "not kept" beside a command: {beginning(block)}'
-            )
+            wrong.append(f'{page}:{line} does not say "not kept" beside a command: {start}')
     wrong += [f"{page} has no more: {start}" for start in listed.keys() - used]
     assert not wrong, "\n".join([f"{LISTED.name}:", *wrong])
 
 
 def unrecorded(page):
-    """Yield line, block and numbers of each block of a page that has numbers of no record."""
+    """Yield line, block, its beginning and its numbers where a block has some of no record."""
     text = text_of(ROOT / page)
-    spans = [(one.start, one.end) for one in said_on(page)[0]]
-    plain = blanked(text)
+    plain, open_text = blanked(text), text
+    for one in said_on(page)[0]:
+        gap = "#" * (one.end - one.start)
+        plain = plain[: one.start] + gap + plain[one.end :]
+        open_text = open_text[: one.start] + gap + open_text[one.end :]
     for block in blocks_of(text):
         end = block.start + len(block.text)
-        free = [
-            match
-            for match in NUMBER.finditer(plain, block.start, end)
-            if not any(start <= match.start() < stop for start, stop in spans)
-        ]
+        free = list(NUMBER.finditer(plain, block.start, end))
         if free and not block.text.startswith("#"):
-            yield line_at(text, free[0].start()), block, " ".join(match[0] for match in free)
+            start = beginning(open_text[block.start : end])
+            numbers = " ".join(match[0] for match in free)
+            yield line_at(text, free[0].start()), block, start, numbers
 
 
-def beginning(block: Block) -> str:
-    return " ".join(block.text.split())[:60].rstrip().replace('"', "'").replace("\\", "")
+def beginning(text: str) -> str:
+    """Return the first words of a block, by which it is listed; figures of records are `#`."""
+    words = re.sub("#+", "#", " ".join(text.split())).replace("\\", "")
+    return words[:60].rstrip().replace('"', "'")
 
 
 def told_to_be_made_again(block: Block) -> bool:
@@ -144,7 +144,7 @@ def test_figures_of_earlier_weights_say_so_and_no_others(page):
             which = (
                 f"is of earlier weights: {earlier}" if earlier else f"is of today's: {sorted(own)}"
             )
-            wrong.append(f"{page}:{line_at(text, block.start)} {which}: {beginning(block)}")
+            wrong.append(f"{page}:{line_at(text, block.start)} {which}: {beginning(block.text)}")
     assert not wrong, "\n".join(
         [f'"{EARLIER}" stands beside figures of weights that do not ship:', *wrong]
     )
