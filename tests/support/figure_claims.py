@@ -25,6 +25,7 @@ from support.figures import (
     with_interval,
 )
 
+RECALL = "eval/results/recall.txt"
 KINDS = ("simple", "composite", "complex")
 TABLE1, TABLE2, AUTHORS = (
     f"eval/results/paper/{n}/table.md" for n in ("table1", "table2", "table1_authors")
@@ -299,21 +300,19 @@ def card() -> Iterator[Claim]:
 def recalled() -> Iterator[Claim]:
     def steps(heading: str, column: str, marks: str = "lived") -> list[Figure]:
         rows = [(units, when, marks) for units in ("10", "40") for when in ("before", "after")]
-        return [bare(cell("docs/recall.md", heading, one, column)) for one in rows]
+        return [bare(cell(RECALL, heading, one, column)) for one in rows]
 
     own, home, theirs = (
-        "Our own, 200 of each class",
-        "Household questions",
-        "asked with the whole sub-task",
+        "ours",
+        "household",
+        "alfred-l",
     )
     yield (
         "composite {} → {}, {} → {}; complex {} → {}, {} → {};"
         " vague {} → {}, {} → {}: none as aimed",
         [f for column in ("composite", "complex", "vague") for f in steps(own, column)],
     )
-    recency = [
-        bare(cell("docs/recall.md", home, (n, "recency", "lived"), "vague")) for n in ("10", "40")
-    ]
+    recency = [bare(cell(RECALL, home, (n, "recency", "lived"), "vague")) for n in ("10", "40")]
     yield (
         "vague: {} → {}, {} → {}, where `recency` alone has {} and {}",
         steps(home, "vague") + recency,

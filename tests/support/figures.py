@@ -73,14 +73,16 @@ def in_table(
 
 @cache
 def _tables(path: str) -> list[tuple[str, list[list[str]]]]:
-    """Return the tables of a Markdown file: the heading or bold line above each, and its rows."""
-    found = []
-    for section in re.split(r"^(?:#+ |(?=\*\*))", text_of(ROOT / path), flags=re.MULTILINE):
-        for table in re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE):
-            rows = [
-                [c.strip() for c in line.strip("| ").split(" | ")] for line in table.splitlines()
-            ]
-            found.append((section.partition("\n")[0], rows))
+    """Return the tables of a file: the last line of text above each, and its rows."""
+    found: list[tuple[str, list[list[str]]]] = []
+    title = ""
+    for part in re.split(r"((?:^\|.*\n)+)", text_of(ROOT / path), flags=re.MULTILINE):
+        lines = part.split("\n")
+        if part.startswith("|"):
+            rows = [[c.strip() for c in line.strip("| ").split(" | ")] for line in lines if line]
+            found.append((title, rows))
+        else:
+            title = next((line for line in reversed(lines) if line.strip()), title)
     return found
 
 
