@@ -27,8 +27,18 @@ def no_network():
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The reference data: $KARMA_SHARED, or `shared` beside the checkout; skips without it."""
-    folder = SHARED
-    if not folder.is_dir():
-        pytest.skip(f"needs the reference data: no folder {folder}")
-    return folder
+    """The reference data: $KARMA_SHARED, or `shared` beside the checkout."""
+    return SHARED
+
+
+def pytest_collection_modifyitems(items):
+    """Who asks for the reference data is marked `shared`."""
+    for item in items:
+        if "shared" in getattr(item, "fixturenames", ()):
+            item.add_marker("shared")
+
+
+def pytest_runtest_setup(item):
+    """Skip what is marked `shared` where the reference data is not: here, and nowhere else."""
+    if item.get_closest_marker("shared") and not (SHARED / "data").is_dir():
+        pytest.skip(f"needs the reference data: no folder {SHARED / 'data'}")
