@@ -7,6 +7,7 @@ WORKERS ?= 2
 SEED ?= 29
 HASHED := $(wildcard $(foreach name,short_term scene_graph recall program prompt perceive goals \
 	policies tasks draw,tests/*/test_$(name).py))
+SHARED_TESTS := $(shell grep -lE 'SHARED|\bshared\b' tests/test_*.py tests/*/test_*.py)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check format scenes planner paper airgap docs server clean
@@ -22,11 +23,13 @@ demo: setup ## run the small evaluation of eval/demo.toml
 	@echo "demo: karma eval eval/demo.toml --fresh"
 	@.venv/bin/karma eval eval/demo.toml --fresh
 
-test: check ## check, then all tests
+test: check ## check, then all tests; those of the reference data last, where it is
 	@echo "test: what has golden answers, under another hash seed"
 	@PYTHONHASHSEED=4242 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) -qq -r fE $(HASHED)
-	@echo "test: everything, $(WORKERS) workers, a few minutes"
-	@PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS)
+	@echo "test: everything as where the reference data is not, $(WORKERS) workers, some minutes"
+	@KARMA_SHARED=/nowhere PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist worksteal
+	@echo "test: what reads the reference data (KARMA_SHARED, else ../shared)"
+	@PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist worksteal -m shared $(SHARED_TESTS)
 
 check: setup ## format, lint, types, layers
 	@echo "check: ruff format" && $(PY) -m ruff format --check --quiet .

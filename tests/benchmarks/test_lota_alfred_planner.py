@@ -133,8 +133,6 @@ def test_list_prompt_names_every_skill_and_ends_with_the_request():
 @pytest.mark.shared
 def test_examples_reach_the_goals_of_their_training_trials_and_fail_where_they_say(tmp_path):
     train, lists = SHARED / "data/alfred/train.jsonl.gz", SHARED / "data/eb_alfred"
-    if not (train.is_file() and lists.is_dir()):
-        pytest.skip("needs the reference data")
     wanted = {one.trial for one in examples()}
     with gzip.open(train, "rb") as lines:
         chosen = [line for line in lines if line.split(b'"')[3].decode() in wanted]
@@ -183,8 +181,6 @@ def test_draw_leaves_out_two_objects_and_samples_as_the_source_does(tmp_path):
 def test_draws_of_the_whole_list_are_the_sources(tmp_path):
     """Half of the 696 is known by its places, and which of it the source drew."""
     half = SHARED / "data/lota_alfred/splits_even.json"
-    if not half.is_file():
-        pytest.skip("needs the reference data")
     known = json.loads(half.read_text())
     other = {"task": "unknown-x/unknown", "repeat_idx": 0}
     whole = [one for entry in known["valid_seen"] for one in (entry, other)]

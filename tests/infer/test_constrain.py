@@ -41,12 +41,14 @@ SEEDS = st.integers(0, 2**32).map(np.random.default_rng)
 
 def members(spec, text):
     """Independent reading: is `text` a program of the spec, or a refusal that it admits?"""
-    if any(text == f"refuse('{kind}')\n" for kind in spec.refusals):
+    if any(text in (f"refuse('{kind}')", f"refuse('{kind}')\n") for kind in spec.refusals):
         return True
+    for end in ("\n\n", "\n```", "\n#", "\n"):
+        if text.endswith(end):
+            text = text.removesuffix(end)
+            break
     lines = text.split("\n")
-    if lines.pop() != "" or not 1 <= len(lines) <= spec.max_calls:
-        return False
-    return all(is_line(spec, line) for line in lines)
+    return 1 <= len(lines) <= spec.max_calls and all(is_line(spec, line) for line in lines)
 
 
 def is_line(spec, line):

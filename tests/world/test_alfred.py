@@ -357,8 +357,6 @@ def test_replay_mutated_says_which_action_was_left_out(tmp_path, side):
 def alfred(shared):
     """A sample of the demonstrations, and what is known of their rooms."""
     path = shared / "data/alfred/valid_seen.jsonl.gz"
-    if not path.exists():
-        pytest.skip(f"needs ALFRED's trials: no {path}")
     every = list(read_trials(path))
     files = Files(
         layouts=shared / "data/alfred/layouts.json.gz",

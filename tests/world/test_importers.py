@@ -392,9 +392,6 @@ def test_import_dump_bad_layouts_are_named(tmp_path):
 
 @pytest.fixture(scope="module")
 def rooms():
-    for path in (DUMPS, LAYOUTS):
-        if not path.exists():
-            pytest.skip(f"no reference data at {path}")
     rows = [json.loads(line) for line in gzip.decompress(DUMPS.read_bytes()).splitlines()]
     return [
         (row, scene) for row, scene in zip(rows, import_dump(DUMPS, layouts=LAYOUTS), strict=True)
@@ -453,8 +450,6 @@ def test_real_rooms_ids_follow_our_rounding_rule(rooms):
 
 @pytest.mark.shared
 def test_real_rooms_floor_without_layouts_is_nearly_theirs():
-    if not (DUMPS.exists() and LAYOUTS.exists()):
-        pytest.skip(f"no reference data at {DUMPS}")
     scores = list(floor_scores(DUMPS, LAYOUTS))
     assert len(scores) == 104
     assert sum(one.precision for one in scores) / 104 > 0.84
