@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from karma.contracts import REFUSAL_KINDS, ProgramSpec, SkillCall, SkillSignature
 from karma.errors import ModelError
 from karma.infer.llama.constrain import TokenTable, choose_token, descending, gumbel
-from karma.infer.programs.automaton import ProgramAutomaton
+from karma.infer.programs.automaton import ProgramAutomaton, without_closing
 
 SKILLS = (
     SkillSignature(name="GoToObject", arguments=("object",)),
@@ -176,7 +176,10 @@ AUTOMATON = ProgramAutomaton(TOKEN_SPEC)
 
 def masked(state):
     """The tokens that may follow, by trying each."""
-    alive = [bool(piece) and AUTOMATON.advance(state, piece) is not None for piece in TABLE.pieces]
+    after = [AUTOMATON.advance(state, piece, closing=True) for piece in TABLE.pieces]
+    alive = [
+        bool(piece) and one is not None for piece, one in zip(TABLE.pieces, after, strict=True)
+    ]
     alive[256] = AUTOMATON.accepts(state)
     return np.array(alive)
 
@@ -188,6 +191,28 @@ def states(draw):
     return AUTOMATON.advance(AUTOMATON.start(), text[: draw(st.integers(0, len(text)))])
 
 
+@pytest.mark.parametrize("end", ["", "\n", "\n\n", "\n```", "\n#"])
+@pytest.mark.parametrize("program", ["Wait(robot)", "Wait(robot)\nGoToObject(robot, 'Apple')"])
+def test_program_may_end_as_models_end_it_and_only_after_a_whole_line(program, end):
+    assert read(AUTOMATON, program + end) == "whole"
+    assert without_closing(program + end).rstrip("\n") == program
+    for cut in range(1, len(program)):
+        kept = program[:cut]
+        whole = kept.endswith(")") and kept.rpartition("\n")[2] in program.split("\n")
+        expected = "whole" if whole or kept.endswith("\n") else "alive"
+        assert read(AUTOMATON, kept) == expected, kept
+        if not whole:
+            assert read(AUTOMATON, kept.rstrip("\n") + "\n```") != "whole" or kept.endswith("\n")
+
+
+def test_token_that_closes_a_program_may_say_more_which_is_no_part_of_it():
+    state = AUTOMATON.advance(AUTOMATON.start(), "Wait(robot)")
+    table = TokenTable([b"\n\n# Instruction: wait\nWait", b"\nGo", b""], [2])
+    token, after = choose_token(np.array([3, 2, 1], np.float32), AUTOMATON, state, table)
+    assert (token, AUTOMATON.next_bytes(after), AUTOMATON.accepts(after)) == (0, (), True)
+    assert without_closing("Wait(robot)\n\n# Instruction: wait\nWait") == "Wait(robot)\n"
+
+
 @given(state=states(), generator=SEEDS, ties=st.booleans())
 def test_chosen_token_equals_argmax_under_the_full_mask(state, generator, ties):
     logits = generator.normal(size=len(PIECES)).astype(np.float32) * 3
@@ -196,7 +221,8 @@ def test_chosen_token_equals_argmax_under_the_full_mask(state, generator, ties):
     mask = masked(state)
     token, after = choose_token(logits, AUTOMATON, state, TABLE)
     assert token == int(np.argmax(np.where(mask, logits, -np.inf)))
-    assert after == (None if token == 256 else AUTOMATON.advance(state, PIECES[token]))
+    then = None if token == 256 else AUTOMATON.advance(state, PIECES[token], closing=True)
+    assert after == then
 
 
 @pytest.mark.parametrize(
@@ -240,7 +266,9 @@ def test_whole_decodes_of_a_random_model_are_programs(generator, temperature):
         if state is None:
             break
         text += PIECES[token]
-    assert members(TOKEN_SPEC, text.decode())
+        if not AUTOMATON.next_bytes(state):
+            break
+    assert members(TOKEN_SPEC, without_closing(text.decode(errors="replace")))
 
 
 def test_choice_impossible_or_not_a_number_is_a_model_error():

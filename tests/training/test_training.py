@@ -17,6 +17,7 @@ from karma.errors import FileError
 from karma.files import to_json
 from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
+from karma.language.repetition import TIMES, repeated
 from karma.seeds import stream
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing import phrases
@@ -105,6 +106,13 @@ def test_drawn_programs_parse_and_are_admitted_under_their_own_names(rooms):
         state = automaton.advance(automaton.start(), example.program)
         assert state is not None, (example.changing, example.program)
         assert automaton.accepts(state)
+
+
+def test_no_program_of_the_expert_for_drawn_tasks_goes_in_circles(rooms):
+    programs = [example.program.splitlines() for _, example in examples(rooms, 2000)]
+    assert len(programs) == 2000
+    assert [lines for lines in programs if repeated(lines)] == []
+    assert sum(len(lines) >= TIMES for lines in programs) > 500  # could have been stopped
 
 
 def test_drawn_programs_name_only_what_the_prompt_says_or_a_type(rooms):

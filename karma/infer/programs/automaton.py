@@ -166,11 +166,11 @@ class ProgramAutomaton:
         return frame.ends or (state.node == 0 and (frame.line_end or frame.line_start))
 
     def next_bytes(self, state: State) -> tuple[int, ...]:
-        """Return the bytes that may come next; () after the last possible line."""
-        frame = state.frame
-        if frame.line_start and state.node == 0 and state.lines == self._max_lines:
-            return ()
-        return tuple(frame.nodes[state.node])
+        """Return the bytes that may come next; () where nothing may."""
+        found = state.frame.nodes[state.node]
+        if state.frame.line_start and state.node == 0 and state.lines == self._max_lines:
+            return tuple(byte for byte in found if byte not in self._calls)
+        return tuple(found)
 
     def forced(self, state: State) -> bytes:
         """Return the bytes of a plan that have to come next, up to a choice or the end."""
