@@ -12,7 +12,7 @@ Besides it feels whether its hand is empty, knows where it stands, and hears why
 refused, in the world's words: what a robot's arm and wheels would tell.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -36,7 +36,8 @@ from karma.contracts import (
 from karma.household.ids import is_part, type_of
 from karma.household.places import FLOOR, HAND
 from karma.household.types import Capability, ObjectType, object_types
-from karma.household.uses import BASINS, BURNER, KNOB, MICROWAVE, TAPS
+from karma.household.uses import BURNER, KNOB, MICROWAVE
+from karma.household.water import wetted
 
 REACH_M = 1.5  # across the floor, as AI2-THOR's; what is farther away is left out
 LEAST_PIXELS = 16  # of fewer nothing can be said
@@ -51,7 +52,7 @@ class Eyes(Protocol):
     """What turns an event into what the agent knows."""
 
     def observe(
-        self, event: Event, *, touched: Collection[str] = (), known: Collection[str] = ()
+        self, event: Event, *, touched: Collection[str] = (), known: Container[str] = ()
     ) -> Observation:
         """Return what the agent learns from one action; arguments as in `perceive.observe`."""
 
@@ -63,7 +64,7 @@ class MetadataEyes:
     """Sees what the simulator tells of what is in view: the default."""
 
     def observe(
-        self, event: Event, *, touched: Collection[str] = (), known: Collection[str] = ()
+        self, event: Event, *, touched: Collection[str] = (), known: Container[str] = ()
     ) -> Observation:
         """Return the agent's share of the event's metadata."""
         return perceive.observe(event, touched=touched, known=known)
@@ -154,7 +155,7 @@ class PictureEyes:
         return self._boxes.aim(object_id)
 
     def observe(
-        self, event: Event, *, touched: Collection[str] = (), known: Collection[str] = ()
+        self, event: Event, *, touched: Collection[str] = (), known: Container[str] = ()
     ) -> Observation:
         """Return what the agent learns from one action; arguments as in `perceive.observe`."""
         self._feel(event, list(touched))
@@ -162,8 +163,12 @@ class PictureEyes:
         held = self._in_hand(look)
         seen = {name: one for name, one in look.sights.items() if name != self._held}
         gone = [name for name in touched if name not in seen and name != self._held]
-        mine = {*known, *touched, *look.sights, *filter(None, [self._held])}
+        near = {*touched, *look.sights, *filter(None, [self._held])}
         ran = list(touched) if perceive.done(event, "ToggleObjectOn") else []
+
+        def mine(names: Iterable[str]) -> frozenset[str]:
+            return frozenset(name for name in names if name in near or name in known)
+
         return Observation(
             pose=look.pose,
             camera=look.camera,
@@ -174,8 +179,8 @@ class PictureEyes:
             error=perceive.refusal(event),
             touched=tuple(self._known[name] for name in gone if name in self._known),
             pieces=self._pieces(event, touched, seen),
-            washed=self._under(ran, TAPS, BASINS) & mine,
-            heated=self._under(ran, (MICROWAVE,), (MICROWAVE,)) & mine,
+            washed=mine(wetted(ran, map(perceive.lying, self._known.values()))),
+            heated=mine(self._cooking(ran)),
             render=lambda: look.capture.rgb,
             look_at=self._reader(look),
         )
@@ -327,21 +332,8 @@ class PictureEyes:
             return ()
         return tuple(one for one in seen.values() if any(is_part(one.object_id, w) for w in wholes))
 
-    def _under(
-        self, ran: Sequence[str], switches: Collection[str], places: Collection[str]
-    ) -> frozenset[str]:
-        """Return what the agent believes to lie in the place that something just switched on does.
-
-        Args:
-            ran: what was switched on.
-            switches: types that do something to what lies in a place.
-            places: types of such places; the nearest to the switch is meant.
-        """
-        found: set[str] = set()
-        for name in ran:
-            switch = self._known.get(name)
-            if switch is not None and switch.object_type in switches:
-                near = [nearest(switch, kind, self._known.values()) for kind in places]
-                for place in filter(None, near):
-                    found |= contents(place.object_id, self._known.values())
-        return frozenset(found)
+    def _cooking(self, ran: Sequence[str]) -> frozenset[str]:
+        """Return what the agent believes to lie in the microwaves that were just switched on."""
+        known = self._known
+        ovens = [one for one in ran if one in known and known[one].object_type == MICROWAVE]
+        return frozenset(name for oven in ovens for name in contents(oven, known.values()))

@@ -24,6 +24,10 @@ class Naming:
     ) -> None:
         self._log, self._knowledge, self._gap = log, knowledge, gap_m
 
+    def __contains__(self, object_id: object) -> bool:
+        """Return whether the agent has seen a thing, or remembers it."""
+        return object_id in self._log.seen or self._knowledge.where(str(object_id)) is not None
+
     def find(self, name: str, *, state: str = "", held: bool = True) -> Known | None:
         """Return the object that a name means, or None if the agent knows of none.
 

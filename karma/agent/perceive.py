@@ -5,7 +5,7 @@ was touched), its pose and camera, the map of the floor and the words of a refus
 for the judge of goals, the expert and the benchmark. After this module there are only nouns.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from karma.contracts import (
@@ -23,7 +23,8 @@ from karma.errors import KarmaError
 from karma.household.ids import is_part
 from karma.household.pieces import is_piece
 from karma.household.places import FLOOR, HAND
-from karma.household.uses import BASINS, FRIDGE, MICROWAVE, SINK, TAPS
+from karma.household.uses import FRIDGE, MICROWAVE
+from karma.household.water import Lying, wetted
 
 _Object = Mapping[str, Any]
 _FLAGS = (
@@ -36,7 +37,7 @@ _FLAGS = (
 
 
 def observe(
-    event: Event, *, touched: Collection[str] = (), known: Collection[str] = ()
+    event: Event, *, touched: Collection[str] = (), known: Container[str] = ()
 ) -> Observation:
     """Return what the agent learns from one action.
 
@@ -60,8 +61,11 @@ def observe(
             at_hand.append(sight_of(thing))
     washed = heated = frozenset[str]()
     if touched and done(event, "ToggleObjectOn"):
-        mine = {*known, *touched, *inventory, *(sight.object_id for sight in seen)}
-        washed, heated = _washed(event) & mine, _heated(event) & mine
+        near = {*touched, *inventory, *(sight.object_id for sight in seen)}
+        washed, heated = (
+            frozenset(name for name in changed if name in near or name in known)
+            for changed in (_washed(event), _heated(event))
+        )
     return Observation(
         pose=pose_of(event),
         camera=camera_of(event),
@@ -167,6 +171,18 @@ def place_of(seen: SeenObject) -> str | None:
     return next(iter(parents or seen.parent_ids), None)
 
 
+def lying(seen: SeenObject) -> Lying:
+    """Return a thing as water meets it."""
+    return Lying(
+        seen.object_id,
+        seen.object_type,
+        seen.box_center_m,
+        seen.box_size_m,
+        seen.parent_ids,
+        "closed" in seen.states,
+    )
+
+
 # ----------------------------------------------------------------- the whole truth
 
 
@@ -261,24 +277,15 @@ def _pieces(event: Event, wholes: Iterable[str]) -> tuple[SeenObject, ...]:
 
 
 def _washed(event: Event) -> frozenset[str]:
-    """Return the ids that lie under a running tap after a successful ToggleObjectOn.
-
-    A tap washes everything in the basin nearest to it, and what that holds in turn.
+    """Return what running taps reach after a successful ToggleObjectOn.
 
     Source: ALFRED (Shridhar et al. 2020), the rule by which a demonstration's object is clean.
     """
     if not done(event, "ToggleObjectOn"):
         return frozenset()
     things = event.metadata["objects"]
-    basins = [thing for thing in things if thing["objectType"] in BASINS]
-    bare = [t for t in things if t["objectType"] == SINK and not _has_part(t, basins)]
-    found: set[str] = set()
-    for tap in things:
-        if tap["objectType"] in TAPS and tap["isToggled"] and (basins or bare):
-            near = min([*basins, *bare], key=lambda basin: (_distance(tap, basin), _id(basin)))
-            whole = [thing for thing in things if _has_part(thing, [near])]
-            found.update(_contents([near, *whole], things))
-    return frozenset(found) - {_id(basin) for basin in basins}
+    running = [_id(thing) for thing in things if thing["isToggled"]]
+    return wetted(running, (lying(sight_of(thing)) for thing in things))
 
 
 def _heated(event: Event) -> frozenset[str]:
@@ -298,16 +305,6 @@ def _cooled(event: Event) -> frozenset[str]:
     things = event.metadata["objects"]
     fridges = [t for t in things if t["objectType"] == FRIDGE and not t["isOpen"]]
     return frozenset(_contents(fridges, things))
-
-
-def _distance(one: _Object, other: _Object) -> float:
-    a, b = (_vector(thing["axisAlignedBoundingBox"]["center"]) for thing in (one, other))
-    return sum((x - y) ** 2 for x, y in zip(a, b, strict=True))
-
-
-def _has_part(whole: _Object, parts: Iterable[_Object]) -> bool:
-    """Return whether one of `parts` is a part of `whole` (`Sink|x|y|z|SinkBasin`)."""
-    return any(is_part(_id(part), _id(whole)) for part in parts)
 
 
 def _contents(receptacles: Iterable[_Object], things: Sequence[_Object]) -> Iterator[str]:

@@ -68,7 +68,7 @@ class Reach:
         self._observe(self.world.last_event)
 
     def _observe(self, event: Event, touched: Sequence[str] = ()) -> Observation:
-        observation = self._eyes.observe(event, touched=touched, known=self.log.seen)
+        observation = self._eyes.observe(event, touched=touched, known=self.names)
         self.log.add(observation)
         return observation
 

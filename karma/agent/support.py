@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable
 
 from karma.contracts import SeenObject
-from karma.household.ids import is_part, whole_id
 from karma.household.types import object_types
 
 _ASIDE_M = 0.05  # how far a thing's centre may be outside what holds it
@@ -48,12 +47,9 @@ def nearest(one: SeenObject, kind: str, others: Iterable[SeenObject]) -> SeenObj
 
 
 def contents(place: str, things: Iterable[SeenObject]) -> set[str]:
-    """Return the ids of what lies in a place, in what it is part of, and in those again."""
+    """Return the ids of what lies in a place, and in that again."""
     things = list(things)
-    inside, waiting = (
-        set[str](),
-        [place, *([whole_id(place)] if is_part(place, whole_id(place)) else [])],
-    )
+    inside, waiting = set[str](), [place]
     while waiting:
         holder = waiting.pop()
         for thing in things:

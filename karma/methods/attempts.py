@@ -6,6 +6,7 @@ from dataclasses import replace
 from karma.agent.planner import grounded
 from karma.agent.skills import Skills
 from karma.contracts import Experience, FailedProgram, MemoryUnit, Plan, PlanRequest, SkillResult
+from karma.memory.short_term import merged_states
 
 
 def carried_out(plan: Plan, skills: Skills) -> Generator[SkillResult, None, list[SkillResult]]:
@@ -51,15 +52,16 @@ def after_run(request: PlanRequest, plan: Plan, results: Sequence[SkillResult]) 
     )
 
 
-def without_ended(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryUnit]:
-    """Return units without the states that the agent has ended: what was poured out is not filled.
+def as_left(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryUnit]:
+    """Return units with what the agent's deeds made of them, handled or not.
 
-    Other states end when their opposite comes; these have none.
+    What a tap or an oven did to a thing that was only remembered there is added. What was poured
+    out is not filled: other states end when their opposite comes; these have none.
     """
-    ended = experience.ended
-    return [
-        replace(unit, states=tuple(w for w in unit.states if w not in ended[unit.object_id]))
-        if unit.object_id in ended
-        else unit
-        for unit in units
-    ]
+    changed = []
+    for unit in units:
+        ended = experience.ended.get(unit.object_id, ())
+        effects = experience.effects.get(unit.object_id, ())
+        states = tuple(word for word in unit.states if word not in ended)
+        changed.append(replace(unit, states=merged_states(states, effects)))
+    return changed

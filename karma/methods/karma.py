@@ -36,7 +36,7 @@ from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
-from karma.methods.attempts import after_answer, after_run, carried_out, without_ended
+from karma.methods.attempts import after_answer, after_run, as_left, carried_out
 from karma.methods.experience import movable, units_of
 from karma.methods.options import settings_of
 from karma.methods.perception import BoxSource, Kind, Perception, detector_of
@@ -282,7 +282,7 @@ class KarmaEpisode:
             )
         if not again:
             return request
-        before = without_ended(request.units, experience)
+        before = as_left(request.units, experience)
         fresh = self._units(experience, before, request.instruction)
         new = {unit.object_id for unit in fresh} | experience.gone
         kept = (unit for unit in before if unit.object_id not in new)
@@ -292,7 +292,7 @@ class KarmaEpisode:
 
     def _remember(self, experience: Experience, instruction: str) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
-        before = without_ended(self.short_term.units(self._scene), experience)
+        before = as_left(self.short_term.units(self._scene), experience)
         for unit in before:
             self.short_term.correct(unit)
         seen_types = self._seen_types.setdefault(self._scene, {})

@@ -20,6 +20,7 @@ from karma.errors import FileError, KarmaError
 from karma.files import read_json
 from karma.household.states import canonical_state
 from karma.tasks.clauses import clauses_of
+from karma.tasks.files import with_whole
 from karma.tasks.goals import ARITY, object_names, read_goal
 from karma.tasks.loose_goals import GoalReader
 from karma.tasks.loose_names import is_plural, names, state_of, tiers_of
@@ -55,13 +56,14 @@ def _load(path: str | Path) -> Iterable[Task]:
             raise FileError(path, f"unknown list {title!r}; known are {', '.join(_KINDS)}")
         for row in rows:
             goals, notes = read_goals(row.goals)
-            yield Task(
+            task = Task(
                 id=f"{_KINDS[title]}-{row.number}",
                 kind=_KINDS[title],
                 scene=SceneRef(name=f"FloorPlan{row.plan}"),
                 subtasks=assign(goals, clauses_of(row.instruction)),
                 notes=notes,
             )
+            yield with_whole(task, row.instruction)
 
 
 def read_goals(text: str) -> tuple[tuple[Goal, ...], tuple[str, ...]]:
@@ -111,13 +113,12 @@ def resolve(task: Task, scene_object_types: Iterable[str]) -> Task:
     """
     notes = list(task.notes)
     reader = GoalReader(Counter(scene_object_types))
-    whole = ". ".join(sub.instruction for sub in task.subtasks)
     subtasks = []
     for subtask in task.subtasks:
         read: dict[Goal, Goal] = {}
         for goal in subtask.goals:
             try:
-                read[goal] = reader.read(goal, (subtask.instruction, whole))
+                read[goal] = reader.read(goal, (subtask.instruction, subtask.whole))
             except KarmaError as error:
                 notes.append(_unresolved(goal, str(error)))
                 continue

@@ -89,9 +89,14 @@ def _task(row: _Task) -> Task:
     )
 
 
-def with_whole(task: Task) -> Task:
-    """Tell every sub-task the whole text that it is a part of: its own in a sequence."""
-    whole = " ".join(sub.instruction for sub in task.subtasks)
+def with_whole(task: Task, said: str = "") -> Task:
+    """Tell every sub-task the whole text that it is a part of: its own in a sequence.
+
+    Args:
+        task: any.
+        said: the text, where the instructions were cut out of one; "" joins them.
+    """
+    whole = " ".join(said.split()) or " ".join(sub.instruction for sub in task.subtasks)
     alone = task.kind == "sequence"
     told = (replace(sub, whole=sub.instruction if alone else whole) for sub in task.subtasks)
     return replace(task, subtasks=tuple(told))

@@ -110,6 +110,17 @@ def test_memory_is_written_after_the_instruction_in_the_order_of_use(start):
     assert apple.place_id.startswith("SinkBasin|")
 
 
+@pytest.mark.parametrize(("left_in", "states"), [("SinkBasin", ("cleaned",)), ("Bowl", ())])
+def test_memory_marks_what_was_left_in_the_sink_when_the_tap_runs_later(start, left_in, states):
+    put = f"GoToObject(robot, '{left_in}')\nPutObject(robot, 'Apple', '{left_in}')\n"
+    run = "ToggleOn(robot, 'Faucet')\nToggleOff(robot, 'Faucet')\n"
+    episode, _, _ = start([TAKE_APPLE + put, run])
+    do(episode, f"put the apple in the {left_in}")
+    assert remembered(episode, "Apple").states == ()
+    do(episode, "run the tap")
+    assert remembered(episode, "Apple").states == states
+
+
 def test_memory_keeps_two_handled_things_the_last_used_last(start):
     second = (
         "PutObject(robot, 'Apple', 'DiningTable')\n"

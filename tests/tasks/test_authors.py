@@ -5,6 +5,8 @@ import json
 
 import pytest
 
+from karma.agent.prompt import render
+from karma.contracts import PlanRequest
 from karma.errors import FileError
 from karma.household.types import object_types
 from karma.tasks.authors import load_authors_tasks, read_goals, resolve
@@ -37,6 +39,29 @@ def due(task):
 
 
 # ----------------------------------------------------------------- clauses
+
+
+def test_every_clause_knows_the_whole_request_with_its_commas(tmp_path):
+    said = "Rinse a cup,  then put it on the table;\nbring me a fork, please."
+    task = resolve(load(tmp_path, "STATE(cup, clean), HOLDON(robot, fork)", said), KITCHEN)
+    assert [sub.instruction for sub in task.subtasks] == [
+        "Rinse a cup", "put it on the table", "bring me a fork",
+    ]  # fmt: skip
+    assert {sub.whole for sub in task.subtasks} == {
+        "Rinse a cup, then put it on the table; bring me a fork, please."
+    }
+
+
+@pytest.mark.shared
+def test_every_clause_of_the_authors_has_the_whole_request_in_its_prompt(shared):
+    tasks = load_authors_tasks(sorted((shared / "data" / "alfred_l").glob("*.json")))
+    subtasks = [sub for task in tasks for sub in task.subtasks]
+    assert len(subtasks) > 80
+    for sub in subtasks:
+        request = PlanRequest(instruction=sub.instruction, whole=sub.whole)
+        asked = render("full", request).prompt.changing
+        assert f"# The user's whole request: {sub.whole}\n" in asked
+        assert sub.instruction.split(",")[0] in sub.whole
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Apply the rule table to the objects of a moment until nothing changes."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -8,12 +7,12 @@ from typing import NamedTuple
 import msgspec
 from msgspec import UNSET
 
-from karma.household.uses import BASIN_OF, BASINS
+from karma.household.water import Lying, wetted
 from karma.world.core.objects import Objects, derived
 from karma.world.core.rules import Effect, rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import WorldState
-from karma.world.core.thing import gaps
+from karma.world.core.thing import is_shut
 
 
 class Effects(NamedTuple):
@@ -38,7 +37,7 @@ def settle(state: WorldState) -> WorldState:
     return _decay(state, fading) if fading or state.until_s else state
 
 
-@derived("parents", "inert", "state")
+@derived("parents", "inert", "open", "state")
 def effects(objects: Objects) -> Effects:
     """Return what the household does to these objects by itself, in one round."""
     changes: dict[str, SceneObject] = {}
@@ -75,24 +74,15 @@ def _sources(objects: Objects, effect: Effect) -> Iterator[str]:
 def _zone(objects: Objects, effect: Effect, source: str) -> tuple[str, ...]:
     if effect.zone == "inside":
         return objects.containment.inside(source)
-    basin = basin_under(objects, source)
-    return () if basin is None else objects.containment.inside(basin)
+    return tuple(sorted(wetted([source], _lying(objects))))
 
 
-def basin_under(objects: Objects, source: str) -> str | None:
-    """Return the nearest basin a faucet or shower head pours into; basins before sinks."""
-    x, y, z = objects[source].center
-    for kinds in (BASINS, tuple(BASIN_OF)):
-        found: list[tuple[float, str]] = []
-        for kind in kinds:
-            for object_id in objects.by_type.get(kind, ()):
-                thing = objects[object_id]
-                far = math.hypot(*gaps(thing, x, z))
-                if far <= rules().liquids.basin_reach_m and thing.center[1] <= y + 0.1:
-                    found.append((far, object_id))
-        if found:
-            return min(found)[1]
-    return None
+@derived("place", "parents", "open")
+def _lying(objects: Objects) -> list[Lying]:
+    return [
+        Lying(one.id, one.type, one.center, one.size, one.parents, is_shut(one))
+        for one in objects.values()
+    ]
 
 
 def _decay(state: WorldState, fading: tuple[str, ...]) -> WorldState:

@@ -100,10 +100,9 @@ class Fragile(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Liquids(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a vessel may be filled with, and where water runs."""
+    """What a vessel may be filled with."""
 
     known: tuple[str, ...]
-    basin_reach_m: float
 
 
 class Hand(Struct, frozen=True, forbid_unknown_fields=True):
