@@ -36,7 +36,7 @@ def test_what_was_not_come_to_is_not_seen(tmp_path):
 
 
 def test_truth_behind_the_agents_back_changes_nothing_that_it_says(tmp_path):
-    honest, watched = (agent_saying(tmp_path, [STORE, TAKE]) for _ in range(2))
+    honest, watched = (agent_saying(tmp_path / name, [STORE, TAKE]) for name in "ab")
     honest.do("put the apple in the fridge")
     said = [moment for moment in watched.doing("put the apple in the fridge")]
     world = watched._world

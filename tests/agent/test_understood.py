@@ -81,7 +81,7 @@ def test_sureness_is_calibrated_where_doubt_was_fitted_and_says_so_where_not(tmp
     )
     calibrated = agent_saying(tmp_path, [], model=Sure([TAKE]), doubt=fitted).do("take the apple")
     assert calibrated.parts[0].understood[0].sure == "0.90 that this should be done (calibrated)"
-    own = agent_saying(tmp_path, [], model=Sure([TAKE])).do("take the apple")
+    own = agent_saying(tmp_path / "own", [], model=Sure([TAKE])).do("take the apple")
     assert own.parts[0].understood[0].sure.endswith("(not calibrated)")
 
 

@@ -262,7 +262,7 @@ def test_table_command_writes_three_files(run, tmp_path, monkeypatch):
     unfinished = f"not finished, the figures are of the {len(run.records)} episodes that are done"
     assert unfinished in " ".join(said.output.split())
     assert sorted(path.name for path in out.iterdir()) == [
-        "table.csv", "table.md", "table.tex", "x.json",
+        ".karma-made", "table.csv", "table.md", "table.tex", "x.json",
     ]  # fmt: skip
     result = result_of(run, PUBLISHED)
     assert (out / "table.md").read_text().startswith(to_markdown(sheets(result)))

@@ -53,7 +53,9 @@ def bundle(tmp_path_factory):
     (wheels / "way-1.0-py3-none-any.whl").write_bytes(wheel_bytes("way", extra=way.items()))
     for pip in Path(ensurepip.__file__).parent.glob("_bundled/pip-*.whl"):
         shutil.copy(pip, wheels)
-    (folder / "lock").write_text("way==1.0\n")
+    # the environment may hold a package of real weights, without the `llm` that it asks for
+    (wheels / "llm-1.0-py3-none-any.whl").write_bytes(wheel_bytes("llm", module=False))
+    (folder / "lock").write_text("llm==1.0\nway==1.0\n")
     spec = BundleSpec(wheels=wheels, lock=folder / "lock", own=own.path, models=MODELS)
     (folder / "install.pyz").write_bytes(installer())
     with pytest.MonkeyPatch.context() as patch:

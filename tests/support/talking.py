@@ -36,6 +36,7 @@ def resources(answers, model=None, doubt=None, maps=None, embedder=None):
 
 def agent_saying(folder, answers, listen=None, **given):
     """An agent in the kitchen made by hand, with its run and its maps in a folder."""
+    folder.mkdir(exist_ok=True)
     scene = folder / "handmade.json"
     scene.write_bytes(to_json(kitchen()))
     maps = folder / "maps"

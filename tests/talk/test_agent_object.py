@@ -156,7 +156,8 @@ def test_map_and_memory_and_reply_are_sound_html(tmp_path):
 
 
 def test_answers_fit_a_screen_of_24_rows_however_much_there_is(tmp_path):
-    long = STORE + "GoToObject(robot, 'Mug')\n" * 30
+    names = ("Mug", "Plate", "Sink", "Fridge", "Apple", "Cabinet")  # six: no cycle that is stopped
+    long = STORE + "".join(f"GoToObject(robot, '{name}')\n" for name in names * 5)
     agent = agent_saying(tmp_path, [long] * 12)
     part, *_ = agent.do("put the apple next to the mug by the plate in the fridge").parts
     assert len(lines_of(part, rows_for(1))) <= ROWS
