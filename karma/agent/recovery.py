@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from karma.agent.program import SKILLS, parse_program, parse_refusal
 from karma.contracts import Completion, RefusedRequest, SkillCall, SkillSignature
 from karma.errors import ProgramError
-from karma.language.repetition import repeated, what_repeats
+from karma.language.whole import going_round, repeated
 
 _MARKS = r"(?:(?:[Ss]tep\s*)?\d+\s*[.):]|[-*•>+`]|\*\*)"  # of lists, of emphasis
 _CALL = r"""[A-Za-z_]\w*\(\s*robots?\b(?:[^()'"]|'[^'\n]*'|"[^"\n]*"|\([^()\n]*\))*\)"""
@@ -65,7 +65,7 @@ def _check_circles(calls: Sequence[SkillCall]) -> None:
     if found is not None:
         end, size = found
         last = calls[end - 1]
-        raise ProgramError(what_repeats(size), line=last.line, code=str(last))
+        raise ProgramError(going_round(size), line=last.line, code=str(last))
 
 
 def recover_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> Recovered:

@@ -51,16 +51,20 @@ class AnswerView:
         for line in whole:
             self._say(f"  {line}  ({self._cost})")
 
+    def ended(self) -> None:
+        """Show what an answer ended with, where no newline came after it."""
+        if not console.is_terminal and self._lines[-1]:
+            self._say(f"  {self._lines[-1]}  ({self._cost})")
+            self._lines[-1] = ""
+
     def answered(self, plan: "Plan") -> None:
-        """Note that an answer is whole, and why it was refused if it was."""
+        """Note that an answer was read, and why it was refused if it was."""
+        self.ended()
         self._before = plan.error.partition("\n")[0]
         if self._status is not None:
             self._status.update("thinking ...")
-        if not console.is_terminal and self._cost:
-            if rest := self._lines[-1]:
-                self._say(f"  {rest}  ({self._cost})")
-            if self._before:
-                self._say(f"  refused: {self._before}")
+        if not console.is_terminal and self._cost and self._before:
+            self._say(f"  refused: {self._before}")
         self._begin()
 
     def _draw(self) -> None:

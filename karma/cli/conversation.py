@@ -62,6 +62,7 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
             elif isinstance(moment, Plan):
                 view.answered(moment)
             elif isinstance(moment, Understanding | RequestReply):
+                view.ended()  # it is understood before its plan comes
                 lines: list[Line] = []
                 if isinstance(moment, RequestReply):
                     lines = lines_after(moment, max(most - printed, 1))

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from karma import Agent
 from karma.bench.run_folder import read_run
-from karma.cli import answers, app
+from karma.cli import answers, app, conversation
 from karma.cli.answers import AnswerView
 from karma.cli.conversation import say
 from karma.cli.shared import SafeConsole
@@ -23,6 +23,19 @@ NO_TIME = "0.000001"  # is over before a prompt is read
 
 def heard(*texts):
     return [Heard(text=text, tokens=n, seconds=n / 2) for n, text in enumerate(texts, 1)]
+
+
+def test_last_line_of_an_answer_without_a_newline_stands_before_what_it_came_to(
+    tmp_path, monkeypatch
+):
+    both, view = StringIO(), AnswerView()
+    monkeypatch.setattr(conversation, "console", SafeConsole(file=both, width=100))
+    view._errors = SafeConsole(file=both, width=100)
+    say(agent_saying(tmp_path, [STORE.rstrip("\n")], listen=view.hear), "store the apple", view)
+    shown = both.getvalue()
+    last = STORE.rstrip("\n").rpartition("\n")[2]
+    assert shown.count(last) == 1
+    assert shown.index(last) < shown.index("1. store the apple")
 
 
 def test_lines_go_to_standard_error_when_they_are_whole_and_nothing_else_changes(tmp_path, capsys):

@@ -17,7 +17,7 @@ from karma.errors import FileError
 from karma.files import to_json
 from karma.household.types import object_types
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.language.repetition import TIMES, repeated
+from karma.language.whole import TIMES, repeated
 from karma.seeds import stream
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing import phrases

@@ -32,8 +32,8 @@ from karma.infer.hosted.server import manner_of
 from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.hosted.thinking import told_apart
 from karma.infer.programs.automaton import without_closing
-from karma.infer.programs.faults import cut_off
 from karma.infer.vision.pictures import picture_url
+from karma.language.whole import cut_off
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

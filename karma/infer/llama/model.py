@@ -32,8 +32,7 @@ from karma.infer.llama.scoring import SkillScorer
 from karma.infer.llama.thinking import Thought, closing_tokens, think, told_apart
 from karma.infer.llama.under_way import UnderWay
 from karma.infer.programs.automaton import ProgramAutomaton, State, without_closing
-from karma.infer.programs.faults import cut_off
-from karma.language.repetition import cycle, what_repeats
+from karma.language.whole import cut_off, cycle, going_round
 from karma.seeds import stream
 
 
@@ -136,11 +135,7 @@ class LlamaModel:
             state = self.gguf.evaluate(stable, changing, is_late=lambda: answer.is_late)
             thought = self._think(spare, temperature, rng, answer)
             found = self._decode(automaton, room, temperature, rng, answer, log)
-        reasoning, text = thought.text, found.text.decode("utf-8", errors="replace")
-        if isinstance(spec, ProgramSpec):
-            text = without_closing(text)
-        if not reasoning and self._template is not None:  # it may think without being asked to
-            reasoning, text = told_apart(text)
+        reasoning, text = self._said(thought, found, spec)
         return Completion(
             text=text,
             finish=found.finish,
@@ -156,6 +151,15 @@ class LlamaModel:
             state=state,
             certainty=log.certainty(),
         )
+
+    def _said(self, thought: Thought, found: _Decoded, spec: AnswerSpec | None) -> tuple[str, str]:
+        """Return the thought and the answer."""
+        text = found.text.decode("utf-8", errors="replace")
+        if isinstance(spec, ProgramSpec):
+            text = without_closing(text)
+        if thought.text or self._template is None:
+            return thought.text, text
+        return told_apart(text)  # it may think without being asked to
 
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
@@ -289,7 +293,7 @@ def _fault(found: _Decoded, answer: UnderWay) -> str:
         case "length":
             return cut_off(found.tokens)
         case "cycle":
-            return what_repeats(cycle(_lines(found.text)))
+            return going_round(cycle(_lines(found.text)))
         case "time":
             return answer.late
     return ""

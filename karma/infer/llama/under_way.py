@@ -4,6 +4,7 @@ import codecs
 from time import perf_counter
 
 from karma.contracts import Heard, Listener
+from karma.language.whole import cut_off
 
 
 class UnderWay:
@@ -34,7 +35,7 @@ class UnderWay:
     @property
     def late(self) -> str:
         """Say that its time was up."""
-        return f"the answer was cut off after {self._most or 0:g} s"
+        return cut_off(seconds=self._most or 0)
 
     def begins(self) -> None:
         """Note that the first token of the answer is there, a thought before it not counted."""

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from karma.agent.recovery import program_of
 from karma.contracts import Completion
 from karma.errors import ProgramError
-from karma.language.repetition import LONGEST, cycle, repeated
+from karma.language.whole import LONGEST, cycle, repeated
 
 LINES = st.lists(st.sampled_from("abc"), max_size=14)
 

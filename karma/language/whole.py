@@ -1,4 +1,4 @@
-"""Tell an answer that goes round in circles from one that goes on."""
+"""Which answers are not whole, and in what words a planner is told so when it is asked again."""
 
 from collections.abc import Sequence
 
@@ -25,7 +25,19 @@ def repeated(lines: Sequence[str]) -> tuple[int, int] | None:
     return next((one for one in found if one[1]), None)
 
 
-def what_repeats(size: int) -> str:
-    """Return why an answer is refused in which so many lines came for the third time."""
+def cut_off(tokens: int | None = None, *, seconds: float | None = None) -> str:
+    """Return what is said of an answer that a limit has cut; tokens None: nobody counted them.
+
+    >>> cut_off(512)
+    'the answer was cut off after 512 tokens: it must be shorter'
+    """
+    if seconds is not None:
+        return f"the answer was cut off after {seconds:g} s"
+    many = "" if tokens is None else f" after {tokens} tokens"
+    return f"the answer was cut off{many}: it must be shorter"
+
+
+def going_round(size: int) -> str:
+    """Return what is said of an answer in which so many lines came for the third time."""
     what = "one line" if size == 1 else f"{size} lines"
     return f"the answer repeats {what} for the third time: it must do each step once, and end"
