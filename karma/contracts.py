@@ -279,6 +279,7 @@ class PlanRequest:
     failures: Sequence[FailedProgram] = ()  # of this instruction so far, the last one last
     examples: Sequence[WorkedExample] = ()  # for the instruction; the compact profile has no room
     missing: Sequence[str] = ()  # what was searched for in vain: ids or types
+    first: Sequence["SkillCall"] = ()  # the program that was carried out first: how it was read
     seen: Sequence[SeenObject] = ()  # movable things in sight since the instruction was given
     seen_types: Sequence[str] = ()  # of movable things that were seen in this room before
     hints: Sequence[Hint] = ()  # what words of the instruction may mean
@@ -543,14 +544,14 @@ class Check:
 class Outcome:
     """The last thing a method yields for an instruction."""
 
-    finished: bool  # every skill of the last program succeeded
+    finished: bool  # every skill of the last program succeeded, and all that the first was to do
     resident: tuple[MemoryUnit, ...]  # short-term memory before the instruction
     handled_ids: tuple[str, ...]  # in the order of use
     kept: tuple[MemoryUnit, ...] = ()  # short-term memory after it
     tour: Tour | None = (
         None  # that made the map in use, now or in an earlier episode; no part of it
     )
-    checks: tuple[Check, ...] = ()  # of the last program, where the method looks back
+    checks: tuple[Check, ...] = ()  # of its programs, where the method looks back
 
 
 # ----------------------------------------------------------------- what it is asked

@@ -7,6 +7,7 @@ from typing import Self
 from karma.agent.inspector import Objection, mend, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
+from karma.agent.reading import astray
 from karma.agent.recovery import program_of
 from karma.agent.refused_requests import doubted, with_words
 from karma.agent.several import with_turns
@@ -76,8 +77,9 @@ class Planner:
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
 
-        The last answer is only asked to parse: the world may know better than the type table. But
-        where every answer ended in the same impossible deed, a planner that may refuse does.
+        The last answer is only asked to parse, and not to go astray from the first program that was
+        carried out: the world may know better than the type table. But where every answer ended in
+        the same impossible deed, a planner that may refuse does.
         """
         if self.hints is not None:
             request = replace(request, hints=self.hints(request.instruction))
@@ -191,12 +193,21 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
     known = seen | set(answer.names)
     calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=request.areas)
+    if (wrong := astray(request.first, calls, request.instruction)) is not None:
+        return _astray(replace(answer, calls=calls), *wrong), None
     found = objection(calls, held=held, known=known)
     if found is None:
         return replace(answer, calls=calls), None
     reason = "; ".join(filter(None, [found.reason, found.help]))
     failure = FailedProgram(lines=tuple(map(str, calls)), failed=found.line, reason=reason)
     return replace(answer, calls=calls, error=str(found), failure=failure), found
+
+
+def _astray(answer: Plan, line: int, reason: str) -> Plan:
+    """Return a plan without its program, which is about another thing than the first one was."""
+    lines = tuple(map(str, answer.calls))
+    failure = FailedProgram(lines=lines, failed=line, reason=reason)
+    return replace(answer, calls=(), error=f"{lines[line]}: {reason}", failure=failure)
 
 
 def _is_shut(place_id: str | None) -> bool:

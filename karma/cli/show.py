@@ -122,7 +122,8 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
         table.add_column(escape(name))
     table.caption = (
         "goals: how many could be resolved, of all; a task is judged by those, and by none where "
-        "there are none; ✗: how many of those were met; at start: all of them held when it began"
+        "there are none; apart: no words ask for them, so they judge nobody; ✗: how many of those "
+        "were met; at start: all of them held when it began"
     )
     table.add_column("notes", overflow="fold")
     by_task: dict[str, dict[str, EpisodeRecord]] = {}  # of each row the last seed
@@ -134,11 +135,19 @@ def task_table(records: Sequence[EpisodeRecord]) -> Table:
         table.add_row(
             escape(task),
             escape(one.scene),
-            f"{goals} of {goals + sum(note.startswith('unresolved') for note in one.notes)}",
+            _resolved(goals, one.notes),
             *(_mark(found.get(row), goals) for row in rows),
             "\n".join(escape(note) for note in one.notes) or "",
         )
     return table
+
+
+def _resolved(judged: int, notes: Sequence[str]) -> str:
+    """Return how many goals judge a task, of how many, and how many no words ask for."""
+    lost, apart = (
+        sum(note.startswith(word) for note in notes) for word in ("unresolved ", "unasked ")
+    )
+    return f"{judged} of {judged + lost}" + (f", {apart} apart" if apart else "")
 
 
 def _goals(record: EpisodeRecord) -> int:

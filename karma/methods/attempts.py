@@ -1,12 +1,59 @@
 """Programs that are tried: carried out until a line is refused, and told of in the next request."""
 
 from collections.abc import Generator, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+from karma.agent.afterwards import checked
 from karma.agent.planner import grounded
+from karma.agent.reading import kind_of, left_undone, put_right
 from karma.agent.skills import Skills
-from karma.contracts import Experience, FailedProgram, MemoryUnit, Plan, PlanRequest, SkillResult
+from karma.contracts import (
+    Check,
+    Experience,
+    FailedProgram,
+    MemoryUnit,
+    Plan,
+    PlanRequest,
+    SkillCall,
+    SkillResult,
+)
 from karma.memory.short_term import merged_states
+
+
+@dataclass(slots=True)
+class Programs:
+    """The programs of one request; the first that was carried out says what is to be done."""
+
+    instruction: str
+    first: tuple[SkillCall, ...] = ()
+    calls: tuple[SkillCall, ...] = ()  # of the last
+    results: Sequence[SkillResult] = ()  # of the last, as far as it was tried
+    before: tuple[SkillResult, ...] = ()  # what went well of the others
+
+    def add(self, plan: Plan, results: Sequence[SkillResult]) -> None:
+        """Take in a program that was carried out, as far as it went."""
+        self.before += tuple(result for result in self.results if result.ok)
+        self.calls, self.results = grounded(plan.calls, plan.names), results
+        if not self.first or put_right(self.first, self.calls, self.instruction):
+            self.first = self.calls
+
+    @property
+    def ran(self) -> bool:
+        """Whether every line of the last program went well."""
+        return bool(self.results) and all(result.ok for result in self.results)
+
+    @property
+    def finished(self) -> bool:
+        """Whether, besides, nothing is left that the first one was to do."""
+        done = [result.call for result in (*self.before, *self.results) if result.ok]
+        return self.ran and not left_undone(self.first, done)
+
+    def checks(self, experience: Experience) -> tuple[Check, ...]:
+        """Return how it stands with all that was done and that was to be done."""
+        told = [*(result.call for result in self.before), *self.calls]
+        left = left_undone(self.first, told)
+        told += [call for call in self.first if kind_of(call.objects[0]) in left]
+        return checked(told, (*self.before, *self.results), experience)
 
 
 def carried_out(plan: Plan, skills: Skills) -> Generator[SkillResult, None, list[SkillResult]]:
@@ -28,19 +75,18 @@ def after_answer(request: PlanRequest, plan: Plan) -> PlanRequest:
     return replace(request, failures=(*request.failures, plan.failure))
 
 
-def after_run(request: PlanRequest, plan: Plan, results: Sequence[SkillResult]) -> PlanRequest:
+def after_run(request: PlanRequest, programs: Programs) -> PlanRequest:
     """Return the request after a failure: told of, and not searched for again what is not there.
 
     Args:
         request: the one before.
-        plan: that failed.
-        results: of its calls; the last one is the refusal.
+        programs: the last one failed; the last of its results is the refusal.
     """
-    result = results[-1]
+    result = programs.results[-1]
     missing = result.call.objects[-1:] if result.call.skill == "Explore" else ()
     failure = FailedProgram(
-        lines=tuple(map(str, grounded(plan.calls, plan.names))),
-        failed=len(results) - 1,
+        lines=tuple(map(str, programs.calls)),
+        failed=len(programs.results) - 1,
         reason=result.detail or result.reason,
         ran=True,
     )
@@ -49,6 +95,7 @@ def after_run(request: PlanRequest, plan: Plan, results: Sequence[SkillResult]) 
         error=f"{result.call}: {result.reason}",
         failures=(*request.failures, failure),
         missing=(*request.missing, *missing),
+        first=programs.first,
     )
 
 

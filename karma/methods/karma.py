@@ -8,8 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import Meta
 
-from karma.agent.afterwards import checked
-from karma.agent.planner import Planner, grounded
+from karma.agent.planner import Planner
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
@@ -24,7 +23,6 @@ from karma.contracts import (
     Recalled,
     Resources,
     SceneRef,
-    SkillCall,
     SkillResult,
     SubTask,
     VisionModel,
@@ -36,7 +34,7 @@ from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
-from karma.methods.attempts import after_answer, after_run, as_left, carried_out
+from karma.methods.attempts import Programs, after_answer, after_run, as_left, carried_out
 from karma.methods.experience import movable, units_of
 from karma.methods.options import settings_of
 from karma.methods.perception import BoxSource, Kind, Perception, detector_of
@@ -179,31 +177,29 @@ class KarmaEpisode:
         beliefs = _Beliefs(self._world, self.graph, self._found_by_name(request.units))
         eyes = self._perception.eyes(self._scene, subtask.instruction)
         skills = Skills(self._world, beliefs, eyes=eyes)
-        results: list[SkillResult] = []
-        calls: tuple[SkillCall, ...] = ()
-        finished = False
+        programs = Programs(subtask.instruction)
         for _ in range(self.settings.attempts):
             plan = None
-            for plan in self._planner.plan(self._updated(request, skills, again=bool(results))):
+            updated = self._updated(request, skills, again=bool(programs.results))
+            for plan in self._planner.plan(updated):
                 yield plan
                 request = after_answer(request, plan)
             if plan is None or not plan.calls:
                 break
-            calls = grounded(plan.calls, plan.names)
             results = yield from carried_out(plan, skills)
-            finished = all(result.ok for result in results)
-            if finished:
+            programs.add(plan, results)
+            if programs.ran:
                 break
-            request = after_run(request, plan, results)
+            request = after_run(request, programs)
         experience = skills.experience
         self._remember(experience, subtask.instruction)
         yield Outcome(
-            finished=finished,
+            finished=programs.finished,
             resident=resident,
             handled_ids=experience.handled_ids,
             kept=self.short_term.units(),
             tour=self.graph.tour if self.graph else None,
-            checks=checked(calls, results, experience),
+            checks=programs.checks(experience),
         )
 
     def where(self, name: str) -> Known | None:

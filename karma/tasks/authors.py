@@ -2,8 +2,9 @@
 
 Loading splits the instruction into clauses and gives each goal to the clause in which it becomes
 due; `resolve` then turns loose names into AI2-THOR types of one scene. `loose_names.toml` holds
-what words mean. Notes of a task are of two kinds: "unresolved GOAL: reason" for a goal that was
-dropped, "read GOAL as GOAL" for one that could only be taken in another sense.
+what words mean. Notes of a task are of three kinds: "unasked GOAL: ..." for one that judges nobody
+as no words ask for it, "unresolved GOAL: reason" for one that nobody could bring about, "read GOAL
+as GOAL" for one that could only be taken in another sense.
 """
 
 import re
@@ -24,7 +25,7 @@ from karma.tasks.files import with_whole
 from karma.tasks.goals import ARITY, object_names, read_goal
 from karma.tasks.loose_goals import GoalReader
 from karma.tasks.loose_names import is_plural, names, state_of, tiers_of
-from karma.tasks.splitting import assign
+from karma.tasks.splitting import assign, unasked
 
 _KINDS: Mapping[str, Literal["simple", "composite", "complex"]] = {
     "SimpleTasks": "simple", "CompositeTasks": "composite", "ComplexTasks": "complex",
@@ -56,11 +57,14 @@ def _load(path: str | Path) -> Iterable[Task]:
             raise FileError(path, f"unknown list {title!r}; known are {', '.join(_KINDS)}")
         for row in rows:
             goals, notes = read_goals(row.goals)
+            clauses = clauses_of(row.instruction)
+            apart = unasked(goals, clauses)
+            notes += tuple(f"unasked {_brief(goal)}: no words ask for it" for goal in apart)
             task = Task(
                 id=f"{_KINDS[title]}-{row.number}",
                 kind=_KINDS[title],
                 scene=SceneRef(name=f"FloorPlan{row.plan}"),
-                subtasks=assign(goals, clauses_of(row.instruction)),
+                subtasks=assign([goal for goal in goals if goal not in apart], clauses),
                 notes=notes,
             )
             yield with_whole(task, row.instruction)

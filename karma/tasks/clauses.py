@@ -8,19 +8,25 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from karma.household.states import OPPOSITES
 from karma.tasks.loose_names import (
     ANYTHING,
     IT,
     Verbs,
     mentioned,
     names,
+    singular,
     state_of,
+    use_in,
     verb_at,
     words_of,
 )
 
 _CUTS = r"[.;!?](?:\s|$)|,|\n|→|->|\bthen\b"
 _EMPTY = ("", "and", "after that", "please")
+_SEVERAL = frozenset(("both", "all", "each", "rest"))  # "serve both on a plate"
+_PIECES = ("slice", "piece")
+VAGUE = frozenset((ANYTHING, IT))  # hints at nothing in particular
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +57,25 @@ class Phrase:
         }
         done = (state for verb in self.verbs for state in verb.states)
         return frozenset((*done, *filter(None, said)))
+
+    @property
+    def described(self) -> frozenset[str]:
+        """How it says that a thing is already: "the chopped lettuce", "a slice", no "dirty" mug."""
+        cut = any(singular(word) in _PIECES for word in self.words)
+        said = {"sliced"} if cut else set()
+        said |= set(filter(None, map(state_of, self.words)))
+        return frozenset(said - {OPPOSITES.get(state) for state in self.states})
+
+    @property
+    def speaks(self) -> bool:
+        """Whether it names anything, if only as "food", or means what was named before."""
+        return bool(self.objects or self.places or self.meant or self.hints - VAGUE)
+
+    @property
+    def does(self) -> bool:
+        """Whether its verb asks for anything that a goal can say; of an unknown one who knows."""
+        known = self.states or self.done_at or self.predicates
+        return self.moves or bool(known) or not self.verbs
 
     @property
     def done_at(self) -> frozenset[str]:
@@ -109,7 +134,8 @@ def read_clauses(clauses: Sequence[str]) -> list[tuple[Phrase, ...]]:
         for words in _phrases(text):
             phrase = _read(words, spoken)
             phrases.append(phrase)
-            spoken = (phrase.objects or phrase.meant) | phrase.places or spoken
+            told = phrase.objects or phrase.hints - VAGUE or phrase.meant
+            spoken = told | phrase.places or spoken
         found.append(tuple(phrases))
     return found
 
@@ -120,10 +146,12 @@ def _phrases(text: str) -> list[list[str]]:
     found: list[list[str]] = []
     for part in text.split(","):
         words = words_of(part)
+        used = use_in(words)[0]
         starts = [
             i
             for i in range(len(words))
             if (i == 0 or words[i - 1] in joints)
+            and i not in used
             and verb_at(words, i, first=i == 0 and not found)[1]
         ]
         if not starts:
@@ -145,21 +173,25 @@ def _read(words: Sequence[str], spoken: frozenset[str]) -> Phrase:
     table = names()
     at, groups = verb_at(words, 0, first=True)
     verbs = tuple(verb for group, verb in table.verbs.items() if group in groups)
-    rest = list(words[at + 1 :] if groups else words)
+    used, useful = use_in(words)
+    told = [word for i, word in enumerate(words) if i not in used]
+    rest = told[at + 1 :] if groups else told
     # "turn on" goes nowhere
     particles = {tail for verb in verbs for one in verb.words for tail in one.split()[1:]}
     before, after = _parted([w for i, w in enumerate(rest) if not (i == 0 and w in particles)])
     objects, hints, keys = mentioned(before)
+    if not objects and not _SEVERAL.isdisjoint(before):
+        hints |= {ANYTHING}
     places, more_hints, more_keys = mentioned(after)
     phrase = Phrase(
         verbs=verbs,
         objects=objects,
         places=places,
         keys=keys | more_keys,
-        hints=hints | more_hints,
+        hints=(hints | more_hints) - (VAGUE if useful else set()) | useful,
         words=tuple(words),
     )
-    if objects or hints - {ANYTHING, IT}:
+    if objects or phrase.hints - VAGUE:
         return phrase
     unknown = frozenset() if spoken or ANYTHING in hints else frozenset((ANYTHING,))
     return replace(phrase, hints=phrase.hints | unknown, meant=spoken)

@@ -36,6 +36,7 @@ class Names(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     lead_ins: tuple[str, ...]
     destinations: tuple[str, ...]
     sources: tuple[str, ...]
+    indefinites: tuple[str, ...]
     determiners: tuple[str, ...]
     joints: tuple[str, ...]
     numbers: dict[str, int]
@@ -43,6 +44,7 @@ class Names(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     predicates: dict[str, str]
     types: dict[str, tuple[tuple[str, ...], ...]]
     vague: dict[str, tuple[str, ...]]
+    uses: dict[str, tuple[str, ...]]
     stands_for: dict[str, str]
     verbs: dict[str, Verbs]
 
@@ -226,18 +228,49 @@ def verb_at(words: Sequence[str], start: int, *, first: bool = False) -> tuple[i
     return start, frozenset()
 
 
+def use_in(words: Sequence[str]) -> tuple[range, frozenset[str]]:
+    """Return where "to read" stands behind "something", and the types that it may mean.
+
+    There it tells what is wanted, and asks for nothing: what follows belongs to the verb before.
+
+    >>> use_in("bring something nice to write with to the desk".split())[0]
+    range(3, 6)
+    >>> sorted(use_in("find anything to read".split())[1])
+    ['Book', 'Newspaper']
+    >>> use_in("take the plate to the sink".split())
+    (range(0, 0), frozenset())
+    """
+    table = names()
+    at = next((i for i, word in enumerate(words) if word in table.indefinites), len(words))
+    near = [i for i in range(at + 1, min(at + 3, len(words) - 1)) if words[i] == "to"]
+    if not near or words[near[0] + 1] in table.determiners or _is_name(words[near[0] + 1]):
+        return range(0), frozenset()
+    end = near[0] + 2
+    ends = (*table.destinations, *table.sources, *table.joints)
+    while end < len(words) and words[end] in ends and words[end] != "to":
+        if end + 1 < len(words) and words[end + 1] not in ends:  # "on the table", "and put it ..."
+            break
+        end += 1
+    kinds = (kind for base in _bases(words[near[0] + 1]) for kind in table.uses.get(base, ()))
+    return range(near[0], end), frozenset(kinds)
+
+
+def _is_name(word: str) -> bool:
+    return key_of(word) in names().types
+
+
 def _groups(base: str, rest: Sequence[str]) -> tuple[int, frozenset[str]]:
     """Return the groups of a verb and the words behind it that belong to it, most of them first.
 
     "turn on" wins over "turn" where its second word stands right behind it ("turn on the lamp"), or
-    where nothing but another place follows ("turn the lamp on in the hall").
+    where nothing but another place or "again" follows ("turn the lamp on in the hall").
     """
     table = names()
     ends = (*table.destinations, *table.sources, *table.joints)
     near = {
         word
         for at, word in enumerate(rest)
-        if at == 0 or at + 1 == len(rest) or rest[at + 1] in ends
+        if at == 0 or set(rest[at + 1 :]) <= set(table.lead_ins) or rest[at + 1] in ends
     }
     found: dict[int, set[str]] = {}
     for group, tail in _verbs_by_head().get(base, ()):

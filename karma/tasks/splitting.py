@@ -1,6 +1,6 @@
 """Which goal falls due in which clause of an instruction."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from karma.contracts import Goal, SubTask
@@ -14,11 +14,13 @@ from karma.tasks.loose_names import ANYTHING, key_of, meaning, state_of
 BEAM = 200  # assignments of goals to clauses kept at a time
 FITS = 4  # the least score at which a goal belongs to a clause at all
 _NAMED, _MEANT, _HINTED = 4, 3, 2  # the goal's object in the clause
+_ASKED = 12  # the clause asks for the goal, in so many words
 _DEED = 6  # the clause's verb brings the goal about
 _PLACED, _DONE_AT, _ELSEWHERE = 8, 6, -4  # the goal's place in the clause, by name, by the verb
 _EXACT = 1  # a name as the goal has it
 _BACK = 4  # cost of a step back in the order of clauses
 _UNDONE = 6  # of two goals that exclude each other in one clause, in their order
+_DOORS = ("OPEN", "CLOSED")
 _TORN = 40  # of such goals in the wrong order
 
 
@@ -89,7 +91,9 @@ def _best_assignment(goals: Sequence[Goal], clauses: Sequence[Sequence[Phrase]])
     last = len(clauses) - 1
     beam = [_Partial(0, (), 0)]
     for number, goal in enumerate(goals):
-        fits = [max(_fit(goal, phrase) for phrase in phrases) for phrases in clauses]
+        fits = [
+            max(_fit(goal, one) + _ASKED * asks(one, goal) for one in clause) for clause in clauses
+        ]
         fitting = max(fits) >= FITS
         before = [i for i in range(number) if goals[i] == goal or exclude(goals[i], goal)]
         beam = sorted(
@@ -112,6 +116,56 @@ def _price(one: _Partial, clause: int, before: Sequence[int]) -> int:
     together = sum(one.chosen[i] == clause for i in before)
     torn = sum(one.chosen[i] > clause for i in before)
     return back + _UNDONE * together + _TORN * torn
+
+
+# ----------------------------------------------------------------- what words ask for
+
+
+def unasked(goals: Sequence[Goal], clauses: Sequence[str]) -> tuple[Goal, ...]:
+    """Return the goals that no clause asks for: another thing, place or deed than the words have.
+
+    What a deed needs or leaves behind is asked for with it: the sink of "wash", the door of a
+    fridge that something is put into. Of a verb that is not known anything is believed.
+    """
+    phrases = [phrase for clause in read_clauses(clauses) for phrase in clause]
+    return tuple(goal for goal in goals if not any(asks(phrase, goal) for phrase in phrases))
+
+
+def asks(phrase: Phrase, goal: Goal) -> bool:
+    """Return whether a phrase asks for a goal: for its object and for what becomes of that."""
+    if not (phrase.does or phrase.speaks):
+        return True  # "do it": nobody can say what that does not ask
+    name = object_names(goal)[0]
+    subject = meaning(name)
+    means = bool(subject & phrase.done_at)
+    if not means and not _spoken_of(subject, key_of(name), phrase):
+        return goal.predicate in _DOORS and bool(subject & phrase.places)
+    if not phrase.verbs:
+        return True  # unknown
+    if is_placement(goal):
+        return _asks_place(phrase, goal)
+    if goal.predicate == "STATE":
+        return state_of(goal.arguments[1]) in phrase.states | phrase.described
+    if goal.predicate == "HOLDON" and not phrase.does:
+        return True  # "find the mug"
+    done = goal.predicate in phrase.predicates or END_STATES.get(goal.predicate) in phrase.states
+    return means or done or (goal.predicate in _DOORS and bool(subject & phrase.places))
+
+
+def _asks_place(phrase: Phrase, goal: Goal) -> bool:
+    """Return whether a phrase lets a thing that it speaks of be where a goal has it."""
+    if is_position(goal.arguments[1]):
+        return phrase.moves
+    place = meaning(goal.arguments[1])
+    if place & (phrase.places | phrase.done_at):
+        return True
+    if not phrase.moves:
+        return bool(place & phrase.objects)  # "see the phone by the lamp"
+    return not phrase.done_at and not _receptacles(phrase.places)
+
+
+def _receptacles(kinds: Iterable[str]) -> bool:
+    return any(object_type(kind).can("receptacle") for kind in kinds)
 
 
 # ----------------------------------------------------------------- how well they fit
@@ -156,8 +210,7 @@ def _fit_place(goal: Goal, phrase: Phrase, *, other: bool) -> int:
         return score + _PLACED + _EXACT * (key_of(goal.arguments[1]) in phrase.keys)
     if place & phrase.done_at:
         return score + _DONE_AT
-    elsewhere = any(object_type(kind).can("receptacle") for kind in phrase.places)
-    return score + _ELSEWHERE if place and elsewhere else score
+    return score + _ELSEWHERE if place and _receptacles(phrase.places) else score
 
 
 def is_placement(goal: Goal) -> bool:

@@ -279,6 +279,33 @@ def test_failed_program_is_asked_for_again_with_the_reason_and_what_is_new(start
     assert " @hand *Apple\n" in model.prompts[2].changing
 
 
+@pytest.mark.parametrize(
+    ("first", "swapped"),
+    [
+        ("Explore(robot, 'Kettle')\nPickupObject(robot, 'Kettle')\n"
+         "PutObject(robot, 'Kettle', 'Fridge')\n",
+         TAKE_APPLE + "OpenObject(robot, 'Fridge')\nPutObject(robot, 'Apple', 'Fridge')\n"),
+        ("Explore(robot, 'Lettuce')\nPickupObject(robot, 'Lettuce')\n", TAKE_APPLE),
+        ("SwitchOn(robot, 'Laptop')\n", "ToggleOn(robot, 'Microwave')\n"),
+        ("SliceObject(robot, 'Lettuce')\n", CUT),
+        ("Explore(robot, 'Laptop')\n", TAKE_APPLE),
+        ("PickupObject(robot, 'Kettle')\n", "GoToObject(robot, 'Fridge')\n"),  # and no more
+    ],
+)  # fmt: skip
+def test_what_the_first_program_asked_for_is_never_done_to_another_thing(start, first, swapped):
+    def standing(world):
+        things = world.last_event.metadata["objects"]
+        return {one["objectId"]: (one["parentReceptacles"], one["isToggled"]) for one in things}
+
+    episode, _, world = start([first, swapped, swapped])
+    before = standing(world)
+    *_, outcome = do(episode, "see to it")
+    assert not outcome.finished
+    assert all(check.found == "unseen" for check in outcome.checks)
+    assert outcome.handled_ids == ()
+    assert standing(world) == before
+
+
 def test_do_gives_up_after_its_attempts(start):
     episode, model, _ = start(["GoToObject(robot, 'Unicorn')\n"] * 9, attempts=3)
     events = do(episode, "go to the unicorn")

@@ -99,6 +99,13 @@ def test_assign_keeps_repeated_goals_with_their_own_clauses():
     assert assigned(texts, ["wash a cup", "wash a fork"]) == [texts[:2], texts[2:]]
 
 
+def test_goals_that_no_words_ask_for_are_apart_by_name(tmp_path):
+    said = "Put the mug in the cabinet, wash the apple"
+    task = resolve(load(tmp_path, "INSIDE(mug, fridge), STATE(apple, clean)", said), KITCHEN)
+    assert due(task) == [[], ["STATE(Apple, clean)"]]
+    assert task.notes == ("unasked INSIDE(mug, fridge): no words ask for it",)
+
+
 def test_assign_puts_two_places_of_one_thing_into_two_clauses():
     texts = ["ON(mug, table)", "INSIDE(mug, cupboard)"]
     assert assigned(texts, ["set the mug on the table", "return it"]) == [texts[:1], texts[1:]]
@@ -290,7 +297,7 @@ def test_every_goal_of_the_authors_is_resolved_or_named(shared):
         done = resolve(task, present[task.scene.name])
         goals = [goal for sub in task.subtasks for goal in sub.goals]
         kept = [goal for sub in done.subtasks for goal in sub.goals]
-        named = [note for note in done.notes if note.startswith("unresolved ")]
+        named = [note for note in done.notes if note.startswith(("unresolved ", "unasked "))]
         assert len(kept) + len(named) == len(goals) + len(task.notes), task.id
         types = {part for g in kept for name in object_names(g) for part in name.split("/")}
         assert types <= set(object_types())

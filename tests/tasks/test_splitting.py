@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from karma.tasks.authors import read_goals
 from karma.tasks.clauses import clauses_of, read_clauses
 from karma.tasks.loose_names import words_of
-from karma.tasks.splitting import assign
+from karma.tasks.splitting import assign, unasked
 
 # Instruction; then its goals, each behind the number of the clause it is due in.
 TASKS = [
@@ -88,6 +88,20 @@ TASKS = [
      "0 HOLDON(robot, newspaper), 1 INSIDE(newspaper, garbage can)"),
     ("Box the book and the cd, bin the pencil, close the laptop",
      "0 INSIDE(book, box), 0 INSIDE(cd, box), 1 INSIDE(pencil, garbage can), 2 CLOSED(laptop)"),
+    ("Put a pillow on the sofa, bring something to read to the sofa",
+     "0 ON(pillow, sofa), 1 ON(newspaper, sofa)"),
+    ("Set the vase on the desk, take anything nice to write with to the desk",
+     "0 ON(vase, desk), 1 ON(pen, desk)"),
+    ("Lay the fork on the table, put something to drink from on the table, wipe the sink",
+     "0 ON(fork, table), 1 ON(cup, table), 2 STATE(sink, clean)"),
+    ("Put the remote on the bed, fetch something to read, leave it on the bed",
+     "0 ON(remote, bed), 1 HOLDON(robot, book), 2 ON(book, bed)"),
+    ("Wash the apple, then slice the fruit and put it on the plate",
+     "0 STATE(apple, clean), 1 ON(apple, plate), 1 STATE(apple, sliced)"),
+    ("Find the apple and rinse it, put the mug in the sink, cut up the red fruit",
+     "0 STATE(apple, clean), 1 INSIDE(mug, sink), 2 STATE(apple, sliced)"),
+    ("Slice the fruit, wash the apple, heat the food, chill the potato",
+     "1 STATE(apple, clean), 0 STATE(apple, sliced), 3 STATE(potato, cold), 2 STATE(potato, hot)"),
 ]  # fmt: skip
 
 
@@ -112,6 +126,38 @@ def test_assign_gives_each_goal_to_the_clause_that_asks_for_it(instruction, numb
         if sub.goals
     }
     assert found == wanted, clauses
+
+
+@pytest.mark.parametrize(("instruction", "numbered"), TASKS)
+def test_words_ask_for_every_goal_of_our_tasks(instruction, numbered):
+    assert unasked(numbered_goals(numbered)[0], clauses_of(instruction)) == ()
+
+
+@pytest.mark.parametrize(
+    ("instruction", "goals", "apart"),
+    [
+        ("Put the mug in the cabinet, wash the apple", "INSIDE(mug, fridge), STATE(apple, clean)",
+         "INSIDE(mug, fridge)"),  # another place
+        ("Slice the apple, throw the tomato away", "STATE(apple, sliced), INSIDE(apple, trash)",
+         "INSIDE(apple, trash)"),  # another thing
+        ("Wash the tomato, put the tomato in the fridge",
+         "STATE(tomato, clean), STATE(tomato, sliced), INSIDE(tomato, fridge)",
+         "STATE(tomato, sliced)"),  # another deed
+        ("Wash the tomato, slice the bread", "STATE(tomato, sliced), STATE(bread, sliced)",
+         "STATE(tomato, sliced)"),
+        ("Throw the newspaper away, close the laptop", "ON(newspaper, sofa), TOGGLEON(laptop)",
+         "ON(newspaper, sofa), TOGGLEON(laptop)"),
+        ("Put the sliced tomato in the fridge, toast a slice", "STATE(tomato, sliced), "
+         "STATE(bread, sliced), OPEN(fridge), TOGGLEON(toaster)", ""),  # said, or means
+        ("Tend to the mug", "STATE(mug, clean)", ""),  # nobody knows what "tend" is
+        ("Do it", "ON(vase, sofa)", ""),
+    ],
+)  # fmt: skip
+def test_goals_of_another_thing_place_or_deed_than_the_words_are_asked_by_none(
+    instruction, goals, apart
+):
+    found = unasked(read_goals(goals)[0], clauses_of(instruction))
+    assert found == read_goals(apart)[0]
 
 
 # ----------------------------------------------------------------- verbs
