@@ -126,7 +126,7 @@ def request(scene: Scene, again: bool, form: str) -> PlanRequest:
         error=f"PutObject(robot, 'Mug', 'Cabinet'): {words}" if again else "",
         failures=failures if again else (),
         missing=("Kettle",) if again else (),
-        seen=movable if again else movable[: UNITS // 2],
+        seen=seen if again else seen[: len(seen) // 2],
     )
 
 

@@ -8,11 +8,12 @@ from karma.agent.perceive import place_of
 from karma.agent.short_names import in_names, name_for
 from karma.contracts import Area, FailedProgram, PlanRequest, SeenObject, Vec3
 from karma.household.pieces import EGG
-from karma.household.places import FLOOR, HAND
+from karma.household.places import FLOOR, HAND, NEAR_M
 from karma.household.types import object_types, types_with
 from karma.household.uses import KNIVES, KNOB, WHOLE_OF, with_wholes
 
 _UNSAID = (FLOOR, KNOB)  # no program names them
+_DOORS = {"opened": "open", "closed": "closed", "on": "on", "off": "off"}  # state -> as told
 _LINES = 40  # of a failed program that are shown
 _WIDTH = 160  # characters of one of its lines
 
@@ -76,6 +77,32 @@ def by_place(seen: Iterable[SeenObject], name_of: Mapping[str, str]) -> dict[str
     return found
 
 
+def off_the_map(
+    seen: Iterable[SeenObject], areas: Iterable[Area], names: Mapping[str, str]
+) -> list[str]:
+    """Return furniture that was seen and the map lacks, by name and place."""
+    mapped = {one.object_id for area in areas for one in area.fixtures}
+    name_of = {object_id: name for name, object_id in names.items()}
+    return [
+        f"{name_of[one.object_id]}{coarse_text(one.position_m)}"
+        for one in seen
+        if one.object_id in name_of and one.object_id not in mapped
+    ]
+
+
+def doors_and_switches(
+    seen: Sequence[SeenObject], name_of: Mapping[str, str]
+) -> dict[str, list[str]]:
+    """Return what was last seen open, closed, on or off, by state; a burner's is its knob's."""
+    knobs = {burner: one.states for one in seen for burner in one.controls}
+    found: dict[str, list[str]] = {word: [] for word in _DOORS.values()}
+    for one in seen:
+        if one.object_type not in _UNSAID:
+            for word in _DOORS.keys() & {*one.states, *knobs.get(one.object_id, ())}:
+                found[_DOORS[word]].append(name_for(one.object_id, name_of))
+    return {word: names for word, names in found.items() if names}
+
+
 # ----------------------------------------------------------------- what failed
 
 
@@ -132,17 +159,19 @@ def skill_needs() -> Mapping[str, str]:
         "SwitchOn": "As ToggleOn.",
         "SwitchOff": "As ToggleOff.",
         "OpenObject": "A Microwave must be off.",
-        "CloseObject": "Close it.",
+        "CloseObject": "Close what is open.",
         "BreakObject": f"A broken {EGG} is cracked, and still named {EGG}.",
         "SliceObject": f"Hold a {_or(KNIVES)}. Cuts {_or(sorted(types_with('sliceable')))}; "
         "then its name means a slice.",
-        "ThrowObject": "Throw it away.",
+        "ThrowObject": "Throw what is held across the room. To throw a thing away, PutObject "
+        "it into the GarbageCan.",
         "Explore": "Go to a thing if its place is known; else search these positions, then all "
         "others. What it opens stays open.",
         "ToggleOn": "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.",
-        "ToggleOff": "Switch it off.",
-        "EmptyObject": "Pour it out.",
-        "PutNear": "The same near a thing.",
+        "ToggleOff": "Switch off what is on.",
+        "EmptyObject": "Pour out what a thing is filled with.",
+        "PutNear": f"Put what is held (first) down within {NEAR_M} m of a thing or of a place "
+        "'(x, y, z)' (second).",
     }
 
 

@@ -8,6 +8,7 @@ from karma.agent.refusals import RefusedError, hand_full, put_refused
 from karma.agent.sightings import known, means
 from karma.agent.walk import Stance
 from karma.contracts import Known, SeenObject, Vec3
+from karma.household.containment import goes_in
 from karma.household.ids import part_id
 from karma.household.pieces import is_piece
 from karma.household.places import NEAR_M
@@ -61,7 +62,7 @@ class Handling:
                     with suppress(RefusedError):
                         self._put_into(held, other)
                         return f"the nearest {target.object_type} is full, another one was taken"
-            types = self._reach.known_types()
+            others, types = self._reach.others(target), self._reach.known_types()
             detail = put_refused(str(refusal), held, target, others, self._log, types)
             raise RefusedError(str(refusal), detail or refusal.detail) from None
         return ""
@@ -118,8 +119,8 @@ class Handling:
         on = self._log.seen.get(other.object_id)
         ranked = []
         for one in self._log.in_view.values():
-            gap, kind = _off_m(other.position_m, one), object_types()[one.object_type]
-            takes = gap <= NEAR_M and kind.can("receptacle") and _takes(one.object_type, held)
+            gap = _off_m(other.position_m, one)
+            takes = gap <= NEAR_M and goes_in(held.object_type, one.object_type)
             if takes and one.object_id in self._log.within_reach:
                 is_under = on is not None and one.object_id in on.parent_ids
                 ranked.append((not is_under, gap, one.object_id))
@@ -190,15 +191,10 @@ class Handling:
     def _basin(self, target: Known, held: SeenObject) -> Known | None:
         """Return where things are put: a sink's basin, None while it is not known."""
         basin = BASIN_OF.get(target.object_type)
-        if basin and not _takes(basin, held) and _takes(target.object_type, held):
+        kind = held.object_type
+        if basin and not goes_in(kind, basin) and goes_in(kind, target.object_type):
             return target  # a plunger stands in a bathtub, says the table, and not in its basin
         return self._reach.names.find(part_id(target.object_id, basin)) if basin else target
-
-
-def _takes(receptacle_type: str, thing: SeenObject) -> bool:
-    """Return whether a type of receptacle takes a thing."""
-    kinds = object_types()
-    return kinds[thing.object_type].fits(kinds[receptacle_type])
 
 
 def _off_m(point: Vec3, thing: SeenObject) -> float:

@@ -7,15 +7,16 @@ done. It knows types and the agent's own memory, not the world, which may still 
 Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.program import PUTS
 from karma.contracts import Area, SkillCall
-from karma.household.ids import short_type
-from karma.household.places import LIKELY, SURFACES
-from karma.household.types import RULES, WIDEST, ObjectType, RuleSet, object_types
-from karma.household.uses import KNIVES, SWITCHED_BY_A_PART, with_basin
+from karma.household.containment import fits_whole_or_cut, goes_in, vessels
+from karma.household.ids import short_type, type_of
+from karma.household.places import FLOOR, LIKELY, SURFACES
+from karma.household.types import WIDEST, ObjectType, object_types
+from karma.household.uses import KNIVES, SWITCHED_BY_A_PART
 
 _NEEDS = {
     "OpenObject": ("openable", "cannot be opened"),
@@ -29,7 +30,7 @@ _NEEDS = {
     "PickupObject": ("pickupable", "cannot be picked up"),
     "EmptyObject": ("canFillWithLiquid", "holds no liquid"),
 }
-_TOLD = 6  # receptacles in one sentence
+TOLD = 12  # receptacles in one sentence: as many types as a room has
 _PLACES = tuple(dict.fromkeys((*SURFACES, *LIKELY, *sorted(object_types()))))
 
 
@@ -119,7 +120,7 @@ def _put_down(hand: str | None, name: str, known: Collection[str]) -> list[Skill
     kind = object_types().get(short_type(hand or ""))
     if hand is None or kind is None or hand == name:
         return []
-    fitting = [name for name in SURFACES if fits(kind, object_types()[name])]
+    fitting = [name for name in SURFACES if fits_whole_or_cut(kind.name, name)]
     there = [name for name in fitting if name in known]
     for surface in (there or fitting)[:1]:
         search = [] if there else [SkillCall(skill="Explore", objects=(surface,))]
@@ -171,7 +172,7 @@ def objection(
                 call=call,
                 reason=reason,
                 help=_help(call, known),
-                lasting=reason in (_incapable(call), _misplaced(call)),
+                lasting=_lasts(reason, call),
             )
     return None
 
@@ -180,7 +181,9 @@ def _help(call: SkillCall, known: Collection[str]) -> str:
     """Return where a thing would go that cannot be put where it should."""
     thing = short_type(call.objects[0])
     asked = call.skill == "PutObject" and len(call.objects) == 2 and thing in object_types()
-    return takers(thing, known) if asked and known else ""
+    there = {short_type(one) for one in known}
+    places = [one for one in _PLACES if one in there]
+    return goes_where(thing, call.objects[1], places) if asked and known else ""
 
 
 def _refused(call: SkillCall, hand: _Hand) -> str:
@@ -227,11 +230,18 @@ def _misplaced(call: SkillCall) -> str:
     """Return why no thing of this type is put into such a receptacle."""
     if call.skill != "PutObject" or len(call.objects) < 2:
         return ""
-    name, place = call.objects
-    thing, receptacle = (object_types().get(short_type(one)) for one in call.objects)
-    if thing is None or receptacle is None or fits(thing, receptacle, WIDEST):
+    kinds = [short_type(one) for one in call.objects]
+    if not object_types().keys() >= {*kinds} or fits_whole_or_cut(kinds[0], kinds[1], WIDEST):
         return ""
-    return f"{name} cannot be placed in {place}"
+    return f"{call.objects[0]} cannot be placed in {call.objects[1]}"
+
+
+def _lasts(reason: str, call: SkillCall) -> bool:
+    """Return whether a refusal holds for all things of these types, whatever is done before."""
+    if reason != _misplaced(call):
+        return reason == _incapable(call)
+    thing, receptacle = map(short_type, call.objects)
+    return not any(vessels(object_types(), thing, receptacle))
 
 
 def _can(kind: ObjectType, capability: str) -> bool:
@@ -242,22 +252,32 @@ def _can(kind: ObjectType, capability: str) -> bool:
     return capability in kind.capabilities
 
 
-def fits(thing: ObjectType, receptacle: ObjectType, rules: RuleSet = RULES) -> bool:
-    """Return whether the types allow it, whole or sliced, in the receptacle or its basin."""
-    kinds = object_types()
-    forms = (thing.name, thing.slices_into)
-    places = with_basin(receptacle.name)
-    if not any("receptacle" in kinds[p].capabilities for p in places):
-        return False
-    return any(kinds[f].fits(kinds[p], rules) for f in forms if f for p in places)
+def takers(object_type: str, known: Iterable[str]) -> list[str]:
+    """Return which known types of receptacles a thing goes in or on as it is, in the order given.
 
-
-def takers(object_type: str, known: Collection[str]) -> str:
-    """Say which known receptacles a thing goes in or on, the likeliest first.
-
-    >>> takers("Book", ["Fridge", "Sofa", "DiningTable"])
-    'of what is known here it goes in or on DiningTable, Sofa'
+    >>> takers("Book", ["Fridge", "Sofa", "DiningTable_1", "DiningTable_2"])
+    ['Sofa', 'DiningTable']
     """
-    kinds = object_types()
-    here = [name for name in _PLACES if name in known and fits(kinds[object_type], kinds[name])]
-    return f"of what is known here it goes in or on {', '.join(here[:_TOLD]) or 'nothing'}"
+    there = dict.fromkeys(short_type(one) for one in known)
+    return [
+        one for one in there if one in object_types() and one != FLOOR and goes_in(object_type, one)
+    ]
+
+
+def goes_where(object_type: str, receptacle: str, known: Sequence[str]) -> str:
+    """Say where a thing goes that a receptacle does not take, and what would bring it there.
+
+    Args:
+        object_type: of the thing.
+        receptacle: its name, type or id.
+        known: names and types of what the agent knows of, the best first.
+
+    >>> goes_where("Laptop", "Cabinet_2", ["Fridge", "Desk", "Box"])
+    'of what is known here it goes in or on Desk, Box; in Box it can be carried to Cabinet_2'
+    """
+    places = takers(object_type, known)
+    told = ", ".join(places[:TOLD]) or "nothing"
+    text = f"of what is known here it goes in or on {told}"
+    kind = short_type(type_of(receptacle))
+    bring = next(vessels(places, object_type, kind), "") if kind in object_types() else ""
+    return f"{text}; in {bring} it can be carried to {receptacle}" if bring else text

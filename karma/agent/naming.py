@@ -17,12 +17,17 @@ class Naming:
         log: what was seen and done.
         knowledge: the agent's memory.
         gap_m: horizontal distance of a point from the agent.
+        before: what was seen here earlier, by id; no other name means such a thing.
     """
 
     def __init__(
-        self, log: Sightings, knowledge: Knowledge, gap_m: Callable[[Vec3], float]
+        self,
+        log: Sightings,
+        knowledge: Knowledge,
+        gap_m: Callable[[Vec3], float],
+        before: Mapping[str, SeenObject],
     ) -> None:
-        self._log, self._knowledge, self._gap = log, knowledge, gap_m
+        self._log, self._knowledge, self._gap, self._before = log, knowledge, gap_m, before
 
     def __contains__(self, object_id: object) -> bool:
         """Return whether the agent has seen a thing, or remembers it."""
@@ -64,7 +69,10 @@ class Naming:
         if found and self._credible(found) and (held or found.object_id != log.held_id):
             sight = log.seen.get(found.object_id)
             return known(sight, found.source) if sight and sight is not log.held else found
-        return self._nearest(name, log.in_view) or self._nearest(name, log.seen)
+        found = self._nearest(name, log.in_view) or self._nearest(name, log.seen)
+        if found is None and name in self._before and name not in log.missed:
+            return known(self._before[name], "seen")
+        return found
 
     def _credible(self, found: Known) -> bool:
         """Return whether a memory is not the one that was just found to be wrong."""

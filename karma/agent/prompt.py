@@ -19,18 +19,20 @@ from karma.agent.full_profile import (
     area_line,
     by_place,
     coarse_text,
+    doors_and_switches,
     failed_line,
     failed_program,
+    off_the_map,
     place_name,
     skill_needs,
 )
 from karma.agent.program import OUR_SKILLS, SKILLS
-from karma.agent.short_names import fixture_names, name_for, one_of_each, short_names
+from karma.agent.short_names import fixture_names, name_for, short_names, stand_ins
 from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, SkillSignature, Vec3
 from karma.errors import FileError, UnknownNameError, did_you_mean
 from karma.files import read_bytes
 from karma.household.pieces import base_type
-from karma.household.places import landmark_types
+from karma.household.places import HAND, landmark_types
 
 PROFILES: Mapping[str, tuple[SkillSignature, ...]] = MappingProxyType(
     {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS)}
@@ -177,11 +179,18 @@ def full(
     """Fill the profile of KARMA Fig. 8, or own templates in its place."""
     stable_file, changing_file = (files or template_files("full")).values()
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
-    fixtures = {} if request.graph_text else fixture_names(request.areas)
-    listed = {request.held_id, *(unit.object_id for unit in request.units)}
-    seen = one_of_each(request.seen, besides=listed)
+    furniture = [one for one in request.seen if not one.pickupable and not request.graph_text]
+    areas = () if request.graph_text else request.areas
+    fixtures = fixture_names(areas, furniture, before=request.named)
+    told = {unit.object_id: unit.place_id for unit in request.units}
+    told |= {request.held_id: HAND} if request.held_id else {}
+    movable = [one for one in request.seen if one.pickupable]
+    stands_for = stand_ins(movable, told.items())
+    seen = [one for one in movable if stands_for[one.object_id] == one.object_id]
+    seen = [one for one in seen if one.object_id not in told]
     names = short_names(request.units, held, fixtures=fixtures, seen=seen)
     name_of = {object_id: name for name, object_id in names.items()}
+    name_of |= {one: name_of[other] for one, other in stands_for.items()}
     stable = filled(
         stable_file,
         skills=skills,
@@ -195,7 +204,8 @@ def full(
         units=[(name_of[unit.object_id], unit) for unit in request.units],
         place_of=lambda unit: place_name(unit.place_id, name_of),
         seen=by_place(seen, name_of),
-        seen_types=[kind for kind in request.seen_types if kind not in names],
+        furniture=off_the_map(furniture, request.areas, fixtures),
+        doors=doors_and_switches([*furniture, *seen], name_of),
         held=name_of.get(request.held_id or ""),
         missing=dict.fromkeys(name_for(name, {}) for name in request.missing),
         earlier=dict.fromkeys(failed_line(one, name_of) for one in request.failures[:-1]),

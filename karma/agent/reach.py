@@ -1,19 +1,21 @@
 """Getting a known thing within reach and acting on it, with the world's refusals as words."""
 
+import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from karma.agent.coverage import unseen
 from karma.agent.eyes import Eyes
 from karma.agent.naming import Naming
 from karma.agent.perceive import refusal
-from karma.agent.refusals import RefusedError, explained
-from karma.agent.sightings import Sightings
+from karma.agent.refusals import RefusedError, explained, of_its_kind
+from karma.agent.sightings import Sightings, known
 from karma.agent.walk import Stance, Target, Walker
 from karma.contracts import Event, Knowledge, Known, Observation, SeenObject, Vec3, World
 from karma.household.pieces import base_type
-from karma.household.types import object_types
-from karma.household.uses import BASIN_OF, with_wholes
+from karma.household.types import object_types, types_with
+from karma.household.uses import BASIN_OF, without_basin
 
 _ROOM_MATTERS = re.compile(
     r"block|collid|collision|in the way|no valid position|not found within|visib|interact|reach",
@@ -47,13 +49,21 @@ class Reach:
         knowledge: the agent's memory.
         limits: how hard to try.
         eyes: how it sees.
+        before: what was seen here earlier, by id.
     """
 
-    def __init__(self, world: World, knowledge: Knowledge, limits: SkillLimits, eyes: Eyes) -> None:
+    def __init__(
+        self,
+        world: World,
+        knowledge: Knowledge,
+        limits: SkillLimits,
+        eyes: Eyes,
+        before: Mapping[str, SeenObject],
+    ) -> None:
         self.world, self.knowledge, self.limits, self._eyes = world, knowledge, limits, eyes
-        self.log = Sightings()
+        self.log, self._before = Sightings(), before
         self.walker = Walker(world, max_actions=limits.max_actions)
-        self.names = Naming(self.log, knowledge, self.walker.gap)
+        self.names = Naming(self.log, knowledge, self.walker.gap, before)
         self.used: list[str] = []  # ids that names resolved to since `start`
         self.explorations = 0  # since `start`
 
@@ -119,7 +129,8 @@ class Reach:
         if not movable:
             raise RefusedError(
                 f"could not get {target.object_type} into view and reach",
-                f"{target.object_id} could not be got into view and reach{self._instead(target)}",
+                f"{target.object_id} could not be got into view and reach"
+                f"{of_its_kind([one.object_id for one in self.others(target)])}",
             )
         if (place := self.shut_in(target)) is not None:
             return self._closed(target, place, closed_will_do)
@@ -167,20 +178,36 @@ class Reach:
             f"OpenObject(robot, '{place.object_id}') first",
         )
 
-    def _instead(self, target: Known) -> str:
-        """Name others of an immovable thing's type."""
-        kind = target.object_type
-        mapped = [one for area in self.knowledge.areas() for one in area.fixtures]
-        ids = {one.object_id: None for one in mapped if one.object_type == kind}
-        ids |= {name: None for name, one in self.log.seen.items() if one.object_type == kind}
-        ids.pop(target.object_id, None)
-        return f"; others of its kind: {', '.join(list(ids)[:3])}" if ids else ""
+    def others(self, target: Known) -> list[Known]:
+        """Return what else of a thing's type is known of, the nearest first."""
+        same = [one for one in self._all_known() if one.object_type == target.object_type]
+        found = {one.object_id: one for one in same if one.object_id != target.object_id}
+        gap = self.walker.gap
+        return sorted(found.values(), key=lambda one: (gap(one.position_m), one.object_id))
 
-    def known_types(self) -> frozenset[str]:
-        """Return the types of immovable things that the agent knows of."""
-        mapped = {kind for area in self.knowledge.areas() for kind in area.contains}
-        seen = {one.object_type for one in self.log.seen.values() if not one.pickupable}
-        return with_wholes(mapped | seen)
+    def known_types(self) -> list[str]:
+        """Return the types that the agent knows a thing of, the nearest first; a basin is its sink.
+
+        Those of the map and of what was seen and, of what holds things and can be carried, those
+        that are remembered.
+        """
+        there = [(self.walker.gap(one.position_m), one.object_type) for one in self._all_known()]
+        there += [(math.inf, kind) for area in self.knowledge.areas() for kind in area.contains]
+        return list(dict.fromkeys(without_basin(kind) for _, kind in sorted(there)))
+
+    def _all_known(self) -> list[Known]:
+        """Return the map's furniture, memory's vessels and all that was seen, but what is held."""
+        mapped = [
+            Known(object_id=one.object_id, object_type=one.object_type, position_m=one.position_m)
+            for area in self.knowledge.areas()
+            for one in area.fixtures
+        ]
+        vessels = sorted(types_with("receptacle") & types_with("pickupable"))
+        remembered = [one for kind in vessels if (one := self.knowledge.where(kind)) is not None]
+        seen = {**self._before, **self.log.seen}.values()
+        away = {self.log.held_id, *self.log.missed}
+        found = [*mapped, *remembered, *(known(one, "seen") for one in seen)]
+        return [one for one in found if one.object_id not in away]
 
     def next_stance(
         self,
@@ -207,6 +234,44 @@ class Reach:
         views = self._untried(target, tried, least_gap_m, past)
         for view in sorted(views, key=lambda view: view.gap_m) if nearest else views:
             tried.append(view)
+            if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
+                self.look()
+                return True
+        return False
+
+    def unseen(
+        self, points: Sequence[Vec3], things: Sequence[SeenObject], *, since: int = 0
+    ) -> list[Vec3]:
+        """Return the points that no look has shown.
+
+        Args:
+            points: metres.
+            things: that hide what is behind them.
+            since: how many looks do not count.
+        """
+        return unseen(points, self.log.looks[since:], things, reach_m=self.limits.reach_m)
+
+    def look_at_point(
+        self, point: Vec3, things: Sequence[SeenObject], *, nearest: bool = False
+    ) -> bool:
+        """Go to where a point comes into view, and look.
+
+        Args:
+            point: metres.
+            things: that hide what is behind them.
+            nearest: go to the nearest place, else to the cheapest.
+
+        Returns:
+            False where there is no such place.
+        """
+        reach_m = self.limits.reach_m
+        views = self.walker.views(Target(center_m=point), reach_m=reach_m)
+        views = [view for view in views if view.gap_m <= reach_m]
+        if nearest:
+            views.sort(key=lambda view: view.gap_m)
+        for view in views:
+            if unseen([point], [self.walker.camera_of(view)], things, reach_m=reach_m):
+                continue
             if self.walker.walk(view.state) and self.walker.look(view.horizon_deg):
                 self.look()
                 return True
@@ -276,7 +341,8 @@ class Reach:
         observation = self._observe(event, touched)
         if not observation.ok:
             words = _plain(observation.error)
-            raise RefusedError(_advice(words, target.object_type), explained(words, target))
+            others = [one.object_id for one in self.others(target)]
+            raise RefusedError(_advice(words, target.object_type), explained(words, target, others))
         if not in_passing:
             self.log.changed(target.object_id, target.position_m)
             self.log.handled.extend(touched)

@@ -4,17 +4,17 @@ The short reason is the world's, or what the nano planner was trained on; the de
 planners that can read. In it ids stand for things, until the prompt puts its names in their place.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
-from karma.agent.inspector import takers
-from karma.agent.short_names import one_of_each
+from karma.agent.inspector import TOLD, goes_where, takers
+from karma.agent.short_names import stand_ins
 from karma.agent.sightings import Sightings
 from karma.contracts import Known, SeenObject
 from karma.household.ids import type_of, whole_id
-from karma.household.places import surface_for
+from karma.household.places import SURFACES
 from karma.household.uses import BASINS
 
-_TOLD = 6  # things in one sentence
+NOT_FOUND = "could not find"  # how a search that left nothing out begins its refusal
 _DO_FIRST = (
     ("must be closed", "is open and has to be closed before; do CloseObject(robot, '{it}') first"),
     ("must be off", "is on and has to be off before; do ToggleOff(robot, '{it}') first"),
@@ -25,8 +25,8 @@ _CANNOT = (
     ("property pickupable", "cannot be picked up"), ("property sliceable", "cannot be sliced"),
     ("property breakable", "cannot be broken"), ("property canfill", "holds no liquid"),
     ("not an openable", "cannot be opened"), ("not a toggleable", "cannot be switched"),
-    ("is broken", "is broken; use another one"),
 )  # fmt: skip
+_ONE_AS_GOOD = ("is broken", "already broken")
 _UNREACHED = ("not found within", "not interactable", "visib", "block", "collid", "in the way")
 
 
@@ -43,8 +43,14 @@ class RefusedError(Exception):
         self.detail = detail or reason
 
 
-def explained(words: str, target: Known) -> str:
-    """Return the world's refusal of an action on a thing as a planner can use it."""
+def explained(words: str, target: Known, others: Sequence[str] = ()) -> str:
+    """Return the world's refusal of an action on a thing as a planner can use it.
+
+    Args:
+        words: the world's.
+        target: the thing.
+        others: ids of more of its type, the nearest first.
+    """
     it, said = target.object_id, words.lower()
     for sign, meaning in _DO_FIRST:
         if sign in said:
@@ -52,9 +58,17 @@ def explained(words: str, target: Known) -> str:
     for sign, meaning in _CANNOT:
         if sign in said:
             return f"{it} {meaning}"
+    if any(sign in said for sign in _ONE_AS_GOOD):
+        return f"{it} is broken{of_its_kind(others)}"
     if any(sign in said for sign in _UNREACHED):
-        return f"{it} could not be got at: something is in the way, or it is shut in"
+        blocked = "something is in the way, or it is shut in"
+        return f"{it} could not be got at: {blocked}{of_its_kind(others)}"
     return f"{it}: {words}"
+
+
+def of_its_kind(others: Sequence[str]) -> str:
+    """Name the others of a thing's type that are known, "" where it is the only one."""
+    return f"; others of its kind: {_listed(others)}" if others else "; no other is known here"
 
 
 def put_refused(
@@ -63,7 +77,7 @@ def put_refused(
     target: Known,
     others: Sequence[Known],
     log: Sightings,
-    known_types: Collection[str],
+    places: Sequence[str],
 ) -> str:
     """Return why a receptacle did not take a thing, what is in it, and where the thing would go.
 
@@ -73,35 +87,43 @@ def put_refused(
         target: the receptacle.
         others: more of its type, the nearest first.
         log: says what was seen in it.
-        known_types: of the immovable things that the agent knows of.
+        places: types of what the agent knows of, the nearest first.
 
     Returns:
         "" where the receptacle is not to blame.
     """
-    it, thing = target.object_id, held.object_id
+    it, thing, kind = target.object_id, held.object_id, held.object_type
     if "cannot be placed" in words or "NOT a receptacle" in words:
-        return f"{thing} cannot be placed in or on {it}; {takers(held.object_type, known_types)}"
+        return f"{thing} cannot be placed in or on {it}; {goes_where(kind, it, places)}"
     if "No valid position" not in words:
         return ""
     inside = contents(it, log)
-    there = {kind for kind in known_types if kind != target.object_type}
-    place = next((one.object_id for one in others), "") or surface_for(
-        held.object_type, there.__contains__
-    )
     holds = f"there is {_listed(inside)} in or on it" if inside else "there is no room in or on it"
-    text = f"{it} is full: {holds}. Put {thing} elsewhere, "
-    text += f"e.g. PutObject(robot, '{thing}', '{place}')"
+    more = [one for one in takers(kind, places) if one != target.object_type]
+    elsewhere = [*(one.object_id for one in others), *more]
+    text = f"{it} is full: {holds}."
+    if elsewhere:
+        text += f" Put {thing} elsewhere, e.g. PutObject(robot, '{thing}', '{elsewhere[0]}')"
+        text += f" ({_listed(elsewhere[1:])} would do too)" if elsewhere[1:] else ""
     if not inside:
         return text
     first = f"put {thing} down first, then PickupObject(robot, '{inside[0]}')"
-    return f"{text}, or take something out: {first}"
+    return f"{text}{', or t' if elsewhere else ' T'}ake something out: {first}"
 
 
-def hand_full(held: SeenObject, known_types: Collection[str]) -> str:
-    """Return what to do with what is in the hand before another thing is picked up."""
-    surface = surface_for(held.object_type, known_types.__contains__)
-    it = held.object_id
-    return f"the hand holds {it}; put it down first, e.g. PutObject(robot, '{it}', '{surface}')"
+def hand_full(held: SeenObject, places: Sequence[str]) -> str:
+    """Return what to do with what is in the hand before another thing is picked up.
+
+    Args:
+        held: the thing.
+        places: types of what the agent knows of, the nearest first.
+    """
+    it, there = held.object_id, takers(held.object_type, places)
+    there.sort(key=lambda one: one not in SURFACES)  # nothing to open, nothing to spoil
+    if not there:
+        return f"the hand holds {it}, and no place for it is known; Explore(robot, '{SURFACES[0]}')"
+    text = f"the hand holds {it}; put it down first, e.g. PutObject(robot, '{it}', '{there[0]}')"
+    return f"{text} ({_listed(there[1:])} would do too)" if there[1:] else text
 
 
 def contents(receptacle_id: str, log: Sightings) -> list[str]:
@@ -113,7 +135,7 @@ def contents(receptacle_id: str, log: Sightings) -> list[str]:
         if object_id not in gone
         if any(receptacle_id in (one, _whole_of_basin(one)) for one in sight.parent_ids)
     ]
-    return [sight.object_id for sight in one_of_each(there)]
+    return list(dict.fromkeys(stand_ins(there).values()))
 
 
 def _whole_of_basin(object_id: str) -> str:
@@ -122,5 +144,5 @@ def _whole_of_basin(object_id: str) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = len(names) - _TOLD
-    return ", ".join(names[:_TOLD]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - TOLD
+    return ", ".join(names[:TOLD]) + (f" and {more} more" if more > 0 else "")

@@ -4,15 +4,17 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
+from karma.agent.coverage import before, spots
 from karma.agent.reach import Reach
-from karma.agent.refusals import RefusedError
+from karma.agent.refusals import NOT_FOUND, RefusedError
 from karma.agent.sightings import known, means
 from karma.agent.walk import OutOfActionsError
 from karma.contracts import Known, SeenObject, Vec3
+from karma.household.containment import goes_in
 from karma.household.ids import type_of
-from karma.household.types import ObjectType, object_types
+from karma.household.places import FLOOR
+from karma.household.types import object_types
 
-_FAR_M = 0.85  # from so far away one looks into what was opened
 _LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
@@ -77,18 +79,22 @@ class Search:
         """
         found = self._in_view(name)
         if found is None and self._is_searched(name):
-            before = f"could not find {name}; everything was searched before"
+            before = f"{NOT_FOUND} {name}; everything was searched before"
             raise RefusedError(before, _not_here(name))
         for place in self._places(name, positions):
             if found is not None:
                 return found
             if isinstance(place, SeenObject):
-                found = self.look_into(name, place)
+                found = (
+                    self.look_into(name, place)
+                    if self._may_open(place)
+                    else self._look_on(name, place)
+                )
             else:
                 found = self.look_from(name, place)
         if found is None:
             places = self._reach.explorations
-            raise RefusedError(f"could not find {name}; searched {places} places", _not_here(name))
+            raise RefusedError(f"{NOT_FOUND} {name}; searched {places} places", _not_here(name))
         return found
 
     def _places(self, name: str, positions: Sequence[str | Vec3]) -> Iterator[Vec3 | SeenObject]:
@@ -97,10 +103,13 @@ class Search:
         yield from self._containers(name, only_likely=True)
         yield from self._nearest_next(self._cover(self._reach.limits.look_again_m))
         yield from self._containers(name, only_likely=False)
+        yield from self._surfaces(name)
 
     def _is_searched(self, name: str) -> bool:
         """Return whether the log leaves nothing to look at."""
         if not self._log.looked_from or self._next_container(name, only_likely=False):
+            return False
+        if self._next_surface(name):
             return False
         return not self._cover(self._reach.limits.look_again_m)
 
@@ -193,14 +202,45 @@ class Search:
             if object_id not in self._log.looked_into
             if (kind := types.get(sight.object_type)) and kind.can("receptacle")
             if not only_likely or wanted is None or wanted.fits(kind)
-            if self._may_open(sight, kind)
+            if self._may_open(sight)
         ]
         return min(containers, key=rank, default=None)
 
-    def _may_open(self, sight: SeenObject, kind: ObjectType) -> bool:
+    def _may_open(self, sight: SeenObject) -> bool:
         """Return whether a container has a door, by its states, else its type."""
         states = self._log.states(sight)
-        return bool({"closed", "opened"} & set(states)) if states else kind.can("openable")
+        has_door = object_types()[sight.object_type].can("openable")
+        return bool({"closed", "opened"} & set(states)) if states else has_door
+
+    def _surfaces(self, name: str) -> Iterator[SeenObject]:
+        """Yield the furniture without doors that may hold a thing, the nearest next."""
+        while (surface := self._next_surface(name)) is not None:
+            yield surface
+
+    def _next_surface(self, name: str) -> SeenObject | None:
+        types = object_types()
+        wanted = types.get(type_of(name))
+        if wanted is None or not wanted.can("pickupable"):
+            return None
+        surfaces = [
+            sight
+            for object_id, sight in self._log.seen.items()
+            if object_id not in self._log.looked_into and not sight.pickupable
+            if sight.object_type in types and sight.object_type != FLOOR
+            if goes_in(wanted.name, sight.object_type) and not self._may_open(sight)
+        ]
+        gap = self._walker.gap
+        near = [(gap(one.box_center_m), one.object_id, one) for one in surfaces]
+        return min(near, default=(0.0, "", None), key=lambda one: one[:2])[2]
+
+    def _look_on(self, name: str, surface: SeenObject) -> Known | None:
+        """Look at all of a surface that was not in view before."""
+        before = len(self._log.looks)
+        found = self._look_over(name, surface, inside=False)
+        if found is None:
+            self._log.looked_into.add(surface.object_id)
+        self._reach.explorations += len(self._log.looks) > before
+        return found
 
     def look_into(self, name: str, container: SeenObject) -> Known | None:
         """Open a container and look; what was closed is closed again if the thing is not there."""
@@ -219,7 +259,7 @@ class Search:
         self._reach.explorations += 1
         found = self._in_view(name)
         if found is None:
-            found = self._look_inside(name, container)
+            found = self._look_over(name, container, inside=True, since=len(self._log.looks) - 1)
         if found is None:
             self._log.looked_into.add(container.object_id)
             if shut:
@@ -230,30 +270,35 @@ class Search:
             self._log.focus[container.object_type] = container.object_id
         return found
 
-    def _look_inside(self, name: str, container: SeenObject) -> Known | None:
-        """Look into an open container from far, from aside, and past what stands in there."""
-        target, tried = known(container, "seen"), [self._walker.stance()]
-        for gap_m, aside in ((_FAR_M, False), (0.0, True)):
-            past = container.box_center_m if aside else None
-            if self._reach.next_stance(target, tried, least_gap_m=gap_m, past=past):
+    def _look_over(
+        self, name: str, space: SeenObject, *, inside: bool, since: int = 0
+    ) -> Known | None:
+        """Look at what holds things until every point of it was in view that can be, or the thing.
+
+        First whence nothing hides a point; what is hidden from everywhere is looked for from near.
+
+        Args:
+            name: of the thing.
+            space: what holds things.
+            inside: it has an inside; else its top is looked at.
+            since: looks before that do not count: it was closed.
+        """
+        things = before(space, self._log.seen.values(), inside=inside)
+        points = self._reach.unseen(spots(space, inside=inside), things, since=since)
+        for nearest, hides in ((False, things), (True, [])):
+            since = len(self._log.looks) if nearest else since
+            rest, points = points, []
+            while rest:
+                point = max(rest, key=lambda one: (self._walker.gap(one), one))
+                rest.remove(point)
+                if not self._reach.look_at_point(point, hides, nearest=nearest):
+                    points.append(point)
+                    continue
                 found = self._in_view(name)
                 if found is not None:
                     return found
-        hides = self._hiding(name, container)
-        if hides is not None:
-            self._reach.next_stance(target, tried, past=hides.box_center_m)
-        return self._in_view(name)
-
-    def _hiding(self, name: str, container: SeenObject) -> SeenObject | None:
-        """Return the largest thing seen in a container, if it is larger than what is looked for."""
-        kind = object_types().get(type_of(name))
-        least = math.prod(kind.size_m) if kind is not None else 0.0
-        inside = [
-            one
-            for one in self._log.seen.values()
-            if container.object_id in one.parent_ids and math.prod(one.box_size_m) > least
-        ]
-        return max(inside, key=lambda one: (math.prod(one.box_size_m), one.object_id), default=None)
+                rest = self._reach.unseen(rest, hides, since=since)
+        return None
 
 
 def cover(
@@ -274,4 +319,4 @@ def cover(
 
 def _not_here(name: str) -> str:
     """Return what a search in vain means for the next program."""
-    return f"could not find {name}, and all of this room was searched; do not search for it again"
+    return f"{NOT_FOUND} {name}, and all of this room was searched; do not search for it again"

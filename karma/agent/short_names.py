@@ -2,13 +2,15 @@
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
+from karma.agent.perceive import place_of
 from karma.contracts import Area, MemoryUnit, SeenObject
-from karma.household.ids import root_id, type_of, whole_id
+from karma.household.ids import is_part, root_id, short_type, type_of, whole_id
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import FLOOR, HAND
-from karma.household.uses import BASINS, FOUND_BY_SKILL, without_basin
+from karma.household.types import object_types
+from karma.household.uses import BASINS, FOUND_BY_SKILL, KNOB, STOVE, without_basin
 
 _ID = re.compile(r"\b[A-Z]\w*\|[\w|+.\-]*\w")
 
@@ -54,43 +56,82 @@ def _free(base: str, names: Mapping[str, str]) -> str:
     return f"{base}_{count}"
 
 
-def fixture_names(areas: Iterable[Area]) -> dict[str, str]:
-    """Name the furniture of a map: `Fridge`, but `Cabinet_1`, `Cabinet_2`, ... in order of areas.
+def fixture_names(
+    areas: Iterable[Area],
+    seen: Iterable[SeenObject] = (),
+    *,
+    before: Mapping[str, str] | None = None,
+) -> dict[str, str]:
+    """Name furniture: `Fridge`, but `Cabinet_1`, `Cabinet_2`, ... in order of areas.
 
-    The bare type of what there are several of is no name: it means any of them. Floors, the
-    basins of sinks and what a skill finds by itself (taps, knobs, burners) have no names of their
-    own; where there is only a basin, it is the sink.
+    The bare type of what there are several of is no name: it means any of them. Floors, knobs and
+    the basins of sinks have no names of their own; where there is only a basin, it is the sink.
+    Nor has a tap or burner of which there is one: skills find it.
+
+    Args:
+        areas: the map.
+        seen: what was seen besides; furniture that the map lacks is named after it.
+        before: names that furniture has already, and keeps.
 
     Returns:
         name -> object id.
     """
-    things = [one for area in areas for one in area.fixtures]
-    kinds = {one.object_type for one in things}
-    unnamed = {FLOOR, *FOUND_BY_SKILL, *(one for one in BASINS if without_basin(one) in kinds)}
-    things = [one for one in things if one.object_type not in unnamed]
-    several = Counter(without_basin(one.object_type) for one in things)
-    names, count = dict[str, str](), Counter[str]()
-    for one in things:
-        kind = without_basin(one.object_type)
+    names = dict(before or {})
+    things = {one.object_id: one.object_type for area in areas for one in area.fixtures}
+    things |= {one.object_id: one.object_type for one in seen if not one.pickupable}
+    kinds = set(things.values())
+    unnamed = {FLOOR, KNOB, STOVE, *(one for one in BASINS if without_basin(one) in kinds)}
+    named = names.values()
+    fresh = [
+        (one, without_basin(kind))
+        for one, kind in things.items()
+        if kind not in unnamed and one not in named
+        if not any(is_part(other, one) for other in named)  # its basin, as the sink
+    ]
+    count = Counter(short_type(name) for name in names)
+    several = count + Counter(kind for _, kind in fresh)
+    for object_id, kind in fresh:
         count[kind] += 1
-        names[kind if several[kind] == 1 else f"{kind}_{count[kind]}"] = one.object_id
+        if several[kind] > 1:
+            names[f"{kind}_{count[kind]}"] = object_id
+        elif kind not in FOUND_BY_SKILL:
+            names[kind] = object_id
     return names
 
 
-def one_of_each(
-    seen: Iterable[SeenObject], *, besides: Collection[str | None] = ()
-) -> list[SeenObject]:
-    """Return things with one slice for all slices of a thing.
+def furniture(names: Mapping[str, str]) -> dict[str, str]:
+    """Return the names that are furniture's: they stay what they are for a whole task."""
+    kinds = object_types()
+    types = {name: type_of(object_id) for name, object_id in names.items()}
+    return {
+        name: names[name]
+        for name, kind in types.items()
+        if kind in kinds and not kinds[kind].can("pickupable")
+    }
+
+
+def stand_ins(
+    seen: Iterable[SeenObject], told: Iterable[tuple[str, str | None]] = ()
+) -> dict[str, str]:
+    """Return what stands for each thing: of the slices of a thing in one place one for all.
 
     Args:
         seen: the things.
-        besides: ids of things that are told elsewhere; neither they nor more slices of the same.
+        told: (id, place) of things that are told of elsewhere, and stand for slices beside them.
+
+    Returns:
+        id -> id.
     """
-    told = {_whole(name, type_of(name)) for name in besides if name}
-    found: dict[str, SeenObject] = {}
+    first: dict[tuple[str, str | None], str] = {}
+    for object_id, place in told:
+        first.setdefault((_whole(object_id, type_of(object_id)), place), object_id)
+    listed = set(first.values())
+    found = {}
     for one in seen:
-        found.setdefault(_whole(one.object_id, one.object_type), one)
-    return [one for whole, one in found.items() if whole not in told]
+        key = (_whole(one.object_id, one.object_type), place_of(one))
+        own = one.object_id in listed
+        found[one.object_id] = one.object_id if own else first.setdefault(key, one.object_id)
+    return found
 
 
 def _whole(object_id: str, object_type: str) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from karma.agent.perceive import place_of
-from karma.contracts import Experience, Known, Observation, Pose, SeenObject, Vec3
+from karma.contracts import CameraPose, Experience, Known, Observation, Pose, SeenObject, Vec3
 from karma.household.ids import is_part, whole_id
 from karma.household.pieces import goes_by, is_piece
 from karma.household.places import HAND
@@ -32,10 +32,13 @@ class Sightings:
     held: SeenObject | None = None
     focus: dict[str, str] = field(default_factory=dict)  # type -> id that a skill last turned to
     looked_from: set[tuple[float, float]] = field(default_factory=set)  # cells, x and z
-    looked_into: set[str] = field(default_factory=set)  # containers, by id
+    looked_into: set[str] = field(default_factory=set)  # what holds things, by id
+    looks: list[CameraPose] = field(default_factory=list)  # all of them, the last one last
 
     def add(self, observation: Observation) -> None:
         """Take note of what is in view, in the hand, or was touched."""
+        if not self.looks or self.looks[-1] != observation.camera:
+            self.looks.append(observation.camera)
         self.in_view = {sight.object_id: sight for sight in observation.seen}
         self.within_reach = observation.reachable
         self.held = observation.held
@@ -102,6 +105,9 @@ class Sightings:
         """Note that something was done to a thing: there may be more to see around it now."""
         self.looked_into.discard(object_id)
         x, _, z = position
+        self.looks = [
+            one for one in self.looks if math.dist(one.position_m[::2], (x, z)) > _CHANGES_M
+        ]
         self.looked_from = {
             cell for cell in self.looked_from if math.dist(cell, (x, z)) > _CHANGES_M
         }

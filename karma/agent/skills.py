@@ -8,6 +8,7 @@ reach and acts on it, `search` looks for things, `handling` and `switching` are 
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 from karma.agent.eyes import Eyes, MetadataEyes
 from karma.agent.handling import Handling
@@ -29,6 +30,8 @@ from karma.contracts import (
 )
 
 _SHUT_IN = "it is in a closed container; open that first"
+_GO_ON = "not all of this room was searched: Explore(robot, '{}') goes on where it stopped"
+_TRY_AGAIN = "the same line may be tried again from here"
 _ARITY = {s.name: (len(s.arguments) - s.optional, s.arguments) for s in (*SKILLS, *OUR_SKILLS)}
 
 
@@ -40,6 +43,7 @@ class Skills:
         knowledge: the agent's memory.
         limits: how hard a skill tries.
         eyes: how the agent sees; None: by the simulator's metadata.
+        before: what was seen here earlier, by id; only its id means such a thing.
     """
 
     def __init__(
@@ -49,12 +53,13 @@ class Skills:
         *,
         limits: SkillLimits | None = None,
         eyes: Eyes | None = None,
+        before: Mapping[str, SeenObject] = MappingProxyType({}),
     ) -> None:
         self.actions = 0  # world actions so far
         self.explorations = 0  # area nodes visited and containers opened so far
         self._taken: list[tuple[str, int]] = []  # id and turn of what a program picked up
         self._reach = reach = Reach(
-            world, knowledge, limits or SkillLimits(), eyes or MetadataEyes()
+            world, knowledge, limits or SkillLimits(), eyes or MetadataEyes(), before
         )
         self._search = Search(reach)
         self._hand, self._switches = Handling(reach), Switching(reach, self._search)
@@ -209,8 +214,9 @@ class Skills:
             ok, reason, detail = False, str(refusal), refusal.detail
         except OutOfActionsError:
             reach.look()
-            spent = f"gave up after {reach.walker.actions} actions"
-            ok, reason, detail = False, f"{spent} on {call.objects[-1]}", ""
+            name = call.objects[-1]
+            ok, reason = False, f"gave up after {reach.walker.actions} actions on {name}"
+            detail = f"{reason}; {_GO_ON.format(name) if call.skill == 'Explore' else _TRY_AGAIN}"
         self.actions += reach.walker.actions
         self.explorations += reach.explorations
         return SkillResult(

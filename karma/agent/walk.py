@@ -7,12 +7,12 @@ LookDown); GetReachablePositions is asked once per scene and stands for the robo
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 from karma.agent.perceive import camera_of, cells_of, pose_of, scene_of
-from karma.contracts import Event, Pose, Vec3, World
+from karma.contracts import CameraPose, Event, Pose, Vec3, World
 
 Cell = tuple[int, int]  # steps along x and z from where the map was asked for
 State = tuple[int, int, int]  # cell and heading (0 = +z, 1 = +x, 2 = -z, 3 = -x)
@@ -202,6 +202,14 @@ class Walker:
         """Return a pose as a view; its cost and gap are left at 0."""
         state = (*self._floor.cell(pose.position_m), round(pose.yaw_deg / 90.0) % 4)
         return Stance(state=state, horizon_deg=pose.horizon_deg, gap_m=0.0, cost=0.0)
+
+    def camera_of(self, view: Stance) -> CameraPose:
+        """Return the camera as it would be in a view."""
+        now = camera_of(self.world.last_event)
+        x, z = self._floor.metres(view.state)
+        at = (x, now.position_m[1], z)
+        yaw = 90.0 * view.state[2]
+        return replace(now, position_m=at, yaw_deg=yaw, horizon_deg=view.horizon_deg)
 
     def bearing_deg(self, view: Stance, point: Vec3) -> float:
         """Return in which direction a point lies from a view, 0 = +z, 90 = +x."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cache
 
-from karma.household.types import RULES, RuleSet, object_types
+from karma.household.types import object_types
 
 EGG = "Egg"  # what comes to pieces when it breaks, not by a knife
 
@@ -43,36 +43,6 @@ def goes_by(name: str, object_id: str, object_type: str) -> bool:
     True
     """
     return name in (object_id, object_type, base_type(object_type))
-
-
-def goes_in(object_type: str, receptacle_type: str, rules: RuleSet = RULES) -> bool:
-    """Return whether AI2-THOR lets a thing into a receptacle as it is."""
-    return object_types()[object_type].fits(object_types()[receptacle_type], rules)
-
-
-def fits_whole_or_cut(object_type: str, receptacle_type: str, rules: RuleSet = RULES) -> bool:
-    """Return whether AI2-THOR lets a thing into a receptacle, or the pieces it can be cut into.
-
-    >>> fits_whole_or_cut("Bread", "Toaster"), fits_whole_or_cut("Mug", "Toaster")
-    (True, False)
-    """
-    kinds = (object_type, piece_type(object_type))
-    return any(goes_in(kind, receptacle_type, rules) for kind in kinds)
-
-
-def brings(vessel_type: str, object_type: str, receptacle_type: str) -> bool:
-    """Return whether a thing can be carried to a receptacle in such a vessel, and stay there in it.
-
-    >>> brings("Pan", "Egg", "StoveBurner"), brings("Fridge", "Egg", "StoveBurner")
-    (True, False)
-    """
-    vessel = object_types()[vessel_type]
-    return (
-        vessel.can("pickupable")
-        and vessel.can("receptacle")
-        and goes_in(object_type, vessel_type)
-        and goes_in(vessel_type, receptacle_type)
-    )
 
 
 @cache

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from karma.agent.afterwards import checked
 from karma.agent.planner import grounded
 from karma.agent.reading import kind_of, left_undone, put_right
+from karma.agent.refusals import NOT_FOUND
 from karma.agent.skills import Skills
 from karma.contracts import (
     Check,
@@ -83,7 +84,8 @@ def after_run(request: PlanRequest, programs: Programs) -> PlanRequest:
         programs: the last one failed; the last of its results is the refusal.
     """
     result = programs.results[-1]
-    missing = result.call.objects[-1:] if result.call.skill == "Explore" else ()
+    in_vain = result.call.skill == "Explore" and result.reason.startswith(NOT_FOUND)
+    missing = result.call.objects[-1:] if in_vain else ()
     failure = FailedProgram(
         lines=tuple(map(str, programs.calls)),
         failed=len(programs.results) - 1,

@@ -80,14 +80,6 @@ def unit_of(
     )
 
 
-def movable(experience: Experience) -> tuple[SeenObject, ...]:
-    """Return what was seen that can be carried, and is still there, the first seen first."""
-    gone = experience.gone
-    return tuple(
-        one for name, one in experience.seen.items() if one.pickupable and name not in gone
-    )
-
-
 def _only_seen(experience: Experience, handled: Sequence[str]) -> list[SeenObject]:
     """Return the sights of what can be carried and was not handled, nor cut off a whole."""
     return [

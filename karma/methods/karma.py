@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from msgspec import Meta
 
 from karma.agent.planner import Planner
+from karma.agent.short_names import furniture
 from karma.agent.skills import Skills
 from karma.contracts import (
     Area,
@@ -23,19 +24,20 @@ from karma.contracts import (
     Recalled,
     Resources,
     SceneRef,
+    SeenObject,
     SkillResult,
     SubTask,
     VisionModel,
     World,
 )
 from karma.household.ids import type_of
-from karma.household.pieces import base_type, goes_by
+from karma.household.pieces import goes_by
 from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
 from karma.methods.attempts import Programs, after_answer, after_run, as_left, carried_out
-from karma.methods.experience import movable, units_of
+from karma.methods.experience import units_of
 from karma.methods.options import settings_of
 from karma.methods.perception import BoxSource, Kind, Perception, detector_of
 from karma.methods.tour import explore_room, position_of
@@ -142,7 +144,8 @@ class KarmaEpisode:
         self._world, self._folder, self._seed = world, folder, seed
         self._perception = Perception(self.settings.perception, method.vision, method.detector)
         self._graphs: dict[str, SceneGraph] = {}  # by the room's name
-        self._seen_types: dict[str, dict[str, None]] = {}  # of movable things, by the room's name
+        self._seen: dict[str, dict[str, SeenObject]] = {}  # the latest sights, by the room's name
+        self._named: dict[str, dict[str, str]] = {}  # furniture's names -> ids, by the room's name
         self._scene = scene.name  # of the room that the agent is in
         self.enter(scene)
 
@@ -176,13 +179,15 @@ class KarmaEpisode:
         request = self._request(subtask, recalled)
         beliefs = _Beliefs(self._world, self.graph, self._found_by_name(request.units))
         eyes = self._perception.eyes(self._scene, subtask.instruction)
-        skills = Skills(self._world, beliefs, eyes=eyes)
+        before = self._seen.setdefault(self._scene, {})
+        skills = Skills(self._world, beliefs, eyes=eyes, before=before)
         programs = Programs(subtask.instruction)
         for _ in range(self.settings.attempts):
             plan = None
             updated = self._updated(request, skills, again=bool(programs.results))
             for plan in self._planner.plan(updated):
                 yield plan
+                self._named.setdefault(self._scene, {}).update(furniture(plan.names))
                 request = after_answer(request, plan)
             if plan is None or not plan.calls:
                 break
@@ -204,18 +209,17 @@ class KarmaEpisode:
 
     def where(self, name: str) -> Known | None:
         """Return where the agent believes a thing to be, by its type or id; None if unknown."""
-        beliefs = _Beliefs(self._world, self.graph, self._found_by_name(()))
-        return beliefs.where(name)
+        return _Beliefs(self._world, self.graph, self._found_by_name(())).where(name)
 
     def remembered(self) -> "Remembered":
         """Return all that is remembered now, apart from what comes later."""
-        return Remembered(self._scene, *deepcopy((self.short_term, self._graphs, self._seen_types)))
+        return Remembered(self._scene, *deepcopy((self.short_term, self._graphs, self._seen)))
 
     def go_back(self, before: "Remembered") -> None:
         """Remember what was remembered then, and nothing since."""
         self._scene = before.scene
-        kept = deepcopy((before.short_term, before.graphs, before.seen_types))
-        self.short_term, self._graphs, self._seen_types = kept
+        kept = deepcopy((before.short_term, before.graphs, before.seen))
+        self.short_term, self._graphs, self._seen = kept
         self._keep_map()
 
     # ------------------------------------------------------------- memory into the prompt
@@ -271,11 +275,8 @@ class KarmaEpisode:
         if not self.settings.short_term:
             return request
         if self.settings.seen_listed:
-            request = replace(
-                request,
-                seen=movable(experience),
-                seen_types=tuple(self._seen_types.get(self._scene, ())),
-            )
+            seen = tuple(self._sights(experience).values())
+            request = replace(request, seen=seen, named=self._named.get(self._scene, {}))
         if not again:
             return request
         before = as_left(request.units, experience)
@@ -284,6 +285,11 @@ class KarmaEpisode:
         kept = (unit for unit in before if unit.object_id not in new)
         return replace(request, units=(*kept, *fresh))
 
+    def _sights(self, experience: Experience) -> dict[str, SeenObject]:
+        """Return the latest sight of all that was seen in this room and is not known to be gone."""
+        seen = {**self._seen.get(self._scene, {}), **experience.seen}
+        return {name: one for name, one in seen.items() if name not in experience.gone}
+
     # ------------------------------------------------------------- experience into memory
 
     def _remember(self, experience: Experience, instruction: str) -> None:
@@ -291,8 +297,7 @@ class KarmaEpisode:
         before = as_left(self.short_term.units(self._scene), experience)
         for unit in before:
             self.short_term.correct(unit)
-        seen_types = self._seen_types.setdefault(self._scene, {})
-        seen_types.update(dict.fromkeys(base_type(one.object_type) for one in movable(experience)))
+        self._seen[self._scene] = self._sights(experience)
         lost = [unit for unit in before if unit.object_id in experience.gone]
         for unit in lost:
             self.short_term.forget(unit.object_id, self._scene)
@@ -337,7 +342,7 @@ class Remembered:
     scene: str
     short_term: ShortTermMemory
     graphs: dict[str, SceneGraph]
-    seen_types: dict[str, dict[str, None]]
+    seen: dict[str, dict[str, SeenObject]]
 
 
 class _Beliefs:

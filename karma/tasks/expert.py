@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from karma.agent.inspector import likely_areas
 from karma.contracts import Area, Goal, SkillCall
 from karma.household import uses
-from karma.household.pieces import EGG, base_type, brings, fits_whole_or_cut, goes_in, is_piece
+from karma.household.containment import brings, fits_whole_or_cut, goes_in
+from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import FLOOR, LIKELY, STAND_CLOSED, SURFACES
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
@@ -20,6 +21,7 @@ from karma.tasks.goals import is_position
 
 _Errand = tuple[str, list[Goal]]  # a subject and the goals about it
 _PLACED = ("ON", "INSIDE")
+_PLACES = tuple(dict.fromkeys((*SURFACES, *LIKELY, FLOOR)))  # to put something down
 _PREDICATES = {state: predicate for predicate, state in END_STATES.items()}
 
 
@@ -152,11 +154,10 @@ class _Draft:
     def put_down(self) -> None:
         """Write the lines that put what is held on the best known surface."""
         assert self.held is not None
-        kind = object_types().get(self.held.object_type)
-        fits = kind.goes_in if kind is not None else None
-        allowed = [name for name in SURFACES if fits is None or name in fits] or list(SURFACES)
-        others = [name for name in (*LIKELY, FLOOR) if name not in allowed]
-        others = [name for name in others if not fits or name in fits]
+        kind = self.held.object_type
+        fits = {one for one in _PLACES if kind not in object_types() or goes_in(kind, one)}
+        allowed = [name for name in SURFACES if name in fits] or list(SURFACES)
+        others = [name for name in _PLACES if name in fits and name not in allowed]
         known = [name for name in (*allowed, *others) if self.has_landmark(name)]
         surfaces = [one for name in known for one in self._surfaces(self.held, name)]
         first = NamedThing(name=allowed[0], object_type=allowed[0])

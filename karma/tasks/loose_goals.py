@@ -16,7 +16,8 @@ from itertools import product
 
 from karma.contracts import Goal
 from karma.errors import KarmaError
-from karma.household.pieces import base_type, brings, goes_in, is_piece, piece_type
+from karma.household.containment import brings, goes_in
+from karma.household.pieces import base_type, is_piece, piece_type
 from karma.household.states import END_STATES, NEEDS
 from karma.household.types import Capability, object_type
 from karma.household.uses import BURNER, LAMPS

@@ -10,7 +10,7 @@ import msgspec
 
 from karma.agent.perceive import cells_of
 from karma.contracts import Goal
-from karma.household.types import object_types
+from karma.household.containment import fits_whole_or_cut
 from karma.household.uses import covers
 from karma.tasks.goals import alternatives, is_position, object_names
 from karma.world.core.placement import find_place
@@ -96,10 +96,7 @@ def _is_loose(thing: SceneObject) -> bool:
 
 def _takes(place: SceneObject, thing: SceneObject) -> bool:
     """Return whether a place holds things, and its type takes a thing whole or in pieces."""
-    kind, kinds = object_types()[thing.type], object_types()
-    forms = (kind, kinds[kind.slices_into]) if kind.slices_into else (kind,)
-    fits = any(form.fits(kinds[place.type]) for form in forms)
-    return fits and "receptacle" in place.capabilities
+    return "receptacle" in place.capabilities and fits_whole_or_cut(thing.type, place.type)
 
 
 def _opened(thing: SceneObject) -> SceneObject:

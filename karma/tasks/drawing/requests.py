@@ -8,6 +8,7 @@ import numpy as np
 
 from karma.contracts import Goal, MemoryUnit
 from karma.household import uses
+from karma.household.containment import goes_in
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import LIKELY, landmark_types
 from karma.household.types import ObjectType, object_types, types_with
@@ -292,15 +293,7 @@ def suits(kind: str, object_type: str) -> bool:
 
 
 def _fits(info: ObjectType, place: str) -> bool:
-    return _goes_in(info.name, place)
-
-
-@cache
-def _goes_in(object_type: str, place: str) -> bool:
-    kinds = object_types()
-    # Of a bathtub the basin is left out: goals are about the tub.
-    places = uses.with_basin(place) if place == uses.SINK else (place,)
-    return any(kinds[object_type].fits(kinds[name]) for name in places)
+    return goes_in(info.name, place)
 
 
 def takes(object_type: str, place: str) -> bool:

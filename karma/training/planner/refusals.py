@@ -376,7 +376,8 @@ def _cannot(kind: str, thing: str, place: str) -> bool:
         calls = [SkillCall(skill="PickupObject", objects=(thing,))]
         if kind != "hold":
             calls.append(SkillCall(skill="PutObject", objects=(thing, place)))
-    return objection(calls, held=None) is not None
+    found = objection(calls, held=None)
+    return found is not None and found.lasting
 
 
 # ----------------------------------------------------------------- other languages, and none
