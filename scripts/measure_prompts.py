@@ -1,13 +1,12 @@
 """How many tokens the planner's prompts take, part by part, over floor plans.
 
-    python scripts/measure_prompts.py [--tokenizer FILE.gguf ...] [--map paper] [--kitchens 30]
+    python scripts/measure_prompts.py [--tokenizer FILE.gguf ...] [--map paper] [--rooms 40]
 
 Long-term memory has all furniture of a plan, as after a tour that overlooked nothing; short-term
 memory holds ten things of it. The second table is the longest prompt that an instruction leads to:
 everything movable in the room has been seen by then, two programs have failed and one search. A
 tokenizer is any GGUF with a vocabulary. AI2-THOR's 120 floor plans come from the reference data;
-without them, generated kitchens take their place, and the table says so. Those are larger than the
-median plan, of which three in four are other rooms.
+without them, generated rooms of all kinds take their place, and the table says so.
 """
 
 import argparse
@@ -37,10 +36,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--tokenizer", type=Path, action="append", help="a GGUF; may be repeated")
     parser.add_argument("--map", choices=("named", "paper"), default="named")
-    parser.add_argument("--kitchens", type=int, default=30, help="generated, if there is no plan")
+    parser.add_argument("--rooms", type=int, default=40, help="generated, if there is no plan")
     given = parser.parse_args()
     go_offline()
-    where, scenes = plans(given.kitchens)
+    where, scenes = plans(given.rooms)
     for path in given.tokenizer or [PLANNER]:
         count = counter(path)
         for again in (False, True):
@@ -61,8 +60,9 @@ def plans(count: int) -> tuple[str, list[Scene]]:
     if dumps.exists():
         scenes = list(import_dump(dumps, layouts=data / "alfred" / "layouts.json.gz"))
         return f"{len(scenes)} floor plans", scenes
-    kitchens = [build_scene("kitchen", number, 0) for number in range(count)]
-    return f"{count} generated kitchens", kitchens
+    kinds = ("kitchen", "living", "bedroom", "bathroom")
+    rooms = [build_scene(kinds[number % len(kinds)], number, 0) for number in range(count)]
+    return f"{count} generated rooms", rooms
 
 
 def counter(path: Path) -> Callable[[str], int]:
@@ -155,7 +155,16 @@ def sight(thing: SceneObject) -> SeenObject:
         box_size_m=thing.size,
         pickupable="pickupable" in thing.capabilities,
         parent_ids=thing.parents,
+        states=states(thing),
+        controls=thing.controls,
     )
+
+
+def states(thing: SceneObject) -> tuple[str, ...]:
+    """Return what is seen of its door and its switch."""
+    door = ("opened" if thing.openness else "closed",) if "openable" in thing.capabilities else ()
+    switch = ("on" if thing.is_toggled else "off",) if "toggleable" in thing.capabilities else ()
+    return door + switch
 
 
 if __name__ == "__main__":

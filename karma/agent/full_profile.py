@@ -6,11 +6,11 @@ from functools import cache
 
 from karma.agent.perceive import place_of
 from karma.agent.short_names import in_names, name_for
-from karma.contracts import Area, FailedProgram, PlanRequest, SeenObject, Vec3
+from karma.contracts import Area, FailedProgram, Fixture, PlanRequest, SeenObject, Vec3
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR, HAND, NEAR_M
 from karma.household.types import object_types, types_with
-from karma.household.uses import KNIVES, KNOB, WHOLE_OF, with_wholes
+from karma.household.uses import BURNER, KNIVES, KNOB, WHOLE_OF, with_wholes
 
 _UNSAID = (FLOOR, KNOB)  # no program names them
 _DOORS = {"opened": "open", "closed": "closed", "on": "on", "off": "off"}  # state -> as told
@@ -36,11 +36,7 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
         names: name -> object id of furniture that has a name.
     """
     name_of = {object_id: name for name, object_id in names.items()}
-    named = [
-        f"{name_of[one.object_id]}{coarse_text(one.position_m)}"
-        for one in area.fixtures
-        if one.object_id in name_of
-    ]
+    named = _placed(area.fixtures, name_of)
     spoken = {*with_wholes(one.object_type for one in area.fixtures if one.object_id in name_of)}
     spoken |= {*_UNSAID, *(basin for basin, whole in WHOLE_OF.items() if whole in area.contains)}
     rest = [kind for kind in area.contains if kind not in spoken]
@@ -82,12 +78,19 @@ def off_the_map(
 ) -> list[str]:
     """Return furniture that was seen and the map lacks, by name and place."""
     mapped = {one.object_id for area in areas for one in area.fixtures}
-    name_of = {object_id: name for name, object_id in names.items()}
-    return [
+    name_of = {object_id: name for name, object_id in names.items() if object_id not in mapped}
+    return _placed(seen, name_of)
+
+
+def _placed(things: Iterable[Fixture | SeenObject], name_of: Mapping[str, str]) -> list[str]:
+    """Return what of furniture has a name, with its place; burners are all where the stove is."""
+    named = [one for one in things if one.object_id in name_of]
+    placed = [
         f"{name_of[one.object_id]}{coarse_text(one.position_m)}"
-        for one in seen
-        if one.object_id in name_of and one.object_id not in mapped
+        for one in named
+        if one.object_type != BURNER
     ]
+    return placed + in_runs(name_of[one.object_id] for one in named if one.object_type == BURNER)
 
 
 def doors_and_switches(
@@ -100,7 +103,32 @@ def doors_and_switches(
         if one.object_type not in _UNSAID:
             for word in _DOORS.keys() & {*one.states, *knobs.get(one.object_id, ())}:
                 found[_DOORS[word]].append(name_for(one.object_id, name_of))
-    return {word: names for word, names in found.items() if names}
+    return {word: in_runs(names) for word, names in found.items() if names}
+
+
+def in_runs(names: Iterable[str]) -> list[str]:
+    """Return names in order, three and more numbered ones in a row as a run.
+
+    >>> in_runs(["Drawer_3", "Fridge", "Drawer_1", "Drawer_2", "Drawer_5"])
+    ['Drawer_1 to Drawer_3', 'Drawer_5', 'Fridge']
+    """
+    numbered = sorted({(*_numbered(name), name) for name in names})
+    runs: list[list[str]] = []
+    for n, (kind, number, name) in enumerate(numbered):
+        if n and numbered[n - 1][:2] == (kind, number - 1):
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    return [
+        one
+        for run in runs
+        for one in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)
+    ]
+
+
+def _numbered(name: str) -> tuple[str, int]:
+    kind, _, number = name.rpartition("_")
+    return (kind, int(number)) if kind and number.isdecimal() else (name, 0)
 
 
 # ----------------------------------------------------------------- what failed
@@ -163,15 +191,14 @@ def skill_needs() -> Mapping[str, str]:
         "BreakObject": f"A broken {EGG} is cracked, and still named {EGG}.",
         "SliceObject": f"Hold a {_or(KNIVES)}. Cuts {_or(sorted(types_with('sliceable')))}; "
         "then its name means a slice.",
-        "ThrowObject": "Throw what is held across the room. To throw a thing away, PutObject "
-        "it into the GarbageCan.",
+        "ThrowObject": "Throw what is held across the room. What is thrown away is put into the "
+        "GarbageCan.",
         "Explore": "Go to a thing if its place is known; else search these positions, then all "
         "others. What it opens stays open.",
         "ToggleOn": "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.",
         "ToggleOff": "Switch off what is on.",
-        "EmptyObject": "Pour out what a thing is filled with.",
-        "PutNear": f"Put what is held (first) down within {NEAR_M} m of a thing or of a place "
-        "'(x, y, z)' (second).",
+        "EmptyObject": "Pour out what is in it.",
+        "PutNear": f"Put what is held (first) within {NEAR_M} m of a thing or '(x, y, z)' (second).",
     }
 
 

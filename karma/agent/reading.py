@@ -11,9 +11,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from karma.agent.inspector import fits
 from karma.agent.program import PUTS
 from karma.contracts import SkillCall
+from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import short_type, type_of
 from karma.household.pieces import base_type
 from karma.household.places import HAND
@@ -127,7 +127,7 @@ def _takes(place: str, thing: str) -> bool:
     there, one = object_types().get(place), object_types().get(thing)
     if there is None or one is None or not there.can("receptacle"):
         return True
-    return fits(one, there, WIDEST)
+    return fits_whole_or_cut(thing, place, WIDEST)
 
 
 # ----------------------------------------------------------------- later programs

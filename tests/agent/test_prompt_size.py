@@ -9,11 +9,11 @@ from support.paths import ROOT
 
 def test_full_prompt_with_ten_units_fits_2048_tokens_in_the_median_room(tmp_path):
     told = subprocess.run(
-        [sys.executable, "scripts/measure_prompts.py", "--kitchens", "5"],
+        [sys.executable, "scripts/measure_prompts.py", "--rooms", "8"],
         cwd=ROOT, env={"KARMA_SHARED": str(tmp_path)}, capture_output=True, text=True, check=True,
     ).stdout  # fmt: skip
     medians = dict(re.findall(r"^(\w+, first request), .*?^\| all \| (\d+) \|", told, re.M | re.S))
     assert medians.keys() == {"compact, first request", "full, first request"}
     assert 0 < int(medians["compact, first request"]) < 300
     assert 1000 < int(medians["full, first request"]) <= 2048
-    assert "5 generated kitchens, tokens of planner.gguf" in told
+    assert "8 generated rooms, tokens of planner.gguf" in told

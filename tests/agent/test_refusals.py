@@ -29,7 +29,7 @@ MICROWAVE = Known(
         ("Microwave does not have the property canFillWithLiquid!", "holds no liquid"),
         ("Microwave|1 is not an Openable object", "cannot be opened"),
         ("Microwave|1 is not a toggleable object", "cannot be switched"),
-        ("Microwave is broken and cannot be switched on.", "use another one"),
+        ("Microwave is broken and cannot be switched on.", "no other is known"),
         ("Target object not found within the specified visibility.", "something is in the way"),
         ("a meteor fell", "a meteor fell"),
     ],
