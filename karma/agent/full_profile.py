@@ -191,7 +191,7 @@ def skill_needs() -> Mapping[str, str]:
         "BreakObject": f"A broken {EGG} is cracked, and still named {EGG}.",
         "SliceObject": f"Hold a {_or(KNIVES)}. Cuts {_or(sorted(types_with('sliceable')))}; "
         "then its name means a slice.",
-        "ThrowObject": "Throw what is held across the room. What is thrown away is put into the "
+        "ThrowObject": "Throw what is held across the room. To throw a thing away, put it into the "
         "GarbageCan.",
         "Explore": "Go to a thing if its place is known; else search these positions, then all "
         "others. What it opens stays open.",

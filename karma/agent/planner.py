@@ -193,7 +193,7 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
     known = seen | set(answer.names)
     calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=request.areas)
-    if (wrong := astray(request.first, calls, request.instruction)) is not None:
+    if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
         return _astray(replace(answer, calls=calls), *wrong), None
     found = objection(calls, held=held, known=known)
     if found is None:

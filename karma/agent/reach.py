@@ -342,7 +342,8 @@ class Reach:
         if not observation.ok:
             words = _plain(observation.error)
             others = [one.object_id for one in self.others(target)]
-            raise RefusedError(_advice(words, target.object_type), explained(words, target, others))
+            detail = explained(words, target, others, self.known_types())
+            raise RefusedError(_advice(words, target.object_type), detail)
         if not in_passing:
             self.log.changed(target.object_id, target.position_m)
             self.log.handled.extend(touched)

@@ -166,7 +166,10 @@ def _lexicon() -> Lexicon:
 
 
 def astray(
-    first: Sequence[SkillCall], later: Sequence[SkillCall], instruction: str
+    first: Sequence[SkillCall],
+    later: Sequence[SkillCall],
+    instruction: str,
+    done: Sequence[SkillCall] = (),
 ) -> tuple[int, str] | None:
     """Return the line of a later program that acts on another thing or place, and what is wrong.
 
@@ -174,12 +177,14 @@ def astray(
         first: the program that was carried out first; () where none was.
         later: one that would be tried now.
         instruction: what was asked for.
+        done: what went well of the programs before: what holds a thing by now may go in its place.
     """
     asked, now = reading_of(first), reading_of(later)
     if not asked.things or not now.handled or put_right(first, later, instruction):
         return None
     mine = asked.things & now.handled
-    for thing in sorted(now.handled - asked.things):
+    held_in = frozenset[str]().union(*map(reading_of(done).places, asked.things))
+    for thing in sorted(now.handled - asked.things - held_in):
         if not mine or _takes_its_turn(thing, asked, now):
             words = " and ".join(spoken(one) for one in sorted(asked.things))
             return _line(later, thing), f"that is another thing than asked for: the {words}"
@@ -191,12 +196,15 @@ def astray(
     return None
 
 
-def left_undone(first: Sequence[SkillCall], done: Sequence[SkillCall]) -> tuple[str, ...]:
+def left_undone(
+    first: Sequence[SkillCall], done: Sequence[SkillCall], instruction: str = ""
+) -> tuple[str, ...]:
     """Return the things of a reading that what was done since has not brought to their ends.
 
     Args:
         first: the program that was carried out first.
         done: the calls of all programs that went well, in order.
+        instruction: a place that it names is meant, also where no such thing goes.
     """
     asked, now = reading_of(first), reading_of(done)
     did = {(_DEEDS.get(call.skill, call.skill), kind_of(call.objects[-1])) for call in done}
@@ -204,7 +212,8 @@ def left_undone(first: Sequence[SkillCall], done: Sequence[SkillCall]) -> tuple[
     changed = {thing for _, thing in asked.deeds}
     open_ends = {thing for _, thing in asked.deeds - did}
     for thing, places in asked.moved.items():
-        last = places[-1] if places and _takes(places[-1], thing) else HAND
+        last = places[-1] if places else HAND
+        last = last if _takes(last, thing) or _is_said(last, instruction) else HAND
         brought = last in {HAND, *now.places(thing)}
         if not brought or not (thing in now.moved or thing in changed):
             open_ends.add(thing)

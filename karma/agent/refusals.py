@@ -19,7 +19,6 @@ _DO_FIRST = (
     ("must be closed", "is open and has to be closed before; do CloseObject(robot, '{it}') first"),
     ("must be off", "is on and has to be off before; do ToggleOff(robot, '{it}') first"),
     ("is closed", "is closed; do OpenObject(robot, '{it}') first"),
-    ("if it is in the agent's hand", "is in the hand; put it down first, then take a Knife"),
 )  # what the world says -> what it means
 _CANNOT = (
     ("property pickupable", "cannot be picked up"), ("property sliceable", "cannot be sliced"),
@@ -43,15 +42,21 @@ class RefusedError(Exception):
         self.detail = detail or reason
 
 
-def explained(words: str, target: Known, others: Sequence[str] = ()) -> str:
+def explained(
+    words: str, target: Known, others: Sequence[str] = (), places: Sequence[str] = ()
+) -> str:
     """Return the world's refusal of an action on a thing as a planner can use it.
 
     Args:
         words: the world's.
         target: the thing.
         others: ids of more of its type, the nearest first.
+        places: types of what the agent knows of, the nearest first.
     """
     it, said = target.object_id, words.lower()
+    if "if it is in the agent's hand" in said:
+        down = _put_down(it, target.object_type, places)
+        return f"{it} is in the hand; put it down first{down}, then PickupObject(robot, 'Knife')"
     for sign, meaning in _DO_FIRST:
         if sign in said:
             return f"{it} {meaning.format(it=it)}"
@@ -67,7 +72,7 @@ def explained(words: str, target: Known, others: Sequence[str] = ()) -> str:
 
 
 def of_its_kind(others: Sequence[str]) -> str:
-    """Name the others of a thing's type that are known, "" where it is the only one."""
+    """Name the others of a thing's type that are known, or say that none is."""
     return f"; others of its kind: {_listed(others)}" if others else "; no other is known here"
 
 
@@ -99,16 +104,11 @@ def put_refused(
         return ""
     inside = contents(it, log)
     holds = f"there is {_listed(inside)} in or on it" if inside else "there is no room in or on it"
-    more = [one for one in takers(kind, places) if one != target.object_type]
-    elsewhere = [*(one.object_id for one in others), *more]
-    text = f"{it} is full: {holds}."
-    if elsewhere:
-        text += f" Put {thing} elsewhere, e.g. PutObject(robot, '{thing}', '{elsewhere[0]}')"
-        text += f" ({_listed(elsewhere[1:])} would do too)" if elsewhere[1:] else ""
+    text = f"{it} is full: {holds}{of_its_kind([one.object_id for one in others])}"
     if not inside:
         return text
-    first = f"put {thing} down first, then PickupObject(robot, '{inside[0]}')"
-    return f"{text}{', or t' if elsewhere else ' T'}ake something out: {first}"
+    down = f"put {thing} down first{_put_down(thing, kind, places, besides=target.object_type)}"
+    return f"{text}. Make room: {down}, then PickupObject(robot, '{inside[0]}')"
 
 
 def hand_full(held: SeenObject, places: Sequence[str]) -> str:
@@ -118,11 +118,18 @@ def hand_full(held: SeenObject, places: Sequence[str]) -> str:
         held: the thing.
         places: types of what the agent knows of, the nearest first.
     """
-    it, there = held.object_id, takers(held.object_type, places)
-    there.sort(key=lambda one: one not in SURFACES)  # nothing to open, nothing to spoil
+    it = held.object_id
+    down = _put_down(it, held.object_type, places)
+    return f"the hand holds {it}; put it down first{down}"
+
+
+def _put_down(it: str, kind: str, places: Sequence[str], besides: str = "") -> str:
+    """Name where a thing may be put down: best where nothing is to be opened, or spoilt."""
+    there = [one for one in takers(kind, places) if one != besides]
+    there.sort(key=lambda one: one not in SURFACES)
     if not there:
-        return f"the hand holds {it}, and no place for it is known; Explore(robot, '{SURFACES[0]}')"
-    text = f"the hand holds {it}; put it down first, e.g. PutObject(robot, '{it}', '{there[0]}')"
+        return f"; no place for it is known: Explore(robot, '{SURFACES[0]}')"
+    text = f", e.g. PutObject(robot, '{it}', '{there[0]}')"
     return f"{text} ({_listed(there[1:])} would do too)" if there[1:] else text
 
 

@@ -123,9 +123,9 @@ def stand_ins(
         id -> id.
     """
     first: dict[tuple[str, str | None], str] = {}
-    for object_id, place in told:
+    listed = dict(told)
+    for object_id, place in listed.items():
         first.setdefault((_whole(object_id, type_of(object_id)), place), object_id)
-    listed = set(first.values())
     found = {}
     for one in seen:
         key = (_whole(one.object_id, one.object_type), place_of(one))

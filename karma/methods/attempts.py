@@ -46,13 +46,17 @@ class Programs:
     @property
     def finished(self) -> bool:
         """Whether, besides, nothing is left that the first one was to do."""
-        done = [result.call for result in (*self.before, *self.results) if result.ok]
-        return self.ran and not left_undone(self.first, done)
+        return self.ran and not left_undone(self.first, self.done, self.instruction)
+
+    @property
+    def done(self) -> tuple[SkillCall, ...]:
+        """All calls that went well, in order."""
+        return tuple(result.call for result in (*self.before, *self.results) if result.ok)
 
     def checks(self, experience: Experience) -> tuple[Check, ...]:
         """Return how it stands with all that was done and that was to be done."""
         told = [*(result.call for result in self.before), *self.calls]
-        left = left_undone(self.first, told)
+        left = left_undone(self.first, told, self.instruction)
         told += [call for call in self.first if kind_of(call.objects[0]) in left]
         return checked(told, (*self.before, *self.results), experience)
 
@@ -98,6 +102,7 @@ def after_run(request: PlanRequest, programs: Programs) -> PlanRequest:
         failures=(*request.failures, failure),
         missing=(*request.missing, *missing),
         first=programs.first,
+        done=programs.done,
     )
 
 

@@ -1,5 +1,7 @@
 """What the planner is told: two profiles, one cut, short names for what is remembered."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -268,6 +270,36 @@ def test_things_in_sight_have_names_after_those_of_memory_by_what_they_lie_on():
     assert "# Also seen here, where it was last seen\nCabinet_2: Plate_2, Egg\nFridge: Mug\n" in changing
     assert (names["Plate"], names["Plate_2"]) == ("Plate|1", "Plate|2")
     assert parts("compact", facts)[2].keys() == {"Plate", "Cabinet"}
+
+
+def test_slices_that_lie_elsewhere_than_the_one_in_the_hand_have_names_of_their_own():
+    slices = [f"Bread|1|BreadSliced_{n}" for n in range(4)]
+    places = ("Plate|1", "Plate|1", "Fridge|1", "Fridge|1")
+    facts = PlanRequest(
+        instruction="go", areas=FURNISHED, held_id=slices[0], held_type="BreadSliced",
+        seen=[seen(one, place, "BreadSliced") for one, place in zip(slices, places, strict=True)],
+    )  # fmt: skip
+    _, changing, names = parts("full", facts)
+    assert "Plate: Bread_2\nFridge: Bread_3\n" in changing
+    assert [names[name] for name in ("Bread", "Bread_2", "Bread_3")] == slices[:3]
+
+
+KINDS = st.sampled_from(["Cabinet", "Drawer", "Fridge", "Sink", "SinkBasin", "Faucet"])
+
+
+@given(st.lists(st.lists(st.tuples(KINDS, st.booleans()), max_size=5), min_size=1, max_size=4))
+def test_furniture_keeps_its_name_while_more_of_it_is_found(found):
+    """Map and sight grow; names that were told go on meaning the same things."""
+    names, mapped, sighted = {}, [], []
+    for number, more in enumerate(found):
+        for place, (kind, on_map) in enumerate(more):
+            object_id = f"{kind}|{number}|{place}"
+            mapped += [fixture(object_id, 1.0)] if on_map else []
+            sighted += [] if on_map else [replace(seen(object_id, None, kind), pickupable=False)]
+        area = Area(name="node_1", position_m=(0, 0, 0), fixtures=tuple(mapped))
+        before, names = names, fixture_names([area], sighted, before=names)
+        assert before.items() <= names.items()
+        assert len(set(names.values())) == len(names)
 
 
 @given(units=UNITS, count=st.integers(0, 4), mapped=st.booleans())

@@ -1,12 +1,14 @@
 """What a refusal says in full, and when another receptacle will do."""
 
 import dataclasses
+import re
 
 import pytest
 from support.household import kitchen, look, on, thing
 
 from karma.agent.refusals import contents, explained
 from karma.agent.sightings import Sightings
+from karma.agent.reach import SkillLimits
 from karma.agent.skills import Skills
 from karma.contracts import Area, Fixture, Known, SeenObject, SkillCall
 from karma.files import to_json
@@ -147,3 +149,17 @@ def test_furniture_out_of_reach_names_others_of_its_kind(tmp_path):
     result = skills.run(SkillCall(skill="OpenObject", objects=(lost.id,)))
     assert result.reason == "could not get Cabinet into view and reach"
     assert result.detail.endswith(f"others of its kind: {there.id}")
+
+
+def test_search_that_ran_out_of_actions_says_so_and_goes_on_when_asked_again(tmp_path):
+    room = kitchen()
+    path = tmp_path / "handmade.json"
+    path.write_bytes(to_json(room))
+    skills = Skills(EmbeddedWorld(str(path)), Memory(()), limits=SkillLimits(max_actions=40))
+    search = SkillCall(skill="Explore", objects=("Spoon",))
+    results = [skills.run(search) for _ in range(20)]
+    first = results[0]
+    assert re.fullmatch(r"gave up after \d+ actions on Spoon", first.reason)
+    assert "not all of this room was searched: Explore(robot, 'Spoon') goes on" in first.detail
+    assert not [one for one in results if "searched" in one.reason]
+    assert results[-1].ok

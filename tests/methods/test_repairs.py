@@ -4,6 +4,8 @@ The planner knows nothing but the prompt. Where a message lost the blocker, the 
 it could not go on, and the test would fail.
 """
 
+import re
+
 import pytest
 from support.household import kitchen, look, on, thing
 from support.reading_planner import CALL, ReadingPlanner, do_this_instead, furniture, section
@@ -157,9 +159,9 @@ def test_thing_that_was_carried_off_is_explored(start):
 
 def test_slice_of_what_is_in_the_hand_waits_until_it_lies(start):
     def repair(failed):
-        assert "Apple is in the hand; put it down first, then take a Knife" in failed.reason
-        return ["PutObject(robot, 'Apple', 'DiningTable')", "GoToObject(robot, 'DiningTable')",
-                "Explore(robot, 'Knife')", "PickupObject(robot, 'Knife')", failed.call]  # fmt: skip
+        put, take = CALL.findall(failed.reason)
+        assert "Apple is in the hand; put it down first, e.g. PutObject(robot" in failed.reason
+        return [put, "Explore(robot, 'Knife')", take, failed.call]
 
     first = TAKE.format("Apple") + "SliceObject(robot, 'Apple')\n"
     episode, world = start(ReadingPlanner(first, repair=repair))
@@ -169,22 +171,27 @@ def test_slice_of_what_is_in_the_hand_waits_until_it_lies(start):
 
 @pytest.mark.parametrize("inspected", [False, True])
 def test_thing_that_does_not_fit_goes_where_the_refusal_says(start, inspected):
+    told = []
+
     def repair(failed):
         place = failed.reason.partition("goes in or on ")[2].split(", ")[0]
+        told.append(place)
         assert failed.ran is not inspected  # the inspector refuses before anything is done
         return [*([] if failed.ran else failed.before), f"PutObject(robot, 'Apple', '{place}')"]
 
     first = TAKE.format("Apple") + "PutObject(robot, 'Apple', 'Toaster')\n"
     episode, world = start(ReadingPlanner(first, repair=repair), inspected=inspected)
     done(episode, "put the apple away")
-    assert id_of(world, "CounterTop") in parents(world, id_of(world, "Apple"))
+    assert id_of(world, *told) in parents(world, id_of(world, "Apple"))
 
 
 def test_what_is_full_tells_another_place(start):
-    planner = ReadingPlanner(
-        TAKE.format("Potato") + "PutObject(robot, 'Potato', 'SideTable_1')\n",
-        repair=do_this_instead,
-    )
+    def repair(failed):
+        other = failed.reason.partition("others of its kind: ")[2].partition(".")[0]
+        return [failed.call.replace("SideTable_1", other)]
+
+    first = TAKE.format("Potato") + "PutObject(robot, 'Potato', 'SideTable_1')\n"
+    planner = ReadingPlanner(first, repair=repair)
     one, other, cup = side_tables()
     episode, world = start(planner, one, other, cup)
     done(episode, "put the potato on a side table")
@@ -194,9 +201,10 @@ def test_what_is_full_tells_another_place(start):
 
 def test_what_is_full_tells_what_could_be_taken_out(start):
     def repair(failed):
-        thing = failed.reason.partition("PickupObject(robot, '")[2].partition("'")[0]
-        assert "take something out: put Potato down first" in failed.reason
-        return ["PutObject(robot, 'Potato', 'CounterTop')", f"PickupObject(robot, '{thing}')",
+        put, take = CALL.findall(failed.reason)
+        thing = take.split("'")[1]
+        assert "Make room: put Potato down first" in failed.reason
+        return [put, take,
                 f"PutObject(robot, '{thing}', 'DiningTable')", "PickupObject(robot, 'Potato')",
                 failed.call]  # fmt: skip
 
@@ -206,6 +214,53 @@ def test_what_is_full_tells_what_could_be_taken_out(start):
     done(episode, "put the potato on the first side table")
     assert one.id in parents(world, id_of(world, "Potato"))
     assert id_of(world, "DiningTable") in parents(world, cup.id)
+
+
+def test_full_plate_tells_the_slice_in_the_hand_from_those_that_lie_there(start):
+    """Slice after slice goes on the plate; that for which there is no room takes one's place."""
+    table = next(one for one in kitchen().objects if one.type == "DiningTable")
+    small = on(table, "Pot", 1.85, 0.1, size=(0.13, 0.02, 0.13))
+    put = "PickupObject(robot, '{0}')\nPutObject(robot, '{0}', 'Pot')\n"
+
+    def another(text):
+        units = section(text, "Short-term memory")
+        return put.format(next(x.split(":")[0] for x in units if re.match("Bread.*: Dining", x)))
+
+    def repair(failed):
+        down, take = CALL.findall(failed.reason)
+        lies, held = take.split("'")[1], down.split("'")[1]
+        assert lies != held
+        away = down.replace(f"'{held}'", f"'{lies}'")
+        return [down, take, away, f"PickupObject(robot, '{held}')", failed.call]
+
+    cut = TAKE.format("Knife") + "SliceObject(robot, 'Bread')\n"
+    cut += "PutObject(robot, 'Knife', 'CounterTop')\n"
+    episode, world = start(ReadingPlanner(cut, *[another] * 3, repair=repair), small)
+    done(episode, "cut the bread")
+    results = [done(episode, "put another slice in the small pot") for _ in range(3)]
+    assert [len(one) for one in results] == [2, 2, 7]
+    assert small.id in parents(world, results[-1][-1].object_ids[0])
+
+
+def test_laptop_gets_into_a_cabinet_in_the_box_that_the_refusal_names(start):
+    stand = thing("SideTable", (-0.4, 0.25, -1.5), (0.4, 0.5, 0.4))
+    box = on(stand, "Box", -0.4, -1.5, size=(0.36, 0.2, 0.3), openness=1.0)
+    table = thing("SideTable", (0.6, 0.25, -1.5), (0.3, 0.5, 0.3))
+    laptop = on(table, "Laptop", 0.6, -1.5, size=(0.25, 0.05, 0.2))
+    deep = thing("Cabinet", (-0.9, 0.4, 1.1), (0.6, 0.6, 0.5), openness=1.0)
+
+    def repair(failed):
+        vessel, place = re.search(r"in (\w+) it can be carried to (\w+)", failed.reason).groups()
+        assert vessel in failed.reason.partition("goes in or on ")[2].split(", ")
+        return [f"PutObject(robot, 'Laptop', '{vessel}')", f"PickupObject(robot, '{vessel}')",
+                f"PutObject(robot, '{vessel}', '{place}')"]  # fmt: skip
+
+    first = TAKE.format("Laptop").replace("DiningTable", "SideTable_1")
+    first += "PutObject(robot, 'Laptop', 'Cabinet_2')\n"
+    episode, world = start(ReadingPlanner(first, repair=repair), stand, box, table, laptop, deep)
+    done(episode, "put the laptop in the second cabinet")
+    assert deep.id in parents(world, box.id)
+    assert box.id in parents(world, laptop.id)
 
 
 def test_what_was_searched_for_in_vain_is_not_searched_for_again(start):
@@ -332,15 +387,20 @@ def test_prompt_has_all_of_memory_unless_the_row_wants_only_what_is_recalled(sta
         assert "The user's whole request" not in planner.prompts[0]
 
 
-def test_types_seen_in_this_room_before_stand_in_the_prompt_without_a_name(start):
-    planner = ReadingPlanner("GoToObject(robot, 'DiningTable')\n", "GoToObject(robot, 'Sink')\n")
+def test_what_was_seen_stands_in_the_next_prompt_with_its_place_door_and_switch(start):
+    look = "Explore(robot, 'Egg')\nToggleOn(robot, 'StoveBurner')\nOpenObject(robot, 'Cabinet')\n"
+    planner = ReadingPlanner(look, "GoToObject(robot, 'Mug')\n")
     episode, _ = start(planner, seen_kept=0)
-    done(episode, "go to the table")
-    done(episode, "go to the sink")
-    (earlier,) = [x for x in section(planner.prompts[1], "Also seen") if x.startswith("earlier: ")]
-    named = " ".join(section(planner.prompts[1], "Also seen")[:-1])
-    assert "Bread" in earlier + named
-    assert not [kind for kind in earlier[9:].split(", ") if f" {kind}," in f" {named},"]
+    done(episode, "look for the egg, light the stove and open the cabinet")
+    done(episode, "go to the mug")
+    places = dict(line.split(": ") for line in section(planner.prompts[1], "Also seen"))
+    assert "Egg" in places["Fridge"].split(", ")
+    assert "Bread" in places["DiningTable"].split(", ")
+    told = dict(line.split(": ") for line in section(planner.prompts[1], "Doors and switches"))
+    assert "Cabinet" in told["open"].split(", ")
+    assert {"Drawer", "Microwave"} <= {*told["closed"].split(", ")}
+    assert "StoveBurner" in told["on"]
+    assert {"Faucet", "Microwave"} <= {*told["off"].split(", ")}
 
 
 def test_map_of_the_paper_s_form_is_an_option(start):
