@@ -16,8 +16,8 @@ NODES = {
     "perceive": [f"agent/{name}.py" for name in (
         "perceive", "eyes", "depth", "tracking", "support", "projection")],
     "skills": [f"agent/{name}.py" for name in (
-        "sightings", "afterwards", "naming", "walk", "refusals", "reach", "search", "handling",
-        "switching", "skills")],
+        "sightings", "afterwards", "naming", "walk", "refusals", "reach", "coverage", "search",
+        "handling", "switching", "skills")],
     "memory": ["memory"],
     "method": [f"methods/{name}.py" for name in (
         "karma", "attempts", "experience", "picture_states", "tour")],

@@ -119,11 +119,7 @@ def in_runs(names: Iterable[str]) -> list[str]:
             runs[-1].append(name)
         else:
             runs.append([name])
-    return [
-        one
-        for run in runs
-        for one in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)
-    ]
+    return [one for run in runs for one in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)]
 
 
 def _numbered(name: str) -> tuple[str, int]:
@@ -198,7 +194,8 @@ def skill_needs() -> Mapping[str, str]:
         "ToggleOn": "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.",
         "ToggleOff": "Switch off what is on.",
         "EmptyObject": "Pour out what is in it.",
-        "PutNear": f"Put what is held (first) within {NEAR_M} m of a thing or '(x, y, z)' (second).",
+        "PutNear": f"Put what is held (first) within {NEAR_M} m of a thing or '(x, y, z)' "
+        "(second).",
     }
 
 

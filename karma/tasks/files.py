@@ -15,8 +15,8 @@ import msgspec
 from karma.contracts import Goal, Kind, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import read_bytes, to_json, write_atomic
-from karma.household.ids import root_type
 from karma.household.containment import fits_whole_or_cut
+from karma.household.ids import root_type
 from karma.household.types import RULES, WIDEST, RuleSet, object_type, types_with
 from karma.tasks.goals import alternatives, is_position, object_names, parse_goal
 from karma.world.alfred.ids import type_now

@@ -267,7 +267,10 @@ def test_things_in_sight_have_names_after_those_of_memory_by_what_they_lie_on():
     )  # fmt: skip
     _, changing, names = parts("full", facts)
     assert "Plate: Cabinet_3 (0.5,0.9,-1.0)\n" in changing
-    assert "# Also seen here, where it was last seen\nCabinet_2: Plate_2, Egg\nFridge: Mug\n" in changing
+    assert (
+        "# Also seen here, where it was last seen\nCabinet_2: Plate_2, Egg\nFridge: Mug\n"
+        in changing
+    )
     assert (names["Plate"], names["Plate_2"]) == ("Plate|1", "Plate|2")
     assert parts("compact", facts)[2].keys() == {"Plate", "Cabinet"}
 

@@ -6,9 +6,9 @@ import re
 import pytest
 from support.household import kitchen, look, on, thing
 
+from karma.agent.reach import SkillLimits
 from karma.agent.refusals import contents, explained
 from karma.agent.sightings import Sightings
-from karma.agent.reach import SkillLimits
 from karma.agent.skills import Skills
 from karma.contracts import Area, Fixture, Known, SeenObject, SkillCall
 from karma.files import to_json

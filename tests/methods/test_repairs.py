@@ -8,7 +8,7 @@ import re
 
 import pytest
 from support.household import kitchen, look, on, thing
-from support.reading_planner import CALL, ReadingPlanner, do_this_instead, furniture, section
+from support.reading_planner import CALL, ReadingPlanner, furniture, section
 
 from karma.agent.planner import Planner
 from karma.contracts import Decoding, Outcome, Recalled, SceneRef, SkillResult, SubTask

@@ -68,13 +68,6 @@ def do_what_it_says(failed):
     return [remedy[0], failed.call, *failed.rest]
 
 
-def do_this_instead(failed):
-    """Put the first call that the refusal names in place of the failed line."""
-    remedy = CALL.search(failed.reason)
-    assert remedy, f"no other way in: {failed.reason}"
-    return [remedy[0], *failed.rest]
-
-
 def section(text, title):
     """Return the lines of a prompt below a heading."""
     return text.partition(f"# {title}")[2].partition("\n# ")[0].splitlines()[1:]
