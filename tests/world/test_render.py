@@ -147,7 +147,7 @@ def test_pictures_agree_with_brute_force_over_all_triangles():
     origin, rays = pixel_rays(camera, 60, 60)
     chosen = np.arange(0, 3600, 13)
     found, owners = [], []
-    for task in tasks(state.objects, cells):
+    for task in tasks(state.objects, cells, state.room.shell.walked):
         mesh = drawn(task, cells, state.room.name)
         found.append([nearest_triangle(origin, ray, mesh) for ray in rays[chosen]])
         owners.append(state.objects.rows[task.thing.id])

@@ -34,7 +34,7 @@ def test_sight_is_the_same_as_without_a_memory(seed):
                 fresh = sight(
                     Objects(dict(state.objects.items())), pose, held=state.in_hand,
                     visibility_m=state.settings.visibility_m, fov_deg=state.settings.fov_deg,
-                    aspect=state.settings.aspect, walls=state.room.walls,
+                    aspect=state.settings.aspect, shell=state.room.shell,
                 )  # fmt: skip
                 assert seen.visible == fresh.visible
                 assert seen.interactable == fresh.interactable

@@ -7,12 +7,13 @@ import numpy as np
 
 from karma.contracts import Pose
 from karma.world.core.arrays import Flags, Floats
-from karma.world.core.hiding import blocking, solid_boxes
+from karma.world.core.hiding import blocking
 from karma.world.core.navigate import interactable_poses
+from karma.world.core.rays import stopped
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Cell, WorldState
 from karma.world.core.thing import gaps
-from karma.world.core.view import camera, camera_axes, cut, in_picture, occluders
+from karma.world.core.view import camera, camera_axes, in_picture, occluders
 
 REACH_M = 1.25  # of the cells that a place is looked at from, to its box
 _CELLS = 8  # tried at once for each stretch of a place
@@ -70,7 +71,6 @@ def _shown(state: WorldState, thing: SceneObject, poses: Sequence[Pose], points:
     hiding, glass = occluders(objects, state.in_hand)
     hiding &= fixed & ~glass & blocking(objects, [objects.rows[thing.id]])[0]
     rows = np.flatnonzero(hiding)
-    low, high = (corners[rows] for corners in solid_boxes(objects))
     clear: dict[tuple[float, float, float], Flags] = {}
     found = np.zeros((len(poses), len(points)), dtype=bool)
     for number, pose in enumerate(poses):
@@ -78,10 +78,9 @@ def _shown(state: WorldState, thing: SceneObject, poses: Sequence[Pose], points:
         if pose.position_m not in clear:
             away = np.hypot(*(points - np.array(pose.position_m))[:, [0, 2]].T)
             open_to = away <= min(_CLEAR_M, settings.visibility_m)
-            ray, box = np.nonzero(np.broadcast_to(open_to[:, None], (len(points), len(rows))))
-            open_to[ray[cut(eye, points[ray], low[box], high[box])]] = False
-            if state.room.walls is not None:
-                open_to &= ~state.room.walls.hide(eye, points)
+            ray, _ = stopped(objects, eye, points, rows, open_to[:, None], state.room.shell)
+            open_to[ray] = False
+            open_to &= ~state.room.shell.hides(eye, points)
             clear[pose.position_m] = open_to
         axes = camera_axes(pose.yaw_deg, pose.horizon_deg)
         inside = in_picture(points - eye, axes, settings.fov_deg, settings.aspect)

@@ -13,12 +13,11 @@ import numpy as np
 
 from karma.household.places import FLOOR
 from karma.world.actions.aiming import on_object
-from karma.world.core.arrays import Floats
+from karma.world.core.arrays import Floats, crossing
 from karma.world.core.hiding import inert_rows, solid_boxes
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import BODY_M, Performed, Refusal, Result, WorldState
 from karma.world.core.thing import heading, moved
-from karma.world.core.view import crossing
 
 _PUSH_S = 0.02  # for which the force acts
 _BRAKE_MS2 = 2 * 0.5 * 9.81  # twice the braking by friction

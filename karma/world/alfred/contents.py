@@ -4,7 +4,8 @@ Of the rules below the first that applies decides; the figures are in docs/alfre
 1. The planner names the receptacle at the object's first pickup.
 2. The object reaches, whichever way it is turned, into the box of a larger vessel (plate, mug, box
    ...) at its height. AI2-THOR's volumes of vessels are generous: demonstrators move a cup to
-   bring the spoon that lies against it.
+   bring the spoon that lies against it. What they fetch by itself, after the vessel was taken
+   away, had not come along.
 3. It is the one that most of the nearest labelled positions of the room have, of those within
    `NEAR_M` across and `LEVEL_M` in height.
 4. The object rests on, or lies within, the box of a fixed receptacle; the smallest such box.
@@ -44,7 +45,8 @@ def contained(
     places = {thing.id: thing for thing in furniture if "receptacle" in thing.capabilities}
     doors = frozenset(one for one, place in places.items() if _has_door(place))
     own = {spot.thing: spot.receptacle for spot in facts.spots if spot.trial == trial.id}
-    opened = _opened_before(trial)
+    opened = _before_handled(trial, ("OpenObject",))
+    taken = _before_handled(trial, ("PickupObject",))
     spots = [spot for spot in facts.spots if spot.receptacle in places]
     found = {}
     for thing in movables:
@@ -53,7 +55,7 @@ def contained(
         if label in places and label not in shut:
             found[thing.id] = label
             continue
-        vessel = _vessel(thing, movables) if label is None else None
+        vessel = _vessel(thing, movables, taken) if label is None else None
         if vessel is not None:
             found[thing.id] = vessel
             continue
@@ -64,16 +66,16 @@ def contained(
     return found
 
 
-def _opened_before(trial: Trial) -> dict[str, frozenset[str]]:
-    """Return what had been opened when each object was first handled."""
-    opened: set[str] = set()
+def _before_handled(trial: Trial, actions: Sequence[str]) -> dict[str, frozenset[str]]:
+    """Return what some actions had been done on when each object was first handled."""
+    done: set[str] = set()
     found: dict[str, frozenset[str]] = {}
     for low in trial.plan.low_actions:
         step = low.api_action
-        if step.action == "OpenObject" and step.object_id:
-            opened.add(step.object_id)
         if step.action in ("PickupObject", "SliceObject") and step.object_id:
-            found.setdefault(step.object_id, frozenset(opened))
+            found.setdefault(step.object_id, frozenset(done))
+        if step.action in actions and step.object_id:
+            done.add(step.object_id)
     return found
 
 
@@ -85,10 +87,14 @@ def _has_door(place: SceneObject) -> bool:
     return place.type in rules().view.hides_when_closed and "openable" in place.capabilities
 
 
-def _vessel(thing: SceneObject, movables: Sequence[SceneObject]) -> str | None:
-    """Return the vessel whose box a thing is deepest in."""
+def _vessel(
+    thing: SceneObject, movables: Sequence[SceneObject], taken: Mapping[str, frozenset[str]]
+) -> str | None:
+    """Return the vessel whose box a thing is deepest in; not one taken before the thing was."""
     found = []
     for other in movables:
+        if other.id in taken.get(thing.id, ()):
+            continue
         if "receptacle" not in other.capabilities or _volume(other) <= _volume(thing):
             continue
         reach = max(thing.size[0], thing.size[2]) / 2  # whichever way it is turned

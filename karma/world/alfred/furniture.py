@@ -22,14 +22,16 @@ from karma.contracts import Vec3
 from karma.household.ids import is_part, root_id, root_type, type_of
 from karma.household.places import FLOOR
 from karma.household.types import object_types
-from karma.household.uses import BASIN_OF, BASINS
+from karma.household.uses import BASIN_OF, BASINS, FAUCET
+from karma.household.water import POURS_M
 from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.ids import place_of, type_now
 from karma.world.alfred.trial import LabelledSpot
 from karma.world.core.boxes import Box
+from karma.world.core.holes import EDGE_M, WORKTOP, built_in
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import bottom, moved, top
+from karma.world.core.thing import bottom, gaps, moved, top
 
 _BESIDE_M = 0.35  # two versions of one object, across the floor
 _ABOVE_M = 1.2  # and in height
@@ -39,6 +41,7 @@ _ONE_M = 0.05  # two ids of one object
 _MARGIN_M = 0.1  # round what lay on a surface
 _ON_FLOOR_M = 0.15
 _FOOT_M = 0.02
+_STAND_M = 0.75  # from a cell to the front of furniture that is used from it
 _RIM_M = 0.05  # of a sink or bathtub, round its basin
 
 
@@ -65,10 +68,11 @@ def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[S
     dump = [] if facts.dump is None else [*facts.dump.objects]
     rest = [o for o in dump if "pickupable" not in o.capabilities and o.type not in kinds]
     matches = _matched(places, rest)
-    found, ids = [], dict[str, str]()
+    found, ids, guessed = [], dict[str, str](), set[str]()
     for one, place in places.items():
         match = matches.get(one)
         if match is None or match.thing is None:
+            guessed.add(one)
             made = _typical(one, place, facts, floor_y)
         elif match.moved:
             made = _at(match.thing, one, place)
@@ -79,6 +83,7 @@ def furnished(facts: RoomFacts, floor_y: float, kinds: frozenset[str]) -> list[S
         found.append(made)
     found += [o for o in rest if o.id not in ids and o.id not in places]
     found += _wholes(found, facts)
+    found = [_fitted(thing, found, facts) if thing.id in guessed else thing for thing in found]
     found = _with_floor(found, facts, floor_y)
     return _related(found, ids)
 
@@ -223,6 +228,45 @@ def _typical(one: str, place: Vec3, facts: RoomFacts, floor_y: float) -> SceneOb
         materials=row.materials,
     )
     return _round(made, [spot for spot in facts.spots if spot.receptacle == one])
+
+
+def _fitted(thing: SceneObject, things: Sequence[SceneObject], facts: RoomFacts) -> SceneObject:
+    """Return an object whose box is typical, cut to what stands round it."""
+    if thing.type == FAUCET:
+        return _down_to_basin(thing, things)
+    return _to_fronts(thing, things, facts) if thing.type == WORKTOP else thing
+
+
+def _down_to_basin(tap: SceneObject, things: Sequence[SceneObject]) -> SceneObject:
+    """Return a tap that reaches down to the basin it pours into.
+
+    Where its origin is on it, at its foot or its handle, differs from room to room.
+    """
+    x, _, z = tap.position
+    far = [(math.hypot(*gaps(one, x, z)), top(one)) for one in things if one.type in BASINS]
+    gap, low = min(far, default=(math.inf, 0.0))
+    if gap > POURS_M or low >= bottom(tap):
+        return tap
+    return _boxed(tap, Box.around(tap.center, tap.size)._replace(y0=low))
+
+
+def _to_fronts(thing: SceneObject, things: Sequence[SceneObject], facts: RoomFacts) -> SceneObject:
+    """Return a worktop that ends at the fronts of what is built in beneath it, where one stands."""
+    own = Box.around(thing.center, thing.size)
+    beneath, sides = built_in(own, things), own._asdict()
+    for low, high, across in (("x0", "x1", ("z0", "z1")), ("z0", "z1", ("x0", "x1"))):
+        for side, sign, first in ((low, 1.0, min), (high, -1.0, max)):
+            front = first((getattr(box, side) for box in beneath), default=sides[side])
+            if any(
+                0.0 < sign * (front - at) <= _STAND_M and sides[across[0]] < off < sides[across[1]]
+                for at, off in (cell if low == "x0" else cell[::-1] for cell in facts.cells)
+            ):
+                sides[side] = sign * max(sign * sides[side], sign * front - EDGE_M)
+    return _boxed(thing, Box(**sides))
+
+
+def _boxed(thing: SceneObject, box: Box) -> SceneObject:
+    return msgspec.structs.replace(thing, center=box.center, size=box.size)
 
 
 def _wholes(things: Sequence[SceneObject], facts: RoomFacts) -> Iterator[SceneObject]:

@@ -1,4 +1,4 @@
-"""Hold the boxes of all objects as arrays, a row each in the objects' order."""
+"""Hold the boxes of all objects as arrays, a row each in their order, and meet boxes with rays."""
 
 from collections.abc import Iterable, Mapping
 
@@ -39,3 +39,19 @@ class BoxArrays:
             origin[row], center[row] = thing.position, thing.center
             half[row] = np.array(thing.size) / 2
         return BoxArrays(origin, center, half)
+
+
+def crossing(
+    starts: Floats, directions: Floats, low: Floats, high: Floats
+) -> tuple[Floats, Floats]:
+    """Return how far along their rays boxes begin and end, each shape (n,); met if less in turn.
+
+    Args:
+        starts: shape (n, d), or (d,) when shared.
+        directions: likewise; distances are in their lengths.
+        low: lower box corners, likewise.
+        high: upper box corners, likewise.
+    """
+    along = np.where(np.abs(directions) < 1e-9, 1e-9, directions)
+    ends = (low - starts) / along, (high - starts) / along
+    return np.minimum(*ends).max(axis=-1), np.maximum(*ends).min(axis=-1)

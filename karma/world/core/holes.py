@@ -1,12 +1,17 @@
-"""Say where basins are let into worktops and sinks: nothing is drawn there, nor hides what is."""
+"""Say where the boxes of worktops and sinks are open: nothing is drawn there, nor hides what is.
 
-from collections.abc import Iterator, Mapping
+Basins are let into them; and the one box of a worktop that goes round a corner, or stands out over
+what is built in beneath it, spans floor on which people stand and look.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from karma.household.places import FLOOR
 from karma.household.uses import BASIN_OF, BASINS, SINK
-from karma.world.core.arrays import Floats
-from karma.world.core.boxes import Box
+from karma.world.core.arrays import Flags, Floats
+from karma.world.core.boxes import AGENT_RADIUS_M, Box, Cell
 from karma.world.core.objects import Objects, derived
 from karma.world.core.scene import SceneObject
 
@@ -16,6 +21,9 @@ _LET_INTO: Mapping[str, tuple[str, ...]] = {
     SINK: (BASIN_OF[SINK],),
 }
 _BELOW_M = 0.3  # how far under a worktop's box a basin may end
+AHEAD_M = 0.55  # from a cell to the front of what is built in: a body, a step, a hand
+EDGE_M = 0.05  # by which a worktop stands out over such a front
+_LOOSE = frozenset({"pickupable", "moveable"})
 
 
 @derived("place")
@@ -46,3 +54,78 @@ def holes_by_row(objects: Objects) -> Mapping[int, Floats]:
         objects.rows[object_id]: np.array([(b.x0, b.z0, b.x1, b.z1) for b in boxes])
         for object_id, boxes in holes(objects).items()
     }
+
+
+def walked_in(things: Iterable[SceneObject], cells: Sequence[Cell]) -> Mapping[str, Floats]:
+    """Return the floor within worktops' boxes, by their ids, each x0, z0, x1, z1; shape (n, 4).
+
+    It reaches as far as the agent's body on the cells, and on from there to a worktop's edge, which
+    is at the fronts of what is built in beneath it.
+    """
+    every = tuple(things)
+    places = np.array(cells, dtype=float).reshape(-1, 2)
+    found = {}
+    for thing in every:
+        if thing.type != WORKTOP:
+            continue
+        own = Box.around(thing.center, thing.size)
+        fronts = np.array([(b.x0, b.z0, b.x1, b.z1) for b in built_in(own, every)]).reshape(-1, 4)
+        grounds = _before(fronts, places[_near(places, own)])
+        low, high = np.array((own.x0, own.z0)), np.array((own.x1, own.z1))
+        inside = np.all((grounds[:, :2] < high) & (grounds[:, 2:] > low), axis=1)
+        if inside.any():
+            found[thing.id] = np.unique(grounds[inside], axis=0)
+    return found
+
+
+def built_in(worktop: Box, things: Iterable[SceneObject]) -> list[Box]:
+    """Return the boxes of the fixed objects beneath a worktop."""
+    boxes = [
+        Box.around(one.center, one.size)
+        for one in things
+        if one.type not in (FLOOR, WORKTOP) and _LOOSE.isdisjoint(one.capabilities)
+    ]
+    return [b for b in boxes if b.y0 < worktop.y0 and worktop.overlaps(b._replace(y1=worktop.y1))]
+
+
+def _near(places: Floats, box: Box) -> Flags:
+    gap_x = np.maximum(box.x0 - places[:, 0], places[:, 0] - box.x1)
+    gap_z = np.maximum(box.z0 - places[:, 1], places[:, 1] - box.z1)
+    near: Flags = np.maximum(gap_x, gap_z) < AHEAD_M
+    return near
+
+
+def _before(fronts: Floats, places: Floats) -> Floats:
+    """Return the ground that the agent's body takes on cells, grown to the fronts it stands at.
+
+    Along fronts in a row it goes on to their ends: a worktop's edge is straight there.
+
+    Args:
+        fronts: the ground of boxes, each x0, z0, x1, z1, shape (n, 4).
+        places: of the cells, shape (m, 2).
+
+    Returns:
+        Ground likewise, shape (m + strips, 4).
+    """
+    r = AGENT_RADIUS_M
+    found = np.concatenate([places - r, places + r], axis=1)
+    if not len(fronts):
+        return found
+    strips = []
+    for axis in (0, 1):
+        other = 1 - axis
+        beside = (fronts[None, :, other] < places[:, other, None] + r) & (
+            fronts[None, :, other + 2] > places[:, other, None] - r
+        )
+        for sign, face, end in ((1, axis, axis + 2), (-1, axis + 2, axis)):
+            gap = sign * (fronts[None, :, face] - places[:, axis, None])
+            gap = np.where(beside & (gap > r - EDGE_M), gap, np.inf)
+            nearest = gap.min(axis=1)
+            stands, row = nearest <= AHEAD_M, gap <= nearest[:, None] + EDGE_M
+            reach = np.where(stands, np.maximum(nearest - EDGE_M, r), r)
+            found[:, end] = places[:, axis] + sign * reach
+            strip = found.copy()
+            strip[:, other] = np.where(row, fronts[None, :, other], np.inf).min(axis=1)
+            strip[:, other + 2] = np.where(row, fronts[None, :, other + 2], -np.inf).max(axis=1)
+            strips.append(strip[stands])
+    return np.concatenate([found, *strips])

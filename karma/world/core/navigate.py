@@ -9,17 +9,10 @@ import numpy as np
 
 from karma.contracts import Pose
 from karma.world.core.arrays import Flags, Floats
-from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
+from karma.world.core.hiding import blocking, hidden_rows
+from karma.world.core.rays import stopped
 from karma.world.core.state import Cell, WorldState
-from karma.world.core.view import (
-    camera,
-    camera_axes,
-    cut,
-    in_picture,
-    occluders,
-    perhaps_cut,
-    sample_points,
-)
+from karma.world.core.view import camera, camera_axes, in_picture, occluders, sample_points
 
 _NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 _YAWS = (0.0, 90.0, 180.0, 270.0)
@@ -190,16 +183,12 @@ def _open_points(state: WorldState, row: int, eyes: Floats) -> tuple[Floats, Fla
     points = np.stack([sample_points(objects, targets, eye, reach)[0] for eye in eyes])
     hiding, _ = occluders(objects, state.in_hand)
     rows = np.flatnonzero(hiding & blocking(objects, [row])[0])
-    low, high = solid_boxes(objects)
     center, half = objects.boxes.center[None, rows], objects.boxes.half[None, rows]
     beside = np.abs(center - eyes[:, None]) - half
     away = np.any(beside[..., [0, 2]] > 0, axis=2)  # not what the agent stands in
     hidden = np.zeros(points.shape[:2], dtype=bool)
     for index, eye in enumerate(eyes):
-        near = perhaps_cut(eye, points[index], low[rows], high[rows]) & away[index]
-        ray, box = np.nonzero(near)
-        hits = cut(eye, points[index, ray], low[rows[box]], high[rows[box]])
-        hidden[index, ray[hits]] = True
-        if state.room.walls is not None:
-            hidden[index] |= state.room.walls.hide(eye, points[index])
+        ray, _ = stopped(objects, eye, points[index], rows, away[index], state.room.shell)
+        hidden[index] = state.room.shell.hides(eye, points[index])
+        hidden[index, ray] = True
     return points, ~hidden

@@ -135,6 +135,7 @@ class HidingRules(Struct, frozen=True, forbid_unknown_fields=True):
     see_through: tuple[str, ...]
     never: tuple[str, ...]
     solid: dict[str, tuple[float, float]]
+    filled: dict[str, tuple[tuple[float, ...], ...]]
 
 
 class Rules(Struct, frozen=True, forbid_unknown_fields=True):

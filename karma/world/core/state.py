@@ -12,12 +12,14 @@ from karma.contracts import Pose, Vec3
 from karma.household.places import FLOOR
 from karma.household.types import RULES
 from karma.world.core.camera import Camera
+from karma.world.core.holes import walked_in
 from karma.world.core.metadata import box
 from karma.world.core.objects import Objects, derived
+from karma.world.core.rays import Shell, WallBoxes
 from karma.world.core.rules import rules
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.thing import bottom, gaps, heading, is_inert, top
-from karma.world.core.view import InView, WallBoxes, camera, sight
+from karma.world.core.view import InView, camera, sight
 
 HAND_M: Vec3 = (0.0, -0.16, 0.38)  # right, up, forward from the camera
 
@@ -83,7 +85,7 @@ class Room:
         for x, z in scene.reachable:
             self.cells.setdefault(self.key(x, z), (x, z))
         self._home = {thing.id: thing for thing in scene.objects}
-        self.walls = _wall_boxes(scene)
+        self.shell = Shell(_wall_boxes(scene), walked_in(scene.objects, scene.reachable))
 
     def key(self, x: float, z: float) -> Cell:
         """Return the cell that a place belongs to, whether or not one can stand there."""
@@ -206,7 +208,7 @@ class WorldState:
             visibility_m=visibility_m,
             fov_deg=self.settings.fov_deg if fov_deg is None else fov_deg,
             aspect=self.settings.aspect,
-            walls=self.room.walls,
+            shell=self.room.shell,
         )
 
     @property

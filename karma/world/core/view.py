@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from karma.contracts import Pose, Vec3
 from karma.world.core.arrays import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
-from karma.world.core.holes import holes_by_row
 from karma.world.core.objects import Change, Derived, Objects
+from karma.world.core.rays import NO_SHELL, Shell, cut, farthest, stopped
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import ground, heading, is_inert
@@ -34,25 +34,6 @@ _MOST_VANTAGES = 256  # places remembered of one moment; a few kilobytes each
 _MOST_LOOKS = 4_096  # remembered of all moments
 _PULL = (-0.85, 0.0, 0.85)
 SAMPLES = np.array([(x, y, z) for x in _PULL for y in _PULL for z in _PULL])  # of the half sizes
-
-
-class WallBoxes(NamedTuple):
-    """The walls between rooms; they hide what is behind them and are no objects."""
-
-    low: Floats  # shape (walls, 3)
-    high: Floats
-
-    def hide(self, eye: Floats, ends: Floats) -> Flags:
-        """Return which points, shape (n, 3), cannot be seen from an eye for a wall."""
-        hidden = np.zeros(len(ends), dtype=bool)
-        gap = np.maximum(np.maximum(self.low - eye, eye - self.high), 0.0)[:, [0, 2]]
-        within = np.hypot(gap[:, 0], gap[:, 1]) <= _farthest(eye, ends)
-        if not within.any():
-            return hidden
-        low, high = self.low[within], self.high[within]
-        point, wall = np.nonzero(perhaps_cut(eye, ends, low, high))
-        hidden[point[cut(eye, ends[point], low[wall], high[wall])]] = True
-        return hidden
 
 
 class InView:
@@ -188,52 +169,6 @@ def in_picture(offsets: Floats, axes: Floats, fov_deg: float, aspect: float) -> 
     return inside
 
 
-def cut(starts: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
-    """Return which segments pass through their boxes, shape (n,); a box at the end does not count.
-
-    Args:
-        starts: shape (n, 3), or (3,) when shared.
-        ends: shape (n, 3).
-        low: lower box corners, shape (n, 3), or (3,) when shared.
-        high: upper box corners, likewise.
-    """
-    enter, leave = crossing(starts, ends - starts, low, high)
-    passes: Flags = (np.maximum(enter, 0.0) < np.minimum(leave, 1.0)) & (enter < 0.999)
-    return passes
-
-
-def crossing(
-    starts: Floats, directions: Floats, low: Floats, high: Floats
-) -> tuple[Floats, Floats]:
-    """Return how far along their rays boxes begin and end, each shape (n,); met if less in turn.
-
-    Args:
-        starts: shape (n, d), or (d,) when shared.
-        directions: likewise; distances are in their lengths.
-        low: lower box corners, likewise.
-        high: upper box corners, likewise.
-    """
-    along = np.where(np.abs(directions) < 1e-9, 1e-9, directions)
-    ends = (low - starts) / along, (high - starts) / along
-    return np.minimum(*ends).max(axis=-1), np.maximum(*ends).min(axis=-1)
-
-
-def perhaps_cut(eye: Floats, ends: Floats, low: Floats, high: Floats) -> Flags:
-    """Return which segments come near which boxes' bounding spheres, shape (segments, boxes).
-
-    Quick; never False where `cut` is True.
-    """
-    along = (ends - eye).astype(np.float32)
-    far = np.sqrt((along**2).sum(axis=1, keepdims=True))
-    along /= np.maximum(far, 1e-6)
-    middle = ((low + high) / 2 - eye).astype(np.float32)
-    radius = (np.sqrt(((high - low) ** 2).sum(axis=1)) / 2 + 1e-3).astype(np.float32)
-    on_way = along @ middle.T  # of each box's middle, from the eye
-    room = (middle**2).sum(axis=1) - radius**2
-    near: Flags = (on_way**2 > room) & (on_way > -radius) & (on_way < far + radius)
-    return near
-
-
 def across(objects: Objects, x: float, z: float) -> Floats:
     """Return each box's distance from a vertical axis, shape (n,), metres."""
     gap_x = np.maximum(np.abs(objects.boxes.center[:, 0] - x) - objects.boxes.half[:, 0], 0.0)
@@ -249,7 +184,7 @@ def sight(
     visibility_m: float = 1.5,
     fov_deg: float = 90.0,
     aspect: float = 1.0,
-    walls: WallBoxes | None = None,
+    shell: Shell = NO_SHELL,
 ) -> InView:
     """Return what is in view from a pose.
 
@@ -260,11 +195,11 @@ def sight(
         visibility_m: reach across the floor.
         fov_deg: vertical field of view.
         aspect: of the picture, width over height.
-        walls: of the home, the same for all of its moments; None: it is one room.
+        shell: of the room, the same for all of its moments.
     """
     visible, interactable = np.zeros((2, len(objects)), dtype=bool)
     if len(objects):
-        seen = _vantage(objects, pose, held, visibility_m, walls)
+        seen = _vantage(objects, pose, held, visibility_m, shell)
         axes = camera_axes(pose.yaw_deg, pose.horizon_deg)
         inside = in_picture(seen.offsets, axes, fov_deg, aspect)
         visible[seen.rows[inside]] = True
@@ -279,7 +214,7 @@ def _vantage(
     pose: Pose,
     held: frozenset[str],
     visibility_m: float,
-    walls: WallBoxes | None,
+    shell: Shell,
 ) -> _Vantage:
     """Return what can be seen from the camera's place; known places are looked up."""
     eye = camera(pose)
@@ -291,7 +226,7 @@ def _vantage(
         seen = _looks(objects)
         found = seen.get(look)
         if found is None:
-            found = _look_round(objects, pose, held, visibility_m, walls)
+            found = _look_round(objects, pose, held, visibility_m, shell)
             _remember(seen, look, found, _MOST_LOOKS)
         _remember(known, key, found, _MOST_VANTAGES)
     return found
@@ -316,7 +251,7 @@ def _look_round(
     pose: Pose,
     held: frozenset[str],
     visibility_m: float,
-    walls: WallBoxes | None,
+    shell: Shell,
 ) -> _Vantage:
     x, y, z = pose.position_m
     near = across(objects, x, z) <= visibility_m
@@ -330,9 +265,8 @@ def _look_round(
     targets = np.repeat(candidates, points.shape[1])
     points = points.reshape(-1, 3)
     offsets = points - eye
-    solid, glass = _blocked(objects, eye, points, targets, held)
-    if walls is not None:
-        solid |= walls.hide(eye, points)
+    solid, glass = _blocked(objects, eye, points, targets, held, shell)
+    solid |= shell.hides(eye, points)
     reach_m = max(visibility_m, float(np.hypot(offsets[:, 0], offsets[:, 2]).max(initial=0.0)))
     return _Vantage(x, z, reach_m + 0.01, offsets[~solid], targets[~solid], ~glass[~solid])
 
@@ -356,44 +290,25 @@ def sample_points(
 
 
 def _blocked(
-    objects: Objects, eye: Floats, ends: Floats, targets: np.ndarray, held: frozenset[str]
+    objects: Objects,
+    eye: Floats,
+    ends: Floats,
+    targets: np.ndarray,
+    held: frozenset[str],
+    shell: Shell,
 ) -> tuple[Flags, Flags]:
     """Return per ray whether something solid, or something see-through, is in its way."""
     hiding, glass = occluders(objects, held)
-    low, high = solid_boxes(objects)
     hiding &= ~_over(objects, eye)
-    hiding &= across(objects, eye[0], eye[2]) <= _farthest(eye, ends)  # others cut no segment
+    hiding &= across(objects, eye[0], eye[2]) <= farthest(eye, ends)  # others cut no segment
     rows = np.flatnonzero(hiding)
     things, which = np.unique(targets, return_inverse=True)
-    hides = blocking(objects, things)[:, rows][which]
-    near = perhaps_cut(eye, ends, low[rows], high[rows]) & hides
-    ray, box = np.nonzero(near)
-    hits = cut(eye, ends[ray], low[rows[box]], high[rows[box]])
-    ray, row = ray[hits], rows[box[hits]]
-    through = _through_holes(objects, eye, ends[ray], row)
-    ray, clear = ray[~through], glass[row[~through]]
+    ray, row = stopped(objects, eye, ends, rows, blocking(objects, things)[:, rows][which], shell)
+    clear = glass[row]
     solid, through_glass = np.zeros((2, len(ends)), dtype=bool)
     solid[ray[~clear]] = True
     through_glass[ray[clear]] = True
     return solid, through_glass
-
-
-def _through_holes(objects: Objects, eye: Floats, ends: Floats, rows: np.ndarray) -> Flags:
-    """Return which rays pass their boxes where a basin is let in, shape (n,)."""
-    found: Flags = np.zeros(len(rows), dtype=bool)
-    low, high = solid_boxes(objects)
-    for row, grounds in holes_by_row(objects).items():
-        mine = np.flatnonzero(rows == row)
-        if not len(mine):
-            continue
-        along = ends[mine] - eye
-        parts = crossing(eye, along, low[row], high[row])
-        inside = np.ones((len(mine), len(grounds)), dtype=bool)
-        for part in parts:
-            place = (eye + along * np.clip(part, 0.0, 1.0)[:, None])[:, None, [0, 2]]
-            inside &= np.all((place >= grounds[:, :2]) & (place <= grounds[:, 2:]), axis=2)
-        found[mine] = inside.any(axis=1)
-    return found
 
 
 def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
@@ -406,12 +321,6 @@ def occluders(objects: Objects, held: frozenset[str]) -> tuple[Flags, Flags]:
     for kind in rules().view.see_through:
         glass[[objects.rows[object_id] for object_id in objects.by_type.get(kind, ())]] = True
     return hiding, glass
-
-
-def _farthest(eye: Floats, ends: Floats) -> float:
-    """Return how far the farthest of some points is from an eye across the floor, and a little."""
-    away = ends - eye
-    return float(np.hypot(away[:, 0], away[:, 2]).max(initial=0.0)) + 1e-6
 
 
 def _over(objects: Objects, eye: Floats) -> Flags:

@@ -1,6 +1,6 @@
 """Turn the objects of a moment into triangles in the room."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,10 +8,10 @@ import numpy as np
 from karma.contracts import Vec3
 from karma.household.places import FLOOR
 from karma.household.types import object_types
-from karma.household.uses import BURNER, SINK
+from karma.household.uses import BURNER
 from karma.world.core.boxes import Box
 from karma.world.core.hiding import hidden_rows
-from karma.world.core.holes import WORKTOP, holes
+from karma.world.core.holes import WORKTOP, holes_by_row
 from karma.world.core.objects import Objects
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import bottom, is_inert, is_shut
@@ -24,8 +24,6 @@ from karma.world.render.mesh import Mesh, box, joined
 from karma.world.render.pixels import PIECES
 from karma.world.render.shapes import shape
 
-STRAIGHT_M = 1.1  # a worktop wider than this goes round a corner
-AGENT_M = 0.2
 LEGS_M = 0.6  # shorter worktops need no legs
 WIDE_M = 1.8  # wider ones go round a corner
 SLIVER_M = 0.015
@@ -37,7 +35,8 @@ class DrawingTask(NamedTuple):
     """What one object's triangles depend on; equal tasks give equal triangles."""
 
     thing: SceneObject
-    holes: tuple[Box, ...] = ()
+    holes: tuple[Rectangle, ...] = ()  # of basins let in
+    walked: tuple[Rectangle, ...] = ()  # floor within its box
     shift: Vec3 = (0.0, 0.0, 0.0)  # out with its drawer, or up onto what it lies on
 
     @property
@@ -48,7 +47,7 @@ class DrawingTask(NamedTuple):
     def same(self, other: "DrawingTask") -> bool:
         """Return whether two tasks give the same triangles."""
         alike = self.thing is other.thing or _appearance(self.thing) == _appearance(other.thing)
-        return alike and self.holes == other.holes and self.shift == other.shift
+        return alike and self[1:] == other[1:]
 
 
 def _appearance(thing: SceneObject) -> tuple[object, ...]:
@@ -59,18 +58,30 @@ def _appearance(thing: SceneObject) -> tuple[object, ...]:
     )  # fmt: skip
 
 
-def tasks(objects: Objects, cells: Floats) -> Iterator[DrawingTask]:
-    """Yield a task for each object that shows: not the floor, not what is shut in or in pieces."""
+def tasks(objects: Objects, cells: Floats, walked: Mapping[str, Floats]) -> Iterator[DrawingTask]:
+    """Yield a task for each object that shows: not the floor, not what is shut in or in pieces.
+
+    Args:
+        objects: of this moment.
+        cells: (x, z) where an agent can stand, shape (n, 2).
+        walked: floor within worktops' boxes, see `holes.walked_in`.
+    """
     slides = _slides(objects, cells)
     lifts: dict[str, float] = {}
-    hidden, let_in = hidden_rows(objects), holes(objects)
+    hidden, let_in = hidden_rows(objects), holes_by_row(objects)
     for row, (object_id, thing) in enumerate(objects.items()):
         unseen = hidden[row] and thing.type != "TargetCircle" and not _lies_about(objects, thing)
         if thing.type == FLOOR or unseen:
             continue
         x, y, z = slides.get(object_id, (0.0, 0.0, 0.0))
         shift = (x, y + _lift(objects, object_id, lifts), z)
-        yield DrawingTask(thing, let_in.get(object_id, ()), shift)
+        basins, floor = _rectangles(let_in.get(row)), _rectangles(walked.get(object_id))
+        yield DrawingTask(thing, basins, floor, shift)
+
+
+def _rectangles(grounds: Floats | None) -> tuple[Rectangle, ...]:
+    rows = [] if grounds is None else grounds.tolist()
+    return tuple((x0, z0, x1, z1) for x0, z0, x1, z1 in rows)
 
 
 def _lift(objects: Objects, object_id: str, known: dict[str, float]) -> float:
@@ -124,7 +135,7 @@ def drawn(task: DrawingTask, cells: Floats, room_name: str) -> Mesh:
     thing = task.thing
     look = looks()[thing.type]
     stand = _frame(thing, look, cells)
-    ground = _ground(thing, stand, task.holes, cells)
+    ground = _ground(task, stand)
     form = _form(thing, look, stand, ground, room_name)
     local = shape(look.shape, form, thing.temperature)
     place = (stand.foot + task.shift).astype(np.float32)
@@ -246,22 +257,15 @@ def support(boxes: tuple[Box, ...]) -> Mesh:
 # ------------------------------------------------------------------ ground with holes
 
 
-def _ground(
-    thing: SceneObject, stand: ObjectFrame, holes: tuple[Box, ...], cells: Floats
-) -> tuple[Rectangle, ...]:
+def _ground(task: DrawingTask, stand: ObjectFrame) -> tuple[Rectangle, ...]:
     """Return the parts of a worktop's or sink's box that it fills, in its own frame."""
-    if thing.type not in (WORKTOP, SINK):
-        return ()
-    own = Box.around(thing.center, thing.size)
-    free = [(box.x0, box.z0, box.x1, box.z1) for box in holes]
-    if thing.type == WORKTOP and min(thing.size[0], thing.size[2]) > STRAIGHT_M:
-        r = AGENT_M
-        free += [(float(x - r), float(z - r), float(x + r), float(z + r)) for x, z in cells]
+    free = (*task.holes, *task.walked)
     if not free:
         return ()
+    own = Box.around(task.thing.center, task.thing.size)
+    least = STRIP_M if task.walked else SLIVER_M
     parts = _without((own.x0, own.z0, own.x1, own.z1), free)
-    if len(free) > len(holes):
-        parts = [part for part in parts if min(part[2] - part[0], part[3] - part[1]) > STRIP_M]
+    parts = [part for part in parts if min(part[2] - part[0], part[3] - part[1]) > least]
     found = []
     for x0, z0, x1, z1 in parts:
         corners = np.array([(x0, 0.0, z0), (x1, 0.0, z1)]) - stand.foot
@@ -271,7 +275,7 @@ def _ground(
     return tuple(found)  # type: ignore[arg-type]
 
 
-def _without(whole: Rectangle, holes: list[Rectangle]) -> list[Rectangle]:
+def _without(whole: Rectangle, holes: Sequence[Rectangle]) -> list[Rectangle]:
     """Return a rectangle less others, as strips along x that are as deep as can be."""
     x0, z0, x1, z1 = whole
     cuts = [
@@ -294,7 +298,7 @@ def _without(whole: Rectangle, holes: list[Rectangle]) -> list[Rectangle]:
             found.append((float(xs[run[0]]), float(zs[start]), float(xs[run[1]]), float(zs[row])))
         for run in runs:
             open_runs.setdefault(run, row)
-    return [r for r in found if min(r[2] - r[0], r[3] - r[1]) > SLIVER_M]
+    return found
 
 
 def _runs(row: np.ndarray) -> list[tuple[int, int]]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from karma.contracts import Vec3
 from karma.world.core.scene import SceneObject
-from karma.world.core.thing import heading
+from karma.world.core.silhouettes import own_frame
 
 Front = Literal["turn", "room", "thin", "long"]
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ def frame(thing: SceneObject, cells: Floats, *, front: Front, laid: bool) -> Obj
             along the longer side.
         laid: whether the longest side counts as depth and the shortest as height, as for cutlery.
     """
-    axes, size = _oriented(thing)
+    axes, size = own_frame(thing)
     if laid:
         axes, size = _sorted(axes, size)
     middle = np.array(thing.center)
@@ -48,22 +48,6 @@ def frame(thing: SceneObject, cells: Floats, *, front: Front, laid: bool) -> Obj
     elif quarters:
         axes, size = _quarter(axes, size, quarters[0])
     return ObjectFrame(axes, middle - axes[1] * size[1] / 2, size)
-
-
-def _oriented(thing: SceneObject) -> tuple[Floats, Vec3]:
-    """Return axes and sides; without an oriented box the nearest quarter turn tells."""
-    if thing.corners is not None:
-        c = np.array(thing.corners)
-        edges = np.array([c[0] - c[1], c[4] - c[0], c[1] - c[2]])
-        sides = np.linalg.norm(edges, axis=1)
-        if sides.min() > 1e-6:
-            x, y, z = sides
-            return edges / sides[:, None], (float(x), float(y), float(z))
-    yaw = round(thing.rotation[1] / 90) * 90.0
-    x_z, z_z = heading(yaw)
-    axes = np.array([(z_z, 0.0, -x_z), (0.0, 1.0, 0.0), (x_z, 0.0, z_z)])
-    x, y, z = (max(side, 1e-3) for side in thing.size)
-    return axes, ((z, y, x) if round(yaw / 90) % 2 else (x, y, z))
 
 
 def _sorted(axes: Floats, size: Vec3) -> tuple[Floats, Vec3]:

@@ -39,7 +39,7 @@ class BuiltRoom:
             self._objects, self._in_hand = state.objects, state.in_hand
 
     def _build(self, state: WorldState) -> None:
-        wanted = list(tasks(state.objects, self._cells))
+        wanted = list(tasks(state.objects, self._cells, state.room.shell.walked))
         still = [task for task in wanted if task.thing.id not in state.in_hand]
         held = [task for task in wanted if task.thing.id in state.in_hand]
         self.shell = shell.around(state.room, state.objects)
