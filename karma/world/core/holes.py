@@ -74,7 +74,7 @@ def walked_in(things: Iterable[SceneObject], cells: Sequence[Cell]) -> Mapping[s
         low, high = np.array((own.x0, own.z0)), np.array((own.x1, own.z1))
         inside = np.all((grounds[:, :2] < high) & (grounds[:, 2:] > low), axis=1)
         if inside.any():
-            found[thing.id] = np.unique(grounds[inside], axis=0)
+            found[thing.id] = np.array(sorted(set(map(tuple, grounds[inside].tolist()))))
     return found
 
 
