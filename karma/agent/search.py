@@ -283,22 +283,30 @@ class Search:
             inside: it has an inside; else its top is looked at.
             since: looks before that do not count: it was closed.
         """
-        things = before(space, self._log.seen.values(), inside=inside)
-        points = self._reach.unseen(spots(space, inside=inside), things, since=since)
-        for nearest, hides in ((False, things), (True, [])):
-            since = len(self._log.looks) if nearest else since
-            rest, points = points, []
-            while rest:
-                point = max(rest, key=lambda one: (self._walker.gap(one), one))
-                rest.remove(point)
-                if not self._reach.look_at_point(point, hides, nearest=nearest):
-                    points.append(point)
-                    continue
+        points, tried = spots(space, inside=inside), set[Vec3]()
+        while True:
+            things = before(space, self._log.seen.values(), inside=inside)  # more with each look
+            hidden = self._reach.unseen(points, things, since=since)
+            rest = [point for point in hidden if point not in tried]
+            if not rest:
+                break
+            tried.add(point := self._farthest(rest))
+            if self._reach.look_at_point(point, things):
                 found = self._in_view(name)
                 if found is not None:
                     return found
-                rest = self._reach.unseen(rest, hides, since=since)
+        since = len(self._log.looks)
+        while hidden:
+            hidden.remove(point := self._farthest(hidden))
+            if self._reach.look_at_point(point, [], nearest=True):
+                found = self._in_view(name)
+                if found is not None:
+                    return found
+                hidden = self._reach.unseen(hidden, [], since=since)
         return None
+
+    def _farthest(self, points: Iterable[Vec3]) -> Vec3:
+        return max(points, key=lambda point: (self._walker.gap(point), point))
 
 
 def cover(

@@ -1,11 +1,19 @@
 """Looking for things in our own rooms: what was searched in vain is not searched again."""
 
+import re
+import subprocess
+import sys
+
+import msgspec
 import pytest
+from support.household import kitchen, on
+from support.paths import ROOT
 
 from karma.agent.reach import SkillLimits
 from karma.agent.skills import Skills
 from karma.bench.days import drawn
 from karma.contracts import Known, SceneRef, SkillCall, Task
+from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.tour import floor_of, position_of
 from karma.world.sim import EmbeddedWorld
@@ -175,6 +183,30 @@ def test_a_thing_is_found_behind_others():
     assert len(drawer["receptacleObjectIds"]) > 1
     result = explore(Skills(world, Nothing()), "ButterKnife")
     assert result.ok, result.reason
+
+
+def test_looked_into_means_seen_into_also_past_what_is_found_in_there(tmp_path):
+    """The box in the fridge is seen only when the fridge is open; it hides the lettuce."""
+    room = kitchen()
+    fridge = next(one for one in room.objects if one.type == "Fridge")
+    box = on(fridge, "Box", -1.56, -0.27, level=1.3, size=(0.35, 0.3, 0.3))
+    lettuce = on(fridge, "Lettuce", -1.84, -0.41, level=1.3, size=(0.12, 0.12, 0.12))
+    path = tmp_path / "room.json"
+    path.write_bytes(to_json(msgspec.structs.replace(room, objects=(*room.objects, box, lettuce))))
+    result = explore(Skills(EmbeddedWorld(str(path)), Nothing()), "Lettuce")
+    assert result.ok, result.reason
+
+
+def test_nearly_all_that_a_pose_shows_is_found_in_a_sample_of_ai2thor_s_rooms(shared):
+    told = subprocess.run(
+        [sys.executable, "scripts/check_search.py", "--plans", "--every", "7", "--seeds", "1"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    rows = re.findall(r"│ with(?: a map|out) +│ (\d+) +│ (\d+) +│ (\d+)", told)
+    assert len(rows) == 2, told
+    shown, found = (sum(int(row[n]) for row in rows) for n in (1, 2))
+    assert shown > 300
+    assert found >= 0.999 * shown - 1, told  # one in a sample of hundreds is chance
 
 
 def test_a_container_that_stands_open_is_looked_into(world):
