@@ -107,7 +107,7 @@ def searches(job: tuple[str, int]) -> list[Search]:
     room, seed = job
     world = EmbeddedWorld(room)
     graph, _ = explore_room(world, SceneRef.of(room), None)
-    task = Task(id=f"search-{room}", kind="simple", scene=SceneRef.of(room), subtasks=())
+    task = Task(id=f"search-{Path(room).stem}", kind="simple", scene=SceneRef.of(room), subtasks=())
     things = drawn(world, task, seed, 0) if seed else world.reset(room)
     objects = things.metadata["objects"]
     done = []

@@ -62,14 +62,22 @@ def unseen(
     return [(float(x), float(y), float(z)) for x, y, z in rest]
 
 
-def before(space: SeenObject, things: Iterable[SeenObject], *, inside: bool) -> list[SeenObject]:
+def before(
+    space: SeenObject, things: Iterable[SeenObject], *, inside: bool, surely: bool = True
+) -> list[SeenObject]:
     """Return which things may hide a part of what holds things, or of its inside.
 
-    Not what is built in beside an inside: its front is open, whatever its box says. Nor what may be
-    bent, whose box is free in a corner.
+    Args:
+        space: what holds things.
+        things: that were seen.
+        inside: whether its inside is looked at, not its top.
+        surely: leave out what is built in beside an inside, whose front is open, whatever its box
+            says, and what may be bent, whose box is free in a corner.
     """
-    outer = (FLOOR, *ROUND_A_CORNER)
     others = [one for one in things if one.object_id != space.object_id]
+    if not surely:
+        return [one for one in others if one.object_type != FLOOR]
+    outer = (FLOOR, *ROUND_A_CORNER)
     return [
         one
         for one in others

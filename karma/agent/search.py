@@ -275,7 +275,8 @@ class Search:
     ) -> Known | None:
         """Look at what holds things until every point of it was in view that can be, or the thing.
 
-        First whence nothing hides a point; what is hidden from everywhere is looked for from near.
+        First whence nothing at all hides a point, then what surely does; what is hidden from
+        everywhere is looked for from near.
 
         Args:
             name: of the thing.
@@ -283,18 +284,21 @@ class Search:
             inside: it has an inside; else its top is looked at.
             since: looks before that do not count: it was closed.
         """
-        points, tried = spots(space, inside=inside), set[Vec3]()
-        while True:
-            things = before(space, self._log.seen.values(), inside=inside)  # more with each look
-            hidden = self._reach.unseen(points, things, since=since)
-            rest = [point for point in hidden if point not in tried]
-            if not rest:
-                break
-            tried.add(point := self._farthest(rest))
-            if self._reach.look_at_point(point, things):
-                found = self._in_view(name)
-                if found is not None:
-                    return found
+        hidden = spots(space, inside=inside)
+        for surely in (False, True) if inside else (True,):
+            points, tried = hidden, set[Vec3]()
+            while True:
+                seen = self._log.seen.values()  # more with each look
+                things = before(space, seen, inside=inside, surely=surely)
+                hidden = self._reach.unseen(points, things, since=since)
+                rest = [point for point in hidden if point not in tried]
+                if not rest:
+                    break
+                tried.add(point := self._farthest(rest))
+                if self._reach.look_at_point(point, things):
+                    found = self._in_view(name)
+                    if found is not None:
+                        return found
         since = len(self._log.looks)
         while hidden:
             hidden.remove(point := self._farthest(hidden))
