@@ -275,8 +275,8 @@ class Search:
     ) -> Known | None:
         """Look at what holds things until every point of it was in view that can be, or the thing.
 
-        First whence nothing at all hides a point, then what surely does; what is hidden from
-        everywhere is looked for from near.
+        First one look whence nothing at all hides a point, then past what surely does; what is
+        hidden from everywhere is looked for from near.
 
         Args:
             name: of the thing.
@@ -285,9 +285,9 @@ class Search:
             since: looks before that do not count: it was closed.
         """
         hidden = spots(space, inside=inside)
-        for surely in (False, True) if inside else (True,):
-            points, tried = hidden, set[Vec3]()
-            while True:
+        for surely, most in ((False, int(inside)), (True, len(hidden))):
+            points, tried, looks = hidden, set[Vec3](), len(self._log.looks)
+            while len(self._log.looks) < looks + most:
                 seen = self._log.seen.values()  # more with each look
                 things = before(space, seen, inside=inside, surely=surely)
                 hidden = self._reach.unseen(points, things, since=since)
