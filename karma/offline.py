@@ -43,6 +43,7 @@ SWITCHES = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "WANDB_MODE": "disabled",
     "AWS_EC2_METADATA_DISABLED": "true",  # botocore comes with ai2thor
+    "PYTHONSAFEPATH": "1",  # no process that is started from here imports from the current folder
 }
 # What is better so, but a user may want otherwise.
 DEFAULTS = {"TOKENIZERS_PARALLELISM": "false", "MPLBACKEND": "Agg"}
@@ -104,6 +105,16 @@ class _Guard:
 
 
 _guard = _Guard()
+
+
+def own_python(code: str) -> list[str]:
+    """Return the command of a Python that does our code, and is offline before it imports more.
+
+    Nothing of the current folder is imported: a person's `random.py` is not ours to run.
+    """
+    ours = str(Path(__file__).parents[1])
+    first = f"import sys; sys.path.append({ours!r}); from karma.offline import go_offline"
+    return [sys.executable, "-P", "-c", f"{first}; go_offline()\n{code}"]
 
 
 def go_offline(*, allow_network: bool = False) -> None:

@@ -7,12 +7,12 @@ is tried in a process of its own, with little time and memory.
 
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from karma.errors import ModelError
+from karma.offline import own_python
 
 TEMPLATE = "tokenizer.chat_template"  # key of a GGUF's metadata
 LONGEST = 256 << 10  # characters; the longest in use have 20,000
@@ -102,7 +102,7 @@ def try_template(name: str, text: str) -> None:
     """
     try:
         result = subprocess.run(
-            [sys.executable, "-c", _TRIAL], input=text.encode(errors="replace"),
+            own_python(_TRIAL), input=text.encode(errors="replace"),
             capture_output=True, check=False, timeout=10 * _SECONDS,
         )  # fmt: skip
     except subprocess.TimeoutExpired as error:

@@ -2,13 +2,13 @@
 
 import re
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from karma.errors import ModelError
+from karma.offline import own_python
 
 # Loads a file and decodes one token, as `open_gguf` will; sys.argv[1] is the file.
 _TRIAL = (
@@ -28,9 +28,8 @@ def try_in_own_process(path: Path) -> None:
     """
     try:
         result = subprocess.run(
-            [sys.executable, "-c", _TRIAL, str(path)],
-            capture_output=True, check=False, timeout=_TRIAL_S,
-        )  # fmt: skip
+            [*own_python(_TRIAL), str(path)], capture_output=True, check=False, timeout=_TRIAL_S
+        )
     except subprocess.TimeoutExpired as error:
         raise ModelError(f"{path}: llama.cpp had not opened it after {_TRIAL_S} s") from error
     if result.returncode != 0:

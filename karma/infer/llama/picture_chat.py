@@ -5,7 +5,6 @@ it has for Qwen2.5-VL loses the last line break of the prompt.
 """
 
 import subprocess
-import sys
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,6 +22,7 @@ from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.picture_pair import PicturePair
 from karma.infer.vision.pictures import picture_url
+from karma.offline import own_python
 
 CONTEXT = 8192  # tokens, where n_ctx is not said: a picture may take thousands
 _TRIAL = (
@@ -133,7 +133,7 @@ def _try_in_own_process(pair: PicturePair) -> None:
     Raises:
         ModelError: the trial failed.
     """
-    command = [sys.executable, "-c", _TRIAL, str(pair.model), str(pair.projector)]
+    command = [*own_python(_TRIAL), str(pair.model), str(pair.projector)]
     result = subprocess.run(command, capture_output=True, check=False)
     if result.returncode != 0:
         said = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
