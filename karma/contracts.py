@@ -421,7 +421,7 @@ class Completion:
     """A model's answer and what it cost; None where a hosted model does not tell."""
 
     text: str
-    finish: Literal["stop", "length", "time", "cycle"]  # all but the first have a fault
+    finish: Literal["stop", "length", "time", "cycle", "filter"]  # all but the first have a fault
     prompt_tokens: int | None
     reused_tokens: int | None  # of the prompt, taken from kept KV state
     completion_tokens: int | None

@@ -1,7 +1,9 @@
 """Find the program in an answer that no grammar held: talk before it, numbers and marks around it.
 
-Only whole lines count: a call that stands inside a sentence is talk. What is code but no program,
-such as a loop, is not recovered, since it means more than its calls.
+Only whole lines count, and all that hold a call do: one that cannot be read makes the answer no
+program, as what it was to do would be left out. A program that begins anew replaces the draft
+before it. What is code but no program, such as a loop, is not recovered, since it means more than
+its calls.
 """
 
 import ast
@@ -12,13 +14,23 @@ from dataclasses import dataclass
 from karma.agent.program import SKILLS, parse_program, parse_refusal
 from karma.contracts import Completion, RefusedRequest, SkillCall, SkillSignature
 from karma.errors import ProgramError
-from karma.language.whole import going_round, repeated
+from karma.language.whole import going_round, own_text, repeated
 
-_MARKS = r"(?:(?:[Ss]tep\s*)?\d+\s*[.):]|[-*•>+`]|\*\*)"  # of lists, of emphasis
+_LABEL = r"(?:[Ss]tep|STEP|[Aa]ction|[Cc]all|[Ll]ine)"
+_MARKS = (
+    rf"(?:(?:{_LABEL}\s*)?\(?\d+\s*[.):\-–—|]|{_LABEL}\s*\w*\s*[:.)\-–—]|[A-Za-z]\)|- \[[ xX]\]"
+    r"|<\w+>|await|[^\w\s(<#/])"
+)  # of lists, of emphasis
 _CALL = r"""[A-Za-z_]\w*\(\s*robots?\b(?:[^()'"]|'[^'\n]*'|"[^"\n]*"|\([^()\n]*\))*\)"""
-_LINE = re.compile(rf"\s*(?:{_MARKS}\s*)*(?P<call>{_CALL})[`*;.,]*(?:\s*(?:#|//|-|–|—|:|\().*)?\s*")
+_TAIL = r"(?:</\w+>|[^\w(</])*(?:\s*(?:#|//|/\*|<!--|-|=>|–|—|→|←|:|\||\().*)?"
+_LINE = re.compile(rf"\s*(?:{_MARKS}\s*)*(?P<call>{_CALL}){_TAIL}\s*")
+_ANY_CALL = re.compile(r"\w+\s*\(\s*robots?\b|\brobots?\s*\.\s*\w+\(")
 _REFUSAL = re.compile(r"""\s*[`*]*(refuse\(\s*(?:'\w+'|"\w+")\s*\))[`*.]*\s*""")
 _BLOCK = re.compile(r"\s*(?:async |for|while|if|elif|else|def|class|with|try|except|match)\b.*:\s*")
+_ANEW = re.compile(
+    r"\b(?:correct(?:ed|ion|ing)?|revised?|fixed|final|updated|improved|better)\b", re.I
+)
+_SAME = 2  # first calls of a draft with which a program begins anew
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +55,7 @@ def program_of(
     Raises:
         ProgramError: it is none, or the model says itself that it cannot be one.
     """
-    text = completion.text
+    text = own_text(completion.text)
     if completion.fault:
         lines = text.rstrip().split("\n")
         raise ProgramError(completion.fault, line=len(lines), code=lines[-1].strip()[:120])
@@ -78,17 +90,61 @@ def recover_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> Rec
     >>> [str(call) for call in found.calls], found.dropped
     (["GoToObject(robot, 'Mug')", "PickupObject(robot, 'Mug')"], ('Sure!',))
     """
-    kept: list[str] = []
-    dropped: list[str] = []
-    for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n"):
-        found = _LINE.fullmatch(line)
-        kept.append(found["call"] if found else "")
-        if not found and line.strip():
-            dropped.append(line.strip())
+    lines = own_text(text).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    found = [_LINE.fullmatch(line) for line in lines]
+    kept = [match["call"] if match else "" for match in found]
+    dropped = tuple(line.strip() for line, call in zip(lines, kept, strict=True) if not call)
+    dropped = tuple(filter(None, dropped))
     if not any(kept) or (dropped and _is_code(text)) or any(map(_BLOCK.fullmatch, dropped)):
         parse_program(text, skills)  # says what is wrong
         raise ProgramError("the answer holds no skill call on a line of its own", line=1, code="")
-    return Recovered(calls=parse_program("\n".join(kept), skills), dropped=tuple(dropped))
+    _check_unread(lines, kept, skills)
+    kept = _without_draft(lines, kept)
+    return Recovered(calls=parse_program("\n".join(kept), skills), dropped=dropped)
+
+
+def _check_unread(
+    lines: Sequence[str], kept: Sequence[str], skills: Sequence[SkillSignature]
+) -> None:
+    """Refuse an answer in which a line holds a call, or the last begins one, that was not read."""
+    last = max(number for number, line in enumerate(lines) if line.strip())
+    for number, line in enumerate(lines):
+        if kept[number]:
+            continue
+        begun = number == last and _is_begun(line, skills)
+        if begun or _ANY_CALL.search(line):
+            reason = "a call on this line cannot be read: one whole call a line, and no words"
+            raise ProgramError(reason, line=number + 1, code=line.strip()[:120])
+
+
+def _is_begun(line: str, skills: Sequence[SkillSignature]) -> bool:
+    """Return whether a last line may be the beginning of a call, or of its number."""
+    word = re.sub(rf"^\s*(?:{_MARKS}\s*)*", "", line).strip()
+    if not word:
+        return bool(re.fullmatch(r"\s*\(?\d+\s*[.):]?\s*", line))
+    name = word.partition("(")[0].strip()
+    return any(one.name.startswith(name) and (name == word or "(" in word) for one in skills)
+
+
+def _without_draft(lines: Sequence[str], kept: Sequence[str]) -> list[str]:
+    """Return the calls of the last program where an answer holds a draft and its correction.
+
+    It begins anew with the first calls of the draft, or after words that say so.
+    """
+    program = list(kept)
+    start, talk, begun = 0, "", False
+    for number, call in enumerate(kept):
+        if not call:
+            talk += f" {lines[number]}" if lines[number].strip() else ""
+            continue
+        if begun and talk:
+            draft = [one for one in program[start:number] if one]
+            again = [one for one in kept[number:] if one][:_SAME]
+            if _ANEW.search(talk) or (len(again) == _SAME and draft[:_SAME] == again):
+                program[start:number] = [""] * (number - start)
+                start = number
+        talk, begun = "", True
+    return program
 
 
 def _refusal(text: str) -> Recovered | None:

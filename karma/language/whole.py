@@ -1,9 +1,42 @@
 """Which answers are not whole, and in what words a planner is told so when it is asked again."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+# What servers say of how an answer ended (`finish_reason`); any other is a fault of the server.
+ENDS = frozenset({None, "stop", "eos", "eos_token", "end_turn", "stop_sequence"})
+CUTS: Mapping[str, Literal["length", "filter"]] = {
+    "length": "length",
+    "max_tokens": "length",
+    "content_filter": "filter",
+}
+
+# How templates end a turn, and begin one: servers leak these signs into the text.
+_END = re.compile(
+    r"</s>|<(?:end_of_turn|eos|end)>|<\|(?!end_header)[^<>|\n]*(?:end|eot|eom|eos|return|stop)"
+    r"[^<>|\n]*\|>|<｜[^<>｜\n]*end[^<>｜\n]*｜>|\[(?:EOS|/INST)\]",
+    re.IGNORECASE,
+)
+_HEAD = re.compile(
+    r"\s*(?:<s>|<bos>|<start_of_turn>(?:model)?|<\|(?:im_start|start_header_id|start|assistant)\|>"
+    r"(?:assistant)?(?:<\|(?:end_header_id|message)\|>)?)\s*"
+)
 
 TIMES = 3
 LONGEST = 4  # lines of a cycle
+
+
+def own_text(text: str) -> str:
+    r"""Return what a model said in its turn: nothing after a sign that ends it, no sign before.
+
+    >>> own_text("GoToObject(robot, 'Mug')<|im_end|>\n<|im_start|>user")
+    "GoToObject(robot, 'Mug')"
+    """
+    if head := _HEAD.match(text):
+        text = text[head.end() :]
+    end = _END.search(text)
+    return text[: end.start()] if end else text
 
 
 def cycle(lines: Sequence[str] | Sequence[bytes]) -> int:
@@ -35,6 +68,11 @@ def cut_off(tokens: int | None = None, *, seconds: float | None = None) -> str:
         return f"the answer was cut off after {seconds:g} s"
     many = "" if tokens is None else f" after {tokens} tokens"
     return f"the answer was cut off{many}: it must be shorter"
+
+
+def filtered() -> str:
+    """Return what is said of an answer that the server's filter has withheld, in whole or part."""
+    return "the answer was withheld by the server's filter (content_filter): it is no program"
 
 
 def going_round(size: int) -> str:

@@ -32,7 +32,8 @@ method = "expert"
 def folder(tmp_path):
     """A folder in which each module says that it was imported, and then is none."""
     for name in HOSTILE:
-        text = f"open({str(tmp_path / 'WITNESS')!r}, 'a').write({name!r} + chr(10))\nraise SystemExit(7)\n"
+        tells = f"open({str(tmp_path / 'WITNESS')!r}, 'a').write({name!r} + chr(10))"
+        text = f"{tells}\nraise SystemExit(7)\n"
         (tmp_path / f"{name}.py").write_text(text)
     shutil.copy(ROOT / "models/nano/planner.gguf", tmp_path / "mine.gguf")
     (tmp_path / "two.toml").write_text(EVAL)
@@ -41,7 +42,12 @@ def folder(tmp_path):
 
 def run_in(folder, *words, code=0, **given):
     done = subprocess.run(
-        [str(word) for word in words], cwd=folder, capture_output=True, text=True, **given
+        [str(word) for word in words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        **given,
     )
     assert not (folder / "WITNESS").exists(), (folder / "WITNESS").read_text()
     assert code is None or done.returncode == code, done.stderr + done.stdout
@@ -100,6 +106,8 @@ def test_processes_that_are_started_are_offline_before_they_import_more(folder):
 
     refused = "import socket\ntry:\n    socket.create_connection(('192.0.2.1', 80), 1)\n"
     refused += "except Exception as error:\n    print(type(error).__name__)"
-    done = subprocess.run(own_python(refused), cwd=folder, capture_output=True, text=True)
+    done = subprocess.run(
+        own_python(refused), cwd=folder, capture_output=True, text=True, check=False
+    )
     assert done.stdout == "NetworkRefused\n", done.stderr
     assert not (folder / "WITNESS").exists()

@@ -1,6 +1,8 @@
 """Programs found in talk, and what is never taken for one."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from karma.agent.program import parse_program
 from karma.agent.recovery import program_of, recover_program
@@ -107,3 +109,70 @@ def test_refusal_is_found_in_an_answer_of_one_who_may_refuse(text):
 def test_refusal_beside_calls_or_of_no_kind_is_refused_itself(text):
     with pytest.raises(ProgramError):
         program_of(said(text), refusing=True)
+
+
+# ----------------------------------------------------------------- whole, or a fault
+
+SIGNS = ("<|im_end|>", "</s>", "<|eot_id|>", "<end_of_turn>", "<|end|>", "<|endoftext|>", "[/INST]",
+         "<｜end▁of▁sentence｜>", "<|END_OF_TURN_TOKEN|>", "<|return|>", "<eos>")  # fmt: skip
+
+
+@pytest.mark.parametrize("sign", SIGNS)
+@pytest.mark.parametrize("after", ["", "\n", "\n<|im_start|>user\nGoToObject(robot, 'Pan')"])
+def test_sign_that_ends_a_turn_is_no_part_of_the_answer(sign, after):
+    found = program_of(said(f"<|im_start|>assistant\n{PROGRAM.strip()}{sign}{after}"))
+    assert [str(call) for call in found.calls] == CALLS
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["PutObject(robot, 'Mug', 'Sink') to wash it", "then PutObject(robot, 'Mug', 'Sink')",
+     "PutObject(robot, 'Mug' 'Sink'", "PutObject (robot, 'Mug', Sink)", "robot.put('Mug', 'Sink')",
+     "// PutObject(robot, 'Mug', 'Sink')", "So I call PutObject(robot, 'Mug', 'Sink') now.",
+     "PutObject(robots, 'Mug", "PutObj", "PutObject(", "PutObject", "2. Put", "2.", "- P"],
+)  # fmt: skip
+def test_line_with_a_call_that_cannot_be_read_makes_the_answer_no_program(line):
+    with pytest.raises(ProgramError, match=r"line 3: (a call on this line|only skill calls)"):
+        program_of(said(f"Sure!\nGoToObject(robot, 'Mug')\n{line}"))
+
+
+@pytest.mark.parametrize(
+    ("text", "calls"),
+    [
+        (f"Draft:\nGoToObject(robot, 'Pan')\nThat is wrong. Corrected:\n{PROGRAM}", CALLS),
+        (f"```\n{PROGRAM}```\nWait, it must be opened.\n```\n{PROGRAM}```", CALLS),
+        ("```\nGoToObject(robot, 'Mug')\n```\nand then\n```\nPutObject(robot, 'Mug', 'Sink')\n```",
+         CALLS),
+        ("Wash it:\nGoToObject(robot, 'Mug')\nTake it there:\nGoToObject(robot, 'Mug')\n"
+         "PickupObject(robot, 'Mug')", ["GoToObject(robot, 'Mug')"] * 2
+         + ["PickupObject(robot, 'Mug')"]),
+    ],
+)  # fmt: skip
+def test_program_that_begins_anew_replaces_the_draft_and_one_that_goes_on_does_not(text, calls):
+    assert [str(call) for call in program_of(said(text)).calls] == calls
+
+
+LINES = st.sampled_from([
+    "GoToObject(robot, 'Mug')", "PickupObject(robot, 'Apple_2')",
+    "Explore(robot, 'Egg', ['node_1'])",
+    "PutObject(robot, 'Mug', 'Sink')", "ToggleOn(robot, 'Faucet')", "OpenObject(robot, 'Fridge')",
+])  # fmt: skip
+DRESS = st.sampled_from(
+    ["{}", "Sure!\n{}", "```python\n{}\n```", "1. {}", "- `{}`", "{}<|im_end|>"]
+)
+
+
+@given(lines=st.lists(LINES, min_size=1, max_size=5, unique=True), dress=DRESS, data=st.data())
+def test_no_cut_of_a_program_within_a_line_is_carried_out(lines, dress, data):
+    whole = dress.format("\n".join(lines))
+    cut = data.draw(st.integers(0, len(whole)))
+    text = whole[:cut]
+    for fault in ("", "the answer was cut off"):
+        try:
+            calls = [str(call) for call in program_of(said(text, fault=fault)).calls]
+        except ProgramError:
+            continue
+        assert not fault
+        assert calls == lines[: len(calls)]
+        rest = text.rpartition(calls[-1])[2] if calls else text
+        assert not any(char.isalnum() for char in rest.replace("python", "").replace("im_end", ""))

@@ -5,6 +5,7 @@ Covered: planner and embedder, the bill, what comes back wrong, who may be reach
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -31,7 +32,7 @@ from support.paths import ROOT
 
 from karma.agent.program import SKILLS, parse_program
 from karma.contracts import ProgramSpec, Prompt
-from karma.errors import KarmaError, ModelError
+from karma.errors import KarmaError, ModelError, ServerLost
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.model import HostedEmbedder, HostedLanguageModel
 from karma.infer.hosted.session import Session
@@ -180,14 +181,83 @@ def test_refusal_and_missing_text_are_answers_that_hold_no_program():
         model = HostedLanguageModel(endpoint(url))
         first, second = model.complete(PROMPT), model.complete(PROMPT)
     assert (first.text, second.text) == ("I must not.", "")
-    assert (first.finish, first.prompt_tokens, first.completion_tokens) == ("stop", None, None)
+    assert (first.finish, first.prompt_tokens, first.completion_tokens) == ("filter", None, None)
+    assert "withheld by the server's filter (content_filter)" in first.fault
+
+
+def ended(reason, text="GoToObject(robot, 'Mug')"):
+    choice = {"message": {"content": text}, "finish_reason": reason}
+    return 200, {}, json.dumps({"choices": [choice]}).encode()
+
+
+def page(text, kind="text/html"):
+    return 200, {"Content-Type": kind}, text.encode()
+
+
+TOO_MANY = '{"error": {"message": "Rate limit exceeded", "code": 429}}'
+FAULTS = {
+    "an error in a 200": (page(TOO_MANY), "429"),
+    "an error as text": (page('{"error": "upstream is gone"}'), "upstream is gone"),
+    "no choices": (page('{"choices": null}'), "without choices"),
+    "abort": (ended("abort"), "'abort'"),
+    "error": (ended("error"), "'error'"),
+    "a reason of its own": (ended("insufficient_system_resource"), "insufficient_system"),
+    "tool calls": (ended("tool_calls"), "tool_calls"),
+    "a page": (page("<html>502</html>"), "no JSON"),
+    "a stream": (page('data: {"choices": []}\n\n', "text/event-stream"), "no JSON"),
+    "a dead engine": ((500, {}, b'{"error": {"message": "EngineCore is dead"}}'), "dead"),
+    **{str(code): ((code, {}, b'{"error": {"message": "later"}}'), str(code))
+       for code in (402, 408, 409, 425, 520, 524, 529, 599)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("dress", FAULTS)
+def test_fault_of_the_server_in_any_dress_is_the_server_s_in_its_words_and_asked_again(dress):
+    answer, words = FAULTS[dress]
+    with wire_server(lambda *_: answer) as (url, seen):
+        model = HostedLanguageModel(endpoint(url, retries=1))
+        with pytest.raises(ServerLost, match=re.escape(words)) as raised:
+            model.complete(PROMPT)
+    assert not raised.value.agents_own
+    assert len(seen) == (1 if dress in ("402", "425") else 2)
+
+
+@pytest.mark.parametrize("dress", ["an error in a 200", "abort", "a page", "a stream"])
+def test_answer_that_comes_when_asked_again_is_the_answer(dress):
+    answers = iter([FAULTS[dress][0], chat("GoToObject(robot, 'Mug')")])
+    with wire_server(lambda *_: next(answers)) as (url, _):
+        said = HostedLanguageModel(endpoint(url, retries=2)).complete(PROMPT)
+    assert (said.text, said.finish, said.fault) == ("GoToObject(robot, 'Mug')", "stop", "")
+
+
+@pytest.mark.parametrize("reason", [None, "stop", "eos", "stop_sequence", "end_turn"])
+def test_end_that_is_an_end_lets_an_answer_be(reason):
+    with wire_server(lambda *_: ended(reason)) as (url, _):
+        assert HostedLanguageModel(endpoint(url)).complete(PROMPT).fault == ""
+
+
+@pytest.mark.parametrize("reason", ["length", "max_tokens"])
+def test_limit_that_cuts_is_a_fault_whatever_it_is_called(reason):
+    with wire_server(lambda *_: ended(reason)) as (url, _):
+        said = HostedLanguageModel(endpoint(url)).complete(PROMPT)
+    assert (said.finish, said.fault != "") == ("length", True)
+
+
+def test_embedding_of_nothing_is_the_server_s_fault():
+    rows = json.dumps({"data": [{"embedding": None}]}).encode()
+    for data in (rows, b'{"data": null}', b'{"data": []}'):
+        with (
+            wire_server(lambda *_, data=data: (200, {}, data)) as (url, _),
+            pytest.raises(ServerLost, match="without"),
+        ):
+            HostedEmbedder(endpoint(url, retries=0)).embed(["mug"])
 
 
 @pytest.mark.parametrize(
     ("data", "named"),
     [
         (b"{}", "no choice with a text"),
-        (b'{"choices": []}', "no choice with a text"),
+        (b'{"choices": []}', "an answer without choices"),
         (b'{"choices": [{"message": "x"}]}', "no choice with a text"),
         (b'{"choices": [{"message": {"content": ["x"]}}]}', "a list where a text should be"),
         (b"[1]", "no JSON object"),

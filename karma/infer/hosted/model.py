@@ -33,7 +33,7 @@ from karma.infer.hosted.session import Endpoint, Session
 from karma.infer.hosted.thinking import told_apart
 from karma.infer.programs.automaton import without_closing
 from karma.infer.vision.pictures import picture_url
-from karma.language.whole import cut_off
+from karma.language.whole import CUTS, cut_off, filtered
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ class Said:
     """What a model has said, its thought apart."""
 
     text: str
-    finish: Literal["stop", "length"]
+    finish: Literal["stop", "length", "filter"]
     reasoning: str
     exchange: Exchange
 
@@ -164,6 +164,8 @@ class HostedLanguageModel:
 
 def _fault(said: Said, language: Language | None, tokens: int | None) -> str:
     """Return why an answer is no program, as far as that is known without parsing it."""
+    if said.finish == "filter":
+        return filtered()
     if said.finish == "length":
         return cut_off(tokens)
     if language is not None and not language.admits(said.text):
@@ -287,7 +289,7 @@ def options_of(
 
 def said_in(
     answer: Mapping[str, Any], endpoint: Endpoint
-) -> tuple[str, Literal["stop", "length"], str]:
+) -> tuple[str, Literal["stop", "length", "filter"], str]:
     """Return text, finish and thought of an answer; a refusal's words are its text.
 
     Raises:
@@ -303,7 +305,7 @@ def said_in(
     except TypeError as error:
         told = str(error) if "where a text" in str(error) else "no choice with a text"
         raise _odd(endpoint, told) from error
-    return text, "length" if finish == "length" else "stop", reasoning
+    return text, CUTS.get(str(finish), "stop"), reasoning
 
 
 def _odd(endpoint: Endpoint, what: str) -> ModelError:

@@ -8,6 +8,7 @@ import logging
 import os
 import re
 from collections.abc import Mapping
+from time import sleep
 from typing import Any, Literal, Self
 from urllib.parse import urlsplit
 
@@ -18,6 +19,7 @@ from karma.infer.hosted.bounded import bounded_transport
 from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
 from karma.infer.hosted.key import SHORTEST_KEY, Key
+from karma.language.whole import CUTS, ENDS
 from karma.offline import allow_host, is_local
 
 DialectName = Literal["auto", "llama-server", "vllm", "sglang", "ollama", "transformers", "plain"]
@@ -25,7 +27,8 @@ Constraint = Literal["grammar", "regex", "schema"]
 _KEY = re.compile(r"[!-~]+")
 _NOTHING = Usage(prompt_tokens=0, completion_tokens=0)  # what a failure takes
 _LONGEST_MESSAGE = 500
-_BUSY = frozenset({401, 403, 429, 502, 503, 504})  # HTTP: not now, or not with this key
+_BUSY = frozenset({401, 402, 403, 408, 409, 425, 429})  # HTTP: not now, or not with this key
+_PAUSE_S = 0.5  # before it is asked again for what stands in a body; then twice as long
 _REFUSED = ("HTTP 400", "HTTP 413", "HTTP 422")  # what was asked, e.g. too long or improper
 _OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
 
@@ -237,6 +240,11 @@ class Session:
     ) -> Reply:
         """Send a body, or ask for a page where there is none."""
         reply = self._send(endpoint, key, path, body)
+        for attempt in range(endpoint.retries):  # the client asks again for what HTTP tells
+            if not isinstance(reply, _BrokenReply):
+                break
+            sleep(_PAUSE_S * 2**attempt)
+            reply = self._send(endpoint, key, path, body)
         if isinstance(reply, ServerLost):  # raised here, it holds no request with its headers
             raise reply
         return reply
@@ -253,10 +261,9 @@ class Session:
                 said = client.get(url, cast_to=_response(), options={"max_retries": 1})
             else:
                 said = client.post(url, cast_to=_response(), body=dict(body))
-            answer = msgspec.json.decode(said.content)
         except openai.APIStatusError as error:
             reason = f"HTTP {error.status_code}: {error.message}"
-            if error.status_code in _BUSY:
+            if error.status_code in _BUSY or error.status_code > 501 or _is_dead(error):
                 return _lost(endpoint, reason, key)
             return _failed(reason, key)
         except openai.APIConnectionError as error:  # timeouts too
@@ -264,15 +271,7 @@ class Session:
             return _lost(endpoint, reason, key)
         except openai.OpenAIError as error:
             return _failed(f"{type(error).__name__}: {error}", key)
-        except (ValueError, RecursionError) as error:
-            return _failed(f"the answer is no JSON: {error}", key)
-        if not isinstance(answer, dict):
-            return _failed("the answer is no JSON object; is base_url right, up to /v1?", key)
-        kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
-        kept = key.out_of(kept)
-        if key.is_disguised_in(kept):
-            return _lost(endpoint, "its answer holds the key in another form; not kept", key)
-        return Reply(answer=kept)
+        return _read(said.content, endpoint, key, asked=body is not None)
 
     def _client(self, endpoint: Endpoint, key: Key) -> Any:
         """Return the client of an endpoint: no proxy, no redirection, no name of a customer."""
@@ -296,6 +295,62 @@ class Session:
             client.organization = client.project = None  # it takes them from the environment
             self._clients[name] = client
         return self._clients[name]
+
+
+def _read(content: bytes, endpoint: Endpoint, key: Key, *, asked: bool) -> Reply | ServerLost:
+    """Return what a server sent as a reply; `asked`: it had to answer, a page may be missing."""
+    try:
+        answer = msgspec.json.decode(content)
+    except (ValueError, RecursionError) as error:
+        reason = f"the answer is no JSON: {error}"
+        return _broken(endpoint, reason, key) if asked else _failed(reason, key)
+    if not isinstance(answer, dict):
+        return _failed("the answer is no JSON object; is base_url right, up to /v1?", key)
+    if asked and (reason := fault_in(answer)):
+        return _broken(endpoint, reason, key)
+    kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
+    kept = key.out_of(kept)
+    if key.is_disguised_in(kept):
+        return _lost(endpoint, "its answer holds the key in another form; not kept", key)
+    return Reply(answer=kept)
+
+
+class _BrokenReply(ServerLost):
+    """A body that says that the server could not answer; it is asked again."""
+
+
+def _broken(endpoint: Endpoint, reason: str, key: Key) -> _BrokenReply:
+    return _BrokenReply(str(_lost(endpoint, reason, key)))
+
+
+def _is_dead(error: Any) -> bool:
+    """Return whether a 500 is of a server that answers nobody, as vLLM's with a dead engine."""
+    return error.status_code == 500 and "engine" in str(error.message).lower()
+
+
+def fault_in(answer: Mapping[str, Any]) -> str:
+    """Return what a body says of the server's own fault, in its words; "" for an answer.
+
+    >>> fault_in({"error": {"message": "Rate limit exceeded", "code": 429}})
+    'HTTP 200 with an error: Rate limit exceeded (429)'
+    >>> fault_in({"choices": [{"text": "x", "finish_reason": "abort"}]})
+    "it broke its answer off: finish_reason 'abort'"
+    """
+    error, choices, rows = (answer.get(name) for name in ("error", "choices", "data"))
+    if error and not choices and not rows:
+        parts = error if isinstance(error, dict) else {"message": error}
+        code = parts.get("code")
+        return f"HTTP 200 with an error: {parts.get('message')}" + (f" ({code})" if code else "")
+    if isinstance(choices, list) and choices and isinstance(choices[0], dict):
+        reason = choices[0].get("finish_reason")
+        if reason is not None and str(reason) not in {*ENDS, *CUTS}:
+            return f"it broke its answer off: finish_reason {reason!r}"
+    for name, given in (("choices", choices), ("data", rows)):
+        if name in answer and not given:
+            return f"an answer without {name}"
+    if isinstance(rows, list) and isinstance(rows[0], dict) and rows[0].get("embedding", 0) is None:
+        return "an answer without numbers"
+    return ""
 
 
 def _failed(reason: str, key: Key) -> Reply:
