@@ -119,6 +119,7 @@ class Observation:
     pieces: tuple[SeenObject, ...] = ()  # what a touched thing was just cut into
     washed: frozenset[str] = frozenset()  # known ids that a tap just turned on has washed
     heated: frozenset[str] = frozenset()  # known ids that are hot after something was switched on
+    cooled: frozenset[str] = frozenset()  # known ids in a fridge that was just shut
     render: Callable[[], Frame | None] = field(default=lambda: None, compare=False, repr=False)
     look_at: Callable[[SeenObject], tuple[str, ...]] = field(
         default=lambda seen: seen.states, compare=False, repr=False

@@ -14,7 +14,17 @@ from karma.household.ids import is_part, root_id, type_of
 from karma.household.pieces import goes_by
 from karma.household.places import HAND
 from karma.household.saying import name_of, preposition, told_place
-from karma.household.uses import BASINS, BURNER, MICROWAVE, SINK, STOVE, TAP_OF, TAPS, covers
+from karma.household.uses import (
+    BASINS,
+    BURNER,
+    FRIDGE,
+    MICROWAVE,
+    SINK,
+    STOVE,
+    TAP_OF,
+    TAPS,
+    covers,
+)
 
 _SWITCH = {"SwitchOn": "on", "ToggleOn": "on", "SwitchOff": "off", "ToggleOff": "off"}
 _DOOR = {"OpenObject": "open", "CloseObject": "closed"}
@@ -70,6 +80,8 @@ class _Ends:
             self._switch(call.objects[-1], ids, _SWITCH[call.skill], ok)
         elif call.skill in _DOOR:
             self.doors[thing] = _End(thing, _DOOR[call.skill], happened=ok)
+            if type_of(thing) == FRIDGE and call.skill == "CloseObject":
+                self._turn("heated", "cooled", FRIDGE, ok)
         elif call.skill in ("SliceObject", "BreakObject", "EmptyObject"):
             word = {"S": "sliced", "B": "broken", "E": "empty"}[call.skill[0]]
             self.changed[thing, word] = _End(thing, word, happened=ok)
@@ -102,7 +114,15 @@ class _Ends:
             if tap and (lies in BASINS or lies == SINK):
                 self.changed[end.thing, "cleaned"] = _End(end.thing, "cleaned", happened=ok)
             if oven and lies == MICROWAVE:
+                self.changed.pop((end.thing, "cooled"), None)
                 self.changed[end.thing, "heated"] = _End(end.thing, "heated", happened=ok)
+
+    def _turn(self, word: str, other: str, place: str, ok: bool) -> None:
+        """Let what lies in a place be no longer one thing but the other."""
+        for end in self.moved.values():
+            if ok and type_of(end.place) == place and (end.thing, word) in self.changed:
+                del self.changed[end.thing, word]
+                self.changed[end.thing, other] = _End(end.thing, other)
 
     def is_a_means(self, end: _End) -> bool:
         """Return whether a switch or door was used for something else, which is told already."""
@@ -203,7 +223,7 @@ def _check(text: str, found: Found, note: str = "") -> Check:
 
 # ----------------------------------------------------------------- what a name means
 
-_SAID = {"cleaned": "clean", "heated": "hot"}
+_SAID = {"cleaned": "clean", "heated": "hot", "cooled": "cold"}
 
 
 def _lies_in(sight: SeenObject, place: str) -> bool:

@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
-from karma.agent.sightings import Sightings, known, means
+from karma.agent.sightings import Sightings, known, means, offset, shifted
 from karma.contracts import Knowledge, Known, SeenObject, Vec3
 from karma.household.ids import is_part
 
+_DEEPEST = 5  # things in things that are asked for
 _SAME_PLACE_M = 0.3  # a memory this near to where a thing was missed is the same, stale memory
 
 
@@ -68,10 +70,23 @@ class Naming:
         found = self._knowledge.where(name)
         if found and self._credible(found) and (held or found.object_id != log.held_id):
             sight = log.seen.get(found.object_id)
-            return known(sight, found.source) if sight and sight is not log.held else found
+            if sight and sight is not log.held:
+                return known(sight, found.source)
+            return self._carried_along(found)
         found = self._nearest(name, log.in_view) or self._nearest(name, log.seen)
         if found is None and name in self._before and name not in log.missed:
             return known(self._before[name], "seen")
+        return found
+
+    def _carried_along(self, found: Known) -> Known:
+        """Return a memory of what lies in a thing that has been moved since, as moved with it."""
+        place_id, depth = found.place_id, 0
+        while place_id is not None and depth < _DEEPEST:
+            sight, then = self._log.seen.get(place_id), self._knowledge.where(place_id)
+            if sight is not None and then is not None and sight.pickupable:
+                by = offset(then.position_m, sight.position_m)
+                return replace(found, position_m=shifted(found.position_m, by))
+            place_id, depth = then.place_id if then is not None else None, depth + 1
         return found
 
     def _credible(self, found: Known) -> bool:

@@ -59,12 +59,13 @@ def observe(
                 reachable.add(object_id)
         elif object_id in touched:
             at_hand.append(sight_of(thing))
-    washed = heated = frozenset[str]()
-    if touched and done(event, "ToggleObjectOn"):
+    washed = heated = cooled = frozenset[str]()
+    on = done(event, "ToggleObjectOn")
+    if touched and (on or done(event, "CloseObject")):
         near = {*touched, *inventory, *(sight.object_id for sight in seen)}
-        washed, heated = (
+        washed, heated, cooled = (
             frozenset(name for name in changed if name in near or name in known)
-            for changed in (_washed(event), _heated(event))
+            for changed in (_washed(event), _heated(event) if on else (), _cooled(event))
         )
     return Observation(
         pose=pose_of(event),
@@ -78,6 +79,7 @@ def observe(
         pieces=_pieces(event, touched) if done(event, "SliceObject") else (),
         washed=washed,
         heated=heated,
+        cooled=cooled,
         render=lambda: event.frame,
     )
 

@@ -29,6 +29,7 @@ from karma.contracts import (
     SkillSignature,
 )
 from karma.errors import ProgramError
+from karma.household.containment import has_door
 from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, landmark_types
 from karma.household.types import object_types
@@ -188,7 +189,7 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     """Return the plan with its program mended, and the inspector's objection if it has one."""
     held = next((n for n, object_id in answer.names.items() if object_id == request.held_id), None)
     name_of = {object_id: name for name, object_id in answer.names.items()}
-    shut = {name_of[u.object_id] for u in request.units if _is_shut(u.place_id)}
+    shut = {name_of[u.object_id] for u in request.units if has_door(type_of(u.place_id))}
     seen = {kind for area in request.areas for kind in area.contains}
     cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
     known = seen | set(answer.names)
@@ -208,11 +209,6 @@ def _astray(answer: Plan, line: int, reason: str) -> Plan:
     lines = tuple(map(str, answer.calls))
     failure = FailedProgram(lines=lines, failed=line, reason=reason)
     return replace(answer, calls=(), error=f"{lines[line]}: {reason}", failure=failure)
-
-
-def _is_shut(place_id: str | None) -> bool:
-    kind = object_types().get(type_of(place_id))
-    return kind is not None and kind.must_be_open and "pickupable" not in kind.capabilities
 
 
 def program_spec(

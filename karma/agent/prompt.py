@@ -108,6 +108,9 @@ def compact_areas(areas: Sequence[Area]) -> str:
     return "\n".join(lines if areas else ["#areas", "unknown"]) + "\n"
 
 
+_NEVER_TRAINED = frozenset({"cooled"})  # states that no memory of the nano's training had
+
+
 def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str:
     """Return short-term memory for the compact profile: ` @Fridge cleaned sliced *Apple`.
 
@@ -119,7 +122,8 @@ def compact_memory(units: Sequence[MemoryUnit], names: Mapping[str, str]) -> str
     for unit in units:
         if unit.place_id is not None:
             lines.append(f" @{name_of.get(unit.place_id, unit.place_id)}")
-        lines += [f" {state.replace(' ', '_')}" for state in unit.states]
+        told = [state for state in unit.states if state not in _NEVER_TRAINED]
+        lines += [f" {state.replace(' ', '_')}" for state in told]
         lines.append(f" {'*' if unit.handled else '-'}{name_of[unit.object_id]}\n")
     return "".join(lines)
 

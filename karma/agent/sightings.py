@@ -9,6 +9,7 @@ from karma.contracts import CameraPose, Experience, Known, Observation, Pose, Se
 from karma.household.ids import is_part, whole_id
 from karma.household.pieces import goes_by, is_piece
 from karma.household.places import HAND
+from karma.household.states import OPPOSITES
 from karma.household.types import object_types
 
 _CHANGES_M = 2.0  # from so far away a deed may have changed what is seen
@@ -43,6 +44,10 @@ class Sightings:
         self.within_reach = observation.reachable
         self.held = observation.held
         self.seen_from.update(dict.fromkeys(observation.reachable, observation.pose))
+        for sight in (*observation.touched, *observation.seen, *filter(None, [observation.held])):
+            self._carry_along(sight)
+        for object_id in sorted(observation.cooled):
+            self.gain(object_id, "cooled")
         for sight in observation.touched:
             self._note(sight)
         for sight in (*observation.seen, *filter(None, [observation.held])):
@@ -61,6 +66,22 @@ class Sightings:
             missed=frozenset(self.missed),
             cut=frozenset(self.cut),
         )
+
+    def _carry_along(self, holder: SeenObject) -> None:
+        """Move what lies in a thing by as much as the thing has moved, at every depth."""
+        before = self.seen.get(holder.object_id)
+        if before is None or before.position_m == holder.position_m:
+            return
+        by = offset(before.position_m, holder.position_m)
+        for object_id, sight in list(self.seen.items()):
+            if holder.object_id in sight.parent_ids:
+                moved = replace(
+                    sight,
+                    position_m=shifted(sight.position_m, by),
+                    box_center_m=shifted(sight.box_center_m, by),
+                )
+                self._carry_along(moved)
+                self.seen[object_id] = moved
 
     def _note(self, sight: SeenObject) -> None:
         self.seen[sight.object_id] = self._without_door(sight)
@@ -113,8 +134,10 @@ class Sightings:
         }
 
     def gain(self, object_id: str, word: str) -> None:
-        """Note a lasting effect on an object, once."""
+        """Note a lasting effect on an object, once; its opposite has ended."""
         words = self.effects.setdefault(object_id, [])
+        if (opposite := OPPOSITES.get(word)) in words:
+            words.remove(opposite)
         if word not in words:
             words.append(word)
 
@@ -136,6 +159,16 @@ class Sightings:
         self.cut.add(whole)
         for sight in observation.pieces:
             self._note(sight)
+
+
+def offset(before: Vec3, now: Vec3) -> Vec3:
+    """Return how far a thing has moved, metres."""
+    return (now[0] - before[0], now[1] - before[1], now[2] - before[2])
+
+
+def shifted(point: Vec3, by: Vec3) -> Vec3:
+    """Return a point moved by so much."""
+    return (point[0] + by[0], point[1] + by[1], point[2] + by[2])
 
 
 def known(sight: SeenObject, source: Any) -> Known:

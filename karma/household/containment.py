@@ -32,6 +32,16 @@ def fits_whole_or_cut(object_type: str, receptacle_type: str, rules: RuleSet = R
     return any(goes_in(kind, receptacle_type, rules) for kind in kinds)
 
 
+def has_door(object_type: str) -> bool:
+    """Return whether furniture is opened before anything is taken out of it or put into it.
+
+    >>> has_door("Fridge"), has_door("Box"), has_door("Shelf")
+    (True, False, False)
+    """
+    kind = object_types().get(object_type)
+    return kind is not None and kind.must_be_open and not kind.can("pickupable")
+
+
 def brings(vessel_type: str, object_type: str, receptacle_type: str) -> bool:
     """Return whether a thing can be carried to a receptacle in such a vessel, and stay there in it.
 

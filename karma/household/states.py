@@ -222,7 +222,7 @@ def deed_for(word: str) -> str | None:
     return DONE_BY.get(state, state) if state else None
 
 
-_PAIRS = (("opened", "closed"), ("on", "off"), ("dirty", "cleaned"))
+_PAIRS = (("opened", "closed"), ("on", "off"), ("dirty", "cleaned"), ("heated", "cooled"))
 OPPOSITES: Mapping[str, str] = MappingProxyType(
     {one: other for a, b in _PAIRS for one, other in ((a, b), (b, a))}
 )  # a state ends when its opposite comes

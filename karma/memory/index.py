@@ -84,7 +84,7 @@ class UnitIndex:
         self._units = units
 
     def best(self, asked: Vectors | None, k: int, *worth: Worth | None) -> list[FoundUnit]:
-        """Return the k units of the highest scores, best first; ties keep the order of the units.
+        """Return the k units of the highest scores, best first; of equals the last ones.
 
         Args:
             asked: shape (1, d), of length 1 or 0; None: no value is more similar than another.
@@ -152,7 +152,7 @@ class UnitIndex:
             places = np.flatnonzero(scores >= least)
         else:
             places = np.arange(len(scores))
-        places = places[np.argsort(-scores[places], kind="stable")][:k]
+        places = places[np.lexsort((-places, -scores[places]))][:k]  # of equals the last used first
         return [FoundUnit(int(at), float(scores[at])) for at in places]
 
     # ------------------------------------------------------------- what comes and goes

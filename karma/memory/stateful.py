@@ -146,8 +146,8 @@ def _last_handled(units: Sequence[MemoryUnit], count: int) -> list[FoundUnit]:
 
 
 def _best(found: Sequence[FoundUnit], k: int) -> list[FoundUnit]:
-    """Return the best k units of several lists, each by its best score; ties keep their order."""
+    """Return the best k units of several lists, each by its best score; of equals the last used."""
     best: dict[int, FoundUnit] = {}
-    for one in sorted(found, key=lambda one: (-one.score, one.place)):
+    for one in sorted(found, key=lambda one: (-one.score, -one.place)):
         best.setdefault(one.place, one)
     return list(best.values())[:k]

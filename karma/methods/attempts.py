@@ -1,12 +1,14 @@
 """Programs that are tried: carried out until a line is refused, and told of in the next request."""
 
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.afterwards import checked
+from karma.agent.perceive import place_of
 from karma.agent.planner import grounded
 from karma.agent.reading import kind_of, left_undone, put_right
 from karma.agent.refusals import NOT_FOUND
+from karma.agent.sightings import offset, shifted
 from karma.agent.skills import Skills
 from karma.contracts import (
     Check,
@@ -110,12 +112,36 @@ def as_left(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryU
     """Return units with what the agent's deeds made of them, handled or not.
 
     What a tap or an oven did to a thing that was only remembered there is added. What was poured
-    out is not filled: other states end when their opposite comes; these have none.
+    out is not filled: other states end when their opposite comes; these have none. What was seen is
+    where it was seen; what lies in a thing that was moved has moved with it.
     """
+    before = {unit.object_id: unit for unit in units}
     changed = []
-    for unit in units:
+    for unit in before.values():
         ended = experience.ended.get(unit.object_id, ())
         effects = experience.effects.get(unit.object_id, ())
         states = tuple(word for word in unit.states if word not in ended)
-        changed.append(replace(unit, states=merged_states(states, effects)))
+        placed = _placed(unit, before, experience)
+        changed.append(replace(placed, states=merged_states(states, effects)))
     return changed
+
+
+def _placed(
+    unit: MemoryUnit, before: Mapping[str, MemoryUnit], experience: Experience
+) -> MemoryUnit:
+    """Return a unit where it is by now, as far as the agent's own eyes and hands know."""
+    sight = experience.seen.get(unit.object_id)
+    if sight is not None:
+        return replace(unit, position_m=sight.position_m, place_id=place_of(sight))
+    holder, passed = unit.place_id, set[str]()
+    while holder is not None and holder not in passed:
+        passed.add(holder)
+        sight, then = experience.seen.get(holder), before.get(holder)
+        if sight is not None:
+            if not sight.pickupable:
+                return unit
+            by = offset(then.position_m, sight.position_m) if then is not None else None
+            at = shifted(unit.position_m, by) if by is not None else sight.position_m
+            return replace(unit, position_m=at)
+        holder = then.place_id if then is not None else None
+    return unit

@@ -1,11 +1,13 @@
 """From what the skills saw and did to units of short-term memory."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from karma.agent.perceive import place_of
 from karma.contracts import Experience, MemoryUnit, SeenObject, VisionModel
-from karma.household.ids import is_part, whole_id
+from karma.household.containment import has_door
+from karma.household.ids import is_part, type_of, whole_id
 from karma.memory.short_term import merged
 from karma.methods.picture_states import look_at
 
@@ -54,6 +56,25 @@ def units_of(
         old = by_id.get(name) or by_id.get(whole)
         found.append(merged(old, unit) if old is not None else unit)
     return found
+
+
+def shut_away(units: Iterable[MemoryUnit], among: Iterable[MemoryUnit]) -> tuple[MemoryUnit, ...]:
+    """Return units as they are told: what lies in a thing behind a door lies behind that door.
+
+    Args:
+        units: to be told.
+        among: what is remembered of the room, these among it.
+    """
+    places = {unit.object_id: unit.place_id for unit in among}
+    found = []
+    for unit in units:
+        place, passed = unit.place_id, set[str]()
+        while place is not None and place not in passed and not has_door(type_of(place)):
+            passed.add(place)
+            place = places.get(place)
+        door = place if place is not None and place not in passed else unit.place_id
+        found.append(replace(unit, place_id=door))
+    return tuple(found)
 
 
 def unit_of(

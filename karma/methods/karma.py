@@ -37,7 +37,7 @@ from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
 from karma.methods.attempts import Programs, after_answer, after_run, as_left, carried_out
-from karma.methods.experience import units_of
+from karma.methods.experience import shut_away, units_of
 from karma.methods.options import settings_of
 from karma.methods.perception import BoxSource, Kind, Perception, detector_of
 from karma.methods.tour import explore_room, position_of
@@ -197,7 +197,8 @@ class KarmaEpisode:
                 break
             request = after_run(request, programs)
         experience = skills.experience
-        self._remember(experience, subtask.instruction)
+        if programs.results:  # what is refused before a step changes nothing
+            self._remember(experience, subtask.instruction)
         yield Outcome(
             finished=programs.finished,
             resident=resident,
@@ -241,6 +242,7 @@ class KarmaEpisode:
         papers = self.graph is not None and self.settings.map_form == "paper"
         if self.settings.means == "recalled":  # the last of a type has its bare name
             units = tuple(item.unit for item in reversed(recalled))
+        units = shut_away(units, self.short_term.units(self._scene))
         return PlanRequest(
             instruction=subtask.instruction,
             whole="" if subtask.is_whole else subtask.whole,

@@ -53,7 +53,7 @@ def brute_force(units, asked, k, worth, nearest=1):
             similarity = sum(rows[-nearest:]) / len(rows[-nearest:])
         values = (one.object_type, one.place_id, one.handled)
         scores.append(similarity + sum(adds(v) for adds, v in zip(worth, values, strict=True)))
-    order = sorted(range(len(units)), key=lambda at: (-np.float32(scores[at]), at))
+    order = sorted(range(len(units)), key=lambda at: (-np.float32(scores[at]), -at))
     return [units[at] for at in order[:k]], [scores[at] for at in order[:k]]
 
 
@@ -103,7 +103,9 @@ def test_kept_index_answers_like_a_new_one_and_like_brute_force(
 
 
 @given(units=UNITS, k=st.integers(1, 12), bonuses=BONUSES)
-def test_without_a_question_bonuses_alone_decide_and_ties_keep_their_order(units, k, bonuses):
+def test_without_a_question_bonuses_alone_decide_and_of_equals_the_last_come_first(
+    units, k, bonuses
+):
     kept = index()
     kept.follow(units)
     found = kept.recalled(kept.best(None, k, *worth_of(bonuses)))
@@ -147,4 +149,4 @@ def test_order_of_the_units_counts_though_none_came_or_went():
     twins = [unit(1, "Kind1"), unit(2, "Kind1")]
     for units in (twins, twins[::-1], twins):
         kept.follow(units)
-        assert [one.place for one in kept.best(rows_of("question")[:1], 2)] == [0, 1]
+        assert [one.place for one in kept.best(rows_of("question")[:1], 2)] == [1, 0]

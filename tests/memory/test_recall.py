@@ -84,10 +84,10 @@ def test_fewer_is_the_head_of_more(units, query):
 
 
 @given(query=WORDS.map(" ".join), kinds=st.lists(KINDS, min_size=1, max_size=40))
-def test_ties_keep_the_order_of_units(query, kinds):
+def test_of_equal_units_the_last_used_comes_first(query, kinds):
     units = [replace(unit(kind), object_id=str(at)) for at, kind in enumerate(kinds)]
     found = CosineRecall(HashingEmbedder(384), text=unit_sentence).recall(query, units, 40)
-    keys = [(-one.similarity, int(one.unit.object_id)) for one in found]
+    keys = [(-one.similarity, -int(one.unit.object_id)) for one in found]
     assert keys == sorted(keys)
     by_kind = {one.unit.object_type: one.similarity for one in found}
     assert all(one.similarity == by_kind[one.unit.object_type] for one in found)
@@ -121,10 +121,10 @@ def test_unit_is_embedded_once_for_as_long_as_it_is_remembered():
     ]  # fmt: skip
 
 
-def test_query_without_any_known_word_keeps_all_units_in_order():
+def test_query_without_any_known_word_finds_all_units_the_last_used_first():
     units = [unit("Apple"), unit("Pear")]
     found = CosineRecall(HashingEmbedder()).recall("", units, 2)
-    assert [(one.unit, one.similarity) for one in found] == [(units[0], 0.0), (units[1], 0.0)]
+    assert [(one.unit, one.similarity) for one in found] == [(units[1], 0.0), (units[0], 0.0)]
 
 
 def test_unit_text_is_listing_1():

@@ -138,10 +138,10 @@ def test_recall_keeps_its_contract(minilm, name):
 
 
 @pytest.mark.parametrize("name", registry.names("recalls"))
-def test_equal_units_keep_their_order(minilm, name):
+def test_of_equal_units_the_last_used_comes_first(minilm, name):
     recall = made(name, minilm)
     twins = [replace(unit("Mug"), object_id=f"Mug|{n}") for n in (2, 1)]
     if name == "cosine":
         recall = registry.load("recalls", name)(minilm, text="sentence")
     found = recall.recall("the mug", twins, 2)
-    assert [item.unit.object_id for item in found] == ["Mug|2", "Mug|1"]
+    assert [item.unit.object_id for item in found] == ["Mug|1", "Mug|2"]

@@ -458,7 +458,7 @@ def test_two_processes_give_the_same_bytes():
     code = "from world.test_render import fingerprint; print(fingerprint())"
     found = []
     for seed in ("1", "2"):
-        env = {**os.environ, "PYTHONHASHSEED": seed}
+        env = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT / "tests")}
         done = subprocess.run(
             [sys.executable, "-c", code], cwd=ROOT / "tests", env=env, text=True,
             capture_output=True, check=True,

@@ -115,7 +115,7 @@ def test_what_is_told_does_not_hang_on_the_seed_of_hashes():
     outputs = [
         subprocess.run(
             [sys.executable, "-c", HASHED], capture_output=True, text=True, check=True, cwd=ROOT,
-            env={**os.environ, "PYTHONHASHSEED": seed},
+            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT)},
         ).stdout
         for seed in ("1", "2")
     ]  # fmt: skip
