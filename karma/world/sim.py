@@ -15,6 +15,7 @@ from karma.errors import KarmaError
 from karma.world.actions.setup import unfit
 from karma.world.actions.table import ACTIONS
 from karma.world.core.effects import settle
+from karma.world.core.falling import come_down
 from karma.world.core.scene import Scene, load
 from karma.world.core.state import (
     Images,
@@ -175,7 +176,8 @@ def _act(last: WorldEvent, name: str, arguments: Mapping[str, Any]) -> WorldEven
         result = ready if isinstance(ready, Refusal) else action.handler(last.state, **ready)
     state = last.state
     if isinstance(result, Performed) and not (result.state is state and not result.seconds):
-        state = settle(replace(result.state, time_s=result.state.time_s + result.seconds))
+        state = replace(result.state, time_s=result.state.time_s + result.seconds)
+        state = settle(come_down(state) if state.falling else state)
     images = _images(state.settings.images, flags)
     before = last if state is last.state else None
     event = partial(WorldEvent, state=state, action=name, images=images, before=before)

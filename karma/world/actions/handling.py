@@ -18,9 +18,7 @@ from karma.world.core.posing import emptied
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.state import Performed, Refusal, Result, WorldState, refuse
-from karma.world.core.thing import bottom, difference, heading, moved
-
-_GRAVITY = 9.81
+from karma.world.core.thing import GRAVITY_MS2, bottom, difference, heading, moved
 
 
 def tilt_deg(rotation: Vec3) -> float:
@@ -163,7 +161,7 @@ def _let_go(state: WorldState, force: float) -> Result:
     middle, holder = land(state, thing, x, z)
     height = max(bottom(thing) - (middle[1] - thing.size[1] / 2), 0.0)
     impulse = force * fragile.impulse_per_force_s
-    impulse += fragile.fall_share * thing.mass_kg * (2 * _GRAVITY * height) ** 0.5
+    impulse += fragile.fall_share * thing.mass_kg * (2 * GRAVITY_MS2 * height) ** 0.5
     after = _struck(_released(state, middle, holder), thing.id, holder, impulse)
     px, py, pz = after.objects[thing.id].position
     return Performed(after, {"x": px, "y": py, "z": pz}, rules().time.fall_s)

@@ -69,7 +69,7 @@ def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -
     agent = np.array(state.pose.position_m)[[0, 2]]
     far = np.round(np.linalg.norm(places - agent, axis=1), 4)
     places = places[np.lexsort((places[:, 1], places[:, 0], far))]
-    shown = [_in_picture(state, places, _rest(thing, level)) for level in levels]
+    shown = [_in_picture(state, places, resting(thing, level)) for level in levels]
     tries = [(level, places[inside]) for level, inside in zip(levels, shown, strict=True)]
     tries += [(level, places[~inside]) for level, inside in zip(levels, shown, strict=True)]
     for attempt in _ROUNDS:
@@ -77,7 +77,7 @@ def find_place(state: WorldState, thing: SceneObject, receptacle: SceneObject) -
         for level, some in tries:
             found = _first_free(state, thing, receptacle, some, level, attempt, barred)
             if found is not None:
-                return (round(found[0], 5), _rest(thing, level), round(found[1], 5))
+                return (round(found[0], 5), resting(thing, level), round(found[1], 5))
     return None
 
 
@@ -95,10 +95,10 @@ def _attach(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> V
         return None
     inside = receptacle.type in rules().put.inside
     level = bottom(receptacle) if inside else top(receptacle)
-    return (receptacle.center[0], _rest(thing, level), receptacle.center[2])
+    return (receptacle.center[0], resting(thing, level), receptacle.center[2])
 
 
-def _rest(thing: SceneObject, level: float) -> float:
+def resting(thing: SceneObject, level: float) -> float:
     return round(level + _LIFT_M + thing.size[1] / 2, 5)
 
 
@@ -180,7 +180,7 @@ def _first_free(
     """Return the first of some places, shape (n, 2), on which a thing can come to rest."""
     low, high = barred
     half = np.array(thing.size) / 2 * attempt.clearance
-    level = _rest(thing, level)
+    level = resting(thing, level)
     tall = (level - half[1] < high[:, 1]) & (level + half[1] > low[:, 1])
     low, high = low[tall][:, [0, 2]] - half[[0, 2]], high[tall][:, [0, 2]] + half[[0, 2]]
     keep_off = attempt.standing and receptacle.type != FLOOR
@@ -225,18 +225,18 @@ def land(state: WorldState, thing: SceneObject, x: float, z: float) -> tuple[Vec
     """
     best, holder = state.room.floor_y, _floor(state.objects)
     if not state.room.stands(x, z):
-        for other in _below(state, x, z):
+        for other in lying_below(state, x, z):
             for level in _surfaces(state, other):
                 if best < level <= bottom(thing) + 0.05:
                     best, holder = level, _holds(state.objects, other, level)
-    return (x, _rest(thing, best), z), holder
+    return (x, resting(thing, best), z), holder
 
 
 def _floor(objects: Objects) -> str | None:
     return next(iter(objects.by_type.get(FLOOR, ())), None)
 
 
-def _below(state: WorldState, x: float, z: float) -> list[SceneObject]:
+def lying_below(state: WorldState, x: float, z: float) -> list[SceneObject]:
     """Return what has a vertical line through its box, the floor apart; receptacles last."""
     objects = state.objects
     boxes = objects.boxes

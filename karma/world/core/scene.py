@@ -56,6 +56,7 @@ class SceneObject(
     is_picked_up: bool = False
     temperature: Temperature = "RoomTemp"
     heat_left_s: float = 0.0  # until Hot or Cold returns to RoomTemp
+    is_falling: bool = False  # it has slipped through its basin
     inferred: bool = False  # no record of the room shows it; another object's id tells of it
 
 

@@ -173,6 +173,7 @@ class WorldState:
     time_s: float = 0.0
     decay_s: float = field(default_factory=lambda: rules().time.decay_s)
     until_s: Mapping[str, float] = field(default_factory=dict)  # when heat or cold runs out
+    falling: frozenset[str] = frozenset()  # ids of what fell from the start on, and still does
     cameras: tuple[Camera, ...] = ()  # third-party cameras, by their number
     shown: frozenset[str] | None = None  # ids that metadata lists (SetObjectFilter); None = all
     disabled: Mapping[str, SceneObject] = field(default_factory=dict)  # out of the world for now
@@ -240,6 +241,7 @@ def begin(scene: Scene, settings: Settings) -> WorldState:
         pose=pose,
         held=held[0] if held else None,
         until_s=until,
+        falling=frozenset(thing.id for thing in scene.objects if thing.is_falling),
     )
 
 

@@ -9,6 +9,8 @@ from karma.contracts import Vec3
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 
+GRAVITY_MS2 = 9.81
+
 
 def ground(thing: SceneObject) -> tuple[float, float, float, float]:
     """Return the ground under a box: x0, z0, x1, z1."""

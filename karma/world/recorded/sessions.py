@@ -36,6 +36,7 @@ from karma.world.recorded.differences import (
     shown,
     values,
 )
+from karma.world.recorded.sinking import with_falling
 from karma.world.sim import EmbeddedWorld
 
 _SETTINGS = ("visibilityDistance", "fieldOfView", "rotateStepDegrees", "snapToGrid")
@@ -176,7 +177,7 @@ def scene_of(
         yaw=float(agent["rotation"]["y"]) % 360,
         horizon=float(agent["cameraHorizon"]) + 0.0,
     )
-    return scene_from_dump(
+    scene = scene_from_dump(
         name.removesuffix("_physics"),
         metadata["objects"],
         reachable=reachable,
@@ -184,6 +185,7 @@ def scene_of(
         agent=pose,
         grid_m=float(action.get("gridSize") or _LAYOUT_M),
     )
+    return msgspec.structs.replace(scene, objects=with_falling(scene.objects))
 
 
 # ----------------------------------------------------------------- replaying
