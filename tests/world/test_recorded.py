@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from hashlib import sha256
 
 import pytest
 from support.household import find, kitchen
@@ -227,3 +228,14 @@ def test_real_recordings_agree_with_the_embedded_world(shared):
     assert total_rate(reports) >= 0.995
     assert min(report.rate for report in reports) >= 0.995
     assert all(cause == "jitter" for report in reports for cause in report.causes)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("half", [0, 1])
+def test_what_real_actions_changed_changes_alike_in_either_half_of_the_recordings(shared, half):
+    """Halves by a hash of the name, so that what is mended in one is measured in the other."""
+    paths = sorted(shared.glob("data/thor5/events/*.jsonl.gz"))
+    mine = [p for p in paths if sha256(p.name.partition(".")[0].encode()).digest()[-1] % 2 == half]
+    changes = [replay_events(path).changes for path in mine]
+    assert mine
+    assert sum(one.equal for one in changes) >= 0.97 * sum(one.compared for one in changes)

@@ -14,13 +14,15 @@ from karma.world.core.scene import SceneObject
 from karma.world.core.state import WorldState
 from karma.world.core.thing import GRAVITY_MS2, bottom, difference, moved, top
 
+_PAST = (0.0, -0.05, 0.0)  # what it has slipped through does not catch it
+
 
 def come_down(state: WorldState) -> WorldState:
     """Return the state with what has fallen for long enough lying where it comes to rest."""
     changes, still = dict[str, SceneObject](), set[str]()
     for object_id in sorted(state.falling):
-        thing = state.objects[object_id]
-        if object_id in state.in_hand or thing.parents:  # somebody caught it
+        thing = state.objects.get(object_id)
+        if thing is None or thing.parents or object_id in state.in_hand:  # taken away, or caught
             continue
         middle, holder = _rest(state, thing)
         if GRAVITY_MS2 / 2 * state.time_s**2 < thing.center[1] - middle[1]:
@@ -42,6 +44,6 @@ def _rest(state: WorldState, thing: SceneObject) -> tuple[Vec3, str | None]:
         if "openable" in one.capabilities and bottom(one) < bottom(thing) and y < top(one)
     ]
     if not round_it:
-        return land(state, thing, x, z)
+        return land(state, moved(thing, _PAST), x, z)
     holder = max(round_it, key=bottom)
     return (x, resting(thing, bottom(holder)), z), holder.id

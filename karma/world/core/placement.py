@@ -99,6 +99,7 @@ def _attach(state: WorldState, thing: SceneObject, receptacle: SceneObject) -> V
 
 
 def resting(thing: SceneObject, level: float) -> float:
+    """Return the height of a thing's middle when it rests at a level."""
     return round(level + _LIFT_M + thing.size[1] / 2, 5)
 
 
