@@ -189,8 +189,14 @@ def margins() -> Iterator[Claim]:
 
 def agent() -> Iterator[Claim]:
     full, without = "KARMA", "KARMA (w/o short term memory)"
-    vague = [counted("alfred_l", name, kind="complex") for name in (full, without)]
-    yield "complex {} of 18 → {} of 18, on the development set", vague
+    less = (without, "KARMA (w/o long term memory)", "without memory", "expert")
+    vague = [counted("alfred_l", name, kind="complex") for name in (full, without, less[2])]
+    yield "complex {} of 18 → {} of 18, without any memory {}, on the development set", vague
+    yield (
+        "(all {}: {}, without short-term memory {}, without long-term memory {}, without any {},"
+        " expert {})",
+        [asked("alfred_l", full), *(counted("alfred_l", name) for name in (full, *less))],
+    )
 
     def by_kind(name: str, of: str) -> list[Figure]:
         return [in_json(name, of, "success", kind=kind) for kind in KINDS]
@@ -206,10 +212,15 @@ def agent() -> Iterator[Claim]:
         ],
     )
     of, to_do = "alfred_l_authors", "success_to_do"
-    yield "{} of {} solved, expert {}; of those with something to do {} and {} of {};", [
-        counted(of, full), asked(of, full), counted(of, "expert"),
-        counted(of, full, to_do), counted(of, "expert", to_do), asked(of, full, to_do),
-    ]  # fmt: skip
+    rows = (full, "without memory", "expert")
+    yield (
+        "{} of {} solved, without memory {}, expert {}; of those with something to do {}, {} and {}"
+        " of {}",
+        [
+            counted(of, full), asked(of, full), *(counted(of, name) for name in rows[1:]),
+            *(counted(of, name, to_do) for name in rows), asked(of, full, to_do),
+        ],
+    )  # fmt: skip
     yield from goal_sentences()
     yield from household_tasks()
     policies = ("fifo", "lru", "wtinylfu-karma [1,9]", "wtinylfu-karma [9,1]", "wtinylfu-caffeine")
