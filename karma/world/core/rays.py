@@ -40,7 +40,7 @@ class WallBoxes(NamedTuple):
         return hidden
 
 
-class Shell(NamedTuple):
+class RoomShell(NamedTuple):
     """What hides or shows, and is no object; the same for all moments of a room."""
 
     walls: WallBoxes | None = None  # between rooms
@@ -53,11 +53,11 @@ class Shell(NamedTuple):
         return self.walls.hide(eye, ends)
 
 
-NO_SHELL = Shell()
+NO_SHELL = RoomShell()
 
 
 def stopped(
-    objects: Objects, eye: Floats, ends: Floats, rows: Rows, hides: Flags, shell: Shell
+    objects: Objects, eye: Floats, ends: Floats, rows: Rows, hides: Flags, shell: RoomShell
 ) -> tuple[Rows, Rows]:
     """Return which segments which objects stop, as pairs: a segment's number, an object's row.
 

@@ -15,7 +15,7 @@ from karma.world.core.camera import Camera
 from karma.world.core.holes import walked_in
 from karma.world.core.metadata import box
 from karma.world.core.objects import Objects, derived
-from karma.world.core.rays import Shell, WallBoxes
+from karma.world.core.rays import RoomShell, WallBoxes
 from karma.world.core.rules import rules
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.core.thing import bottom, gaps, heading, is_inert, top
@@ -85,7 +85,7 @@ class Room:
         for x, z in scene.reachable:
             self.cells.setdefault(self.key(x, z), (x, z))
         self._home = {thing.id: thing for thing in scene.objects}
-        self.shell = Shell(_wall_boxes(scene), walked_in(scene.objects, scene.reachable))
+        self.shell = RoomShell(_wall_boxes(scene), walked_in(scene.objects, scene.reachable))
 
     def key(self, x: float, z: float) -> Cell:
         """Return the cell that a place belongs to, whether or not one can stand there."""

@@ -19,7 +19,7 @@ from karma.contracts import Pose, Vec3
 from karma.world.core.arrays import Flags, Floats
 from karma.world.core.hiding import blocking, hidden_rows, solid_boxes
 from karma.world.core.objects import Change, Derived, Objects
-from karma.world.core.rays import NO_SHELL, Shell, cut, farthest, stopped
+from karma.world.core.rays import NO_SHELL, RoomShell, cut, farthest, stopped
 from karma.world.core.rules import rules
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import ground, heading, is_inert
@@ -184,7 +184,7 @@ def sight(
     visibility_m: float = 1.5,
     fov_deg: float = 90.0,
     aspect: float = 1.0,
-    shell: Shell = NO_SHELL,
+    shell: RoomShell = NO_SHELL,
 ) -> InView:
     """Return what is in view from a pose.
 
@@ -214,7 +214,7 @@ def _vantage(
     pose: Pose,
     held: frozenset[str],
     visibility_m: float,
-    shell: Shell,
+    shell: RoomShell,
 ) -> _Vantage:
     """Return what can be seen from the camera's place; known places are looked up."""
     eye = camera(pose)
@@ -251,7 +251,7 @@ def _look_round(
     pose: Pose,
     held: frozenset[str],
     visibility_m: float,
-    shell: Shell,
+    shell: RoomShell,
 ) -> _Vantage:
     x, y, z = pose.position_m
     near = across(objects, x, z) <= visibility_m
@@ -295,7 +295,7 @@ def _blocked(
     ends: Floats,
     targets: np.ndarray,
     held: frozenset[str],
-    shell: Shell,
+    shell: RoomShell,
 ) -> tuple[Flags, Flags]:
     """Return per ray whether something solid, or something see-through, is in its way."""
     hiding, glass = occluders(objects, held)
