@@ -7,18 +7,20 @@ too large is not taken into memory, and a name out of somebody's file never lead
 import errno
 import gzip
 import io
+import json
 import os
 import re
 import stat
 import tempfile
 import zlib
+from codecs import BOM_UTF8
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from karma.errors import FileError, UnwritableError
+from karma.errors import FileError, KarmaError, UnwritableError
 
 T = TypeVar("T")
 LARGEST = 1 << 28  # bytes of a file that is read whole, and of what it unpacks to
@@ -44,17 +46,41 @@ def read_json(path: str | Path, kind: type[T], *, fix: str | None = None) -> T:
 
 def decode_json(data: bytes | str, kind: type[T], *, path: str | Path, fix: str | None = None) -> T:
     """Decode JSON text that came from `path`; errors as in `read_json`."""
+    mark: Any = BOM_UTF8 if isinstance(data, bytes) else "\ufeff"  # that some editors begin with
     try:
-        return msgspec.json.decode(data, type=kind)
+        return msgspec.json.decode(data.removeprefix(mark), type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise FileError(path, _short(str(error)), fix=fix) from error
     except RecursionError as error:
         raise FileError(path, "nested too deeply", fix=fix) from error
 
 
+def lines_of(path: str | Path) -> list[bytes]:
+    """Return the lines of a text file, without the mark that some editors begin it with."""
+    return read_bytes(path).removeprefix(BOM_UTF8).splitlines()
+
+
+def check_keys(data: bytes) -> None:
+    """Refuse JSON text in which a key of an object stands twice: decoders drop the first.
+
+    Raises:
+        KarmaError: one does; it is named.
+    """
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            names = [name for name, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise KarmaError(f"{twice!r} stands twice")
+        return found
+
+    json.loads(data, object_pairs_hook=once)
+
+
 def read_toml(path: str | Path, kind: type[T], *, fix: str | None = None) -> T:
     """Read one TOML file into `kind`; errors as in `read_json`."""
-    data = read_bytes(path, fix=fix, most=LARGEST_TOML)
+    data = read_bytes(path, fix=fix, most=LARGEST_TOML).removeprefix(BOM_UTF8)
     if _CHAIN.search(_QUOTED.sub(b"q", data)):  # tomllib takes hours for the longest
         raise FileError(path, "a key of more than 64 parts", fix=fix)
     try:

@@ -13,7 +13,7 @@ from support.paths import ROOT
 from support.tiny import export_tiny
 
 from karma.errors import FileError, ModelError
-from karma.files import append_line, to_json, write_atomic
+from karma.files import append_line, decode_json, read_toml, to_json, write_atomic
 from karma.infer.llama.model import LlamaModel
 from karma.infer.manifest.manifest import check_file
 from karma.tasks.files import load_tasks
@@ -241,3 +241,33 @@ def test_folder_that_is_a_file_is_named(tmp_path):
     for write in (write_atomic, append_line):
         with pytest.raises(FileError, match=r"runs/x\.json: cannot write"):
             write(tmp_path / "runs" / "x.json", b"data")
+
+
+# ----------------------------------------------------------------- a mark that editors write
+
+
+TASKS = ROOT / "eval/alfred_l/tasks.jsonl"
+
+
+def test_byte_order_mark_at_the_beginning_is_passed_over(tmp_path):
+    marked = {name: tmp_path / name for name in ("tasks.jsonl", "demo.toml")}
+    for path, source in zip(marked.values(), (TASKS, ROOT / "eval/demo.toml"), strict=True):
+        path.write_bytes(b"\xef\xbb\xbf" + source.read_bytes())
+    assert load_tasks(marked["tasks.jsonl"]) == load_tasks(TASKS)
+    assert read_toml(marked["demo.toml"], dict) == read_toml(ROOT / "eval/demo.toml", dict)
+    assert decode_json(b"\xef\xbb\xbf[1]", list, path="x") == [1]
+    assert decode_json("\ufeff[1]", list, path="x") == [1]
+
+
+@pytest.mark.parametrize("where", ["task", "subtask", "scene"])
+def test_key_of_a_task_that_stands_twice_is_refused_with_its_line(tmp_path, where):
+    first, second, *_ = TASKS.read_text().splitlines()
+    key, text = {
+        "task": ("kind", second.replace('"kind":', '"kind": "simple", "kind":')),
+        "subtask": ("goals", second.replace('"goals":', '"goals": [], "goals":', 1)),
+        "scene": ("id", second.replace('"id":', '"id": "x", "id":', 1)),
+    }[where]
+    path = tmp_path / "tasks.jsonl"
+    path.write_text(f"{first}\n{text}\n")
+    with pytest.raises(FileError, match=f"line 2: '{key}' stands twice"):
+        load_tasks(path)

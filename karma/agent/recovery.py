@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from karma.agent.program import SKILLS, parse_program, parse_refusal
 from karma.contracts import Completion, RefusedRequest, SkillCall, SkillSignature
 from karma.errors import ProgramError
-from karma.language.whole import going_round, own_text, repeated
+from karma.language.whole import going_round, in_plain_signs, own_text, repeated
 
 _LABEL = r"(?:[Ss]tep|STEP|[Aa]ction|[Cc]all|[Ll]ine)"
 _MARKS = (
@@ -55,7 +55,7 @@ def program_of(
     Raises:
         ProgramError: it is none, or the model says itself that it cannot be one.
     """
-    text = own_text(completion.text)
+    text = in_plain_signs(own_text(completion.text))
     if completion.fault:
         lines = text.rstrip().split("\n")
         raise ProgramError(completion.fault, line=len(lines), code=lines[-1].strip()[:120])

@@ -136,7 +136,7 @@ def _typed() -> Iterator[str]:
     asks = sys.stdin.isatty()
     while True:
         try:
-            line = console.input("> ") if asks else sys.stdin.readline()
+            line = console.input("> ") if asks else sys.stdin.readline().lstrip("\ufeff")
         except (EOFError, KeyboardInterrupt):
             console.print()
             return

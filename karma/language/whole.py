@@ -23,6 +23,13 @@ _HEAD = re.compile(
     r"(?:assistant)?(?:<\|(?:end_header_id|message)\|>)?)\s*"
 )
 
+_ALIKE = {
+    "(": "（", ")": "）", ",": "，", ":": "：", ";": "；", ".": "．", "=": "＝", "'": "‘’‚‛＇",
+    '"': "“”„‟＂", "[": "［", "]": "］", " ": "\u00a0\u2007\u202f\u3000",
+}  # signs that look like ASCII's and mean the same  # fmt: skip
+_PLAIN = str.maketrans({sign: plain for plain, signs in _ALIKE.items() for sign in signs})
+_QUOTED = re.compile(r"""('[^'\n]*'|"[^"\n]*")""")
+
 TIMES = 3
 LONGEST = 4  # lines of a cycle
 
@@ -37,6 +44,16 @@ def own_text(text: str) -> str:
         text = text[head.end() :]
     end = _END.search(text)
     return text[: end.start()] if end else text
+
+
+def in_plain_signs(text: str) -> str:
+    """Return a text with signs of word processors and of Chinese as ASCII's, save in quotes.
+
+    >>> in_plain_signs("GoToObject（robot， ‘Mug’）")
+    "GoToObject(robot, 'Mug')"
+    """
+    parts = _QUOTED.split(text)
+    return "".join(part if n % 2 else part.translate(_PLAIN) for n, part in enumerate(parts))
 
 
 def cycle(lines: Sequence[str] | Sequence[bytes]) -> int:

@@ -14,7 +14,7 @@ import msgspec
 
 from karma.contracts import Goal, Kind, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
-from karma.files import read_bytes, to_json, write_atomic
+from karma.files import check_keys, lines_of, to_json, write_atomic
 from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import root_type
 from karma.household.types import RULES, WIDEST, RuleSet, object_type, types_with
@@ -46,11 +46,12 @@ def load_tasks(path: str | Path) -> tuple[Task, ...]:
             goals, or an id that stands twice; names the line and the field.
     """
     tasks: dict[str, Task] = {}
-    for number, line in enumerate(read_bytes(path).splitlines(), start=1):
+    for number, line in enumerate(lines_of(path), start=1):
         if not line.strip():
             continue
         try:
             task = _task(msgspec.json.decode(line, type=_Task))
+            check_keys(line)
         except (KarmaError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise FileError(path, f"line {number}: {error}") from error
         if task.id in tasks:
@@ -63,7 +64,7 @@ def load_tasks(path: str | Path) -> tuple[Task, ...]:
 
 def task_lines(path: str | Path) -> dict[str, int]:
     """Return on which line of a file that `load_tasks` has read each task stands."""
-    lines = enumerate(read_bytes(path).splitlines(), start=1)
+    lines = enumerate(lines_of(path), start=1)
     return {msgspec.json.decode(line, type=_Task).id: at for at, line in lines if line.strip()}
 
 

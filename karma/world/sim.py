@@ -169,8 +169,11 @@ def _act(last: WorldEvent, name: str, arguments: Mapping[str, Any]) -> WorldEven
     aside = _PLAYER_ARGUMENTS - taken.keys()
     given = {k: v for k, v in arguments.items() if v is not None and k not in aside}
     flags = {k: given.pop(k) for k in RENDER_FLAGS if k in given and k not in taken}
+    agent = arguments.get("agentId")
     if action is None:
         result: Result = Refusal(f"Invalid action: {name}", "InvalidAction")
+    elif agent is not None and (isinstance(agent, bool) or agent != 0):
+        result = Refusal(f"agentId {agent!r}: this world has one agent, 0", "InvalidArgument")
     else:
         ready = action.ready(given)
         result = ready if isinstance(ready, Refusal) else action.handler(last.state, **ready)

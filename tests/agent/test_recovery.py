@@ -152,6 +152,17 @@ def test_program_that_begins_anew_replaces_the_draft_and_one_that_goes_on_does_n
     assert [str(call) for call in program_of(said(text)).calls] == calls
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["GoToObject（robot， 'Mug'）\nPutObject（robot，'Mug'，'Sink'）",
+     "GoToObject(robot, ‘Mug’)\nPutObject(robot, “Mug”, ‘Sink’)",
+     "GoToObject(robot,\u00a0'Mug')\nPutObject(robot,\u3000'Mug',\u202f'Sink')；",
+     "1．GoToObject(robot, ’Mug’)\n2．PutObject(robot, 'Mug', “Sink„)"],
+)  # fmt: skip
+def test_signs_that_look_like_ascii_s_mean_the_same(text):
+    assert [str(call) for call in program_of(said(text)).calls] == CALLS
+
+
 LINES = st.sampled_from([
     "GoToObject(robot, 'Mug')", "PickupObject(robot, 'Apple_2')",
     "Explore(robot, 'Egg', ['node_1'])",
