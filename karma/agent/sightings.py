@@ -9,7 +9,7 @@ from karma.contracts import CameraPose, Experience, Known, Observation, Pose, Se
 from karma.household.ids import is_part, whole_id
 from karma.household.pieces import goes_by, is_piece
 from karma.household.places import HAND
-from karma.household.states import OPPOSITES
+from karma.household.states import ENDS
 from karma.household.types import object_types
 
 _CHANGES_M = 2.0  # from so far away a deed may have changed what is seen
@@ -136,7 +136,7 @@ class Sightings:
     def gain(self, object_id: str, word: str) -> None:
         """Note a lasting effect on an object, once; its opposite has ended."""
         words = self.effects.setdefault(object_id, [])
-        if (opposite := OPPOSITES.get(word)) in words:
+        if (opposite := ENDS.get(word)) in words:
             words.remove(opposite)
         if word not in words:
             words.append(word)

@@ -222,10 +222,13 @@ def deed_for(word: str) -> str | None:
     return DONE_BY.get(state, state) if state else None
 
 
-_PAIRS = (("opened", "closed"), ("on", "off"), ("dirty", "cleaned"), ("heated", "cooled"))
+_PAIRS = (("opened", "closed"), ("on", "off"), ("dirty", "cleaned"))
 OPPOSITES: Mapping[str, str] = MappingProxyType(
     {one: other for a, b in _PAIRS for one, other in ((a, b), (b, a))}
-)  # a state ends when its opposite comes
+)  # one is so where the other is not
+ENDS: Mapping[str, str] = MappingProxyType(
+    {**OPPOSITES, "heated": "cooled", "cooled": "heated"}
+)  # a state ends the other when it comes; a thing may be neither
 DOOR_AFTER: Mapping[str, str] = MappingProxyType({"OpenObject": "opened", "CloseObject": "closed"})
 END_STATES: Mapping[str, str] = MappingProxyType(
     {"TOGGLEON": "on", "TOGGLEOFF": "off", "OPEN": "opened", "CLOSED": "closed"}

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from karma.contracts import MemoryUnit, ReplacementPolicy
-from karma.household.states import OPPOSITES
+from karma.household.states import ENDS
 
 
 class ShortTermMemory:
@@ -98,7 +98,7 @@ def merged_states(old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]
     """
     history = list(dict.fromkeys(old))
     for state in new:
-        opposite = OPPOSITES.get(state)
+        opposite = ENDS.get(state)
         if opposite in history:
             history.remove(opposite)
         if state not in history:
