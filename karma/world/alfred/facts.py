@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from karma.contracts import Vec3
-from karma.household.ids import part_id, type_of
+from karma.household.ids import made_at, part_id, type_of
 from karma.household.uses import WHOLE_OF, without_basin
-from karma.world.alfred.ids import object_id, place_of, spelt_out
+from karma.world.alfred.ids import object_id, spelt_out
 from karma.world.alfred.steps import named, visited
 from karma.world.alfred.trial import (
     FixedObjects,
@@ -162,7 +162,7 @@ def _places(
 
 def _add(found: dict[str, Vec3], one: str, position: Vec3 | None) -> None:
     """Note an id; a place told outright is better than the one the id carries."""
-    place = position or found.get(one) or place_of(one)
+    place = position or found.get(one) or made_at(one)
     if place is not None:
         found[one] = place
 
@@ -193,7 +193,7 @@ def _named_spots(step: PlannerAction) -> Iterator[tuple[str, Spot]]:
     """Yield the ids that a sub-goal names with their exact places."""
     for one in filter(None, (step.object_id, step.receptacle_object_id)):
         for spot in filter(None, (step.thing, step.receptacle)):
-            place = place_of(one)
+            place = made_at(one)
             reach = _BASIN_M if spot.kind in WHOLE_OF else SAME_M
             if type_of(one) == spot.kind and place and math.dist(place, spot.position) <= reach:
                 yield one, spot

@@ -19,13 +19,13 @@ from typing import NamedTuple
 import msgspec
 
 from karma.contracts import Vec3
-from karma.household.ids import is_part, root_id, root_type, type_of
+from karma.household.ids import is_part, made_at, root_id, root_type, type_of
 from karma.household.places import FLOOR
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, FAUCET
 from karma.household.water import POURS_M
 from karma.world.alfred.facts import RoomFacts
-from karma.world.alfred.ids import place_of, type_now
+from karma.world.alfred.ids import type_now
 from karma.world.alfred.trial import LabelledSpot
 from karma.world.core.boxes import Box
 from karma.world.core.holes import EDGE_M, WORKTOP, built_in
@@ -158,7 +158,7 @@ def _elsewhere(places: Mapping[str, Vec3], things: Sequence[SceneObject]) -> _Pa
 def _origin(one: str, thing: SceneObject) -> Vec3:
     """Return a dump object's place, measured as the id's is: basins by their sink or tub."""
     basin = one.count("|") == 4
-    return (place_of(thing.id) if basin else None) or thing.position
+    return (made_at(thing.id) if basin else None) or thing.position
 
 
 def _origin_at_box(thing: SceneObject) -> bool:
@@ -277,7 +277,7 @@ def _wholes(things: Sequence[SceneObject], facts: RoomFacts) -> Iterator[SceneOb
     """
     for basin in things:
         whole = root_id(basin.id)
-        kind, place = root_type(whole), place_of(whole)
+        kind, place = root_type(whole), made_at(whole)
         if basin.type not in BASINS or not is_part(basin.id, of=whole) or place is None:
             continue
         ground = Box.around(basin.center, basin.size).grown(_RIM_M, 0.0, _RIM_M)

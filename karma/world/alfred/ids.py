@@ -36,15 +36,6 @@ def _coordinate(value: float) -> str:
     return f"-{digits}" if rounded else digits
 
 
-def place_of(object_id: str) -> Vec3 | None:
-    """Return the position that an id carries, to the centimetre; None if it carries none."""
-    try:
-        x, y, z = map(float, object_id.split("|")[1:4])
-    except ValueError:
-        return None
-    return (x, y, z)
-
-
 def spelt_out(name: str) -> str:
     """Return the id of what a side file names by type and exact place only, e.g. `Type@[x, y, z]`.
 

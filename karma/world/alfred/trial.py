@@ -15,8 +15,8 @@ import msgspec
 
 from karma.contracts import Vec3
 from karma.errors import FileError
-from karma.household.ids import root_id, type_of
-from karma.world.alfred.ids import object_id, place_of
+from karma.household.ids import made_at, root_id, type_of
+from karma.world.alfred.ids import object_id
 from karma.world.importing.dump import COPY, Xyz, read_unzipped
 
 T = TypeVar("T")
@@ -303,7 +303,7 @@ def _as_named(scene: SceneFacts, plan: DemonstratedPlan) -> SceneFacts:
 
 def _off(pose: SpawnPose, named: str) -> float:
     """Return by how much a pose misses the place that an id tells, along the worst axis."""
-    place = place_of(named)
+    place = made_at(named)
     if place is None:
         return float("inf")
     return max(abs(a - b) for a, b in zip(pose.position.tuple, place, strict=True))

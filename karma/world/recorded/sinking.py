@@ -9,6 +9,7 @@ from collections.abc import Iterable
 
 import msgspec
 
+from karma.household.ids import made_at
 from karma.household.uses import BASINS
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import bottom, gaps
@@ -30,20 +31,11 @@ def with_falling(things: Iterable[SceneObject]) -> tuple[SceneObject, ...]:
 
 
 def _sinks_through(thing: SceneObject, basin: SceneObject) -> bool:
-    made, floor = _made_at(thing.id), bottom(basin)
+    made, floor = made_at(thing.id), bottom(basin)
     if made is None or "pickupable" not in thing.capabilities:
         return False
     if thing.parents and basin.id not in thing.parents:
         return False
     x, y, z = thing.position
     over = max(gaps(basin, x, z)) <= 0.0
-    return over and made - y > _SUNK_M and made > floor - _FLOOR_M and bottom(thing) < floor
-
-
-def _made_at(object_id: str) -> float | None:
-    """Return the height that an id carries; None if it carries none."""
-    try:
-        _, height, _ = map(float, object_id.split("|")[1:4])
-    except ValueError:
-        return None
-    return height
+    return over and made[1] - y > _SUNK_M and made[1] > floor - _FLOOR_M and bottom(thing) < floor
