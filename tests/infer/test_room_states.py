@@ -66,7 +66,7 @@ def test_rooms_kept_and_loaded_answer_as_evaluated_ones_to_the_bit(made, tmp_pat
         for room, said in zip(reversed(rooms), reversed(cold), strict=True):
             assert answer(kept, room) == ("kept", said)
     assert name not in made or len(kept._cut(ROOMS[3])[0]) > kept.gguf.n_batch
-    # With flash attention llama.cpp's bits depend on the threads, whether anything was loaded or not.
+    # With flash attention llama.cpp's bits depend on the threads, loaded or not.
     threads = 1 if "flash_attention" in how else 2
     loaded = opened(path, **how, n_ctx=4000, threads=threads, states=StateOptions(folder=tmp_path))
     for source in ("loaded", "kept"):
