@@ -26,6 +26,8 @@ OFFLINE = "KARMA_OFFLINE"  # 1: this process and those it starts never get leave
 HOSTED = "the hosted model"  # asks for the network, unless something else says so
 LOG = "KARMA_NETWORK_LOG"  # a file that takes one JSON line per question to the network
 
+# Python programs that are started import nothing from the folder that they stand in.
+SAFE_PATH = {"PYTHONSAFEPATH": "1"}
 # What makes each library keep to the disk, or keep its counts to itself. Set over what was there.
 SWITCHES = {
     "HF_HUB_OFFLINE": "1",
@@ -43,7 +45,7 @@ SWITCHES = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "WANDB_MODE": "disabled",
     "AWS_EC2_METADATA_DISABLED": "true",  # botocore comes with ai2thor
-    "PYTHONSAFEPATH": "1",  # no process that is started from here imports from the current folder
+    **SAFE_PATH,
 }
 # What is better so, but a user may want otherwise.
 DEFAULTS = {"TOKENIZERS_PARALLELISM": "false", "MPLBACKEND": "Agg"}
@@ -105,16 +107,6 @@ class _Guard:
 
 
 _guard = _Guard()
-
-
-def own_python(code: str) -> list[str]:
-    """Return the command of a Python that does our code, and is offline before it imports more.
-
-    Nothing of the current folder is imported: a person's `random.py` is not ours to run.
-    """
-    ours = str(Path(__file__).parents[1])
-    first = f"import sys; sys.path.append({ours!r}); from karma.offline import go_offline"
-    return [sys.executable, "-P", "-c", f"{first}; go_offline()\n{code}"]
 
 
 def go_offline(*, allow_network: bool = False) -> None:

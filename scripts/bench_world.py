@@ -9,7 +9,6 @@ middle and the largest of the kitchens imported from a dump; ours without one.
 
 import argparse
 import json
-import multiprocessing
 import os
 import random
 import sys
@@ -26,6 +25,7 @@ os.environ["OMP_NUM_THREADS"] = "1"  # one core, before numpy is imported
 from rich.console import Console
 from rich.table import Table
 
+from karma.children import forking, starting
 from karma.files import to_json, write_atomic
 from karma.offline import go_offline
 from karma.world.core import scene as scenes
@@ -185,9 +185,11 @@ def _resident_mb() -> float:
 
 def memories(room: Scene) -> Iterator[Figure]:
     """Yield MB of the first world, and of each one more."""
-    here, there = multiprocessing.get_context("spawn").Pipe()
-    process = multiprocessing.get_context("spawn").Process(target=memory, args=(room, there))
-    process.start()
+    context = forking()
+    here, there = context.Pipe()
+    process = context.Process(target=memory, args=(room, there))
+    with starting():
+        process.start()
     there.close()
     names = ("the first world", "each one more (of 4)")
     for name, value in zip(names, here.recv(), strict=True):

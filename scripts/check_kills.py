@@ -26,7 +26,7 @@ import numpy as np
 
 from karma.seeds import stream
 
-KARMA = (sys.executable, "-c", "from karma.cli import app; app()", "eval")
+KARMA = (sys.executable, "-P", "-c", "from karma.cli import app; app()", "eval")
 TASKS = Path("eval/alfred_l/tasks.jsonl")
 EXPERIMENT = """
 name = "kills"

@@ -14,7 +14,6 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import Pool
 from pathlib import Path
 from statistics import mean
 
@@ -25,6 +24,7 @@ from rich.table import Table
 import karma.world
 from karma.agent.skills import Skills
 from karma.bench.days import drawn
+from karma.children import forking, starting
 from karma.contracts import Area, Known, SceneRef, SkillCall, SkillResult, Task
 from karma.files import to_json
 from karma.memory.scene_graph import SceneGraph
@@ -74,7 +74,8 @@ def main() -> None:
     chosen = parser.parse_args()
     console = Console()
     found: list[Search] = []
-    with _rooms(chosen.rooms, plans=chosen.plans) as names, Pool(chosen.workers) as pool:
+    rooms_of = _rooms(chosen.rooms, plans=chosen.plans)
+    with rooms_of as names, starting(), forking().Pool(chosen.workers) as pool:
         jobs = [(room, seed) for room in names[:: chosen.every] for seed in chosen.seeds]
         rooms = pool.imap(searches, jobs)
         for part in track(rooms, "rooms and days", total=len(jobs), console=console):

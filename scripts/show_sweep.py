@@ -20,7 +20,7 @@ from karma.files import write_atomic
 from karma.testing import make_planner
 
 ROOT = Path(__file__).resolve().parents[1]
-KARMA = (sys.executable, "-c", "from karma.cli import app; app()", "eval")
+KARMA = (sys.executable, "-P", "-c", "from karma.cli import app; app()", "eval")
 FAMILIES = ("llama3", "qwen2.5", "gemma3", "mistral")
 TRAINED = ("planner.gguf", "start.gguf")
 EXPERIMENT = """

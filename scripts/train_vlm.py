@@ -19,6 +19,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from karma.children import forking, starting
 from karma.files import read_json, to_json, write_atomic
 from karma.infer.vision.transformers import ASKING, Asking, TransformersVision
 from karma.training.vision.model import save
@@ -73,7 +74,11 @@ def train_command(
     else:
         with tempfile.TemporaryDirectory() as meeting:
             arguments = (workers, folder, recipe, device, f"file://{meeting}/point")
-            torch.multiprocessing.spawn(train_share, arguments, nprocs=workers)
+            way = forking().get_start_method()
+            with starting():
+                torch.multiprocessing.start_processes(
+                    train_share, arguments, nprocs=workers, start_method=way
+                )
 
 
 def train_share(

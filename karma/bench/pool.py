@@ -12,17 +12,20 @@ import threading
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Generic, Protocol, TypeVar
 
+from karma.children import forking, starting
 from karma.errors import KarmaError, WorkerLost
 
 LIVES = 2  # workers that a job may kill before it is given up
 _LEAVE_S = 10.0  # that a worker has to put things away
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
+_ONE_THREAD = dict.fromkeys(  # libraries read this on import
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"), "1"
+)
 _log = logging.getLogger(__name__)
 
 
@@ -138,12 +141,11 @@ class _Pool(Generic[J, D]):
 
     def start_one(self) -> None:
         """Start one more process."""
-        forking = multiprocessing.get_context("forkserver")
-        forking.set_forkserver_preload([__name__, *self._shop.imports])
-        ours, theirs = forking.Pipe()
+        context = forking(__name__, *self._shop.imports)
+        ours, theirs = context.Pipe()
         arguments = (theirs, self._shop.begin, _settings())
-        process = forking.Process(target=_work, args=arguments, daemon=True)
-        with _one_thread():
+        process = context.Process(target=_work, args=arguments, daemon=True)
+        with starting(**_ONE_THREAD):
             process.start()
         theirs.close()
         self.workers.append(_Worker(process, ours))
@@ -217,20 +219,6 @@ def cause_of(code: int | None) -> str:
         memory = ", as happens when memory runs out" if -code == signal.SIGKILL else ""
         return f"killed by {name}{memory}"
     return f"ended with code {code}"
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let processes started in here compute on one thread each; libraries read this on import."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
 
 
 def _settings() -> dict[str, str]:

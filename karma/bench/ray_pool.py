@@ -51,7 +51,10 @@ def in_cluster(
     ray = _ray()
     _check_leave(host_of(address))
     try:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+        ray.init(
+            address=address, log_to_driver=False, logging_level=logging.ERROR,
+            job_config=_nothing_of_this_folder(ray),
+        )  # fmt: skip
     except (ConnectionError, ValueError, RuntimeError, OSError) as error:
         raise KarmaError(
             f"no Ray cluster answers at {address}: {error}\n"
@@ -169,6 +172,11 @@ class _RayPool(Generic[J, D]):
         self._queue.died(worker.job, _CAUSE)
         if self._queue.jobs:
             self.start_one()
+
+
+def _nothing_of_this_folder(ray: Any) -> Any:
+    """Return the setting of a job whose workers do not import what lies in the current folder."""
+    return ray.job_config.JobConfig(_client_job=True)  # Ray adds it for all other jobs
 
 
 class NodeWorker:

@@ -248,7 +248,7 @@ def _make_venv(contents: Contents, programs: _Programs) -> None:
     pip = next((one for one in wheels if one.name.startswith("pip-")), None)
     say(f"making a virtual environment with {len(wheels)} packages; this takes a while")
     base = getattr(sys, "_base_executable", sys.executable)
-    programs.run([base, "-m", "venv", *(["--without-pip"] if pip else []), str(venv)])
+    programs.run([base, "-I", "-m", "venv", *(["--without-pip"] if pip else []), str(venv)])
     python = str(venv / "bin" / "python")
     program = [python, str(pip / "pip")] if pip else [python, "-m", "pip"]
     options = ("--no-index", "--no-deps", "--no-cache-dir", "--no-input", "--progress-bar", "off")
@@ -263,7 +263,7 @@ def _launcher(contents: Contents) -> bytes:
     named = [("KARMA_MODELS", "models"), ("KARMA_SCENES", "scenes"), ("KARMA_THOR_BUILD", "thor")]
     lines = [f': "${{{key}:=$here/{top}}}"; export {key}' for key, top in named if top in tops]
     script = ["#!/bin/sh", 'here=$(CDPATH= cd -- "$(dirname -- "$0")" && pwd -P)', *lines]
-    run = 'exec "$here/venv/bin/python" -c \'from karma.cli import app; app(prog_name="karma")\''
+    run = 'exec "$here/venv/bin/python" -P -c \'from karma.cli import app; app(prog_name="karma")\''
     return "\n".join([*script, f'{run} "$@"', ""]).encode()
 
 

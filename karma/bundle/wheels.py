@@ -249,7 +249,7 @@ def download(wanted: Sequence[Requirement], folder: Path) -> None:
 
 def _pip(arguments: Sequence[str], **environment: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "--no-input", "--quiet", *arguments],
+        [sys.executable, "-I", "-m", "pip", "wheel", "--no-input", "--quiet", *arguments],
         env={**os.environ, **environment},
         stdin=subprocess.DEVNULL,
         capture_output=True,

@@ -42,7 +42,7 @@ def player_of(guard):
     for pid in children(guard):
         with suppress(OSError):
             words = Path(f"/proc/{pid}/cmdline").read_bytes()
-            if b"karma.world.player" in words and b"guard.py" not in words:
+            if b"karma.world.player.main:serve" in words and b"guard.py" not in words:
                 return pid
     return None
 

@@ -6,35 +6,19 @@ is tried in a process of its own, with little time and memory.
 """
 
 import re
-import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from karma.children import run_child
 from karma.errors import ModelError
-from karma.offline import own_python
 
 TEMPLATE = "tokenizer.chat_template"  # key of a GGUF's metadata
 LONGEST = 256 << 10  # characters; the longest in use have 20,000
 LARGEST_NUMBER = 1_000_000
 _WIDE = re.compile(r"[%:]\D{0,3}\d{7,}")  # in a format
 _SECONDS, _MEGABYTES = 20, 1024
-_TRIAL = f"""
-import resource, sys
-resource.setrlimit(resource.RLIMIT_CPU, ({_SECONDS}, {_SECONDS}))
-resource.setrlimit(resource.RLIMIT_DATA, ({_MEGABYTES << 20}, {_MEGABYTES << 20}))
-from llama_cpp.llama_chat_format import Jinja2ChatFormatter
-form = Jinja2ChatFormatter(template=sys.stdin.read(), bos_token="", eos_token="")
-said = {{"role": "user", "content": "Say yes."}}
-for content in ("Say yes.", [{{"type": "text", "text": "Say yes."}}]):
-    for messages in ([said], [{{**said, "role": "system"}}, said]):
-        try:
-            form(messages=[{{**one, "content": content}} for one in messages])
-        except MemoryError:
-            sys.exit("it takes more than {_MEGABYTES} MB")
-        except Exception:
-            pass  # it may refuse a form of conversation
-"""
 
 
 def check_template(path: Path | str, text: str) -> None:
@@ -100,15 +84,29 @@ def try_template(name: str, text: str) -> None:
     Raises:
         ModelError: it takes more.
     """
-    try:
-        result = subprocess.run(
-            own_python(_TRIAL), input=text.encode(errors="replace"),
-            capture_output=True, check=False, timeout=10 * _SECONDS,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired as error:
-        raise ModelError(f"{name}: its chat template comes to no end") from error
-    if result.returncode < 0:
+    end = run_child(f"{__name__}:trial", given=text, limit_s=10 * _SECONDS)
+    if end.code is None or end.code < 0:
         raise ModelError(f"{name}: its chat template comes to no end ({_SECONDS} s of computing)")
-    if result.returncode:
-        said = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
-        raise ModelError(f"{name}: its chat template cannot be used: {said[-1][:200]}")
+    if end.code:
+        raise ModelError(f"{name}: its chat template cannot be used: {end.said[:200]}")
+
+
+def trial() -> None:
+    """Render the template that standard input holds, in a process that can take little."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
+    resource.setrlimit(resource.RLIMIT_DATA, (_MEGABYTES << 20, _MEGABYTES << 20))
+    from llama_cpp.llama_chat_format import Jinja2ChatFormatter
+
+    form = Jinja2ChatFormatter(template=sys.stdin.read(), bos_token="", eos_token="")
+    contents: tuple[Any, ...] = ("Say yes.", [{"type": "text", "text": "Say yes."}])
+    for content in contents:
+        for roles in (("user",), ("system", "user")):
+            messages: Any = [{"role": role, "content": content} for role in roles]
+            try:
+                form(messages=messages)
+            except MemoryError:
+                sys.exit(f"it takes more than {_MEGABYTES} MB")
+            except Exception:  # noqa: BLE001 - it may refuse a form of conversation
+                pass

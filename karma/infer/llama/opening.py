@@ -1,20 +1,14 @@
 """Load a GGUF under llama.cpp, after a trial where it may kill nothing but the trial."""
 
 import re
-import subprocess
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from karma.children import run_child
 from karma.errors import ModelError
-from karma.offline import own_python
 
-# Loads a file and decodes one token, as `open_gguf` will; sys.argv[1] is the file.
-_TRIAL = (
-    "import sys, llama_cpp\n"
-    "llama_cpp.Llama(sys.argv[1], n_ctx=32, n_threads=1, verbose=False).eval([0])\n"
-)
 _TRIAL_S = 900  # the largest models, from a slow disk
 
 
@@ -26,16 +20,18 @@ def try_in_own_process(path: Path) -> None:
     Raises:
         ModelError: the trial failed.
     """
-    try:
-        result = subprocess.run(
-            [*own_python(_TRIAL), str(path)], capture_output=True, check=False, timeout=_TRIAL_S
-        )
-    except subprocess.TimeoutExpired as error:
-        raise ModelError(f"{path}: llama.cpp had not opened it after {_TRIAL_S} s") from error
-    if result.returncode != 0:
-        said = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
-        code = result.returncode
-        raise ModelError(f"{path}: llama.cpp cannot run it (code {code}): {said[-1]}")
+    end = run_child(f"{__name__}:trial", str(path), limit_s=_TRIAL_S)
+    if end.code is None:
+        raise ModelError(f"{path}: llama.cpp had not opened it after {_TRIAL_S} s")
+    if end.code:
+        raise ModelError(f"{path}: llama.cpp cannot run it (code {end.code}): {end.said}")
+
+
+def trial(path: str) -> None:
+    """Load a file and decode one token, as `open_gguf` and its user will."""
+    import llama_cpp
+
+    llama_cpp.Llama(path, n_ctx=32, n_threads=1, verbose=False).eval([0])
 
 
 def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> tuple[Any, int]:

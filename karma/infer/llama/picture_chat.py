@@ -4,7 +4,6 @@ The generic handler of llama-cpp-python is used, which renders the file's own ch
 it has for Qwen2.5-VL loses the last line break of the prompt.
 """
 
-import subprocess
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from karma.children import run_child
 from karma.contracts import Engine
 from karma.errors import ModelError
 from karma.infer.checks.memory import projector_mb
@@ -22,12 +22,8 @@ from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.picture_pair import PicturePair
 from karma.infer.vision.pictures import picture_url
-from karma.offline import own_python
 
 CONTEXT = 8192  # tokens, where n_ctx is not said: a picture may take thousands
-_TRIAL = (
-    "import sys; from karma.infer.llama.picture_chat import trial; trial(sys.argv[1], sys.argv[2])"
-)
 Message = Mapping[str, Any]
 
 
@@ -133,11 +129,9 @@ def _try_in_own_process(pair: PicturePair) -> None:
     Raises:
         ModelError: the trial failed.
     """
-    command = [*own_python(_TRIAL), str(pair.model), str(pair.projector)]
-    result = subprocess.run(command, capture_output=True, check=False)
-    if result.returncode != 0:
-        said = result.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
+    end = run_child(f"{__name__}:trial", str(pair.model), str(pair.projector))
+    if end.code:
         raise ModelError(
             f"{pair.projector}: llama.cpp cannot look at a picture by it and {pair.model.name}"
-            f" (code {result.returncode}): {said[-1]}"
+            f" (code {end.code}): {end.said}"
         )

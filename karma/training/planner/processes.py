@@ -5,6 +5,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from karma.children import forking, starting
 from karma.files import to_json, write_atomic
 from karma.tasks.drawing.phrases import our_book
 from karma.training.planner.checkpoints import last_step
@@ -38,7 +39,11 @@ def train_in_processes(
         return
     with tempfile.TemporaryDirectory() as meeting:
         arguments = (workers, sources, recipe, device, Path(meeting) / "point")
-        torch.multiprocessing.spawn(_train_share, arguments, nprocs=workers)  # type: ignore[attr-defined,no-untyped-call]
+        way = forking(__name__).get_start_method()
+        with starting():
+            torch.multiprocessing.start_processes(  # type: ignore[attr-defined,no-untyped-call]
+                _train_share, arguments, nprocs=workers, start_method=way
+            )
 
 
 def _train_share(

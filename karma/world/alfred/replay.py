@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
+from karma.children import forking, starting
 from karma.errors import KarmaError
 from karma.world.alfred.build import build
 from karma.world.alfred.facts import RoomFacts
@@ -115,8 +116,10 @@ def replay_all(
     if workers <= 1:
         yield from map(_job, jobs)
         return
-    with ProcessPoolExecutor(max_workers=workers) as pool:
-        yield from pool.map(_job, jobs, chunksize=4)
+    with ProcessPoolExecutor(max_workers=workers, mp_context=forking(__name__)) as pool:
+        with starting():
+            found = pool.map(_job, jobs, chunksize=4)
+        yield from found
 
 
 def _job(job: tuple[Trial, RoomFacts, int | None, bool]) -> TrialResult:

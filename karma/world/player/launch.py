@@ -1,9 +1,10 @@
 """Return what AI2-THOR's Controller needs in order to start the player."""
 
 import shlex
-import sys
 from collections.abc import Iterable
 from pathlib import Path
+
+from karma.children import child_command
 
 
 def command(scenes: str | Path | Iterable[str | Path] | None = None) -> str:
@@ -21,7 +22,7 @@ def command(scenes: str | Path | Iterable[str | Path] | None = None) -> str:
         folders = [scenes]
     else:
         folders = list(scenes)
-    words = [sys.executable, "-P", "-m", "karma.world.player"]
+    words = child_command("karma.world.player.main:serve")
     for folder in folders:
         words += ["--scenes", str(Path(folder).resolve())]
     return shlex.join(words)

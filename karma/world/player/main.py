@@ -42,6 +42,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
 
+def serve(*arguments: str) -> int:
+    """Be `main` in a child process, see `karma.children`."""
+    return main(arguments)
+
+
 class _Parser(argparse.ArgumentParser):
     """Raises what is wrong, so that the client can be told."""
 

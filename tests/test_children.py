@@ -1,0 +1,219 @@
+"""Every process that the stack starts, in a folder whose modules bear the names of Python's own."""
+
+import ast
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.needs import need_models
+from support.paths import ROOT
+
+from karma.children import child_command, run_child
+from karma.testing import make_picture_model, make_planner
+from karma.world.player import command
+
+NAMES = (
+    "random", "json", "typing", "queue", "ctypes", "sitecustomize", "usercustomize", "signal",
+    "logging", "socket", "tempfile", "numpy", "llama_cpp", "jinja2", "karma", "tqdm",
+)  # fmt: skip
+HOSTILE = """import os
+with open({mark!r}, "a") as mark:
+    mark.write("{name}\\n")
+"""
+EXPERIMENT = """name = "e"
+tasks = "tasks.jsonl"
+[[rows]]
+name = "KARMA"
+"""
+TASK = (
+    '{"id": "%s", "kind": "simple", "scene": "kitchen_1", "subtasks": [{"instruction": '
+    '"Open the fridge.", "goals": ["OPEN(Fridge)"]}]}\n'
+)
+LIVED = """name = "l"
+benchmark = "lived"
+homes = 2
+days = 1
+settings = [{ name = "usual", rooms = [2, 2] }]
+rows = [{ name = "last seen", design = "last-seen" }]
+"""
+THOR = """from karma.world.player import command
+from karma.world.thor.backend import ThorWorld
+world = ThorWorld(command())
+world.reset("kitchen_1")
+"""
+IN_PYTHON = """from pathlib import Path
+from karma.bench.run import Run
+import llama_cpp, sys
+sys.path.insert(0, "")  # as notebooks have it; what this process needs is loaded
+if __name__ == "__main__":
+    print(len(list(Run(Path("e.toml"), Path("out")).episodes(2))))
+"""
+FORKED = """import multiprocessing
+from karma.offline import go_offline
+if __name__ == "__main__":
+    go_offline()
+    multiprocessing.RLock()  # starts the tracker of resources
+"""
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory):
+    """A folder with a GGUF, a picture pair, and a manifest of its own beside them."""
+    root = tmp_path_factory.mktemp("models")
+    make_planner(root / "any.gguf", "qwen2.5")
+    make_picture_model(root / "pair", "smolvlm")
+    shutil.copytree(ROOT / "models", root / "models", ignore=shutil.ignore_patterns("weights"))
+    return root
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The folder of somebody who has such files beside tasks; with a file that takes marks."""
+    place = tmp_path / "folder"
+    place.mkdir()
+    for name in NAMES:
+        text = HOSTILE.format(mark=str(tmp_path / "marks"), name=name)
+        (place / f"{name}.py").write_text(text)
+    (place / "e.toml").write_text(EXPERIMENT)
+    (place / "lived.toml").write_text(LIVED)
+    (place / "tasks.jsonl").write_text(TASK % "a" + TASK % "b")
+    return place
+
+
+def done_in(folder, *words, code=0, **environment):
+    """Run a command there; return what it said, after a look for marks."""
+    done = subprocess.run(
+        list(map(str, words)), cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "", **environment},
+    )  # fmt: skip
+    marks = folder.parent / "marks"
+    assert not marks.exists(), f"executed: {marks.read_text()}"
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout
+
+
+KARMA = (sys.executable, "-P", "-m", "karma")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*KARMA, "eval", "e.toml", "--workers", "2", "--out", "out"),
+        (*KARMA, "eval", "lived.toml", "--workers", "2", "--out", "out"),
+        (sys.executable, "-m", "karma", "eval", "e.toml", "--workers", "2", "--out", "out"),
+        (sys.executable, "-P", "-c", IN_PYTHON),
+    ],
+    ids=["workers", "workers of a benchmark", "python -m", "in Python"],
+)
+def test_workers_execute_nothing_of_the_folder(folder, words):
+    need_models("karma-nano")
+    if "-P" not in words:  # Python itself takes the package from there
+        (folder / "karma.py").unlink()
+    done_in(folder, *words)
+
+
+def test_brought_gguf_and_its_template_are_tried_and_the_folder_is_not(folder, models):
+    planner = ("--planner", models / "any.gguf", "--max-tokens", "8")
+    done_in(folder, *KARMA, "run", "open the fridge", *planner, "--out", "out", code=2)
+
+
+def test_models_are_added_and_the_folder_is_not_executed(folder, models):
+    settings = {"KARMA_MODELS": str(models / "models")}
+    done_in(folder, *KARMA, "models", "add", models / "any.gguf", "--name", "one", **settings)
+    done_in(folder, *KARMA, "models", "add", models / "pair", "--name", "two", **settings)
+
+
+def test_player_and_the_guard_of_a_build_execute_nothing_of_the_folder(folder):
+    done_in(folder, *shlex.split(command()), "--scenes", "none", code=2)
+    pytest.importorskip("ai2thor", reason="needs the package ai2thor")
+    home = {"HOME": str(folder.parent)}
+    done_in(folder, sys.executable, "-P", "-c", THOR, **home)
+    given = ("--executable", command(), "--start")
+    done_in(folder, *KARMA, "doctor", "thor", *given, code=1, **home)  # it asks for FloorPlan1
+
+
+def test_what_libraries_start_by_themselves_executes_nothing_of_the_folder(folder):
+    done_in(folder, sys.executable, "-P", "-c", FORKED)
+
+
+def test_workers_of_a_cluster_on_this_machine_execute_nothing_of_the_folder(folder):
+    pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
+    from support.ray_cluster import two_nodes
+
+    need_models("karma-nano")
+    with two_nodes() as address:
+        done_in(folder, *KARMA, "eval", "e.toml", "--ray", address, "--out", "out")
+
+
+def test_child_has_the_guard_before_it_imports_what_it_calls(tmp_path, monkeypatch):
+    (tmp_path / "calls_out.py").write_text(
+        "import socket\ndef call():\n    pass\nsocket.create_connection(('192.0.2.1', 80), 1)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(["", str(ROOT), str(tmp_path)]))
+    end = run_child("calls_out:call")
+    assert end.code == 1
+    assert "only a hosted model may be reached" in end.said
+
+
+def test_child_takes_modules_from_where_the_variable_names_but_never_from_this_folder(
+    folder, monkeypatch
+):
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(["", ".", str(folder.parent)]))
+    (folder.parent / "theirs.py").write_text("import random, json\ndef call():\n    return 9\n")
+    assert run_child("theirs:call").code == 9
+    assert not (folder.parent / "marks").exists()
+
+
+# Where a process may be started, and how it is kept from the folder.
+STARTERS = {
+    "karma/children.py": "all others call it",
+    "karma/world/thor/client.py": "-I -S: the guard of a build, a file of Python's own modules",
+    "karma/world/thor/guard.py": "the build, which is no Python",
+    "karma/bundle/install.py": "a file of Python's own modules, in a temporary folder",
+    "karma/bundle/wheels.py": "-I: pip",
+    "karma/training/planner/choosing.py": "git",
+}
+
+
+def test_processes_are_started_in_one_place_and_the_few_others_are_known():
+    found = set()
+    for path in sorted((ROOT / "karma").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [one.name for one in getattr(node, "names", ())] if _imports(node) else []
+            if {"subprocess", "multiprocessing"} & set(names) or _is_executable(node):
+                found.add(str(path.relative_to(ROOT)))
+    assert found == STARTERS.keys() | {"karma/bench/pool.py"}  # asks who its parent is
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scripts").glob("*.py")), ids=lambda p: p.name)
+def test_scripts_start_python_away_from_the_folder(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.List | ast.Tuple) and any(map(_is_executable, node.elts)):
+            words = [one.value for one in node.elts if isinstance(one, ast.Constant)]
+            file = any(getattr(one, "id", "") == "__file__" for one in node.elts)
+            assert file or {"-P", "-I"} & set(words), f"{path.name}:{node.lineno}"
+        assert not (isinstance(node, ast.Constant) and node.value == "spawn"), path.name
+        assert getattr(node, "module", "") != "multiprocessing", path.name
+
+
+def _imports(node):
+    return isinstance(node, ast.Import)
+
+
+def _is_executable(node):
+    return (
+        isinstance(node, ast.Attribute)
+        and node.attr == "executable"
+        and (getattr(node.value, "id", "") == "sys")
+    )
+
+
+def test_child_is_a_file_of_ours_with_nothing_of_the_folder_in_its_path():
+    words = child_command("json:dumps", "1")
+    assert words[1:3] == ["-E", "-P"]
+    assert Path(words[3]) == ROOT / "karma" / "child.py"
