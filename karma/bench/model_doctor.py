@@ -61,19 +61,25 @@ class ModelSeen:
     error: str = ""
 
 
-def tried(entry: ModelEntry) -> ModelSeen | None:
+def tried(entry: ModelEntry, folder: Path) -> ModelSeen | None:
     """Open a model as a run does in its role, and ask it a little; None: a detector, or no role.
 
     A detector runs in a pair, so it is not tried alone.
+
+    Args:
+        entry: what is known of it; it need not be listed yet.
+        folder: where its files lie.
 
     Raises:
         ModelError: it does not open, or does not answer; whatever a library raised.
     """
     try:
         if entry.role == "planner":
-            return _planner(Models(planner=entry.name))
+            file = folder / Path(entry.files[0].path).name
+            profile = entry.prompt_profile or ""
+            return _planner(Models(planner=str(file), chat=entry.chat, profile=profile))
         for key, plural, ask in _ROLES:
-            name = opened_as(plural, entry)
+            name = opened_as(plural, entry, str(folder))
             if name and key != "detector":
                 return _torch(key, plural, ask, Models().computed_by({key: name}))
     except KarmaError:

@@ -9,7 +9,7 @@ from typing import Any
 from karma import registry
 from karma.agent.prompt import check_profile
 from karma.errors import KarmaError, ModelError, UnknownNameError, did_you_mean
-from karma.infer.manifest.manifest import ModelEntry, Role, find_model, read_manifest
+from karma.infer.manifest.manifest import ModelEntry, Role, find_model, is_gguf_path, read_manifest
 from karma.methods.options import settings_of
 
 MODELS = ("planner", "profile", "recall", "embedder", "vision", "detector")  # of [models]
@@ -36,10 +36,16 @@ _OPENERS: Mapping[tuple[str, str, str], str] = {  # what opens a model of that r
 }
 
 
-def opened_as(role: str, entry: ModelEntry) -> str:
-    """Return how a role names a model of the manifest, "transformers:mysmol"; "" if it cannot."""
+def opened_as(role: str, entry: ModelEntry, place: str = "") -> str:
+    """Return how a role names a model of the manifest, "transformers:mysmol"; "" if it cannot.
+
+    Args:
+        role: as the registry calls it.
+        entry: of the model.
+        place: its folder, to name it by that.
+    """
     kind = _OPENERS.get((role, entry.role, entry.format))
-    return f"{kind}:{entry.name}" if kind else ""
+    return f"{kind}:{place or entry.name}" if kind else ""
 
 
 def whole_name(key: str, name: str) -> str:
@@ -101,7 +107,7 @@ def check_options(method: str, options: Mapping[str, Any]) -> None:
 
 
 def _check_planner(name: str) -> None:
-    if not name.endswith(".gguf"):
+    if not is_gguf_path(name):
         _check_role(name, ("planner",))
 
 
@@ -134,6 +140,12 @@ def _check_listed(role: str, name: str) -> None:
     models = read_manifest().models
     if any(entry.name == name for entry in models):
         _check_role(name, roles)
+    if Path(name).is_dir():
+        kinds = sorted({kind for (one, *_), kind in _OPENERS.items() if one == role})
+        ways = " or ".join(repr(f"{kind}:{name}") for kind in kinds)
+        raise UnknownNameError(
+            f"{name!r} is a folder, and what opens it stands before it\n  To fix: {ways}"
+        )
     near = did_you_mean(name, [*registry.names(role), *(e.name for e in models if e.role in roles)])
     if near:
         model = ", nor such a model" if roles else ""

@@ -3,7 +3,13 @@
 from pathlib import Path
 
 from karma.agent.doubt import LogisticDoubt, read_doubt
-from karma.infer.manifest.manifest import check_file, file_paths, find_model, resolve_planner
+from karma.infer.manifest.manifest import (
+    check_file,
+    file_paths,
+    find_model,
+    is_gguf_path,
+    resolve_planner,
+)
 
 DOUBT = "doubt.json"  # a GGUF without an entry has its doubt beside it, if any
 
@@ -17,7 +23,7 @@ def may_refuse(planner: str, said: bool | None = None) -> bool:
     if said is not None:
         return said
     return resolve_planner(planner).refuses or (
-        _is_path(planner) and doubt_path(planner) is not None
+        is_gguf_path(planner) and doubt_path(planner) is not None
     )
 
 
@@ -34,7 +40,7 @@ def doubt_of(planner: str) -> LogisticDoubt | None:
 
 def doubt_path(planner: str) -> Path | None:
     """Return where a planner's doubt lies, checked where the manifest vouches for it."""
-    if _is_path(planner):
+    if is_gguf_path(planner):
         beside = Path(planner).with_name(DOUBT)
         return beside if beside.exists() else None
     entry = find_model(planner)
@@ -43,7 +49,3 @@ def doubt_path(planner: str) -> Path | None:
             check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
             return place
     return None
-
-
-def _is_path(planner: str) -> bool:
-    return planner.endswith(".gguf")

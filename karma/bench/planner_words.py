@@ -4,7 +4,7 @@ from pathlib import Path
 
 from karma import registry
 from karma.contracts import Embedder, Hints
-from karma.infer.manifest.manifest import check_file, file_paths, find_model
+from karma.infer.manifest.manifest import check_file, file_paths, find_model, is_gguf_path
 from karma.language.hints import Hinter, load_words
 
 NO_WORDS = "none"  # as a words file: no hints
@@ -41,7 +41,7 @@ def chosen_words(planner: str, words: str = "") -> Path | None:
 
 def words_of(planner: str) -> Path | None:
     """Return a planner's own words file, checked where the manifest vouches for it."""
-    if planner.endswith(".gguf"):
+    if is_gguf_path(planner):
         beside = Path(planner).with_name(WORDS)
         return beside if beside.exists() else None
     entry = find_model(planner)

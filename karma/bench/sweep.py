@@ -35,6 +35,7 @@ from karma.bench.sweep_folder import (
     write_sweep,
 )
 from karma.errors import FileError, KarmaError, UnwritableError
+from karma.infer.checks.gguf import is_gguf
 from karma.infer.manifest.picture_pair import is_projector
 
 _NO_GRID = Setting(key="grid", value=[])
@@ -264,7 +265,7 @@ def planners_in(folder: Path) -> list[Path]:
     Raises:
         FileError: there is none.
     """
-    found = [path for path in sorted(folder.glob("*.gguf")) if not _projects(path)]
+    found = [path for path in sorted(folder.iterdir()) if is_gguf(path) and not _projects(path)]
     if not found:
         fix = "--planner-dir a folder with .gguf files"
         raise FileError(folder, "no planner's .gguf is in it", fix=fix)

@@ -149,10 +149,12 @@ def models_add(
         def told(part: str, done: int, total: int) -> None:
             bar.update(task, completed=done, total=total, description=escape(part))
 
-        added = add_model(path, options, progress=told)
+        def tries(entry: "ModelEntry", folder: Path) -> None:
+            bar.update(task, description=escape(f"opening and asking {entry.name} ..."))
+            _try(entry, folder)
+
+        added = add_model(path, options, progress=told, trial=None if untried else tries)
     entry = added.entry
-    if not untried:
-        _try(entry)
     why = "as the manifest wants it" if added.known else "a model of your own"
     _say(f"added {entry.name} ({entry.role}, {_megabytes(entry)} MB), {why}")
     if added.left_out:
@@ -160,21 +162,16 @@ def models_add(
     _say(f"`karma models verify {entry.name}` checks it at any time")
 
 
-def _try(entry: "ModelEntry") -> None:
-    """Open what was added as a run would; take it back if that fails."""
+def _try(entry: "ModelEntry", folder: Path) -> None:
+    """Open what is to be added as a run would, and ask it a little."""
     from karma.bench.formats import figure_text
     from karma.bench.model_doctor import tried
-    from karma.infer.manifest.added_models import remove_model
 
     try:
-        with console.status(escape(f"opening and asking {entry.name} ...")):
-            seen = tried(entry)
-    except BaseException as error:
-        remove_model(entry.name)
-        if isinstance(error, ModelError):
-            fix = "" if "To fix" in str(error) else "\n  To fix: --untried adds it all the same"
-            raise ModelError(f"not added, since it was tried: {error}{fix}") from error
-        raise
+        seen = tried(entry, folder)
+    except ModelError as error:
+        fix = "" if "To fix" in str(error) else "\n  To fix: --untried adds it all the same"
+        raise ModelError(f"not added, since it was tried: {error}{fix}") from error
     if seen is None:
         _say(f"not tried: a {entry.role} runs together with others")
         return

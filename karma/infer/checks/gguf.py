@@ -21,10 +21,34 @@ _SCALARS = {
 _STRING, _ARRAY = 8, 9
 _MAX_DIMENSIONS = 4
 LANGUAGE = ("context_length", "embedding_length", "block_count", "attention.head_count")
+_MAGIC = b"GGUF"
+_OTHERS = {  # what people have that ends in .gguf: first bytes -> what it is, what to do
+    b"version https://git-lfs": ("a pointer of Git LFS, not the file", "git lfs pull"),
+    b"<": ("a page of the web, not the file", "fetch the file itself"),
+    b"PK": ("a zip archive", "unpack it"),
+    b"\x1f\x8b": ("a gzip archive", "unpack it"),
+    b"ggml": ("of a form before GGUF", "bring a GGUF of this model"),
+    b"tjgg": ("of a form before GGUF", "bring a GGUF of this model"),
+    b"lmgg": ("of a form before GGUF", "bring a GGUF of this model"),
+}
+_WHOLE_MODEL = "give the model's own file"
+_NO_MODELS = {  # general.type -> what it is, what to do
+    "adapter": ("an adapter (LoRA) of a model, without the model", "merge it into its model"),
+    "imatrix": ("an importance matrix, made to quantise a model by", _WHOLE_MODEL),
+    "mmproj": ("the picture part of a model", "put both files into one folder, and give that"),
+    "vocab": ("a vocabulary without weights", _WHOLE_MODEL),
+}
+_PICTURES = "clip"  # architecture of a projector
+_EMBEDDERS = ("bert", "t5encoder", "gemma-embedding")  # so end architectures that say nothing
+_NO_VOCABULARY = ("none", "no_vocab", "")
 
 
 class _TornError(Exception):
     """The file says something impossible, at a byte."""
+
+
+class _OtherError(Exception):
+    """The file is something else: what, and what to do."""
 
 
 class GgufHeader(NamedTuple):
@@ -35,8 +59,23 @@ class GgufHeader(NamedTuple):
 
 
 def check_gguf(path: Path) -> Mapping[str, Any]:
-    """Check the header of a language model and return its metadata; see `read_header`."""
+    """Check the header of a language model and return its metadata; see `read_header`.
+
+    Raises:
+        ModelError: it is damaged, or no model that can be asked for text; says what it is.
+    """
     return read_header(path, sizes=LANGUAGE).metadata
+
+
+def is_gguf(path: Path) -> bool:
+    """Return whether a file is called a GGUF, or begins as one does whatever its name."""
+    if path.suffix.lower() == ".gguf":
+        return True
+    try:
+        with open_regular(path) as file:
+            return bool(file.read(len(_MAGIC)) == _MAGIC)
+    except (OSError, FileError):
+        return False
 
 
 def read_header(path: Path, *, sizes: Sequence[str]) -> GgufHeader:
@@ -47,26 +86,24 @@ def read_header(path: Path, *, sizes: Sequence[str]) -> GgufHeader:
         sizes: keys of its architecture that hold a positive number.
 
     Raises:
-        ModelError: it is not a GGUF, is cut off, has sizes that make no sense, or is one part of
-            several: llama.cpp would open the others too, and nobody would have looked at them.
+        ModelError: it is not a GGUF, is cut off, has sizes that make no sense, is something else
+            (then what), or one part of several.
     """
     try:
         with open_regular(path) as file, mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data:
             header = _HeaderReader(data, sizes).read()
     except (_TornError, struct.error, UnicodeDecodeError) as error:
         raise ModelError(f"{path}: damaged or not a GGUF model: {error}") from error
+    except _OtherError as error:
+        what, fix = error.args
+        raise ModelError(f"{path}: no whole model: {what}\n  To fix: {fix}") from error
     except FileError as error:
         raise ModelError(f"{path}: cannot be read: {error.reason}") from error
     except (OSError, ValueError) as error:  # ValueError: an empty file cannot be mapped
         raise ModelError(f"{path}: cannot be read: {error}") from error
-    if isinstance(template := header.metadata.get(TEMPLATE), str):
-        check_template(path, template)
-    parts = header.metadata.get("split.count", 0)
-    if isinstance(parts, int) and parts > 1:
-        raise ModelError(
-            f"{path}: one part of {parts}, and all parts must be one file\n"
-            "  To fix: llama-gguf-split --merge FIRST_PART WHOLE.gguf"
-        )
+    for key, template in header.metadata.items():  # llama-cpp-python compiles all when it opens
+        if key.startswith(TEMPLATE) and isinstance(template, str):
+            check_template(path, template)
     return header
 
 
@@ -78,9 +115,7 @@ class _HeaderReader:
         self._sizes = sizes
 
     def read(self) -> GgufHeader:
-        if self._data[:4] != b"GGUF":
-            raise _TornError(f"it begins with {self._data[:4]!r} instead of b'GGUF'")
-        self._at = 4
+        self._begins()
         version, tensors, pairs = self._one("<I"), self._one("<Q"), self._one("<Q")
         if version not in (2, 3):
             raise _TornError(f"GGUF version {version} is unknown")
@@ -90,6 +125,9 @@ class _HeaderReader:
         for _ in range(pairs):
             key = self._string()
             metadata[key] = self._value(self._one("<I"))
+        _check_undivided(metadata)
+        if self._sizes is LANGUAGE:
+            _check_speaks(metadata)
         _check_metadata(metadata, self._sizes)
         ends = dict(self._tensor_end() for _ in range(tensors))
         alignment = metadata.get("general.alignment", 32)
@@ -99,6 +137,15 @@ class _HeaderReader:
         if not ends or needed > self._end:
             raise _TornError(f"its tensors need {needed} bytes, it has {self._end} (cut off?)")
         return GgufHeader(metadata, frozenset(ends))
+
+    def _begins(self) -> None:
+        """Pass over the first bytes, which tell what it is if no GGUF."""
+        for first, other in _OTHERS.items():
+            if self._data[: len(first)] == first:
+                raise _OtherError(*other)
+        if self._data[:4] != _MAGIC:
+            raise _TornError(f"it begins with {self._data[:4]!r} instead of {_MAGIC!r}")
+        self._at = len(_MAGIC)
 
     def _skip(self, count: int) -> int:
         start = self._at
@@ -162,6 +209,33 @@ class _HeaderReader:
         for extent in shape:
             count *= extent
         return name, int(offset + count // block * size)
+
+
+def _check_undivided(metadata: Mapping[str, Any]) -> None:
+    """Refuse one part of several: llama.cpp would open the others too, and nobody looked at them."""
+    parts = metadata.get("split.count", 0)
+    if isinstance(parts, int) and parts > 1:
+        fix = "llama-gguf-split --merge FIRST_PART WHOLE.gguf"
+        raise _OtherError(f"one part of {parts}, and all parts must be one file", fix)
+
+
+def _check_speaks(metadata: Mapping[str, Any]) -> None:
+    """Refuse what is no language model, or has no words to ask it in."""
+    kind, architecture = (
+        str(metadata.get(f"general.{key}", "")) for key in ("type", "architecture")
+    )
+    if architecture == _PICTURES:
+        kind = "mmproj"
+    if kind in _NO_MODELS:
+        raise _OtherError(*_NO_MODELS[kind])
+    if architecture.endswith(_EMBEDDERS):
+        raise _OtherError(
+            f"an embedder ({architecture}), which answers nothing",
+            "embedders are folders of safetensors: `karma models add FOLDER`",
+        )
+    words = metadata.get("tokenizer.ggml.tokens", 0)
+    if architecture and (metadata.get("tokenizer.ggml.model", "") in _NO_VOCABULARY or not words):
+        raise _OtherError("it has no vocabulary, so it cannot be asked", _WHOLE_MODEL)
 
 
 def _check_metadata(metadata: Mapping[str, Any], sizes: Sequence[str]) -> None:

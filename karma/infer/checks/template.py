@@ -28,13 +28,15 @@ def check_template(path: Path | str, text: str) -> None:
         ModelError: it is none, or too long, raises numbers to powers, or repeats what repeats.
     """
     import jinja2
+    from llama_cpp.llama_chat_format import Jinja2ChatFormatter
 
     if len(text) > LONGEST:
         raise ModelError(f"{path}: its chat template has {len(text)} characters; too many")
+    tags = [Jinja2ChatFormatter.IgnoreGenerationTags, "jinja2.ext.loopcontrols"]  # the runtime's
     try:
-        tree = jinja2.Environment(extensions=["jinja2.ext.loopcontrols"]).parse(text)
+        tree = jinja2.Environment(extensions=tags).parse(text)
     except jinja2.TemplateSyntaxError:
-        return  # of another dialect; whoever uses it hears of it
+        return  # the runtime cannot compile it either; whoever uses it hears of it
     except RecursionError as error:
         raise ModelError(f"{path}: its chat template is nested too deeply") from error
     if reason := _boundless(tree):

@@ -1,6 +1,7 @@
 """Render prompts by a GGUF's own chat template, cut where their changing part begins."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import datetime
 from typing import Any
 
@@ -8,6 +9,7 @@ from karma.contracts import Prompt, Thinking
 from karma.errors import ModelError
 from karma.infer.checks.template import TEMPLATE, try_template
 from karma.infer.llama.gguf_model import GgufModel
+from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.thinking import CLOSE, prepared
 
 _MARK = "\ue000changing\ue000"  # private use: no template treats it specially
@@ -22,6 +24,17 @@ def through_template(metadata: Mapping[str, Any], chat: bool | None) -> bool:
         chat: what was said; None: nothing.
     """
     return TEMPLATE in metadata if chat is None else chat
+
+
+def trial(path: str) -> None:
+    """Do with a file all that a run does first; where that ends a process, it ends this one."""
+    model = GgufModel(path, LlamaOptions(threads=1, gpu_layers=0), tried=True)
+    prompt = Prompt(stable="Say yes.", changing="Now.")
+    if TEMPLATE in model.metadata:
+        with suppress(ModelError):  # a run can do without, and says why it must
+            ChatTemplate(model).halves(prompt)
+    model.evaluate([], model.tokens(prompt.stable + prompt.changing, begins=True))
+    model.logits()
 
 
 class ChatTemplate:
@@ -39,7 +52,7 @@ class ChatTemplate:
     def __init__(self, model: GgufModel, *, thinking: Thinking = "off") -> None:
         from llama_cpp.llama_chat_format import Jinja2ChatFormatter
 
-        text = model.llama.metadata.get(TEMPLATE)
+        text = model.metadata.get(TEMPLATE)
         if text is None:
             raise ModelError(f"{model.name}: has no chat template{_FIX}")
         if thinking == "on" and CLOSE not in text:

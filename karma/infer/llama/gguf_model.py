@@ -31,6 +31,7 @@ from karma.places import repair
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
 _PLANNED = 8192  # tokens that layers on a GPU leave room for, where the context is not said
 _PIECE_BYTES = 256
+_MARKS = ("\n", "|", "\x01")  # one of them goes together with no text that follows
 _SMALLER = "take a smaller model (`karma models list`) or a shorter context"
 
 
@@ -55,6 +56,10 @@ class GgufModel:
         restore: the step that brings a file with such a hash back, for errors.
         states: where what was computed of stable parts is kept.
         beside_mb: memory that something else will take with it, on the same device.
+        tried: leave out the trial.
+
+    Attributes:
+        metadata: what the file says of itself; llama-cpp-python drops it all for one bad letter.
 
     Raises:
         ModelError: missing, of another hash, damaged, too big for the memory that is free, or not
@@ -71,10 +76,11 @@ class GgufModel:
         restore: str = "",
         states: StateOptions | None = None,
         beside_mb: float = 0.0,
+        tried: bool = False,
     ) -> None:
         path, options = Path(path), options or LlamaOptions()
         _check_there(path, sha256, restore)
-        metadata = check_gguf(path)
+        self.metadata = metadata = check_gguf(path)
         trained = int(metadata[f"{metadata['general.architecture']}.context_length"])
         self.name, self.options = name or path.stem, options
         wanted = options.n_ctx or trained
@@ -90,7 +96,7 @@ class GgufModel:
         planned = self.limit if options.n_ctx else min(self.limit, _PLANNED)
         self.placement = place(self.name, self.size, options, context=planned)
         self._check_memory(path)
-        if sha256 is None:
+        if sha256 is None and not tried:
             try_in_own_process(path)
         self.llama: Any
         self.llama, layers = open_gguf(path, self._keywords(), kv=options.kv)
@@ -100,22 +106,42 @@ class GgufModel:
                 f"{self.placement.layers}\n  To fix: gpu_layers = 0"
             )
         self.table = _token_table(self.llama)
+        self._spaces = self._puts_a_space()
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
         self._keeps = not (self.llama._is_recurrent or self.llama._is_hybrid)
         self._states = self._room_states(path, sha256, states or StateOptions())
 
     def tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
-        """Return the tokens of a text.
+        """Return the tokens of a text, or of a part of one.
 
         Args:
             text: any; half characters are replaced.
-            begins: put the model's own first token before it, if it has one and wants it.
+            begins: nothing stands before it: put the model's own first token there, if it has one
+                and wants it. SentencePiece's space before a text stands there only.
             special: let the text name control tokens, as chat templates do.
         """
-        found: list[int] = self.llama.tokenize(text.encode("utf-8", "replace"), False, special)
+        found = self._tokenized(text, special) if begins or not self._spaces else []
+        if text and not found:
+            found = self._continued(text, special)
         bos = self.llama.token_bos()
         wanted = begins and bos >= 0 and bool(self.llama._model.add_bos_token())
         return [bos, *found] if wanted and found[:1] != [bos] else found
+
+    def _continued(self, text: str, special: bool) -> list[int]:
+        """Return the tokens of a text after another, without a space of SentencePiece's."""
+        for mark in _MARKS:  # the space goes before it
+            before, both = self._tokenized(mark, False), self._tokenized(mark + text, special)
+            if both[: len(before)] == before:
+                return both[len(before) :]
+        return self._tokenized(text, special)
+
+    def _puts_a_space(self) -> bool:
+        """Return whether the tokens of a text say a space before it."""
+        return b"".join(self.table.pieces[one] for one in self._tokenized("a", False))[:1] == b" "
+
+    def _tokenized(self, text: str, special: bool) -> list[int]:
+        found: list[int] = self.llama.tokenize(text.encode("utf-8", "replace"), False, special)
+        return found
 
     @property
     def engine(self) -> Engine:

@@ -84,7 +84,7 @@ class LlamaModel:
             path, options, name=name, sha256=sha256, restore=restore, states=states
         )
         self.name = self.gguf.name
-        metadata = self.gguf.llama.metadata
+        metadata = self.gguf.metadata
         used = through_template(metadata, chat)
         if thinking == "on" and not used:
             raise ModelError(f"{self.name}: thinking = 'on' needs its chat template")

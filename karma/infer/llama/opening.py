@@ -9,6 +9,7 @@ from typing import Any
 from karma.children import run_child
 from karma.errors import ModelError
 
+_TRIAL = "karma.infer.llama.chat_template:trial"
 _TRIAL_S = 900  # the largest models, from a slow disk
 
 
@@ -20,18 +21,11 @@ def try_in_own_process(path: Path) -> None:
     Raises:
         ModelError: the trial failed.
     """
-    end = run_child(f"{__name__}:trial", str(path), limit_s=_TRIAL_S)
+    end = run_child(_TRIAL, str(path), limit_s=_TRIAL_S)
     if end.code is None:
         raise ModelError(f"{path}: llama.cpp had not opened it after {_TRIAL_S} s")
     if end.code:
         raise ModelError(f"{path}: llama.cpp cannot run it (code {end.code}): {end.said}")
-
-
-def trial(path: str) -> None:
-    """Load a file and decode one token, as `open_gguf` and its user will."""
-    import llama_cpp
-
-    llama_cpp.Llama(path, n_ctx=32, n_threads=1, verbose=False).eval([0])
 
 
 def open_gguf(path: Path, keywords: Mapping[str, Any], *, kv: str) -> tuple[Any, int]:

@@ -47,7 +47,7 @@ class PictureChat:
             pair.model, replace(options, n_ctx=_whole(options.n_ctx or CONTEXT)), name=pair.name,
             sha256=pair.sha256, beside_mb=projector_mb(pair.projector),
         )  # fmt: skip
-        if TEMPLATE not in self._model.llama.metadata:
+        if TEMPLATE not in self._model.metadata:
             raise ModelError(
                 f"{pair.model}: has no chat template, and a picture needs one\n"
                 "  To fix: gguf-new-metadata --chat-template-file TEMPLATE IN.gguf OUT.gguf"

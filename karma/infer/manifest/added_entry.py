@@ -10,7 +10,7 @@ import msgspec
 
 from karma.errors import ModelError
 from karma.infer.checks.folder import check_weights, read_config
-from karma.infer.checks.gguf import check_gguf
+from karma.infer.checks.gguf import check_gguf, is_gguf
 from karma.infer.checks.memory import gguf_parts_mb, projector_mb, weights_mb
 from karma.infer.checks.projector import check_projector
 from karma.infer.manifest.added_files import parts_of
@@ -24,6 +24,8 @@ _ROLES: Mapping[str, Role] = {
     "grounding-dino": "detector",
     "sam": "detector",
     "bert": "text-embedder",
+    "distilbert": "text-embedder",
+    "modernbert": "text-embedder",
     "mpnet": "text-embedder",
     "xlm-roberta": "text-embedder",
     "roberta": "text-embedder",
@@ -82,7 +84,7 @@ def entry_of(
         ModelFile(path=(prefix / part).as_posix(), sha256=digest, bytes=size)
         for part, (digest, size) in hashes.items()
     )
-    weights = [part for part in hashes if part.endswith(".gguf")]
+    weights = [part for part in hashes if is_gguf(folder / part)]
     seen = _seen(folder, [folder / part for part in weights])
     if shipped is not None:
         return msgspec.structs.replace(shipped, files=files)

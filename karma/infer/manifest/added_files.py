@@ -1,14 +1,16 @@
 """Choose the files to take of a model that somebody brought, and tell whose they are."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from karma.errors import ModelError
 from karma.infer.checks.folder import PICKLES
+from karma.infer.checks.gguf import is_gguf
 from karma.infer.manifest.manifest import ModelEntry, ModelFile
+from karma.infer.manifest.picture_pair import is_projector
 
-_TAKEN = (".safetensors", ".json", ".txt", ".model", ".jinja", ".gguf")
+_TAKEN = (".safetensors", ".json", ".txt", ".model", ".jinja")
 
 
 def files_of(root: Path) -> tuple[dict[str, Path], tuple[str, ...]]:
@@ -20,31 +22,28 @@ def files_of(root: Path) -> tuple[dict[str, Path], tuple[str, ...]]:
             "hub are never looked up"
         )
     if root.is_file():
-        if root.suffix != ".gguf":
+        if not is_gguf(root):
             raise ModelError(_refusal(root))
         return {root.name: root}, ()
     every = sorted(p for p in root.rglob("*") if p.is_file() and not _hidden(p, root))
-    taken = {p.relative_to(root).as_posix(): p for p in every if p.suffix in _TAKEN}
-    weights = [part for part in taken if part.endswith((".safetensors", ".gguf"))]
+    taken = {p.relative_to(root).as_posix(): p for p in every if p.suffix in _TAKEN or is_gguf(p)}
+    ggufs = [part for part, p in taken.items() if is_gguf(p)]
+    weights = [part for part in taken if part.endswith(".safetensors")] + ggufs
     if not weights:
         pickled = [p for p in every if p.suffix in PICKLES]
         raise ModelError(_refusal(pickled[0]) if pickled else f"{root}: no .safetensors, no .gguf")
-    if len({Path(part).suffix for part in weights}) > 1 or _many_gguf(weights):
+    pair = len(ggufs) == 2 and sum(is_projector(taken[part]) for part in ggufs) == 1
+    if ggufs and not (len(weights) == 1 or (pair and len(weights) == 2)):
         raise ModelError(
             f"{root}: more than one model or part: {', '.join(weights[:3])}\n"
             "  To fix: add each .gguf by itself, one that reads pictures with its projector in a "
             "folder; parts of one are joined first: llama-gguf-split --merge FIRST_PART WHOLE.gguf"
         )
-    return taken, tuple(p.relative_to(root).as_posix() for p in every if p.suffix not in _TAKEN)
+    return taken, tuple(sorted({p.relative_to(root).as_posix() for p in every} - taken.keys()))
 
 
 def _hidden(path: Path, root: Path) -> bool:
     return any(part.startswith(".") for part in path.relative_to(root).parts)
-
-
-def _many_gguf(weights: Sequence[str]) -> bool:
-    """Say whether there are more than a model and its picture projector."""
-    return len(weights) > 2 and weights[0].endswith(".gguf")
 
 
 def _refusal(path: Path) -> str:

@@ -1,9 +1,9 @@
 """Add and remove models that somebody brought (`karma models add` and `remove`).
 
-Added files are copied to `weights/NAME` beside the manifest, hashed on the way, and entered in
-local.toml last; with `in_place`, or where they lie there already, they stay as they are. Nothing is
-parsed before all hashes that the manifest knows were met, and nothing that was there before is lost
-when anything fails.
+Added files are copied to `weights/NAME` beside the manifest, hashed on the way, tried, and entered
+in local.toml last; with `in_place`, or where they lie there already, they stay as they are.
+Nothing is parsed before all hashes that the manifest knows were met, and nothing that was there
+before is lost when anything fails.
 """
 
 import os
@@ -30,6 +30,7 @@ from karma.infer.manifest.manifest import (
 )
 
 Progress = Callable[[str, int, int], None]  # file, bytes done, bytes in all
+Trial = Callable[[ModelEntry, Path], None]  # of an entry whose files lie in a folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +48,7 @@ def add_model(
     *,
     manifest: str | Path | None = None,
     progress: Progress | None = None,
+    trial: Trial | None = None,
 ) -> Added:
     """Take a GGUF file or a folder of safetensors into the list of models.
 
@@ -55,24 +57,28 @@ def add_model(
         options: what cannot be read from the files, and what should be otherwise.
         manifest: by default the project's own.
         progress: told how far the hashing is.
+        trial: asks it before it is listed; what it raises leaves nothing behind.
 
     Raises:
         ModelError: a pickle, a damaged file, or not the file that the manifest wants; by name.
         FileError: something cannot be read, or written; nothing half-done stays.
     """
     options = options or AddOptions()
-    root = Path(path).expanduser().resolve()
+    root = Path(path).expanduser().absolute()  # a link's name tells more than its target's
     found, left_out = files_of(root)
     shipped = matching(read_shipped(manifest).models, options.name, found)
     name = _free_name(shipped, options, root, manifest)
     place = root if root.is_dir() else root.parent
     intake = _Intake(found, place, progress)
-    if options.in_place or place == (local_path(manifest).parent / "weights" / name).resolve():
+    own = local_path(manifest).parent / "weights" / name
+    if options.in_place or place.resolve() == own.resolve():
         hashes = {part: intake.hashed(part) for part in found}
         entry = entry_of(name, shipped, options, place, hashes, prefix=place)
+        if trial is not None:
+            trial(entry, place)
         _write_local([*read_local(manifest).models, entry], manifest)
     else:
-        entry = _copied(name, shipped, options, intake, manifest)
+        entry = _copied(name, shipped, options, intake, manifest, trial)
     return Added(entry=entry, known=shipped is not None, left_out=left_out)
 
 
@@ -161,8 +167,9 @@ def _copied(
     options: AddOptions,
     intake: _Intake,
     manifest: str | Path | None,
+    trial: Trial | None,
 ) -> ModelEntry:
-    """Copy, check, and only then put in place and enter in local.toml."""
+    """Copy, check, try, and only then put in place and enter in local.toml."""
     base = local_path(manifest).parent
     final = base / "weights" / name
     if final.exists():
@@ -175,6 +182,8 @@ def _copied(
         prefix = Path("weights") / name
         try:
             entry = entry_of(name, shipped, options, temporary, hashes, prefix=prefix)
+            if trial is not None:
+                trial(entry, temporary)
         except ModelError as error:  # about the copy; the user knows the file that was given
             raise ModelError(str(error).replace(str(temporary), str(intake.place))) from error
         temporary.chmod(0o755)

@@ -17,6 +17,7 @@ import msgspec
 
 from karma.errors import FileError, ModelError, UnknownNameError, did_you_mean
 from karma.files import open_regular, read_toml
+from karma.infer.checks.gguf import is_gguf
 from karma.places import repair, shipped
 
 Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "detector"]
@@ -316,6 +317,16 @@ def sha256_of(path: Path, *, progress: Callable[[int], None] | None = None) -> s
 # ----------------------------------------------------------------- choosing
 
 
+def is_gguf_path(text: str) -> bool:
+    """Return whether a planner is named by the path of a GGUF, and not by a model's name."""
+    path = Path(text)
+    return is_gguf(path) and (path.suffix != "" or "/" in text or not _is_listed(text))
+
+
+def _is_listed(name: str) -> bool:
+    return any(entry.name == name for entry in read_manifest().models)
+
+
 def resolve_planner(text: str, path: str | Path | None = None) -> PlannerFile:
     """Find a planner by its name in the manifest, or take the path of any .gguf file.
 
@@ -325,7 +336,7 @@ def resolve_planner(text: str, path: str | Path | None = None) -> PlannerFile:
         UnknownNameError: neither a name nor a .gguf path.
         ModelError: the name is not a planner's, or its file has no hash to be checked against.
     """
-    if text.endswith(".gguf"):
+    if is_gguf_path(text):
         return PlannerFile(name=Path(text).stem, path=Path(text))
     entry = find_model(text, path)
     if entry.role != "planner" or entry.prompt_profile is None:

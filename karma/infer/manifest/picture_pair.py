@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from karma.errors import ModelError
-from karma.infer.checks.gguf import read_header
+from karma.infer.checks.gguf import is_gguf, read_header
 from karma.infer.manifest.manifest import find_model, verify
 
 
@@ -30,7 +30,7 @@ def resolve_pair(text: str | Path, path: str | Path | None = None) -> PicturePai
     if isinstance(text, Path) or folder.is_dir():
         if not folder.is_dir():
             raise ModelError(f"{folder}: no such folder\n  To fix: `karma models list`")
-        model, projector = split_pair(folder, sorted(folder.glob("*.gguf")))
+        model, projector = split_pair(folder, sorted(folder.iterdir()))
         return PicturePair(name=folder.name, model=model, projector=projector)
     entry = find_model(text, path)
     if entry.role != "vlm" or entry.format != "gguf":
@@ -51,7 +51,7 @@ def split_pair(folder: Path, files: Iterable[Path]) -> tuple[Path, Path]:
     Raises:
         ModelError: there are not just these two, or one is damaged.
     """
-    weights = [file for file in files if file.suffix == ".gguf"]
+    weights = [file for file in files if is_gguf(file)]
     projectors = [file for file in weights if is_projector(file)]
     models = [file for file in weights if file not in projectors]
     if len(projectors) != 1 or len(models) != 1:
