@@ -11,6 +11,7 @@ import msgspec
 from msgspec.structs import force_setattr
 
 from karma import registry
+from karma.agent.prompt import render
 from karma.bench.alfred_tasks import AlfredTasks
 from karma.bench.names import MODELS, check_models, whole_name
 from karma.bench.planner_doubt import doubt_of, may_refuse
@@ -21,12 +22,13 @@ from karma.contracts import (
     Decoding,
     Embedder,
     LanguageModel,
+    PlanRequest,
     Recall,
     Resources,
     Thinking,
     VisionModel,
 )
-from karma.errors import KarmaError, ModelError
+from karma.errors import KarmaError, ModelError, RequestRefused
 from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
@@ -236,6 +238,7 @@ def load_resources(
     check_models({key: getattr(models, key) for key in MODELS})
     session = session or Session()
     model, profile = language_model(models, session, states, seed)
+    check_asked(model, profile)
     refusing = bool(models.refusing)
     if models.hosted.planner is None:
         refusing = may_refuse(models.planner, models.refusing)
@@ -318,6 +321,27 @@ def filled(
     wanted = {"torch_options": models.torch, "llama_options": models.llama}
     options = {name: value for name, value in wanted.items() if name in known}
     return made(model, **options) if model else made(**options)
+
+
+def check_asked(model: LanguageModel, profile: str) -> None:
+    """Refuse a local model that no prompt of a profile can be put to: all of them would fail.
+
+    Raises:
+        ModelError: its chat template cannot render one, or its context holds none.
+    """
+    from karma.infer.llama.model import LlamaModel
+
+    if not isinstance(model, LlamaModel):
+        return  # a server says so itself
+    smallest = render(profile, PlanRequest(instruction="Open the fridge."))
+    try:
+        model.check(smallest.prompt)
+    except RequestRefused as error:
+        another = "" if profile == "compact" else 'profile = "compact", '
+        raise ModelError(
+            f"{error}; so no request can be asked in the {profile} profile\n"
+            f"  To fix: {another}a longer n_ctx (--n-ctx), or another model"
+        ) from error
 
 
 def language_model(

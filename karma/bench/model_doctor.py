@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from karma import registry
-from karma.bench.experiment import OPENAI, Models, filled, language_model
+from karma.bench.experiment import OPENAI, Models, check_asked, filled, language_model
 from karma.bench.names import opened_as
 from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError, UnknownNameError
@@ -125,7 +125,9 @@ def _planner(models: Models) -> ModelSeen:
     options, cards = models.llama, tuple(one.name for one in devices() if one.is_gpu)
     free_before = free_mb(cards)
     model: Any = language_model(models, Session(), None, 0)[0]
+    profile = models.profile or file.prompt_profile
     try:
+        check_asked(model, profile)
         gguf: GgufModel = model.gguf
         speeds, engine = _speeds(gguf), gguf.engine
         metadata = check_gguf(Path(file.path))
@@ -145,7 +147,6 @@ def _planner(models: Models) -> ModelSeen:
             predicted_mb=predicted, measured_mb=measured, speeds=speeds,
             context=gguf.n_ctx, limit=gguf.limit,
         )  # fmt: skip
-        profile = models.profile or file.prompt_profile
         advice = [
             *_about_gpu(gguf),
             *_about_threads(engine.threads),

@@ -212,7 +212,7 @@ class _HeaderReader:
 
 
 def _check_undivided(metadata: Mapping[str, Any]) -> None:
-    """Refuse one part of several: llama.cpp would open the others too, and nobody looked at them."""
+    """Refuse one part of several: llama.cpp would open the others unlooked at."""
     parts = metadata.get("split.count", 0)
     if isinstance(parts, int) and parts > 1:
         fix = "llama-gguf-split --merge FIRST_PART WHOLE.gguf"

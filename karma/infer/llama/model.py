@@ -161,6 +161,16 @@ class LlamaModel:
             return thought.text, text
         return told_apart(text)  # it may think without being asked to
 
+    def check(self, prompt: Prompt) -> None:
+        """Refuse a prompt that cannot be asked; computes nothing.
+
+        Raises:
+            RequestRefused: it leaves no room for an answer.
+            ModelError: the chat template cannot render it.
+        """
+        stable, changing = self._cut(prompt)
+        self._rooms(len(stable) + len(changing), 1)
+
     def choose(
         self, prompt: Sequence[str], continuations: Sequence[str], *, scoring: Scoring = "sum"
     ) -> Choice:
