@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # written only
 
 from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of
+from karma.bench.not_run import NotRun
 from karma.bench.records import EpisodeRecord
 from karma.bench.run_folder import RunData, read_run
 from karma.bench.sweep_folder import SweptCell, is_sweep, read_sweep
@@ -105,9 +106,11 @@ def to_junit(folder: Path) -> bytes:
             case = ET.SubElement(suite, "testcase", classname=_safe(cell), name="cell")
             _said(case, "error", part.cell.failed.partition("\n")[0], part.cell.failed)
         records = part.run.records if part.run else ()
-        for row in dict.fromkeys(record.row for record in records):
+        others = part.run.not_run if part.run else ()
+        for row in dict.fromkeys([*(one.row for one in records), *(one.row for one in others)]):
             mine = [record for record in records if record.row == row]
-            _add_row(root, " · ".join(filter(None, (cell, row))), mine)
+            rest = [one for one in others if one.row == row]
+            _add_row(root, " · ".join(filter(None, (cell, row))), mine, rest)
     data: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     return data + b"\n"
 
@@ -219,21 +222,30 @@ def _suite(root: ET.Element, name: str, **counts: int) -> ET.Element:
     return ET.SubElement(root, "testsuite", {"name": _safe(name), **said})
 
 
-def _add_row(root: ET.Element, name: str, records: Sequence[EpisodeRecord]) -> None:
+def _add_row(
+    root: ET.Element, name: str, records: Sequence[EpisodeRecord], others: Sequence[NotRun]
+) -> None:
     """Add a test suite with a case for each episode."""
     judged = [record for record in records if not record.unjudged]
     errors = sum(bool(record.error) for record in judged)
     suite = _suite(
         root,
         name,
-        tests=len(records),
+        tests=len(records) + len(others),
         failures=sum(not record.success for record in judged) - errors,
-        errors=errors,
+        errors=errors + len(others),
         skipped=len(records) - len(judged),
     )
+
+    def case_of(task: str, seed: int) -> ET.Element:
+        text = _safe(f"{task} (seed {seed})")
+        return ET.SubElement(suite, "testcase", classname=_safe(name), name=text)
+
+    for one in others:
+        reason = f"not run: {one.reason}"
+        _said(case_of(one.task, one.seed), "error", reason.partition("\n")[0], reason)
     for record in records:
-        text = _safe(f"{record.task} (seed {record.seed})")
-        case = ET.SubElement(suite, "testcase", classname=_safe(name), name=text)
+        case = case_of(record.task, record.seed)
         if record.unjudged:
             _said(case, "skipped", record.unjudged)
         elif record.error:

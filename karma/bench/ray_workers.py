@@ -16,6 +16,7 @@ import msgspec
 
 from karma.bench.experiment import Models, Row
 from karma.bench.experiment_tasks import scene_path
+from karma.bench.not_run import NotRun
 from karma.bench.pool import Workshop
 from karma.bench.provenance import (
     model_hashes,
@@ -43,7 +44,7 @@ def perform_on_ray(
     header: Header,
     scenes: Mapping[str, bytes],
     number: int = 0,
-) -> Iterator[Finished]:
+) -> Iterator[Finished | NotRun]:
     """Do the episodes on a cluster, see `in_cluster`.
 
     Args:
@@ -55,7 +56,7 @@ def perform_on_ray(
         number: workers; 0 for as many as the cluster has cores and memory for.
     """
     begin = partial(_begun, stage, header, dict(scenes))
-    shop: Workshop[Job, Finished] = Workshop(begin=begin)
+    shop: Workshop[Job, Finished | NotRun] = Workshop(begin=begin)
     need = need_of(stage.models, stage.rows)
     return in_cluster(shop, jobs, address, need=need, number=number)
 
@@ -65,7 +66,9 @@ def need_of(models: Models, rows: Sequence[Row] = ()) -> WorkerNeed:
     return WorkerNeed(cores=max(1, models.threads), memory_mb=worker_mb(models, rows))
 
 
-def _begun(stage: Stage, header: Header, scenes: Mapping[str, bytes]) -> Callable[[Job], Finished]:
+def _begun(
+    stage: Stage, header: Header, scenes: Mapping[str, bytes]
+) -> Callable[[Job], Finished | NotRun]:
     """Check that this node has what the run depends on, and load it."""
     here = Path(tempfile.mkdtemp(prefix="karma-run-"))
     for name, data in scenes.items():
@@ -89,9 +92,11 @@ class _NodePerformer:
         self._performer, self._there, self._here = performer, there, here
         self._sent: set[str] = set()
 
-    def do(self, job: Job) -> Finished:
+    def do(self, job: Job) -> Finished | NotRun:
         """Do one episode; what it leaves goes with it."""
         one = self._performer.do(replace(job, task=in_rooms(job.task, self._place)))
+        if isinstance(one, NotRun):
+            return replace(one, reason=one.reason.replace(str(self._here), str(self._there)))
         said = one.record.error.replace(str(self._here), str(self._there))
         return replace(one, record=replace(one.record, error=said), files=self._new_files())
 

@@ -10,6 +10,7 @@ from karma.bench.failures import Failure, failures
 from karma.bench.figures import figures_of
 from karma.bench.folder import changed
 from karma.bench.metrics import TimedEpisode, episodes_of
+from karma.bench.not_run import in_words
 from karma.bench.published import PublishedFigures
 from karma.bench.run_folder import RunData, differences, read_run
 from karma.bench.steps import read_steps, steps_path
@@ -165,7 +166,7 @@ def unfinished(names: list[str]) -> list[str]:
     runs = {run.folder: run for run in (read_run(split_name(name)[0]) for name in names)}
     return [
         f"{folder}: not finished, the figures are of the {len(run.records)} episodes that are "
-        "done; karma eval goes on with it"
+        f"done; karma eval goes on with it\n{in_words(run.not_run)}".rstrip()
         for folder, run in runs.items()
         if not run.finished
     ]

@@ -12,6 +12,8 @@ from karma.bench.experiment import Experiment
 from karma.bench.experiment_file import Changes, read_experiment
 from karma.bench.experiment_tasks import load, scene_path
 from karma.bench.folder import locked
+from karma.bench.not_run import FILE as NOT_RUN
+from karma.bench.not_run import IN_A_ROW, NotRun
 from karma.bench.precision import Precision, takes_another
 from karma.bench.provenance import header_of
 from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
@@ -26,6 +28,7 @@ from karma.bench.workers import (
 )
 from karma.contracts import Task
 from karma.errors import FileError, KarmaError
+from karma.files import append_line, to_json
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Session
@@ -95,6 +98,7 @@ class Run:
         self._config = configuration(told)
         self.header = header_of(self.experiment, self.tasks, loaded.scenes, steps=self._steps)
         self.records: list[EpisodeRecord] = []
+        self.not_run: list[NotRun] = []  # of those that were tried last
         self.timings: dict[Key, EpisodeTiming] = {}
         with locked(self.folder):
             if fresh:
@@ -145,7 +149,8 @@ class Run:
 
         When the last is done, all lines are put in the order of seeds, rows and tasks, in
         whatever order they were done. Where success rates are not yet as sure as they are wanted,
-        one seed after the other is begun.
+        one seed after the other is begun. What was not run is in `not_run` afterwards; then the run
+        is not finished.
 
         Args:
             workers: processes to use, each with models of its own.
@@ -154,7 +159,8 @@ class Run:
 
         Raises:
             KarmaError: a model cannot be loaded or a hosted one not reached, a row has a wrong
-                option, a cluster is to ask hosted models, or another run is at work in the folder.
+                option, a cluster is to ask hosted models, another run is at work in the folder, or
+                several episodes in a row were not run.
         """
         if workers > 1 or ray:
             check_workers(self._stage.models, self._session.cassette, ray)
@@ -163,17 +169,31 @@ class Run:
             self._go_on()
             if self.left:
                 self._files.reopen()
-            while todo := self._todo():
+            self.not_run, in_a_row = [], 0
+            while not self.not_run and (todo := self._todo()):
                 for one in self._perform(todo, workers, ray):
+                    if isinstance(one, NotRun):
+                        in_a_row += 1
+                        self._put_aside(one, ends=in_a_row == IN_A_ROW)
+                        continue
+                    in_a_row = 0
                     self._files.commit(one)
                     self.records.append(one.record)
                     self.timings[one.timing.key] = one.timing
                     yield one.record
                 self._begin_another()
-            self._files.finish([job.key for job in self._jobs()])
-            self.records, self.timings = self._files.done()
+            if not self.not_run:
+                self._files.finish([job.key for job in self._jobs()])
+                self.records, self.timings = self._files.done()
 
     # ------------------------------------------------------------- parts
+
+    def _put_aside(self, one: NotRun, *, ends: bool) -> None:
+        """Keep why an episode was not run; `ends`: so many were not that none would be."""
+        self.not_run.append(one)
+        append_line(self.folder / NOT_RUN, to_json(one))
+        if ends:
+            raise KarmaError(f"{IN_A_ROW} episodes one after the other were not run: {one.reason}")
 
     def _claim(self) -> None:
         fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
@@ -202,7 +222,7 @@ class Run:
         done = {record.key for record in self.records}
         return [job for job in self._jobs() if job.key not in done]
 
-    def _perform(self, todo: list[Job], workers: int, ray: str) -> Iterator[Finished]:
+    def _perform(self, todo: list[Job], workers: int, ray: str) -> Iterator[Finished | NotRun]:
         if ray:
             from karma.bench.ray_workers import perform_on_ray
 

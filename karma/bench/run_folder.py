@@ -14,6 +14,8 @@ import msgspec
 from karma.bench.configuration import CONFIG, Config, all_apart, read_config
 from karma.bench.figures import figures, plain
 from karma.bench.folder import brief, changed, refuse_other
+from karma.bench.not_run import FILE as NOT_RUN
+from karma.bench.not_run import NotRun, read_not_run
 from karma.bench.owned_folder import HEADER, MARK, Kind, OwnedFolder
 from karma.bench.records import (
     EpisodeRecord,
@@ -85,6 +87,7 @@ class RunData:
     records: tuple[EpisodeRecord, ...]  # in canonical order once it is finished
     timings: Mapping[Key, EpisodeTiming]
     finished: bool  # all episodes that were asked for are there
+    not_run: tuple[NotRun, ...] = ()  # when it was last at work
 
 
 def read_run(folder: str | Path) -> RunData:
@@ -101,6 +104,7 @@ def read_run(folder: str | Path) -> RunData:
         records=tuple({r.key: r for r in read_records(folder / EPISODES)}.values()),
         timings={timing.key: timing for timing in read_timings(folder / TIMINGS)},
         finished=(folder / RESULTS).exists(),
+        not_run=read_not_run(folder),
     )
 
 
@@ -269,7 +273,8 @@ class RunFolder:
 
     def reopen(self) -> None:
         """Take back what says that the run is finished, as more is to be done."""
-        (self.path / RESULTS).unlink(missing_ok=True)
+        for name in (RESULTS, NOT_RUN):
+            (self.path / name).unlink(missing_ok=True)
 
     def commit(self, one: Finished) -> None:
         """See an episode to the disk; it is done when this returns.
@@ -356,7 +361,7 @@ class RunFolder:
 def _names(header: Header) -> set[str]:
     """Return the files that a run may write, but for those of its episodes."""
     maps = (f"maps/{scene}.json" for scene in header.scenes)
-    return {HEADER, CONFIG, EPISODES, TIMINGS, RESULTS, *maps}
+    return {HEADER, CONFIG, EPISODES, TIMINGS, RESULTS, NOT_RUN, *maps}
 
 
 def _is_header(path: Path) -> bool:

@@ -21,6 +21,7 @@ import msgspec
 
 from karma.bench.experiment_file import Changes, Setting, read_experiment
 from karma.bench.folder import locked
+from karma.bench.not_run import in_words
 from karma.bench.owned_folder import MARK, OwnedFolder
 from karma.bench.records import EpisodeRecord
 from karma.bench.run import Run
@@ -123,7 +124,7 @@ class SweepRun:
     ) -> Iterator[SweptEpisode]:
         """Do what is missing, cell by cell; each record is on the disk before it is yielded.
 
-        A cell that cannot be done is in `failed` afterwards, and the next one is begun.
+        A cell that cannot be done, or not whole, is in `failed` afterwards; the next one is begun.
 
         Args:
             workers: processes to use; 0 = as many as cores and memory allow, asked of each cell.
@@ -178,6 +179,8 @@ class SweepRun:
                 done=len(run.records),
                 total=run.total,
             )
+        if run.not_run:
+            raise KarmaError(in_words(run.not_run))
 
 
 # ----------------------------------------------------------------- cells

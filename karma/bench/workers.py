@@ -15,17 +15,18 @@ from karma import registry
 from karma.bench.days import Days
 from karma.bench.episode import TimeLog, run_episode
 from karma.bench.experiment import Models, Row, for_row, load_resources
+from karma.bench.not_run import NotRun
 from karma.bench.pool import Workshop, in_processes
 from karma.bench.records import EpisodeRecord, Key
 from karma.bench.run_folder import Finished
 from karma.bench.steps import StepLog
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
-from karma.errors import FileError, KarmaError
-from karma.infer.hosted.cassette import Cassette, Tape
+from karma.errors import FileError, KarmaError, UnwritableError
+from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
 from karma.infer.hosted.session import Hosted, Session
 from karma.infer.llama.room_states import StateOptions
 from karma.methods.tour import explore_room
-from karma.offline import go_offline, settle
+from karma.offline import NetworkRefused, go_offline, settle
 from karma.world.home import Home
 
 MAPS = "maps"  # below the run folder
@@ -95,8 +96,22 @@ class Performer:
         }
         self._session.ledger.take()  # what loading asked is on no episode's bill
 
-    def do(self, job: Job) -> Finished:
-        """Do one episode."""
+    def do(self, job: Job) -> Finished | NotRun:
+        """Do one episode, or say why it was not run.
+
+        Raises:
+            KarmaError: no other episode could be run either: the disk is full, a recording is of
+                other requests, or somebody asked for the network.
+        """
+        try:
+            return self._done(job)
+        except (UnwritableError, CassetteError, NetworkRefused):
+            raise
+        except KarmaError as error:
+            self._session.ledger.take()
+            return NotRun(row=job.row, task=job.task.id, seed=job.seed, reason=str(error))
+
+    def _done(self, job: Job) -> Finished:
         if job.seed:
             for scene in job.task.scenes:
                 self._know(scene)
@@ -176,23 +191,25 @@ def _built(
 
 def perform_here(
     stage: Stage, jobs: Sequence[Job], session: Session | None = None
-) -> Iterator[Finished]:
+) -> Iterator[Finished | NotRun]:
     """Do the episodes in this process, in their order."""
     performer = Performer(stage, session)
     for job in jobs:
         yield performer.do(job)
 
 
-def perform_in_processes(stage: Stage, jobs: Sequence[Job], number: int) -> Iterator[Finished]:
+def perform_in_processes(
+    stage: Stage, jobs: Sequence[Job], number: int
+) -> Iterator[Finished | NotRun]:
     """Do the episodes in `number` processes, see `in_processes`."""
-    shop: Workshop[Job, Finished] = Workshop(
+    shop: Workshop[Job, Finished | NotRun] = Workshop(
         begin=partial(_begun, stage),
         imports=(__name__, *imported(stage.models)),
     )
     return in_processes(shop, jobs, number)
 
 
-def _begun(stage: Stage) -> Callable[[Job], Finished]:
+def _begun(stage: Stage) -> Callable[[Job], Finished | NotRun]:
     """Load what a worker process needs."""
     go_offline(allow_network=stage.network)
     return Performer(stage, Session(Cassette.of(stage.tape))).do

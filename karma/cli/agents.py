@@ -88,10 +88,12 @@ def eval_command(
 ) -> None:
     """Do an experiment: every row on every task. Stopped or killed, the same command goes on.
 
-    Exit code 0: it is done; 1: an error; 4: done, and success is below --fail-under.
+    Exit code 0: every episode was run, whatever its success; 1: an error, or some were not run;
+    4: all run, and success is below --fail-under; 130: stopped.
     """
     from karma.bench.experiment_file import has_grid
     from karma.bench.figures import plain
+    from karma.bench.not_run import in_words
     from karma.benchmarks.run import is_benchmark
     from karma.lab.figure import is_figure
     from karma.places import find_experiment
@@ -135,6 +137,8 @@ def eval_command(
     if json is not None:
         write_atomic(json, to_json(plain(lines), indent=2))
     write_junit(folder, junit)
+    if run.not_run:
+        raise KarmaError(in_words(run.not_run))
     end_below([("", lines)], floors)
 
 
@@ -153,6 +157,7 @@ def _opened(
 def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]":
     """Do what is left of a run, print what it shows, and return its figures."""
     from karma.bench.figures import figures
+    from karma.bench.not_run import in_words
     from karma.bench.precision import reached
     from karma.bench.records import spent_by
     from karma.cli import show
@@ -166,7 +171,8 @@ def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]
     except KarmaError as error:
         if not run.records:
             raise
-        raise KarmaError(f"{error}\n  Kept: {_kept(run)}") from error
+        not_run = "".join(f"\n  {one}" for one in in_words(run.not_run).splitlines())
+        raise KarmaError(f"{error}{not_run}\n  Kept: {_kept(run)}") from error
     if tasks or run.experiment.authors:
         console.print(show.task_table(run.records))
     lines = figures(run.records, run.timings)

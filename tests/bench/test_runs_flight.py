@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -170,7 +171,8 @@ def test_server_killed_in_the_middle_ends_the_run_by_name_and_the_same_command_g
     assert server.wait(20) == -9
     assert "m at 127.0.0.1: Connection error" in said
     assert f"see that a server answers at http://127.0.0.1:{port}/v1" in said
-    assert "of 8 episodes; the same command (without --fresh) goes on" in said
+    assert "not run, in no rate" in said
+    assert "the same command does" in said
     kept = (out / "episodes.jsonl").read_bytes().splitlines()
     assert 0 < len(kept) < 8
     server = served(port, most=-1)
@@ -187,7 +189,7 @@ def test_server_killed_in_the_middle_ends_the_run_by_name_and_the_same_command_g
     assert whole(replayed) == whole(out)
 
 
-def test_server_that_says_nothing_in_time_ends_the_run_which_goes_on_with_more_time(
+def test_what_a_server_says_nothing_to_in_time_is_not_run_and_is_done_with_more_time(
     experiment, tmp_path
 ):
     over = threading.Event()
@@ -199,8 +201,10 @@ def test_server_that_says_nothing_in_time_ends_the_run_which_goes_on_with_more_t
 
     with wire_server(slow) as (url, _):
         run = Run(experiment(url, retries=0, timeout_s=2.0), tmp_path / "run")
-        with pytest.raises(KarmaError, match=r"timed out.* \(asked 1 times, 2 s each at most\)"):
-            list(run.episodes(2))
+        assert len(list(run.episodes(2))) + len(run.not_run) == 8
+        assert run.not_run
+        for one in run.not_run:
+            assert re.search(r"timed out.* \(asked 1 times, 2 s each at most\)", one.reason)
         over.set()
         path = experiment(url, retries=0, timeout_s=100.0)
         run = Run(path, tmp_path / "run")
@@ -235,3 +239,52 @@ def test_replay_by_several_workers_of_what_was_not_recorded_ends_the_run(experim
     with pytest.raises(KarmaError, match=r"exchanges\.jsonl: "):
         list(run.episodes(2))
     assert len(read_records(tmp_path / "again" / "episodes.jsonl")) <= 1
+
+
+FAULTS = (
+    (200, b'{"error": {"message": "engine is dead", "type": "server_error"}}', "engine is dead"),
+    (402, b'{"error": {"message": "no credit left"}}', "no credit left"),
+    (409, b"busy elsewhere", "409"),
+    (425, b'{"detail": "too early in the day"}', "too early in the day"),
+    (522, b"<html><title>Connection timed out</title></html>", "522"),
+    (200, b"<html>it works</html>", "it works"),
+    (200, b'data: {"choices": []}\n\ndata: [DONE]\n\n', "data:"),
+)
+
+
+@pytest.mark.parametrize(("status", "body", "words"), FAULTS, ids=lambda one: str(one)[:20])
+def test_fault_of_a_server_is_in_no_rate_told_and_done_again(
+    experiment, tmp_path, status, body, words
+):
+    ill = [True]
+
+    def answer(path, asked, headers):
+        sick = ill[0] and "candle on the toilet" in json.dumps(asked)
+        return (status, {}, body) if sick else household(path, asked, headers)
+
+    with wire_server(answer) as (url, _):
+        path = experiment(url, retries=0)
+        command = ("eval", path, "--out", tmp_path / "run", "--workers", 1)
+        junit = tmp_path / "cases.xml"
+        said = karma(*command, "--junit", junit, code=1)
+        assert "1 not run, in no rate (hosted 1); the same command does it again" in said
+        assert words in said and f"hosted/{CANDLE}/0" in said
+        kept = read_records(tmp_path / "run/episodes.jsonl")
+        assert len(kept) == 7 and CANDLE not in {record.task for record in kept}
+        assert 'errors="1"' in junit.read_text() and "not run:" in junit.read_text()
+        assert words in karma("table", tmp_path / "run")
+        assert not (tmp_path / "run/results.json").exists()
+        ill[0] = False
+        assert "not run" not in karma(*command)
+    assert len(read_records(tmp_path / "run/episodes.jsonl")) == 8
+    assert "not run" not in karma("table", tmp_path / "run")
+    assert not (tmp_path / "run/not_run.jsonl").exists()
+
+
+def test_run_ends_where_several_episodes_in_a_row_were_not_run(experiment, tmp_path):
+    with wire_server(lambda *_: (503, {}, b'{"error": {"message": "all gone"}}')) as (url, seen):
+        run = Run(experiment(url, retries=0), tmp_path / "run")
+        with pytest.raises(KarmaError, match=r"3 episodes one after the other .*all gone"):
+            list(run.episodes())
+    assert [one.task for one in run.not_run] == ONLY[:3]
+    assert run.left == 8

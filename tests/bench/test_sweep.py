@@ -346,16 +346,25 @@ def test_rate_below_the_floor_has_an_exit_code_of_its_own(tmp_path):
 # ----------------------------------------------------------------- what tasks and models cannot
 
 
-def test_prompts_that_fit_no_context_are_named_under_the_table(tmp_path):
+def test_model_whose_context_holds_no_prompt_fails_its_cell(tmp_path):
     make_planner(tmp_path / "a.gguf", "llama3", seed=1)
     text = TEXT.replace("max_tokens = 24", "max_tokens = 24\nn_ctx = 64")
+    (tmp_path / "x.toml").write_text(text + '[[grid]]\nmodels.planner = ["a.gguf"]\n')
+    sweep = SweepRun(tmp_path / "x.toml", tmp_path / "run")
+    assert list(sweep.episodes(1)) == []
+    assert "has a context of 64; so no request can be asked" in sweep.failed["planner=a"]
+
+
+def test_prompts_that_do_not_fit_are_named_under_the_table(tmp_path):
+    make_planner(tmp_path / "a.gguf", "llama3", seed=1)
+    text = TEXT.replace("max_tokens = 24", "max_tokens = 24\nn_ctx = 800")
     (tmp_path / "x.toml").write_text(text + '[[grid]]\nmodels.planner = ["a.gguf"]\n')
     sweep = SweepRun(tmp_path / "x.toml", tmp_path / "run")
     assert len(list(sweep.episodes(1))) == 2 * 2
     assert sweep.failed == {}
     table = (tmp_path / "run" / TABLE).read_text()
     assert "Ended by an error: planner=a: 2 of 4 episodes, the first: RequestRefused" in table
-    assert "context of 64" in table
+    assert "context of 800" in table
 
 
 def test_sweep_prints_the_warnings_of_its_tasks_once(tmp_path):

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import pytest
 from support.rpc_device import rpc_device
-from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.bench import model_doctor
 from karma.bench.experiment import Models
 from karma.cli import app
 from karma.infer.llama import devices
-from karma.testing import make_picture_model
+from karma.testing import make_picture_model, make_planner
 
 EXPERIMENT = """
 name = "x"
@@ -64,15 +63,22 @@ def test_planner_on_a_device_tells_its_layers_there():
 
 
 def test_experiment_s_models_are_looked_at_and_options_go_before_its_own(tmp_path):
-    planner = export_tiny(tmp_path / "tiny.gguf")
+    planner = make_planner(tmp_path / "tiny.gguf")
     (tmp_path / "x.toml").write_text(EXPERIMENT.format(planner=planner, vision="nano-vlm"))
-    text, found = doctor("x.toml", "--threads", 99, "--n-ctx", 64)
+    text, found = doctor("x.toml", "--threads", 99, "--n-ctx", 1000)
     assert found["planner"]["name"] == "tiny"
-    assert (found["planner"]["context"], found["planner"]["limit"]) == (64, 64)
+    assert (found["planner"]["context"], found["planner"]["limit"]) == (1000, 1000)
     assert "99 threads" in found["planner"]["how"]
     assert f"threads = {len(os.sched_getaffinity(0))}" in text
-    assert "its context of 64 does not hold" in text
+    assert "its context of 1000 does not hold" in text
     assert set(found["vision"]["speeds"]) == {"pictures/s"}
+
+
+def test_planner_that_no_prompt_can_be_put_to_is_told(tmp_path):
+    planner = make_planner(tmp_path / "tiny.gguf")
+    text, found = doctor("--planner", planner, "--n-ctx", 512, code=1)
+    assert "no request can be asked in the full profile" in found["planner"]["error"]
+    assert "--n-ctx" in text
 
 
 def test_model_that_does_not_open_is_told_and_the_others_are_looked_at(tmp_path):

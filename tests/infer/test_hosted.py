@@ -261,7 +261,7 @@ def test_embedding_of_nothing_is_the_server_s_fault():
         (b'{"choices": [{"message": "x"}]}', "no choice with a text"),
         (b'{"choices": [{"message": {"content": ["x"]}}]}', "a list where a text should be"),
         (b"[1]", "no JSON object"),
-        (b'{"choices": ', "no JSON: Input data was truncated"),
+        (b'{"choices": ', r"no JSON \(Input data was truncated\)"),
         (b"", "no JSON"),
     ],
 )

@@ -262,7 +262,7 @@ class Session:
             else:
                 said = client.post(url, cast_to=_response(), body=dict(body))
         except openai.APIStatusError as error:
-            reason = f"HTTP {error.status_code}: {error.message}"
+            reason = f"HTTP {error.status_code}: {_words(error.response.content) or error.message}"
             if error.status_code in _BUSY or error.status_code > 501 or _is_dead(error):
                 return _lost(endpoint, reason, key)
             return _failed(reason, key)
@@ -302,10 +302,12 @@ def _read(content: bytes, endpoint: Endpoint, key: Key, *, asked: bool) -> Reply
     try:
         answer = msgspec.json.decode(content)
     except (ValueError, RecursionError) as error:
-        reason = f"the answer is no JSON: {error}"
+        said = content[:_LONGEST_MESSAGE].decode(errors="replace")
+        reason = f"the answer is no JSON ({error}) but {said!r}"
         return _broken(endpoint, reason, key) if asked else _failed(reason, key)
     if not isinstance(answer, dict):
-        return _failed("the answer is no JSON object; is base_url right, up to /v1?", key)
+        reason = "the answer is no JSON object; is base_url right, up to /v1?"
+        return _broken(endpoint, reason, key) if asked else _failed(reason, key)
     if asked and (reason := fault_in(answer)):
         return _broken(endpoint, reason, key)
     kept = {name: value for name, value in answer.items() if name not in ("id", "created")}
@@ -326,6 +328,18 @@ def _broken(endpoint: Endpoint, reason: str, key: Key) -> _BrokenReply:
 def _is_dead(error: Any) -> bool:
     """Return whether a 500 is of a server that answers nobody, as vLLM's with a dead engine."""
     return error.status_code == 500 and "engine" in str(error.message).lower()
+
+
+def _words(content: bytes) -> str:
+    """Return what the body of a refusal says: its message in any of the usual places, or all."""
+    text = content.decode(errors="replace").strip()
+    try:
+        said: Any = msgspec.json.decode(content)
+    except (ValueError, RecursionError):
+        return text
+    for name in ("error", "detail", "message"):
+        said = said.get(name) or said if isinstance(said, dict) else said
+    return said if isinstance(said, str) else text
 
 
 def fault_in(answer: Mapping[str, Any]) -> str:
