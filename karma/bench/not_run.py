@@ -23,6 +23,7 @@ class NotRun:
     task: str
     seed: int
     reason: str
+    alone: bool = False  # others need not fail as it did
 
     @property
     def key(self) -> Key:

@@ -173,7 +173,7 @@ class Run:
             while not self.not_run and (todo := self._todo()):
                 for one in self._perform(todo, workers, ray):
                     if isinstance(one, NotRun):
-                        in_a_row += 1
+                        in_a_row += not one.alone
                         self._put_aside(one, ends=in_a_row == IN_A_ROW)
                         continue
                     in_a_row = 0

@@ -13,6 +13,8 @@ import msgspec
 
 from karma.bench.experiment_file import Changes, read_as
 from karma.bench.folder import locked, read_lines, refuse_other
+from karma.bench.not_run import FILE as NOT_RUN
+from karma.bench.not_run import IN_A_ROW, NotRun, in_words, read_not_run
 from karma.bench.owned_folder import HEADER, MARK, OwnedFolder
 from karma.bench.records import Key
 from karma.bench.run_folder import EPISODES, RESULTS, TIMINGS, benchmark_in
@@ -28,14 +30,14 @@ from karma.benchmarks.benchmark import (
 )
 from karma.benchmarks.header import BenchmarkHeader, differences, header_of, kind_of, read_header
 from karma.benchmarks.workers import ChainPlayer, loaded_models
-from karma.errors import FileError
+from karma.errors import FileError, KarmaError
 from karma.files import append_line, read_bytes, read_toml, to_json
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Session
 
 TABLE = "table.md"
-_OURS = (HEADER, EPISODES, TIMINGS, RESULTS, TABLE)
+_OURS = (HEADER, EPISODES, TIMINGS, RESULTS, TABLE, NOT_RUN)
 
 
 class _Benchmarked(msgspec.Struct, frozen=True):
@@ -107,6 +109,7 @@ class BenchmarkRun:
                 self._owned.clear()
             self._claim()
             self.records = self._read()
+        self.not_run: list[NotRun] = []  # of those that were tried last
 
     @property
     def total(self) -> int:
@@ -120,7 +123,7 @@ class BenchmarkRun:
 
     def results(self) -> BenchmarkResults:
         """Return what the records so far come to; errors as `Benchmark.results`."""
-        return self.benchmark.results(self.records)
+        return _with(self.benchmark.results(self.records), self.not_run)
 
     def suggest(self) -> Suggestion:
         """Return how many workers to use unless a number is given.
@@ -140,7 +143,7 @@ class BenchmarkRun:
         """Do what is missing; each record is on the disk before it is yielded.
 
         When the last is done, all lines are put in the order of the chains, in whatever order
-        they were done.
+        they were done. What was not run is in `not_run` afterwards; then the run is not finished.
 
         Args:
             workers: processes to use, each with models of its own.
@@ -149,7 +152,8 @@ class BenchmarkRun:
 
         Raises:
             KarmaError: a model cannot be loaded or a hosted one not reached, a cluster is to ask
-                hosted models, or another run is at work in the folder.
+                hosted models, another run is at work in the folder, or several episodes in a row
+                were not run.
         """
         if workers > 1 or ray:
             check_workers(self._asked.models, self._session.cassette, ray)
@@ -158,16 +162,38 @@ class BenchmarkRun:
             self.records = self._read()
             done = {_key(record) for record in self.records}
             left = [chain for chain in self.chains if not done.issuperset(chain.keys)]
+            if left:
+                self._reopen()
+            in_a_row = 0
             for record, seconds in self._perform(left, workers, ray):
+                if isinstance(record, NotRun):
+                    in_a_row += not record.alone
+                    self._put_aside(record, ends=in_a_row == IN_A_ROW)
+                    continue
+                in_a_row = 0
                 row, task, seed = _key(record)
                 timing = _Timing(row=row, task=task, seed=seed, seconds=seconds)
                 append_line(self.folder / TIMINGS, to_json(timing))
                 append_line(self.folder / EPISODES, to_json(record))
                 self.records.append(record)
                 yield record
-            self._finish()
+            if not self.not_run:
+                self._finish()
 
     # ------------------------------------------------------------- parts
+
+    def _reopen(self) -> None:
+        """Take back what says how an earlier command ended."""
+        self.not_run = []
+        for name in (RESULTS, TABLE, NOT_RUN):
+            (self.folder / name).unlink(missing_ok=True)
+
+    def _put_aside(self, one: NotRun, *, ends: bool) -> None:
+        """Keep why an episode was not run; `ends`: so many were not that none would be."""
+        self.not_run.append(one)
+        append_line(self.folder / NOT_RUN, to_json(one))
+        if ends:
+            raise KarmaError(f"{IN_A_ROW} episodes one after the other were not run: {one.reason}")
 
     def _perform(
         self, chains: Sequence[Chain], workers: int, ray: str
@@ -244,8 +270,14 @@ def read_results(folder: Path, *more: Path) -> BenchmarkResults:
         if rows:
             raise FileError(place / HEADER, f"row {min(rows)!r} is in another of these runs, too")
         records += mine
-        remarks += kind.results(mine).remarks
+        remarks += _with(kind.results(mine), read_not_run(place)).remarks
     return replace(read_records(folder, headers[0])[0].results(records), remarks=tuple(remarks))
+
+
+def _with(results: BenchmarkResults, not_run: Sequence[NotRun]) -> BenchmarkResults:
+    """Return results that say what was not run."""
+    said = in_words(not_run)
+    return replace(results, remarks=(*results.remarks, *filter(None, [said])))
 
 
 def read_records(folder: Path, header: BenchmarkHeader) -> tuple[Benchmark, list[Any]]:

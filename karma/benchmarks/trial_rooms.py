@@ -1,9 +1,10 @@
 """ALFRED's demonstrations, whose rooms, starts and goals its benchmarks take."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
+from karma.errors import FileError
 from karma.world.alfred.facts import RoomFacts, gather, side_files
 from karma.world.alfred.trial import Trial, read_trials
 
@@ -24,13 +25,22 @@ class TrialRooms:
         return ""
 
 
-def read_rooms(path: Path) -> TrialRooms:
+def read_rooms(path: Path, listed: Collection[str] = ()) -> TrialRooms:
     """Read the demonstrations of a file, and what is known of their rooms.
 
+    Args:
+        path: the file.
+        listed: ids of those that are to be begun.
+
     Raises:
-        FileError: a file is missing, torn or of another form.
+        FileError: a file is missing, torn or of another form, or most that are listed are not
+            there: the list is of other demonstrations.
     """
     trials = {trial.id: trial for trial in read_trials(path)}
+    there = len({*listed} & trials.keys())
+    if 2 * there < len({*listed}):
+        reason = f"holds {there} of the {len({*listed})} trials that are listed"
+        raise FileError(path, reason, fix="trials = the file of the split that the list is of")
     return TrialRooms(trials=trials, facts=gather(trials.values(), side_files()))
 
 

@@ -14,6 +14,7 @@ import msgspec
 
 from karma.bench.experiment import Models
 from karma.bench.experiment_file import DataFolders, with_places_here
+from karma.bench.not_run import NotRun
 from karma.bench.pool import JobQueue, Workshop, in_processes
 from karma.bench.provenance import versions
 from karma.bench.ray_pool import in_cluster
@@ -21,9 +22,10 @@ from karma.bench.ray_workers import hashes_here, models_here, need_of, refuse_no
 from karma.bench.workers import imported
 from karma.benchmarks.benchmark import Benchmark, Chain, ExperimentFile, Play
 from karma.benchmarks.header import BenchmarkHeader, differences, file_hashes, kind_of
-from karma.infer.hosted.cassette import Cassette, Tape
+from karma.errors import KarmaError, UnwritableError
+from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
 from karma.infer.hosted.session import Session
-from karma.offline import go_offline, network_allowed
+from karma.offline import NetworkRefused, go_offline, network_allowed
 
 _NO_MODELS = Models(planner="", embedder="", gpu_layers=0)
 _Records = list[tuple[Any, float]]  # of a chain, each with the seconds that it took
@@ -118,11 +120,22 @@ def _player(benchmark: Benchmark, session: Session) -> Callable[[Chain], _Record
 
 
 def _played(play: Play, chain: Chain, session: Session) -> Iterator[tuple[Any, float]]:
-    """Play a chain; yield records with their seconds."""
-    records = play(chain)
-    for key in chain.keys:
-        session.cassette.begin("/".join(map(str, key)))
+    """Play a chain; yield records with their seconds, or why an episode was not run.
+
+    Raises:
+        KarmaError: no other could be run either, see `karma.bench.workers.Performer.do`.
+    """
+    records, problem = play(chain), ""
+    for row, task, seed in chain.keys:
+        session.cassette.begin(f"{row}/{task}/{seed}")
         begun = time.perf_counter()
-        record = next(records)
+        try:
+            record = next(records) if not problem else None
+        except (UnwritableError, CassetteError, NetworkRefused):
+            raise
+        except KarmaError as error:
+            problem, record = str(error), None
         session.ledger.take()
+        if record is None:  # what one leaves in a chain may be the next one's
+            record = NotRun(row=row, task=task, seed=seed, reason=problem)
         yield record, time.perf_counter() - begun

@@ -47,6 +47,7 @@ def do_benchmark(
     Raises:
         KarmaError: see `BenchmarkRun`.
     """
+    from karma.bench.not_run import in_words
     from karma.bench.sheet import to_markdown
     from karma.benchmarks.run import TABLE, BenchmarkRun
 
@@ -65,9 +66,11 @@ def do_benchmark(
             console.print(escape(f"{done}: {record.row}, {record.task}: {mark}"), soft_wrap=True)
     results = run.results()
     console.print(escape(to_markdown(results.behind)), soft_wrap=True)
-    console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
     if json is not None:
         write_atomic(json, to_json(results.figures, indent=2))
+    if run.not_run:
+        raise KarmaError(in_words(run.not_run))
+    console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
 
 
 def write_table(runs: Sequence[Path], folder: Path, json: Path | None) -> None:

@@ -282,7 +282,7 @@ def test_fault_of_a_server_is_in_no_rate_told_and_done_again(
 
 
 def test_run_ends_where_several_episodes_in_a_row_were_not_run(experiment, tmp_path):
-    with wire_server(lambda *_: (503, {}, b'{"error": {"message": "all gone"}}')) as (url, seen):
+    with wire_server(lambda *_: (503, {}, b'{"error": {"message": "all gone"}}')) as (url, _):
         run = Run(experiment(url, retries=0), tmp_path / "run")
         with pytest.raises(KarmaError, match=r"3 episodes one after the other .*all gone"):
             list(run.episodes())

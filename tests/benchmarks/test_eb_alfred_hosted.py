@@ -176,7 +176,7 @@ def test_table_has_rows_of_several_runs_and_the_published_ones(experiment, tmp_p
     done = CliRunner().invoke(app, [*command, str(tmp_path / "replayed")])
     assert done.exit_code == 0, done.output
     table = (out / TABLE).read_text()
-    for row in ("| **expert** | 75.0 |", "| **chance** |", "| Deep Thought | 42.0 |"):
+    for row in ("| **expert** | 100.0 |", "| **chance** |", "| Deep Thought | 42.0 |"):
         assert row in table
     assert "| **hosted** (2 tasks) | 100.0 |" in table
     twice = CliRunner().invoke(app, [*command, str(tmp_path / "ours")])

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from support import eb_alfred as eb
 from support.paths import SHARED
 
+from karma.bench.not_run import NotRun
 from karma.benchmarks.eb_alfred.answers import LONGEST, read_answer
 from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.play import EbStage, play
@@ -68,6 +69,35 @@ def test_answer_that_is_of_no_use_says_why(text, reason, no_json):
     assert reason in found.error
     assert found.error
     assert found.no_json is no_json
+
+
+WELL = '"executable_plan": [{"action_id": 5, "action_name": "find a Mug"}]'
+DAMAGED = {
+    "a line in a text": '{"language_plan": "1. find\n2. pick up", ' + WELL + "}",
+    "a tab in a text": '{"language_plan": "1.\tfind", ' + WELL + "}",
+    "quotes in a text": '{"language_plan": "the "big" {mug}", ' + WELL + "}",
+    "Python": "{'seen': None, 'ok': True, 'executable_plan': [{'action_id': 5, 'why': \"it's\"}]}",
+    "Python and JSON": '{"seen": None, ' + WELL + "}",
+    "braces before": '<think>{find} {5}, as {"executable_plan": [...]}</think>{' + WELL + "}",
+    "a comment": '{"executable_plan": [{"action_id": 5} // the [first]\n]}',
+    "another comment": '{"executable_plan": [\n# first\n{"action_id": 5}]}',
+    "a float": '{"executable_plan": [{"action_id": 5.0}]}',
+    "a list alone": '[{"action_id": 5, "action_name": "x"}]',
+    "one alone": '{"executable_plan": {"action_id": 5}}',
+    "dots at the end": '{"executable_plan": [{"action_id": 5}, ...]}',
+    "damage in the middle": '{"executable_plan": [{"action_id": 5}, {action: 6}, [7]]}',
+    "typographic quotes": "{“executable_plan”: [{“action_id”: 5}]}",
+    "a text in JSON": json.dumps("{" + WELL + "}"),
+    "no end": "{" + WELL[:-1] + ', {"action_id": 6, "act',
+    "as YAML": 'executable_plan: [{"action_id": 5}]',
+}
+
+
+@pytest.mark.parametrize("text", DAMAGED.values(), ids=DAMAGED)
+def test_plan_is_read_out_of_a_damaged_answer_and_counted_as_mended(text):
+    found = read_answer(text, 20)
+    assert (found.plan, found.error, found.mended) == ((5,), "", True)
+    assert read_answer(text, 20, mend=False).no_json
 
 
 def test_answer_is_not_mended_when_strict():
@@ -241,9 +271,10 @@ def test_planner_that_fails_is_an_error_of_its_episode(tmp_path):
     assert "run out" in record.error
 
 
-def test_trial_that_is_missing_is_named_and_counted_as_failed(tmp_path):
-    record, _ = played(tmp_path, trial="trial_T1")
-    assert (record.end, record.error) == ("error", "there is no trial trial_T1")
+def test_trial_that_is_missing_is_not_run(tmp_path):
+    found, _ = played(tmp_path, trial="trial_T1")
+    assert isinstance(found, NotRun)
+    assert (found.reason, found.alone) == ("there is no trial trial_T1", True)
 
 
 def test_empty_plan_keeps_its_progress_unless_strict(tmp_path):

@@ -26,15 +26,21 @@ def test_run_gives_equal_bytes_twice_and_with_two_workers(experiment, tmp_path):
     assert finished(path, tmp_path / "c", workers=2)[1] == first
 
 
-def test_run_counts_a_missing_trial_as_failed_and_says_so(experiment, tmp_path):
-    records, files = finished(experiment(), tmp_path / "a")
+def test_trial_that_is_missing_is_in_no_rate_is_told_and_is_asked_for_again(experiment, tmp_path):
+    said = [("ours_1", "The apple goes into the fridge."), ("lost", "Find it.")]
+    path = experiment(tasks={"spatial": said})
+    run = BenchmarkRun(path, tmp_path / "a")
+    records = list(run.episodes())
     figures = {(one.row, one.subset): one for one in results_of(records)}
-    assert (figures["expert", "base"].success, figures["expert", "spatial"].success) == (1.0, 0.5)
-    average = figures["expert", "average"]
-    assert (average.success, average.successes, average.errors) == (0.75, 3, 1)
-    assert "there is no trial lost" in files[EPISODES].decode()
-    assert "| **expert** | 75.0 | 100.0 | – | – | – | 50.0 | – |" in files[TABLE].decode()
-    assert "| Deep Thought | 42.0 | 41.5 | – |" in files[TABLE].decode()
+    assert figures["expert", "spatial"].success == 1.0
+    assert figures["expert", "average"].errors == 0
+    assert {one.reason for one in run.not_run} == {"there is no trial lost"}
+    words = ["eval", str(path), "--out", str(tmp_path / "a"), "--workers", "1"]
+    shown = CliRunner().invoke(app, words)
+    assert shown.exit_code == 1
+    assert f"{len(run.not_run)} not run, in no rate" in shown.output
+    shown = CliRunner().invoke(app, ["table", str(tmp_path / "a")])
+    assert "not run, in no rate" in (tmp_path / "a" / TABLE).read_text(), shown.output
 
 
 def test_run_that_was_stopped_goes_on_and_gives_the_same(experiment, tmp_path):
@@ -78,7 +84,7 @@ def test_command_prints_the_table_and_refuses_what_a_benchmark_does_not_know(exp
     path, out = experiment(), tmp_path / "run"
     done = CliRunner().invoke(app, ["eval", str(path), "--out", str(out), "--workers", "1"])
     assert done.exit_code == 0, done.output
-    assert "| expert | 3/4 |" in done.output
+    assert "| expert | 4/4 |" in done.output
     wrong = CliRunner().invoke(app, ["eval", str(path), "--out", str(out), "--half-width", "0.1"])
     assert wrong.exit_code != 0
     assert "has no --half-width" in wrong.output

@@ -13,6 +13,7 @@ from support.lota_alfred import FETCH, SAID, STOW, environment, listed, trial
 from support.paths import SHARED
 from support.tiny import export_tiny
 
+from karma.bench.not_run import NotRun
 from karma.benchmarks.lota_alfred.answers import read_list
 from karma.benchmarks.lota_alfred.experiment import LotaRow
 from karma.benchmarks.lota_alfred.planner import followed
@@ -52,6 +53,10 @@ def numbers_of(*names):
 @pytest.mark.parametrize(
     "text",
     [
+        "1) find an apple 2) pick up the apple 3) done",
+        "Step 1: find an apple\nStep 2: pick up the apple\nStep 3: done",
+        "Find an apple. Pick up the apple. Done.",
+        "1. Find an apple.\n2. Pick up the apple.\n3. Done.",
         "1. find an apple, 2. pick up the apple, 3. done.",
         "Robot: 1. find an apple, 2. pick up the apple, 3. done.\nHuman: Thanks.",
         "find an apple\npick up the apple\ndone",
@@ -71,7 +76,7 @@ def test_list_that_is_strict_is_split_at_commas_alone():
 
 def test_list_keeps_what_is_no_skill_as_it_was_said():
     found = read_list("Sure! 1. find an apple, 2. wave, 3. find a dragon", NAMES)
-    assert found == ("Sure! 1. find an apple", "wave", "find a dragon")
+    assert found == ("Sure!", *numbers_of("find an apple"), "wave", "find a dragon")
 
 
 def test_list_puts_down_whatever_is_named():
@@ -282,9 +287,10 @@ def test_planner_that_fails_is_an_error_of_its_episode_and_stays_in_the_rate(tmp
         (listed(repeat=4), "trial ours_1 has no annotation 4"),
     ],
 )
-def test_task_that_cannot_be_begun_is_named_and_counted_as_failed(tmp_path, task, message):
-    record, _ = played(tmp_path, task=task)
-    assert (record.end, record.error, record.success) == ("error", message, False)
+def test_task_that_cannot_be_begun_is_not_run(tmp_path, task, message):
+    found, _ = played(tmp_path, task=task)
+    assert isinstance(found, NotRun)
+    assert (found.reason, found.alone) == (message, True)
 
 
 def test_task_with_a_sentence_of_its_own_is_asked_in_that(tmp_path):

@@ -9,9 +9,11 @@ from support.eb_alfred import run_files
 from support.hosted_server import plant_key, wire_server
 from support.lota_alfred import FETCH, STOW, trial
 from support.tiny import export_tiny
+from typer.testing import CliRunner
 
 from karma.benchmarks.lota_alfred.table import results_of
-from karma.benchmarks.run import EPISODES, TABLE, BenchmarkRun
+from karma.benchmarks.run import TABLE, BenchmarkRun
+from karma.cli import app
 from karma.errors import FileError, ModelError
 from karma.infer.hosted.cassette import Cassette
 
@@ -102,14 +104,29 @@ def test_run_of_a_model_gives_equal_bytes_with_two_workers(lota, tmp_path):
             assert (answer.score is None) == (record.row == "generated")
 
 
-def test_run_keeps_crashed_episodes_in_the_rate_and_says_the_sources_too(lota, tmp_path):
-    records, files = finished(lota(trials=("ours_1", "lost")), tmp_path / "a")
-    figures = {(one.row, one.kind): one for one in results_of(records)}
-    expert = figures["expert", "all"]
-    assert (expert.success, expert.crashed, expert.success_without_crashed) == (0.5, 1, 1.0)
-    assert "there is no trial lost" in files[EPISODES].decode()
-    assert "| **expert** | 50.0 | 50.0 |" in files[TABLE].decode()
-    assert "| expert | 1/2 |" in files[TABLE].decode()
+def test_trial_that_is_missing_is_in_no_rate_and_most_of_them_are_an_error(lota, tmp_path):
+    path = lota(trials=("ours_1", "lost"))
+    run = BenchmarkRun(path, tmp_path / "a")
+    records = list(run.episodes())
+    expert = {(one.row, one.kind): one for one in results_of(records)}["expert", "all"]
+    assert (expert.success, expert.episodes, expert.crashed) == (1.0, 1, 0)
+    assert {(one.task, one.reason) for one in run.not_run} == {
+        ("valid_seen/1", "there is no trial lost")
+    }
+    said = karma_eval(path, tmp_path / "a", code=1)
+    assert "3 not run, in no rate (expert 1, expert, strict 1, chance 1)" in said
+    assert "there is no trial lost" in said
+    assert not (tmp_path / "a" / TABLE).exists()
+    path = lota(trials=("lost", "ours_1", "gone"))
+    with pytest.raises(FileError, match="holds 1 of the 3 trials that are listed"):
+        list(BenchmarkRun(path, tmp_path / "b").episodes())
+
+
+def karma_eval(path, folder, code):
+    words = ["eval", str(path), "--out", str(folder), "--workers", "1"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == code, result.output
+    return result.output
 
 
 @pytest.mark.parametrize(

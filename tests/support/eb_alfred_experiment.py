@@ -24,7 +24,7 @@ def experiment(tmp_path, monkeypatch):
     def write(rows=eb.ROWS, *, tasks=None, **changed):
         lists = {
             "base": [("ours_1", "Put the apple into the fridge."), ("ours_1", "Cool some fruit.")],
-            "spatial": [("ours_1", "The apple goes into the fridge."), ("lost", "Find it.")],
+            "spatial": [("ours_1", "The apple goes into the fridge."), ("ours_1", "Chill it.")],
         }
         given = {
             name: [

@@ -1,11 +1,17 @@
 """Read a planner's answer: a JSON object with numbers of actions; parsed, never executed.
 
-What is wrong with JSON is mended within bounds: prose and fences around it, commas before a closing
-bracket, brackets that are missing at its end because the answer was cut off.
+What is wrong with JSON is mended within bounds: only the list of the plan is looked for, so nothing
+before it matters; lines and tabs in texts, quotes and constants of Python, comments, dots for what
+was left out, commas before a closing bracket, and brackets that are missing since it was cut off.
 """
 
+import ast
+import json
 import re
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import msgspec
@@ -13,8 +19,15 @@ import msgspec
 LONGEST = 200_000  # characters that are looked at
 PLAN, NUMBER = "executable_plan", "action_id"
 _DIGITS = re.compile(r"\d{1,6}")
-_COMMA = re.compile(r",(\s*[\]}])")
+_BEGINS = (
+    re.compile(rf"{PLAN}\W{{0,3}}[:=]\s*(?=[\[{{])"),
+    re.compile(rf"(?=\[\s*\{{\W{{0,3}}{NUMBER})"),
+)
+_COMMENT = re.compile(r"(?<=[\s,\]}])(?://|#)[^\n\"]*")
+_COMMA = re.compile(r",(?:\s*(?:\.\.\.|…),?)?(\s*[\]}])")
+_QUOTES = str.maketrans("“”„‟", '""""')
 _CLOSES = {"{": "}", "[": "]"}
+_TRIES = 20  # beginnings of a list, and ends of each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,12 +63,19 @@ def read_answer(text: str, actions: int, *, mend: bool = True) -> PlanReading:
                 break
             return PlanReading(error=f"there is no action {number}; the last is {actions - 1}")
         plan.append(number)
+        mended |= not isinstance(_said(item), int)
     return PlanReading(plan=tuple(plan), mended=mended)
 
 
+def _said(item: Any) -> Any:
+    return item.get(NUMBER) if isinstance(item, dict) else item
+
+
 def _number(item: Any, *, mend: bool) -> int | None:
-    said = item.get(NUMBER) if isinstance(item, dict) else item if mend else None
+    said = _said(item) if mend or isinstance(item, dict) else None
     if mend and isinstance(said, str) and _DIGITS.fullmatch(said.strip()):
+        said = int(said)
+    if mend and isinstance(said, float) and said.is_integer():
         said = int(said)
     return said if isinstance(said, int) and not isinstance(said, bool) else None
 
@@ -64,17 +84,42 @@ def _parsed(text: str, *, mend: bool) -> tuple[Any, bool]:
     """Return the JSON of an answer, and whether it had to be mended; None where there is none."""
     text = text[:LONGEST]
     whole = _decoded(text.strip())
-    if whole is not None or not mend:
+    if not mend or (isinstance(whole, dict) and isinstance(whole.get(PLAN), list)):
         return whole, False
-    begin = text.find("{")
-    if begin < 0:
-        return None, False
-    body = text[begin:]
-    for attempt in (body[: body.rfind("}") + 1], _COMMA.sub(r"\1", body[: body.rfind("}") + 1])):
-        found = _decoded(attempt)
-        if found is not None:
-            return found, True
-    return _decoded(_COMMA.sub(r"\1", _closed(body))), True
+    if isinstance(whole, str):  # JSON as a text in JSON
+        return _parsed(whole, mend=False)[0], True
+    plans = [
+        plan
+        for begins in _BEGINS
+        for match in islice(begins.finditer(text), _TRIES)
+        if (plan := _list(text[match.end() :])) is not None
+    ]
+    plan = next(filter(None, plans), next(iter(plans), None))
+    return (whole, False) if plan is None else ({PLAN: plan}, True)
+
+
+def _list(text: str) -> list[Any] | None:
+    """Return the list that a text begins with, up to its last whole item; None for none at all."""
+    text = _COMMENT.sub("", text).translate(_QUOTES)
+    for body in islice(_closed(text), _TRIES):
+        found = _read(_COMMA.sub(r"\1", body))
+        items = [found] if isinstance(found, dict) else found
+        if isinstance(items, list) and ... not in items:
+            return items
+    return None
+
+
+def _read(text: str) -> Any:
+    """Return what JSON, or a literal of Python, says; None where it is neither."""
+    try:
+        return json.loads(text, strict=False)
+    except (ValueError, RecursionError):
+        pass
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            return ast.literal_eval(text)
+    except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError):
+        return None
 
 
 def _decoded(text: str) -> Any:
@@ -84,9 +129,12 @@ def _decoded(text: str) -> Any:
         return None
 
 
-def _closed(text: str) -> str:
-    """Return a cut-off text up to its last whole item, with the brackets that are missing."""
-    open_, ends, inside, skip = [], [(0, "")], False, False
+def _closed(text: str) -> Iterator[str]:
+    """Yield the first value of a text, whole, then up to its items, the last one first.
+
+    Brackets that are missing at an end are put there.
+    """
+    open_, ends, inside, skip = [], [], False, False
     for place, char in enumerate(text):
         if skip:
             skip = False
@@ -101,5 +149,5 @@ def _closed(text: str) -> str:
             ends.append((place + 1, "".join(reversed(open_))))
             if not open_:
                 break
-    end, missing = ends[-1]
-    return text[:end] + missing
+    for end, missing in reversed(ends):
+        yield text[:end] + missing

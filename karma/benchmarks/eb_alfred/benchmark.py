@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+from karma.bench.not_run import NotRun
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.eb_alfred.experiment import EbExperiment, EbRow, remarks_on, tasks_of
 from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, play
@@ -60,15 +61,15 @@ class EbAlfred:
     def begin(self, session: Session) -> Play:
         """Load rooms, lists of types and, where a row asks it, the planner."""
         one = self._experiment
+        tasks = {task.id: task for task in tasks_of(one, self._path)}
         stage = EbStage(
-            rooms=read_rooms(Path(one.trials)),
+            rooms=read_rooms(Path(one.trials), [task.trial for task in tasks.values()]),
             types=read_types(Path(one.types)),
             model=planner_of(one.models, session, one.seeds[0]) if one.plans else None,
         )
         rows = {row.name: row for row in one.rows}
-        tasks = {task.id: task for task in tasks_of(one, self._path)}
 
-        def played(chain: Chain) -> Iterator[EbRecord]:
+        def played(chain: Chain) -> Iterator[EbRecord | NotRun]:
             puts: dict[str, int] = {}
             for task in chain.tasks:
                 yield play(stage, rows[chain.row], tasks[task], chain.seed, puts)

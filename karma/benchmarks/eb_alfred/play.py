@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from karma.bench.not_run import NotRun
 from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.planner import PlannerAnswer, PlannerPlayer
 from karma.benchmarks.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
@@ -47,8 +48,10 @@ class EbStage:
     model: LanguageModel | None  # None where no row asks one
 
 
-def play(stage: EbStage, row: EbRow, task: ListedTask, seed: int, puts: dict[str, int]) -> EbRecord:
-    """Play an episode; what is wrong with it, or with what a model was asked, is in the record.
+def play(
+    stage: EbStage, row: EbRow, task: ListedTask, seed: int, puts: dict[str, int]
+) -> EbRecord | NotRun:
+    """Play an episode, if it can be begun; what a model could not be asked is in the record.
 
     Args:
         stage: what all share.
@@ -60,22 +63,22 @@ def play(stage: EbStage, row: EbRow, task: ListedTask, seed: int, puts: dict[str
     Raises:
         KarmaError: what is no player's doing, e.g. a server is lost or the disk full.
     """
-    environment: Environment | None = None
+    if missing := stage.rooms.missing(task.trial):
+        return NotRun(row=row.name, task=task.id, seed=seed, reason=missing, alone=True)
     player = _player(stage, row, task, seed)
-    calls, error = 0, stage.rooms.missing(task.trial)
+    calls, error = 0, ""
+    trial = stage.rooms.trials[task.trial]
+    environment = Environment(
+        trial,
+        stage.rooms.facts[trial.scene.floor_plan],
+        stage.types,
+        strict=row.strict,
+        puts=puts if row.strict else None,
+    )
     try:
-        if not error:
-            trial = stage.rooms.trials[task.trial]
-            environment = Environment(
-                trial,
-                stage.rooms.facts[trial.scene.floor_plan],
-                stage.types,
-                strict=row.strict,
-                puts=puts if row.strict else None,
-            )
-            while not environment.end:
-                calls += 1
-                _take_turn(environment, player)
+        while not environment.end:
+            calls += 1
+            _take_turn(environment, player)
     except KarmaError as problem:
         if not problem.agents_own:
             raise
@@ -111,21 +114,16 @@ def _record(
     row: EbRow,
     task: ListedTask,
     seed: int,
-    environment: Environment | None,
+    environment: Environment,
     *,
     calls: int,
     answers: tuple[PlannerAnswer, ...],
     error: str,
 ) -> EbRecord:
-    progress, end, invalid = 0.0, "", 0
-    steps: tuple[Step, ...] = ()
-    if environment is not None:
-        met = environment.conditions
-        progress, end = met.met / met.of, environment.end
-        steps, invalid = tuple(environment.steps), environment.invalid
-        unplayed = end == "empty plan" or bool(answers and answers[-1].error)
-        if row.strict and unplayed:  # the source loses the progress when a plan ends it
-            progress = 0.0
+    met, end = environment.conditions, environment.end
+    unplayed = end == "empty plan" or bool(answers and answers[-1].error)
+    # the source loses the progress when a plan ends it
+    progress = 0.0 if row.strict and unplayed else met.met / met.of
     return EbRecord(
         row=row.name,
         task=task.id,
@@ -136,9 +134,9 @@ def _record(
         success=end == "goal met",
         progress=progress,
         end="error" if error else end,
-        invalid=invalid,
+        invalid=environment.invalid,
         calls=calls,
-        steps=steps,
+        steps=tuple(environment.steps),
         answers=answers,
         error=error,
     )

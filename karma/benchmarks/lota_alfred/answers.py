@@ -11,8 +11,10 @@ from collections.abc import Iterator, Sequence
 LONGEST = 200_000  # characters that are looked at
 _MOST = 1_000  # items that are kept
 _PUT = "put down "
-_SPLIT = re.compile(r"[,;\n]+")
-_NUMBERED = re.compile(r"^[\s\-*•]*(?:\d+[.):]*\s*)?(?:robot:\s*)?(?:\d+[.):]*\s*)?", re.IGNORECASE)
+_SPLIT = re.compile(r"[,;\n]+|\.\s+(?=[a-z])|(?<!step)\s+(?=\d{1,3}[.):])", re.IGNORECASE)
+_NUMBERED = re.compile(
+    r"^[\s\-*•]*(?:(?:step\s*)?\d+[.):]*\s*)?(?:robot:\s*)?(?:\d+[.):]*\s*)?", re.IGNORECASE
+)
 _ARTICLE = re.compile(r"\b(?:a|an|the)\s+")
 
 Item = int | str  # a skill's number, or what is no skill

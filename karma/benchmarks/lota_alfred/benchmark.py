@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+from karma.bench.not_run import NotRun
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.lota_alfred.experiment import LotaExperiment, tasks_of
 from karma.benchmarks.lota_alfred.play import LotaRecord, LotaStage, play
@@ -49,17 +50,17 @@ class LotaAlfred:
     def begin(self, session: Session) -> Play:
         """Load rooms, lists of types and, where a row asks it, the planner."""
         one = self._experiment
+        tasks = {task.id: task for task in tasks_of(one, self._path)}
         model = planner_of(one.models, session, one.seeds[0]) if one.plans else None
         stage = LotaStage(
-            rooms=read_rooms(Path(one.trials)),
+            rooms=read_rooms(Path(one.trials), [task.trial for task in tasks.values()]),
             types=read_types(Path(one.types)),
             model=model,
             scorer=_scorer(one, model),
         )
         rows = {row.name: row for row in one.rows}
-        tasks = {task.id: task for task in tasks_of(one, self._path)}
 
-        def played(chain: Chain) -> Iterator[LotaRecord]:
+        def played(chain: Chain) -> Iterator[LotaRecord | NotRun]:
             for task in chain.tasks:
                 yield play(stage, rows[chain.row], tasks[task], chain.seed)
 

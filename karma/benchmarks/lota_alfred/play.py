@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from karma.bench.not_run import NotRun
 from karma.benchmarks.lota_alfred.experiment import LotaRow
 from karma.benchmarks.lota_alfred.planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
 from karma.benchmarks.lota_alfred.tasks import type_of_task
@@ -47,33 +48,30 @@ class LotaStage:
     scorer: ScoringModel | None  # the same, where a row has skills scored
 
 
-def play(stage: LotaStage, row: LotaRow, task: ListedTask, seed: int) -> LotaRecord:
-    """Play an episode; what is wrong with it, or with what a model was asked, is in the record.
+def play(stage: LotaStage, row: LotaRow, task: ListedTask, seed: int) -> LotaRecord | NotRun:
+    """Play an episode, if it can be begun; what a model could not be asked is in the record.
 
     Raises:
         KarmaError: what is no player's doing, e.g. a server is lost or the disk full.
     """
-    environment: Environment | None = None
-    instruction, error = _asked(stage.rooms, task)
+    instruction, missing = _asked(stage.rooms, task)
+    if missing:
+        return NotRun(row=row.name, task=task.id, seed=seed, reason=missing, alone=True)
     player = _player(stage, row, task, instruction, seed)
-    calls = 0
+    calls, error = 0, ""
+    trial = stage.rooms.trials[task.trial]
+    facts = stage.rooms.facts[trial.scene.floor_plan]
+    environment = Environment(trial, facts, stage.types, protocol=LOTA_ALFRED, strict=row.strict)
     try:
-        if not error:
-            trial = stage.rooms.trials[task.trial]
-            facts = stage.rooms.facts[trial.scene.floor_plan]
-            environment = Environment(
-                trial, facts, stage.types, protocol=LOTA_ALFRED, strict=row.strict
-            )
-            while not environment.end:
-                calls += 1
-                _take_turn(environment, player)
+        while not environment.end:
+            calls += 1
+            _take_turn(environment, player)
     except KarmaError as problem:
         if not problem.agents_own:
             raise
         error = str(problem)
     answers = () if isinstance(player, ExpertPlayer | ChancePlayer) else tuple(player.answers)
-    steps = () if environment is None else tuple(environment.steps)
-    met = environment is not None and not error and environment.goal_met
+    steps = tuple(environment.steps)
     return LotaRecord(
         row=row.name,
         task=task.id,
@@ -81,8 +79,8 @@ def play(stage: LotaStage, row: LotaRow, task: ListedTask, seed: int) -> LotaRec
         seed=seed,
         trial=task.trial,
         instruction=instruction,
-        success=met,
-        end="error" if environment is None or error else environment.end,
+        success=not error and environment.goal_met,
+        end="error" if error else environment.end,
         failed=sum(not step.ok for step in steps),
         unknown=sum(step.number == UNKNOWN for step in steps),
         calls=len(answers) or calls,
