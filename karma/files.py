@@ -261,5 +261,8 @@ def _write_in_place(path: Path, data: bytes | memoryview) -> None:
 
 def _unwritable(path: Path, error: Exception) -> UnwritableError:
     reason = getattr(error, "strerror", None) or str(error)
-    few = getattr(error, "errno", None) in (errno.EMFILE, errno.ENFILE)
-    return UnwritableError(path, f"cannot write: {reason}", fix=_DESCRIPTORS if few else _SPACE)
+    number = getattr(error, "errno", None)
+    fix = _DESCRIPTORS if number in (errno.EMFILE, errno.ENFILE) else _SPACE
+    if number in (errno.EACCES, errno.EPERM, errno.EROFS):
+        fix = "another place that may be written, e.g. --out FOLDER"
+    return UnwritableError(path, f"cannot write: {reason}", fix=fix)

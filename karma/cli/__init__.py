@@ -1,6 +1,10 @@
 """The `karma` command."""
 
-from typing import Annotated
+import io
+import os
+import signal
+import sys
+from typing import Annotated, Any
 
 import typer
 
@@ -27,6 +31,7 @@ app = typer.Typer(
     no_args_is_help=True,
     help="A household agent that remembers, offline.",
     epilog='Begin with: karma run "wash the tomato, then put it in the fridge"',
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 talking.add_to(app)
 agents.add_to(app)
@@ -61,3 +66,51 @@ def karma(
 ) -> None:
     """Keep every command off the network."""
     go_offline(allow_network=allow_network)
+
+
+@app.command("version", hidden=True)
+def version() -> None:
+    """Say which this is."""
+    _version(asked=True)
+
+
+def main() -> None:
+    """Run the command line as a program: as one that can be stopped, and whose reader may go."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_DFL:  # nohup has it otherwise
+            signal.signal(number, _stop)
+    if os.environ.get("COLUMNS") == "0":  # not known; libraries take it at its word
+        del os.environ["COLUMNS"]
+    sys.stdout, sys.stderr = _Unheard.of(sys.stdout), _Unheard.of(sys.stderr)
+    app(prog_name="karma")
+
+
+def _stop(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+class _Unheard(io.TextIOWrapper):
+    """A stream that goes on where nobody reads it any more, as after `| head -1`."""
+
+    @classmethod
+    def of(cls, stream: Any) -> Any:
+        how = {"encoding": stream.encoding, "errors": stream.errors}
+        return cls(stream.detach(), line_buffering=stream.line_buffering, **how)
+
+    def write(self, text: str) -> int:
+        try:
+            return super().write(text)
+        except BrokenPipeError:
+            self._forget()
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            super().flush()
+        except BrokenPipeError:
+            self._forget()
+
+    def _forget(self) -> None:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.fileno())
+        os.close(nowhere)

@@ -31,10 +31,15 @@ from karma.cli.model_options import (
     model_options,
 )
 from karma.cli.progress import bar, tell_cluster
-from karma.cli.shared import ACTING, Json, clear_errors, console
+from karma.cli.shared import (
+    ACTING,
+    Json,
+    clear_errors,
+    console,
+    write_json,
+)
 from karma.cli.tasks import warn_of_tasks
 from karma.errors import KarmaError
-from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.figures import Figures
@@ -135,7 +140,7 @@ def eval_command(
     run = _opened(file, folder, opened, floors)
     lines = _done(run, workers, ray, tasks)
     if json is not None:
-        write_atomic(json, to_json(plain(lines), indent=2))
+        write_json(json, plain(lines))
     write_junit(folder, junit)
     if run.not_run:
         raise KarmaError(in_words(run.not_run))

@@ -7,9 +7,11 @@ from typing import Any
 from rich.markup import escape
 
 from karma.cli.progress import tell_cluster
-from karma.cli.shared import console
+from karma.cli.shared import (
+    console,
+    write_json,
+)
 from karma.errors import KarmaError
-from karma.files import to_json, write_atomic
 
 
 def refuse_options(file: Path, **given: object) -> None:
@@ -67,7 +69,7 @@ def do_benchmark(
     results = run.results()
     console.print(escape(to_markdown(results.behind)), soft_wrap=True)
     if json is not None:
-        write_atomic(json, to_json(results.figures, indent=2))
+        write_json(json, results.figures)
     if run.not_run:
         raise KarmaError(in_words(run.not_run))
     console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
@@ -95,4 +97,4 @@ def write_table(runs: Sequence[Path], folder: Path, json: Path | None) -> None:
     console.print(escape(to_markdown(results.behind)), soft_wrap=True)
     console.print(escape(f"all tables: {folder / TABLE}"), soft_wrap=True)
     if json is not None:
-        write_atomic(json, to_json(results.figures, indent=2))
+        write_json(json, results.figures)

@@ -7,8 +7,12 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.shared import Json, clear_errors, console
-from karma.files import to_json, write_atomic
+from karma.cli.shared import (
+    Json,
+    clear_errors,
+    console,
+    write_json,
+)
 
 app = typer.Typer(no_args_is_help=True, help="All in one archive, for a machine without a network.")
 
@@ -69,7 +73,7 @@ def bundle_build(
     console.print(f"SHA-256 {built.sha256}", soft_wrap=True)
     console.print("bring it by another way than the bundle, and give it as --sha256 over there")
     if json is not None:
-        write_atomic(json, to_json(built, indent=2))
+        write_json(json, built)
 
 
 @app.command("verify")

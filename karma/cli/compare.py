@@ -8,9 +8,15 @@ import typer
 from rich.markup import escape
 
 from karma.cli.benchmarks import write_table
-from karma.cli.shared import SHOWN, Json, clear_errors, console, sheet_table
+from karma.cli.shared import (
+    SHOWN,
+    Json,
+    clear_errors,
+    console,
+    sheet_table,
+    write_json,
+)
 from karma.errors import KarmaError
-from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.compare import Comparison, Split
@@ -54,7 +60,7 @@ def compare_command(
     for words in set_apart(runs):
         console.print(escape(words), soft_wrap=True, highlight=False)
     if json is not None:
-        write_atomic(json, to_json([one for group in found for one in group], indent=2))
+        write_json(json, [one for group in found for one in group])
 
 
 @clear_errors
@@ -135,7 +141,7 @@ def table_command(
             "failures": result.failures,
             "margins": margins(result),
         }
-        write_atomic(json, to_json(parts, indent=2))
+        write_json(json, parts)
 
 
 def _side_by_side(one: "Comparison") -> "Sheet":

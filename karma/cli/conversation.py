@@ -2,19 +2,32 @@
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
 from karma.cli.answers import AnswerView
-from karma.cli.shared import console
+from karma.cli.shared import (
+    ASKED,
+    DONE,
+    FAILED,
+    REFUSED,
+    STOPPED,
+    UNFINISHED,
+    console,
+    readable,
+)
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.talk.agent import Agent
     from karma.talk.replies import AgentReply, Line
 
+_ALL = 10_000  # rows of an answer where no screen ends
 ROWS = 22  # of an answer: with the line that is typed it fits a screen of 24
+CODES: Mapping[str, int] = {"done": DONE, "unfinished": UNFINISHED, "refused": REFUSED}
+_WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests the first of these
 _STYLES = {
     "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",
     "failed": "red", "seen": "green", "not seen": "yellow",
@@ -51,12 +64,12 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
     from karma.tasks.sentences import split_instruction
 
     clauses = split_instruction(instruction)
-    most = rows_for(len(clauses))
+    most = rows_for(len(clauses)) if _watched() else _ALL
     number, printed = 0, 0
     view = view or AnswerView()
-    with console.status("thinking ...") as status:
+    with console.status("thinking ...") as status, closing(agent.doing(instruction)) as moments:
         view.request(status)
-        for moment in agent.doing(instruction):
+        for moment in moments:
             if isinstance(moment, SkillResult):
                 status.update(escape(f"{moment.call} ..."))
             elif isinstance(moment, Plan):
@@ -80,17 +93,25 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
     return agent.replies[-1]
 
 
+def _watched() -> bool:
+    """Return whether lines go to a screen, which ends, and not to a file or another program."""
+    return console.is_terminal
+
+
 def show_lines(lines: Sequence["Line"]) -> None:
-    """Print lines of an answer, each in one row."""
+    """Print lines of an answer, each in one row; whole where no screen ends."""
     for line in lines:
-        console.print(
-            escape(line.text), style=_STYLES[line.mark], no_wrap=True, overflow="ellipsis",
-            highlight=False,
-        )  # fmt: skip
+        _in_one_row(line.text, _STYLES[line.mark])
 
 
-def figures_of(reply: "AgentReply") -> Mapping[str, Any]:
-    """Return what `--json` keeps of a reply."""
+def _in_one_row(text: str, style: str = "") -> None:
+    cut: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}
+    how = cut if _watched() else {"soft_wrap": True}
+    console.print(escape(text), style=style, highlight=False, **how)
+
+
+def figures_of(agent: "Agent", reply: "AgentReply") -> Mapping[str, Any]:
+    """Return what `--json` keeps of an agent's reply."""
     lines = []
     for part in reply.parts:
         record = part.record
@@ -102,7 +123,15 @@ def figures_of(reply: "AgentReply") -> Mapping[str, Any]:
             "afterwards": part.checks,
         }
         lines.append({**line, "refused": part.refused} if part.refused else line)
-    return {"finished": bool(reply), "hosted": reply.spent, "instructions": lines}
+    return {
+        "status": reply.status,
+        "exit_code": CODES[reply.status],
+        "finished": bool(reply),
+        "scene": agent.scene.name,
+        "run": str(agent.folder),
+        "hosted": reply.spent,
+        "instructions": lines,
+    }
 
 
 def show_folder(agent: "Agent") -> None:
@@ -114,31 +143,73 @@ def show_folder(agent: "Agent") -> None:
 # ----------------------------------------------------------------- the conversation
 
 
-def converse(agent: "Agent", view: AnswerView | None = None) -> None:
-    """Take what is typed, or piped in, until it ends; `view` as in `say`."""
+def converse(agent: "Agent", view: AnswerView | None = None) -> int:
+    """Take what is typed, or piped in, until it ends; `view` as in `say`.
+
+    Returns:
+        The exit code: of what was piped in the worst that came of a request.
+    """
+    codes: list[int] = []
     console.print(escape(f"{agent.map.lines()[0]}. Say what to do, or /help."), soft_wrap=True)
-    for typed in _typed():
-        word = typed.split()[0] if typed.startswith("/") else ""
-        if word == "/quit":
-            break
-        try:
-            _commands().get(word, _unknown)(agent) if word else say(agent, typed, view)
-        except KeyboardInterrupt:
-            console.print("stopped; all is as it was before you said that", style="yellow")
-        except KarmaError as error:
-            console.print(escape(f"error: {error}"), style="red", soft_wrap=True, highlight=False)
+    try:
+        for typed in _typed():
+            if typed.split()[0] == "/quit":
+                break
+            codes.append(_answered(agent, typed, view))
+            if codes[-1] == STOPPED and not sys.stdin.isatty():
+                break
+    except KeyboardInterrupt:
+        codes.append(STOPPED)
     if agent.replies:
         show_folder(agent)
+    if sys.stdin.isatty():
+        return DONE
+    return next((one for one in _WORST if one in codes), DONE)
+
+
+def _answered(agent: "Agent", typed: str, view: AnswerView | None) -> int:
+    """Do what was typed; return its exit code."""
+    said = len(agent.replies)
+    try:
+        if typed.startswith("/"):
+            _commands().get(typed.split()[0], _unknown)(agent)
+            return DONE
+        return CODES[say(agent, typed, view).status]
+    except KeyboardInterrupt:
+        tell_stopped(agent, said)
+        return STOPPED
+    except KarmaError as error:
+        console.print(escape(f"error: {error}"), style="red", soft_wrap=True, highlight=False)
+        return FAILED
+
+
+def tell_stopped(agent: "Agent", said: int) -> None:
+    """Say what was stopped; `said`: how many replies there were before."""
+    if len(agent.replies) == said:
+        told = "stopped; all is as it was before you said that"
+    else:
+        told = f"stopped: {agent.replies[-1].stopped}; what was done before it is kept"
+    console.print(escape(told), style="yellow", soft_wrap=True, highlight=False)
 
 
 def _typed() -> Iterator[str]:
-    """Yield what is typed, without blank lines; Ctrl-D, and Ctrl-C at the prompt, end it."""
+    """Yield what is typed, without blank lines; Ctrl-D, and Ctrl-C at the prompt, end it.
+
+    Raises:
+        KeyboardInterrupt: it was stopped, and nobody types.
+    """
     asks = sys.stdin.isatty()
     while True:
         try:
             line = console.input("> ") if asks else sys.stdin.readline().lstrip("\ufeff")
-        except (EOFError, KeyboardInterrupt):
+            line = readable(line)
+        except EOFError:
             console.print()
+            return
+        except KeyboardInterrupt:
+            console.print()
+            if not asks:  # whatever sent it, it was meant for all that is left
+                raise
             return
         if not asks and not line:
             return
@@ -153,11 +224,12 @@ def _commands() -> Mapping[str, Callable[["Agent"], None]]:
 
 
 def _plain(lines: Sequence[str]) -> None:
-    shown = list(lines[:ROWS])
-    if len(lines) > ROWS:
-        shown[-1] = f"  and {len(lines) - ROWS + 1} more"
+    most = ROWS if _watched() else _ALL
+    shown = list(lines[:most])
+    if len(lines) > most:
+        shown[-1] = f"  and {len(lines) - most + 1} more"
     for line in shown:
-        console.print(escape(line), no_wrap=True, overflow="ellipsis", highlight=False)
+        _in_one_row(line)
 
 
 def _memory(agent: "Agent") -> None:

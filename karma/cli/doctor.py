@@ -12,9 +12,13 @@ from rich.table import Table
 
 from karma.bench.formats import UNKNOWN, figure_text
 from karma.cli.model_options import model_options
-from karma.cli.shared import Json, clear_errors, console
+from karma.cli.shared import (
+    Json,
+    clear_errors,
+    console,
+    write_json,
+)
 from karma.errors import KarmaError
-from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.model_doctor import ModelSeen
@@ -68,7 +72,7 @@ def _offline(json: Path | None) -> None:
             console.print(f"{MARKS[one.status]} {escape(f'{one.name}: {one.fix}')}", soft_wrap=True)
     console.print("[green]ready to run offline[/]" if good else "[red]something is missing[/]")
     if json is not None:
-        write_atomic(json, to_json({"ok": good, "findings": findings}, indent=2))
+        write_json(json, {"ok": good, "findings": findings})
     if not good:
         raise typer.Exit(1)
 
@@ -109,7 +113,7 @@ def models_command(
                 f"{MARKS['problem']} {escape(f'{one.role}: {one.error}')}", soft_wrap=True
             )
     if json is not None:
-        write_atomic(json, to_json(seen, indent=2))
+        write_json(json, seen)
     if any(one.error for one in seen):
         raise typer.Exit(1)
 
@@ -176,7 +180,7 @@ def thor(
         good = good and not tried.get("error")
     console.print("[green]all is there[/]" if good else "[red]something is missing[/]")
     if json is not None:
-        write_atomic(json, to_json({"ok": good, "findings": findings, "start": tried}, indent=2))
+        write_json(json, {"ok": good, "findings": findings, "start": tried})
     if not good:
         raise typer.Exit(1)
 

@@ -9,9 +9,13 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 from rich.table import Table
 
 from karma.bench.formats import UNKNOWN
-from karma.cli.shared import Json, clear_errors, console
+from karma.cli.shared import (
+    Json,
+    clear_errors,
+    console,
+    write_json,
+)
 from karma.errors import ModelError
-from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
     from karma.infer.manifest.manifest import ModelEntry
@@ -52,7 +56,7 @@ def models_list(json: Json = None) -> None:
     if open_ones:
         console.print(escape(f"{', '.join(open_ones)}: {_OPEN}"), soft_wrap=True)
     if json is not None:
-        write_atomic(json, to_json(entries, indent=2))
+        write_json(json, entries)
 
 
 @app.command("show")
@@ -77,7 +81,7 @@ def models_show(
     for file, place in zip(entry.files, file_paths(entry), strict=True):
         _say(f"{place}\n  {_or_dash(file.bytes)} bytes, SHA-256 {file.sha256 or _OPEN}")
     if json is not None:
-        write_atomic(json, to_json(entry, indent=2))
+        write_json(json, entry)
 
 
 @app.command("verify")
@@ -96,7 +100,7 @@ def models_verify(names: Names = None, json: Json = None) -> None:
         mark = _MARKS[one.state]
         console.print(f"{mark} {escape(one.name)}: {escape(detail)}", soft_wrap=True)
     if json is not None:
-        write_atomic(json, to_json(found, indent=2))
+        write_json(json, found)
     bad = [one for one in found if one.state == "wrong" or (names and one.state != "ok")]
     if bad:
         raise ModelError(

@@ -1,6 +1,8 @@
 """What says who is at work, and how far a command is."""
 
-from typing import TYPE_CHECKING
+from math import inf
+from time import monotonic
+from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
@@ -9,12 +11,16 @@ from karma.cli.shared import console
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
+_LINE_S = 10.0  # between lines of a log
+
 
 def bar(*, passing: bool = False) -> "Progress":
     """Return a bar with how many are done, of how many, since when, and the time left.
 
     Args:
         passing: it goes when all is done, and nothing is said where nobody watches.
+
+    Where nobody watches it is a line now and then, for a log.
     """
     from rich.progress import (
         BarColumn,
@@ -24,7 +30,8 @@ def bar(*, passing: bool = False) -> "Progress":
         TimeElapsedColumn,
     )
 
-    return Progress(
+    shown = Progress if passing or console.is_terminal else _lines()
+    return shown(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -34,6 +41,36 @@ def bar(*, passing: bool = False) -> "Progress":
         transient=passing,
         disable=passing and not console.is_terminal,
     )
+
+
+def _lines() -> "type[Progress]":
+    """Return what says how far it is in lines, the last one when all is done."""
+    from rich.progress import Progress, TaskID
+
+    class Lines(Progress):
+        _told_s, _said = -inf, ""
+
+        def start(self) -> None:
+            pass
+
+        def stop(self) -> None:
+            for task in self.tasks:
+                self._tell(task.id)
+
+        def update(self, task_id: TaskID, **fields: Any) -> None:
+            super().update(task_id, **fields)
+            if monotonic() - self._told_s >= _LINE_S:
+                self._tell(task_id)
+
+        def _tell(self, task_id: TaskID) -> None:
+            task = self._tasks[task_id]
+            total = "" if task.total is None else f" of {task.total:g}"
+            said = f"{task.completed:g}{total}: {task.description}"
+            if said != self._said:
+                self._said, self._told_s = said, monotonic()
+                console.print(said, highlight=False, soft_wrap=True)
+
+    return Lines
 
 
 def _time_left() -> "ProgressColumn":

@@ -1,5 +1,7 @@
 """What all commands share: the console, options, and how errors are shown."""
 
+import os
+import sys
 import unicodedata
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -14,6 +16,7 @@ from rich.table import Table
 
 from karma.cli.wide_tables import parts_of
 from karma.errors import KarmaError
+from karma.files import to_json, write_atomic
 from karma.offline import settle
 
 if TYPE_CHECKING:
@@ -55,6 +58,10 @@ def _fitting(text: str, encoding: str) -> str:
 class SafeConsole(Console):
     """A console whose every text, whoever wrote it, is shown and steers nothing."""
 
+    def __init__(self, **how: Any) -> None:
+        told = {name: text for name, text in os.environ.items() if text != "0" or name != "COLUMNS"}
+        super().__init__(_environ=told, **how)  # no columns: it is not known how many
+
     def print(self, *objects: Any, **how: Any) -> None:
         """Print as any console does; a table that is too wide comes in parts that fit."""
         alone = objects[0] if len(objects) == 1 else None
@@ -82,11 +89,46 @@ MATERIAL = "What runs are made of"
 PARTS = "Parts by themselves"
 MACHINES = "This machine, and one without a network"
 
-Json = Annotated[Path | None, typer.Option("--json", help="Also write the figures here.")]
+DONE, FAILED, MISUSE, REFUSED, UNFINISHED, ASKED, STOPPED = 0, 1, 2, 3, 4, 5, 130  # exit codes
+
+
+def _json_place(place: Path | None) -> Path | None:
+    """Leave standard output to the figures where they go there."""
+    console.stderr = place == Path("-")
+    return place
+
+
+Json = Annotated[
+    Path | None,
+    typer.Option(
+        "--json", help='Also write the figures here; "-": alone on standard output.',
+        callback=_json_place, allow_dash=True,
+    ),
+]  # fmt: skip
+
+
+def write_json(place: Path, figures: object) -> None:
+    """Write figures where `Json` says.
+
+    Raises:
+        FileError: that cannot be written.
+    """
+    data = to_json(figures, indent=2)
+    if place == Path("-"):
+        sys.stdout.write(data.decode())
+    else:
+        write_atomic(place, data)
+
+
+def readable(typed: str) -> str:
+    """Return what was typed, of a terminal whose locale has ASCII only too: it sends UTF-8."""
+    return typed.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn the package's errors into a message and exit code 1; anything else is a bug.
+    """Turn the package's errors into a message and exit code 1, Ctrl-C and its like into 130.
+
+    Anything else is a bug.
 
     A refused attempt to reach the network is such an error also where a library has swallowed it.
     """
@@ -98,16 +140,19 @@ def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
                 command(*args, **kwargs)
             finally:
                 settle()
+        except KeyboardInterrupt as error:
+            console.print("stopped", style="yellow")
+            raise typer.Exit(STOPPED) from error
         except KarmaError as error:
             _show(str(error))
-            raise typer.Exit(1) from error
+            raise typer.Exit(FAILED) from error
         except MemoryError as error:
             _show("there is not enough memory\n  To fix: take smaller models, or raise ulimit -v")
-            raise typer.Exit(1) from error
+            raise typer.Exit(FAILED) from error
         except OSError as error:  # of the machine: a full disk, no descriptors left
             where = f"{error.filename}: " if error.filename else ""
             _show(f"{where}{error.strerror or error}")
-            raise typer.Exit(1) from error
+            raise typer.Exit(FAILED) from error
 
     return wrapped
 

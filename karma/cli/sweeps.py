@@ -9,9 +9,15 @@ from rich.markup import escape
 
 from karma.cli.eval_options import end_below, write_junit
 from karma.cli.progress import bar
-from karma.cli.shared import SHOWN, clear_errors, console, sheet_table
+from karma.cli.shared import (
+    SHOWN,
+    clear_errors,
+    console,
+    sheet_table,
+    write_json,
+)
 from karma.cli.tasks import warn_of_tasks
-from karma.files import to_json, write_atomic
+from karma.files import write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.experiment_file import Changes
@@ -122,4 +128,4 @@ def print_sweep(data: "SweepData", json: Path | None) -> None:
             {"cell": cell.name, "values": cell.values, "figures": plain(lines)}
             for cell, lines in figures_by_cell(data)
         ]
-        write_atomic(json, to_json(figures, indent=2))
+        write_json(json, figures)

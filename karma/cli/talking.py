@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 from karma.cli.answers import AnswerView
-from karma.cli.conversation import converse, figures_of, say, show_folder
+from karma.cli.conversation import CODES, converse, figures_of, say, show_folder, tell_stopped
 from karma.cli.model_options import (
     BaseUrl,
     CassetteFolder,
@@ -20,15 +20,20 @@ from karma.cli.model_options import (
     hosted_of,
     model_options,
 )
-from karma.cli.shared import ACTING, Json, clear_errors, console
+from karma.cli.shared import (
+    ACTING,
+    STOPPED,
+    Json,
+    clear_errors,
+    console,
+    readable,
+    write_json,
+)
 from karma.errors import KarmaError
-from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.presets import Preset
     from karma.talk.agent import Agent
-
-CODES: Mapping[str, int] = {"done": 0, "unfinished": 2, "refused": 3}  # exit; 1 is an error
 
 
 def add_to(app: typer.Typer) -> None:
@@ -42,6 +47,10 @@ def add_to(app: typer.Typer) -> None:
 def run_command(
     instruction: Annotated[
         str | None, typer.Argument(help="What to do, in plain words; without it, a conversation.")
+    ] = None,
+    more: Annotated[
+        list[str] | None,
+        typer.Argument(hidden=True, metavar="", help="None: a request stands in quotes."),
     ] = None,
     scene: Annotated[str, typer.Option(help="A scene's name or file.")] = "kitchen_1",
     planner: Annotated[str, typer.Option(help="Name in the manifest, or a GGUF.")] = "karma-nano",
@@ -103,14 +112,20 @@ def run_command(
 ) -> None:
     """Carry out an instruction in a room, while you watch; of several requests one by one.
 
-    It says what it understood before it acts, and afterwards what is so by its own eyes. Exit code
-    0: all was done; 2: something was not; 3: the rest was, and something was refused.
+    It says what it understood before it acts, and afterwards what is so by its own eyes.
+
+    Exit code 0: all was done; 1: an error; 2: misuse; 3: the rest was done, and something refused;
+    4: something was not done, or in part; 130: stopped. Of requests that are piped into a
+    conversation the first that occurs of 130, 1, 4, 3.
     """
     from karma.bench.experiment import Models
     from karma.infer.hosted.session import Session
     from karma.infer.llama.room_states import StateOptions
     from karma.talk.agent import ANSWER_SECONDS, Agent
 
+    if instruction is not None and more:
+        whole = " ".join((instruction, *more))
+        raise typer.BadParameter(f'one request stands in quotes: karma run "{whole}"')
     if instruction is not None and not instruction.strip():
         raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
     hosted = hosted_of(planner, base_url, model, api=api, dialect=dialect)
@@ -160,14 +175,18 @@ def run_command(
     if agent.manner:
         console.print(escape(f"planner: {planner}, {agent.manner}"), style="dim", soft_wrap=True)
     if instruction is None:
-        converse(agent, view)
-        return
-    reply = say(agent, instruction, view)
+        raise typer.Exit(converse(agent, view))
+    try:
+        reply = say(agent, readable(instruction), view)
+    except KeyboardInterrupt:
+        tell_stopped(agent, 0)
+        if agent.replies:
+            _close(agent)
+        raise typer.Exit(STOPPED) from None
     _close(agent)
     if json is not None:
-        write_atomic(json, to_json(figures_of(reply), indent=2))
-    if not reply:
-        raise typer.Exit(CODES[reply.status])
+        write_json(json, figures_of(agent, reply))
+    raise typer.Exit(CODES[reply.status])
 
 
 def chat_command() -> Callable[..., None]:
@@ -178,7 +197,7 @@ def chat_command() -> Callable[..., None]:
         run_command(instruction=None, json=None, **options)
 
     parts = inspect.signature(run_command).parameters.values()
-    kept = [one for one in parts if one.name not in ("instruction", "json")]
+    kept = [one for one in parts if one.name not in ("instruction", "more", "json")]
     chat.__signature__ = inspect.Signature(kept)  # type: ignore[attr-defined]
     chat.__annotations__ = {one.name: one.annotation for one in kept}
     chat.__doc__ = "Talk with an agent in a room: it remembers what was said and done before."

@@ -8,9 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from karma.cli.shared import Json, clear_errors, console
+from karma.cli.shared import (
+    Json,
+    clear_errors,
+    console,
+    write_json,
+)
 from karma.errors import KarmaError
-from karma.files import to_json, write_atomic
 
 if TYPE_CHECKING:
     from karma.bench.run import Run
@@ -60,7 +64,7 @@ def tasks_check(
         text = f"{file}:{lines[one.task]}: {mark}{one}"
         console.print(escape(text), soft_wrap=True, highlight=False)
     if json is not None:
-        write_atomic(json, to_json(found, indent=2))
+        write_json(json, found)
     _end(file, len(tasks), found, quick)
 
 

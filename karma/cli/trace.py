@@ -8,9 +8,15 @@ import typer
 from rich.markup import escape
 
 from karma.bench.formats import UNKNOWN, figure_text, percent_text
-from karma.cli.shared import PARTS, Json, clear_errors, console
+from karma.cli.shared import (
+    PARTS,
+    Json,
+    clear_errors,
+    console,
+    write_json,
+)
 from karma.errors import KarmaError
-from karma.files import to_json, write_atomic
+from karma.files import write_atomic
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -83,7 +89,7 @@ def trace_command(
     console.print(_table(found, name))
     console.print(escape(_note(traces, found)), soft_wrap=True)
     if json is not None:
-        write_atomic(json, to_json({"trace": name, "sweep": found}, indent=2))
+        write_json(json, {"trace": name, "sweep": found})
     if plot is not None:
         from karma.lab import plot as pictures
 

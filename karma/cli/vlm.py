@@ -8,8 +8,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.bench.formats import figure_text
-from karma.cli.shared import Json, clear_errors, console
-from karma.files import to_json, write_atomic
+from karma.cli.shared import (
+    Json,
+    clear_errors,
+    console,
+    write_json,
+)
+from karma.files import write_atomic
 
 app = typer.Typer(
     no_args_is_help=True, help="Score models that read states (open, dirty ...) out of pictures."
@@ -59,7 +64,7 @@ def eval_command(
     found = score(asked, model=vision.name, seed=seed, clock=clock)
     _show(found)
     if json is not None:
-        write_atomic(json, to_json(found, indent=2))
+        write_json(json, found)
     if html is not None:
         write_atomic(html, page(found, asked).encode())
         console.print(escape(f"page: {html}"))

@@ -12,7 +12,12 @@ from rich.progress import track
 from rich.table import Table
 
 from karma.bench.formats import figure_text, percent_text
-from karma.cli.shared import Json, clear_errors, console
+from karma.cli.shared import (
+    Json,
+    clear_errors,
+    console,
+    write_json,
+)
 from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
 
@@ -54,7 +59,7 @@ def world_list(json: Json = None) -> None:
     console.print(table)
     if json is not None:
         names = ("scene", "room", "objects", "cells", "source")
-        write_atomic(json, to_json([dict(zip(names, row, strict=True)) for row in rows], indent=2))
+        write_json(json, [dict(zip(names, row, strict=True)) for row in rows])
 
 
 @app.command("show")
@@ -104,7 +109,7 @@ def world_import(
         rows = [row for path in files for row in _import_dump(path, layouts, assets, only, out)]
     console.print(escape(f"{len(rows)} scenes in {out}"))
     if json is not None:
-        write_atomic(json, to_json(rows, indent=2))
+        write_json(json, rows)
 
 
 @app.command("floors")
@@ -132,7 +137,7 @@ def world_floors(
         f" ({worst.precision:.2f}, {worst.recall:.2f})"
     )
     if json is not None:
-        write_atomic(json, to_json(scores, indent=2))
+        write_json(json, scores)
 
 
 def _import_dump(
@@ -285,7 +290,7 @@ def _summed(results: "Sequence[TrialResult]", mutate: int | None, json: Path | N
     good = {"ok": ok} if mutate is None else {"caught": len(results) - ok, "seed": mutate}
     if json is not None:
         figures = {"trials": len(results), **good, "handled": handled, "unseen": unseen}
-        write_atomic(json, to_json({**figures, "results": list(results)}, indent=2))
+        write_json(json, {**figures, "results": list(results)})
     if mutate is None:
         share = f" ({percent_text((handled - unseen) / handled, 1)} %)" if handled else ""
         _say(f"actions on objects {handled}, in view {handled - unseen}{share}")
@@ -314,7 +319,7 @@ def _replay_events(files: Sequence[Path], layouts: Path | None, json: Path | Non
             _say(f"{Path(one.path).name} {what} is {said}" + (f" ({gap.cause})" * bool(gap.cause)))
     console.print(table)
     if json is not None:
-        write_atomic(json, to_json(_event_figures(reports), indent=2))
+        write_json(json, _event_figures(reports))
     flags = sum(one.compared for one in reports)
     _say(f"events {len(reports)}, flags {flags}, equal {_percent(total_rate(reports))} %")
 

@@ -10,7 +10,8 @@ It is the agent of the tables and of `karma run`: the same method, models, world
 it learns of a room lasts in `maps`; what it has handled is remembered as long as the agent lives.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -162,30 +163,44 @@ class Agent:
         Raises:
             KarmaError: nothing was said, or a model failed.
         """
-        for _ in self.doing(instruction):
-            pass
+        with closing(self.doing(instruction)) as moments:
+            for _ in moments:
+                pass
         return self.replies[-1]
 
-    def doing(self, instruction: str) -> Iterator[Moment]:
+    def doing(self, instruction: str) -> Generator[Moment]:
         """Do the same, and yield what happens as it happens: of each request its reply last.
 
         What was understood comes before the first action. When the last is done, the run is
-        written to `folder`.
+        written to `folder`. Where one is stopped or fails, all is as it was before that one; those
+        before it stay, and are written.
         """
         if not instruction.strip():
             raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
-        self._before.append(self._now())
+        before = self._now()
         parts: list[RequestReply] = []
-        try:
-            for clause in split_instruction(instruction):
+        clauses = split_instruction(instruction)
+        for number, clause in enumerate(clauses):
+            now = self._now()
+            try:
                 for moment in self._one(clause, instruction):
                     if isinstance(moment, RequestReply):
                         parts.append(moment)
                     yield moment
-        except BaseException:
-            self._return(self._before.pop())
-            raise
-        self.replies.append(AgentReply(said=instruction, parts=tuple(parts)))
+            except BaseException:
+                if len(parts) == number:
+                    self._return(now)
+                if parts:
+                    stopped = next(iter(clauses[len(parts) :]), "")
+                    self._reply(before, instruction, parts, stopped=stopped)
+                raise
+        self._reply(before, instruction, parts)
+
+    def _reply(
+        self, before: _Before, said: str, parts: Sequence[RequestReply], *, stopped: str = ""
+    ) -> None:
+        self._before.append(before)
+        self.replies.append(AgentReply(said=said, parts=tuple(parts), stopped=stopped))
         self.save()
 
     def _one(self, clause: str, whole: str) -> Iterator[Moment]:

@@ -65,6 +65,7 @@ class AgentReply:
 
     said: str
     parts: tuple[RequestReply, ...]
+    stopped: str = ""  # the request that was, with all after it; no part
 
     @property
     def spent(self) -> tuple[Spent, ...]:
@@ -74,7 +75,7 @@ class AgentReply:
     @property
     def status(self) -> Status:
         """The worst of the parts: unfinished, then refused, then done."""
-        every = {part.status for part in self.parts}
+        every = {part.status for part in self.parts} | ({"unfinished"} if self.stopped else set())
         return next((s for s in ("unfinished", "refused") if s in every), "done")
 
     @property
@@ -144,7 +145,7 @@ def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
         return []
     steps = sum(result.actions for result in part.results)
     places = sum(result.explorations for result in part.results)
-    cost = f"{steps} steps" + (
+    cost = f"{steps} step{'s' * (steps != 1)}" + (
         f", {places} place{'s' if places > 1 else ''} searched" if places else ""
     )
     if part.finished:

@@ -41,6 +41,9 @@ class _Task(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 def load_tasks(path: str | Path) -> tuple[Task, ...]:
     """Read a task file.
 
+    Args:
+        path: the file; rooms that it names by a file lie beside it, or in the current folder.
+
     Raises:
         FileError: a line is no task: unknown key, kind, scene, predicate, state or object type, no
             goals, or an id that stands twice; names the line and the field.
@@ -50,7 +53,7 @@ def load_tasks(path: str | Path) -> tuple[Task, ...]:
         if not line.strip():
             continue
         try:
-            task = _task(msgspec.json.decode(line, type=_Task))
+            task = _task(_placed(msgspec.json.decode(line, type=_Task), Path(path)))
             check_keys(line)
         except (KarmaError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise FileError(path, f"line {number}: {error}") from error
@@ -77,6 +80,22 @@ def required_types(subtask: SubTask) -> tuple[str, ...]:
              for part in alternatives(name))  # fmt: skip
     types = dict.fromkeys(root_type(name) for name in names)
     return tuple(name for name in types if name in types_with("pickupable"))
+
+
+def _placed(row: _Task, path: Path) -> _Task:
+    """Return a line whose rooms' files are found from any folder: beside the task file first."""
+
+    def place(room: str) -> str:
+        if not room.endswith(".json"):
+            return room
+        if (beside := path.parent / room).is_file():
+            return str(beside)
+        if not Path(room).is_file():
+            raise KarmaError(f"scene: no file {room!r}, neither beside {path} nor here")
+        return room
+
+    subtasks = tuple(msgspec.structs.replace(sub, scene=place(sub.scene)) for sub in row.subtasks)
+    return msgspec.structs.replace(row, scene=place(row.scene), subtasks=subtasks)
 
 
 def _task(row: _Task) -> Task:

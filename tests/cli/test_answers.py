@@ -122,7 +122,7 @@ def test_answers_without_time_are_asked_again_never_carried_out_and_end_honestly
         ["run", "take the apple", "--planner", tiny, "--profile", "compact", "--answer-seconds",
          NO_TIME, "--json", "reply.json"],
     )  # fmt: skip
-    assert done.exit_code == 2, done.output
+    assert done.exit_code == 4, done.output
     assert "not finished: line 1: the answer was cut off after 1e-06 s" in done.output
     (record,) = read_run(Path("runs/talks/kitchen_1-1")).records
     assert record.timed_out

@@ -141,7 +141,7 @@ def test_run_with_any_gguf_says_what_it_does_and_leaves_a_run(planner, tmp_path)
         ["run", "Open the fridge, then close it", "--planner", planner, "--profile", "compact",
          "--json", str(report)],
     )  # fmt: skip
-    assert result.exit_code in (0, 2), result.output  # random weights may fail, but do not break
+    assert result.exit_code in (0, 4), result.output  # random weights may fail, but do not break
     assert "1. Open the fridge" in result.output
     assert "2. close it" in result.output
     assert "I will" in result.output or "not finished" in result.output

@@ -107,12 +107,16 @@ def test_undo_ends_at_the_beginning(tmp_path):
     assert len(agent.memory) == 0
 
 
-def test_request_that_fails_halfway_leaves_everything_as_it_was(tmp_path):
+def test_request_that_fails_leaves_all_as_it_was_before_it_and_those_before_stay(tmp_path):
     agent = agent_saying(tmp_path, [TAKE])  # the script runs out at the second request
     with pytest.raises(KarmaError, match="run out"):
         agent.do("wash the apple, then open the cabinet")
-    assert len(agent.memory) == 0 and agent.replies == []
-    assert agent._done == []
+    assert [len(reply.parts) for reply in agent.replies] == [1]
+    assert len(agent._done) == 1 and len(agent.memory) > 0
+    agent.undo()
+    with pytest.raises(KarmaError, match="run out"):
+        agent.do("open the cabinet")
+    assert len(agent.memory) == 0 and agent.replies == [] and agent._done == []
 
 
 def test_run_is_read_like_any_other(tmp_path):
