@@ -14,7 +14,7 @@ from support.hosted_server import PROMPT, chat, endpoint, plant_key, wire_server
 
 from karma.agent.program import SKILLS
 from karma.contracts import ProgramSpec, ScoringModel
-from karma.errors import ModelError
+from karma.errors import ModelError, RequestRefused, ServerLost
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.dialects import DIALECTS
 from karma.infer.hosted.planner import open_planner
@@ -219,8 +219,94 @@ def test_answer_cut_at_its_budget_has_a_fault_also_where_nothing_holds_it():
 # ----------------------------------------------------------------- model and address
 
 
-def test_model_that_is_not_listed_is_refused_with_the_nearest():
-    with stand_in("plain") as (url, _):
+def names_only(name):
+    """A server that knows one model, and answers 404 to what it does not know."""
+
+    def answer(path, body, headers):
+        if body["model"] == name:
+            return chat(PROGRAM)
+        return 404, {}, json.dumps({"error": {"message": f"no model {body['model']}"}}).encode()
+
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("listed", "model"),
+    [
+        (["openai/*"], "openai/good"), (["org/good"], "org/good:novita"), (["*"], "any"),
+        (["a", "b"], "loaded-lazily"), (["good"], "good:latest"), ([], "any"),
+    ],
+)  # fmt: skip
+def test_list_of_models_is_no_law(listed, model):
+    pages = {"/v1/models": {"data": [{"id": one} for one in listed]}}
+    with wire_server(names_only(model), pages=pages) as (url, _):
+        assert open_planner(endpoint(url, model)).complete(PROMPT).text == PROGRAM
+
+
+def test_key_that_may_not_list_may_ask():
+    closed = {"/v1/models": 403, "/version": 401}
+    with wire_server(lambda *_: chat(PROGRAM), forbidden=closed) as (url, _):
+        assert open_planner(endpoint(url, "m")).complete(PROMPT).text == PROGRAM
+
+
+def test_server_whose_template_has_no_system_message_is_asked_without_from_then_on():
+    def answer(path, body, headers):
+        if body["messages"][0]["role"] == "system":
+            return 400, {}, b'{"error": {"message": "System role not supported"}}'
+        return chat(PROGRAM)
+
+    with wire_server(answer) as (url, seen):
+        model = open_planner(endpoint(url, "m"))
+        assert model.complete(PROMPT).text == model.complete(PROMPT).text == PROGRAM
+    roles = [[one["role"] for one in body["messages"]] for _, body, _ in seen]
+    assert roles == [["system", "user"], ["user"], ["user"]]
+    assert seen[1][1]["messages"][0]["content"] == PROMPT.stable + PROMPT.changing
+
+
+@pytest.mark.parametrize("words", ["no such field: seed", "the system prompt is too long", "busy"])
+def test_other_refusals_stay_refusals(words):
+    said = json.dumps({"error": {"message": words}}).encode()
+    refuses = pytest.raises(RequestRefused, match=words)
+    with wire_server(lambda *_: (400, {}, said)) as (url, _), refuses:
+        open_planner(endpoint(url, "m")).complete(PROMPT)
+
+
+@pytest.mark.parametrize(
+    ("content", "text", "thought"),
+    [
+        ([{"type": "text", "text": PROGRAM}], PROGRAM, ""),
+        ([{"type": "text", "text": one} for one in (PROGRAM[:9], PROGRAM[9:])], PROGRAM, ""),
+        ([{"text": PROGRAM}], PROGRAM, ""),
+        (
+            [{"type": "thinking", "thinking": [{"type": "text", "text": "An apple."}]},
+             {"type": "text", "text": PROGRAM}], PROGRAM, "An apple.",
+        ),
+        ([{"type": "image", "url": "x"}, {"type": "output_text", "text": PROGRAM}], PROGRAM, ""),
+    ],
+)  # fmt: skip
+def test_answer_in_parts_is_read_whole(content, text, thought):
+    choice = {"message": {"role": "assistant", "content": content}, "finish_reason": "stop"}
+    data = json.dumps({"choices": [choice]}).encode()
+    with wire_server(lambda *_: (200, {}, data)) as (url, _):
+        said = open_planner(endpoint(url, "m")).complete(PROMPT)
+    assert (said.text, said.reasoning) == (text, thought)
+
+
+@pytest.mark.parametrize("key", ["", "EMPTY", "ollama", "none", "x"])
+def test_lab_servers_without_keys_are_asked_and_say_themselves_what_they_want(monkeypatch, key):
+    monkeypatch.setenv("OPENAI_API_KEY", key)
+    with wire_server(lambda *_: chat(PROGRAM + f"# {key}")) as (url, seen):
+        model = open_planner(endpoint(f" {url}/chat/completions/ ", "m"))
+        assert model.complete(PROMPT).text == PROGRAM + f"# {key}"  # a word is masked nowhere
+    assert seen[0][2]["authorization"] == f"Bearer {key or 'none'}"
+    asks = pytest.raises(ServerLost, match=r"who are you\?.*\n  To fix: .*OPENAI_API_KEY")
+    said = b'{"error": {"message": "who are you?"}}'
+    with wire_server(lambda *_: (401, {}, said)) as (url, _), asks:
+        open_planner(endpoint(url.replace("127.0.0.1", "0.0.0.0"), "m")).complete(PROMPT)
+
+
+def test_model_that_is_not_listed_and_does_not_answer_is_refused_with_the_nearest():
+    with wire_server(names_only("other"), pages=LISTED) as (url, _):
         named = r"no model 'mm'; it lists m, other:latest\n  To fix: model = 'm'"
         with pytest.raises(ModelError, match=named):
             open_planner(endpoint(url, "mm"))

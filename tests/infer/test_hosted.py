@@ -427,14 +427,6 @@ def test_other_machine_is_reached_with_leave_only_and_the_header_says_so(tmp_pat
     assert not (tmp_path / "without" / "episodes.jsonl").exists()
 
 
-def test_remote_host_without_a_key_is_refused_before_anything_is_asked(monkeypatch):
-    monkeypatch.delenv("KARMA_OFFLINE", raising=False)
-    monkeypatch.setattr("karma.infer.hosted.session.allow_host", lambda host: None)
-    monkeypatch.delenv("OPENAI_API_KEY")
-    with pytest.raises(ModelError, match=r"no key in \$OPENAI_API_KEY\n  To fix: export OPENAI"):
-        HostedLanguageModel(endpoint(REMOTE))
-
-
 def test_replay_needs_no_key(tmp_path, monkeypatch):
     with wire_server(lambda *_: chat("x")) as (url, _):
         place = endpoint(url)

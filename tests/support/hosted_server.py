@@ -139,10 +139,10 @@ def _wait(process, port, log, page="/v1/models"):
 
 
 @contextmanager
-def wire_server(answer, host="127.0.0.1", port=0, pages=None):
+def wire_server(answer, host="127.0.0.1", port=0, pages=None, forbidden=None):
     """Serve `answer(path, body, headers) -> (status, headers, bytes)`; yields (URL, requests).
 
-    `pages`: path -> JSON value, for GET; others are not there.
+    `pages`: path -> JSON value, for GET; others are not there, or `forbidden`: path -> status.
     """
     need_loopback()
     seen = []
@@ -168,7 +168,8 @@ def wire_server(answer, host="127.0.0.1", port=0, pages=None):
         def do_GET(self):
             found = (pages or {}).get(self.path)
             data = json.dumps(found).encode()
-            self.send_response(404 if found is None else 200)
+            missing = (forbidden or {}).get(self.path, 404)
+            self.send_response(missing if found is None else 200)
             self.send_header("Content-Type", "application/json")
             self.send_header("Content-Length", str(len(data)))
             self.end_headers()

@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any
 
 HIDDEN = "[key]"  # what stands where a key was
-SHORTEST_KEY = 8  # characters; anything shorter would be found in innocent text
+_SHORTEST = 8  # characters; anything shorter is a word such as EMPTY, found in innocent text
 _SURE = 16  # letters and digits; shorter ones are not looked for across signs and spaces
 _SIGNS = re.compile(r"[^a-z0-9]+")
 
@@ -23,11 +23,13 @@ class Key:
     """A key that shows itself to nobody who prints it, not even as a local variable.
 
     Args:
-        text: the key; "" for none, as servers on this machine mostly want.
+        text: the key; "" for none, as servers on this machine mostly want; a short one is no
+            secret.
     """
 
     def __init__(self, text: str = "") -> None:
         self._text = text
+        self._hidden = text if len(text) >= _SHORTEST else ""
 
     def __bool__(self) -> bool:
         return bool(self._text)
@@ -41,11 +43,11 @@ class Key:
 
     def out_of(self, value: Any) -> Any:
         """Return a JSON value without the key, wherever in it that stood."""
-        if not self._text:
+        if not self._hidden:
             return value
         match value:
             case str():
-                return value.replace(self._text, HIDDEN)
+                return value.replace(self._hidden, HIDDEN)
             case dict():
                 return {self.out_of(name): self.out_of(one) for name, one in value.items()}
             case list() | tuple():
@@ -55,7 +57,7 @@ class Key:
 
     def is_disguised_in(self, value: Any) -> bool:
         """Return whether a JSON value holds the key in another form, or in pieces."""
-        if not self._text:
+        if not self._hidden:
             return False
         texts = list(_texts(value))
         if any(form in text for text in texts for form in self._exact):

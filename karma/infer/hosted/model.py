@@ -23,7 +23,7 @@ from karma.contracts import (
     Prompt,
     Vectors,
 )
-from karma.errors import ModelError
+from karma.errors import ModelError, RequestRefused
 from karma.infer.embed.rows import REMEMBERED, stacked, unit_row
 from karma.infer.hosted.cassette import Exchange
 from karma.infer.hosted.cost import cost_of, usage_of
@@ -72,6 +72,7 @@ class HostedLanguageModel:
         self._endpoint, self._session = endpoint, session or Session()
         self._session.admit(endpoint)
         self.manner = manner or manner_of(endpoint)
+        self._no_system = False  # its server has refused a system message
 
     def complete(
         self,
@@ -139,12 +140,10 @@ class HostedLanguageModel:
     ) -> Said:
         """Return what the model says, held to a language if there is one; errors as above."""
         stable, changing = sendable(prompt.stable), sendable(prompt.changing)
+        body: Any
         if self._endpoint.api == "chat":
             path = "/chat/completions"
-            messages = [{"role": "system", "content": stable}] if stable else []
-            body: dict[str, Any]
-            shown = [_user(one) for one in _with_pictures(changing, prompt.pictures)]
-            body, kept = ({"messages": [*messages, one]} for one in shown)
+            body, kept = _messages(stable, changing, prompt.pictures, alone=self._no_system)
         elif prompt.pictures:
             raise ModelError(f'{self.name}: pictures need api = "chat"')
         else:
@@ -152,9 +151,17 @@ class HostedLanguageModel:
             kept = body
         fields, room = self.manner.fields(language, max_tokens)
         options = options_of(self._endpoint, room, temperature, seed, fields)
-        exchange = self._session.ask(
-            "planner", self._endpoint, path, {**body, **options}, named={**kept, **options}
-        )
+        try:
+            exchange = self._session.ask(
+                "planner", self._endpoint, path, {**body, **options}, named={**kept, **options}
+            )
+        except RequestRefused as error:
+            if self._no_system or "messages" not in body or "system" not in str(error).lower():
+                raise
+            self._no_system = True  # its template has none, as Gemma's: said by the user then
+            return self.answer(
+                prompt, language, max_tokens=max_tokens, temperature=temperature, seed=seed
+            )
         text, finish, reasoning = said_in(exchange.reply.answer or {}, self._endpoint)
         text = text.lstrip("\n")  # that a template leaves between thought and answer
         if language is not None and self.manner.binding(language) == "schema" and finish == "stop":
@@ -260,6 +267,16 @@ def picture_name(image: Frame) -> str:
     height, width, _ = image.shape
     pixels = np.ascontiguousarray(image, np.uint8).tobytes()
     return f"{width}x{height} {hashlib.sha256(pixels).hexdigest()}"
+
+
+def _messages(
+    stable: str, changing: str, pictures: Sequence[Frame], *, alone: bool
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the messages of a prompt, and as a cassette keeps them; `alone`: the user's only."""
+    before = [{"role": "system", "content": stable}] if stable and not alone else []
+    text = stable + changing if alone else changing
+    whole, kept = (_user(one) for one in _with_pictures(text, pictures))
+    return {"messages": [*before, whole]}, {"messages": [*before, kept]}
 
 
 def _user(content: Any) -> dict[str, Any]:

@@ -1,10 +1,12 @@
 """Find out who answers at an endpoint: its dialect, its models, its chat template."""
 
+from collections.abc import Sequence
 from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from typing import Any
 
 from karma.contracts import Thinking
-from karma.errors import ModelError
+from karma.errors import ModelError, ServerLost
 from karma.infer.hosted.dialects import DIALECTS, Dialect, Manner
 from karma.infer.hosted.session import Endpoint, Session
 
@@ -94,7 +96,10 @@ def _opens_thought(dialect: Dialect, endpoint: Endpoint, session: Session) -> bo
 
 
 def _check_listed(endpoint: Endpoint, session: Session) -> None:
-    """Compare model and address with what the server lists, if it lists anything."""
+    """Compare model and address with what the server lists, if it lists anything.
+
+    A list is no law: where a model is not in it, the server is asked as it would be.
+    """
     names = _listed(session.look(endpoint, "/models"))
     if names is None:
         at_root = endpoint.base_url.rstrip("/") == endpoint.root
@@ -105,7 +110,7 @@ def _check_listed(endpoint: Endpoint, session: Session) -> None:
             f"{endpoint.model} at {endpoint.host}: nothing answers at {endpoint.base_url}, but"
             f" models are listed at {right}\n  To fix: base_url = {right!r}"
         )
-    if not names or {endpoint.model, f"{endpoint.model}:latest"} & set(names):
+    if not names or _fits(endpoint.model, names) or _answers(endpoint, session):
         return
     shown = ", ".join(names[:_SHOWN]) + (" ..." if len(names) > _SHOWN else "")
     near = get_close_matches(endpoint.model, names, n=1, cutoff=0.0)
@@ -113,6 +118,35 @@ def _check_listed(endpoint: Endpoint, session: Session) -> None:
         f"{endpoint.host} has no model {endpoint.model!r}; it lists {shown}"
         f"\n  To fix: model = {near[0]!r}"
     )
+
+
+def _fits(model: str, names: Sequence[str]) -> bool:
+    """Return whether a model is in a list, whose names may be patterns or lack a tag.
+
+    >>> _fits("openai/good", ["openai/*"]), _fits("org/good:novita", ["org/good"])
+    (True, True)
+    """
+    wanted = (model, f"{model}:latest", model.partition(":")[0])
+    return any(fnmatchcase(one, name) for name in names for one in wanted)
+
+
+def _answers(endpoint: Endpoint, session: Session) -> bool:
+    """Return whether a server answers as a model that it does not list.
+
+    Raises:
+        ModelError: it fails in another way.
+    """
+    chat = endpoint.api == "chat"
+    said: Any = {"messages": [{"role": "user", "content": "Yes"}]} if chat else {"prompt": "Yes"}
+    body = {**said, "model": endpoint.model, endpoint.tokens_field: 1, **endpoint.extra}
+    path = "/chat/completions" if chat else "/completions"
+    try:
+        session.ask("planner", endpoint, path, body, billed=False)
+    except ServerLost:
+        raise
+    except ModelError:
+        return False
+    return True
 
 
 def _listed(answer: dict[str, Any] | None) -> list[str] | None:

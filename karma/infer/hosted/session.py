@@ -18,16 +18,19 @@ from karma.errors import KarmaError, ModelError, RequestRefused, ServerLost
 from karma.infer.hosted.bounded import bounded_transport
 from karma.infer.hosted.cassette import Cassette, CassetteError, Exchange, Reply
 from karma.infer.hosted.cost import Ledger, Prices, Spent, Usage, cost_of, usage_of
-from karma.infer.hosted.key import SHORTEST_KEY, Key
+from karma.infer.hosted.key import Key
 from karma.language.whole import CUTS, ENDS
-from karma.offline import allow_host, is_local
+from karma.offline import allow_host
 
 DialectName = Literal["auto", "llama-server", "vllm", "sglang", "ollama", "transformers", "plain"]
 Constraint = Literal["grammar", "regex", "schema"]
 _KEY = re.compile(r"[!-~]+")
+_ANY_ADDRESS = ("0.0.0.0", "::")  # that a server prints which listens to all: it is this machine
+_ASKED_AT = ("/chat/completions", "/completions", "/embeddings", "/models")  # not the base
 _NOTHING = Usage(prompt_tokens=0, completion_tokens=0)  # what a failure takes
 _LONGEST_MESSAGE = 500
-_BUSY = frozenset({401, 402, 403, 408, 409, 425, 429})  # HTTP: not now, or not with this key
+_NO_LEAVE = (401, 403)  # HTTP
+_BUSY = frozenset({*_NO_LEAVE, 402, 408, 409, 425, 429})  # HTTP: not now, or not with this key
 _PAUSE_S = 0.5  # before it is asked again for what stands in a body; then twice as long
 _REFUSED = ("HTTP 400", "HTTP 413", "HTTP 422")  # what was asked, e.g. too long or improper
 _OURS = frozenset({"input", "messages", "model", "n", "prompt", "stream"})
@@ -51,6 +54,11 @@ class Endpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     def __post_init__(self) -> None:
         """Refuse what could not work, or would put a key where it does not belong."""
+        base = self.base_url.strip().rstrip("/")
+        for end in _ASKED_AT:
+            base = base.removesuffix(end)
+        if base != self.base_url.rstrip("/"):
+            msgspec.structs.force_setattr(self, "base_url", base)
         parts = urlsplit(self.base_url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ValueError("base_url is no http(s) address such as http://127.0.0.1:8000/v1")
@@ -138,20 +146,18 @@ class Session:
     def admit(self, endpoint: Endpoint) -> None:
         """Check, before anything is asked, that an endpoint may be and can be reached.
 
-        A replay reaches nothing, so it needs neither leave nor key.
+        A replay reaches nothing, so it needs neither leave nor key. Whether a server wants a key it
+        says itself.
 
         Raises:
             KarmaError: it is on another machine and there is no --allow-network.
-            ModelError: its key is missing or no key, or the `openai` package is.
+            ModelError: what its variable holds is no key, or there is no `openai` package.
         """
         if self.cassette.mode == "replay":
             return
-        allow_host(endpoint.host)
-        if not _key(endpoint) and not is_local(endpoint.host):
-            raise ModelError(
-                f"{endpoint.model} at {endpoint.host}: there is no key in ${endpoint.key_variable}"
-                f"\n  To fix: export {endpoint.key_variable}=..., or replay a cassette"
-            )
+        if endpoint.host not in _ANY_ADDRESS:
+            allow_host(endpoint.host)
+        _key(endpoint)
         _openai()
 
     def ask(
@@ -263,6 +269,8 @@ class Session:
                 said = client.post(url, cast_to=_response(), body=dict(body))
         except openai.APIStatusError as error:
             reason = f"HTTP {error.status_code}: {_words(error.response.content) or error.message}"
+            if body is None and error.status_code in _NO_LEAVE:  # such a key may yet ask
+                return _failed(reason, key)
             if error.status_code in _BUSY or error.status_code > 501 or _is_dead(error):
                 return _lost(endpoint, reason, key)
             return _failed(reason, key)
@@ -376,7 +384,8 @@ def _lost(endpoint: Endpoint, reason: str, key: Key) -> ServerLost:
     tried = f"asked {endpoint.retries + 1} times, {endpoint.timeout_s:g} s each at most"
     url = key.out_of(endpoint.base_url)
     if reason.startswith(("HTTP 401", "HTTP 403")):
-        help_ = f"see what ${endpoint.key_variable} holds; then the same command goes on"
+        held = f"${endpoint.key_variable} holds" if key else f"export {endpoint.key_variable}=..."
+        help_ = f"see what {held}; then the same command goes on" if key else held
     else:
         help_ = (
             f"see that a server answers at {url}, and that it can take so much at once"
@@ -398,13 +407,13 @@ def _key(endpoint: Endpoint) -> Key:
     """Return the key of an endpoint.
 
     Raises:
-        ModelError: what the variable holds is too short to be one.
+        ModelError: what the variable holds is none.
     """
     text = os.environ.get(endpoint.key_variable, "").strip()
-    if text and (len(text) < SHORTEST_KEY or not _KEY.fullmatch(text)):
+    if text and not _KEY.fullmatch(text):
         raise ModelError(
-            f"what ${endpoint.key_variable} holds is no key: {SHORTEST_KEY} or more letters, digits"
-            " and signs, without spaces\n"
+            f"what ${endpoint.key_variable} holds is no key: letters, digits and signs, without"
+            " spaces\n"
             f"  To fix: unset {endpoint.key_variable}, or name another variable as key_variable"
         )
     return Key(text)

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 _FIELDS = ("reasoning_content", "reasoning", "thinking")  # that servers return a thought in
+_SPOKEN = ("text", "output_text", "refusal", None)  # types of parts of a message
+_THOUGHT = ("thinking", "reasoning")
 _TAGS = (("<think>", "</think>"), ("<thinking>", "</thinking>"), ("[THINK]", "[/THINK]"))
 
 
@@ -18,8 +20,12 @@ def told_apart(message: Mapping[str, Any]) -> tuple[str, str]:
     ('', 'An app')
     """
     thoughts = [message.get(name) for name in _FIELDS]
-    thought = next((one for one in thoughts if isinstance(one, str) and one), "")
+    thought: str = next((one for one in thoughts if isinstance(one, str) and one), "")
     content = message.get("content") or message.get("refusal") or ""
+    if isinstance(content, list) and all(isinstance(one, dict) for one in content):
+        parts = [(one.get("type"), _text_of(one)) for one in content]
+        thought = "".join([thought, *(text for kind, text in parts if kind in _THOUGHT)])
+        content = "".join(text for kind, text in parts if kind in _SPOKEN)
     if not isinstance(content, str):
         raise TypeError(f"a {type(content).__name__} where a text should be")
     for opening, closing in _TAGS:
@@ -31,6 +37,13 @@ def told_apart(message: Mapping[str, Any]) -> tuple[str, str]:
             inside = content.lstrip().removeprefix(opening).strip()
             return "", "\n".join(filter(None, [thought, inside]))
     return content, thought
+
+
+def _text_of(part: Mapping[str, Any]) -> str:
+    """Return the text of a part of a message, which may have parts itself."""
+    said = part.get("text", part.get("thinking", ""))
+    inner = said if isinstance(said, list) else [said]
+    return "".join(one if isinstance(one, str) else str(one.get("text", "")) for one in inner)
 
 
 def gbnf_after_thought(grammar: str, opens_thought: bool) -> str:
