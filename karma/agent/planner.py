@@ -9,7 +9,7 @@ from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
 from karma.agent.reading import astray
 from karma.agent.recovery import program_of
-from karma.agent.refused_requests import doubted, with_words
+from karma.agent.refused_requests import KNOWN, cannot_be, doubted, with_words
 from karma.agent.several import with_turns
 from karma.contracts import (
     REFUSAL_KINDS,
@@ -84,9 +84,12 @@ class Planner:
         """
         if self.hints is not None:
             request = replace(request, hints=self.hints(request.instruction))
+        refusing: bool | None = None  # not again where it was refused for what is known
         reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
         for attempt in range(self.decoding.attempts):
-            answer = self._ask(request, attempt)
+            answer = self._ask(request, attempt, refusing=refusing)
+            if answer.error and not answer.calls and answer.error.endswith(KNOWN):
+                refusing = False
             if not request.failures:
                 answer = yield from self._weighed(request, answer)
             if self.decoding.inspected and answer.calls:
@@ -139,6 +142,9 @@ class Planner:
             listen=self.listen,
         )
         answer = _read(completion, skills, refusing=refusing)
+        if answer.refused and (reason := cannot_be(answer.refused, request)):
+            failure = FailedProgram(lines=(completion.text.strip(),), failed=0, reason=reason)
+            answer = _Answer(error=reason, failure=failure)
         return Plan(
             recalled=tuple(request.recalled),
             units=tuple(request.units),

@@ -18,7 +18,7 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.types import object_types
 from karma.household.uses import KNOB, TAPS, without_basin
-from karma.language.hints import bare_words
+from karma.language.hints import bare_words, singular
 from karma.language.lexicon import ALIKE, Lexicon
 from karma.language.phrases import phrases_of
 
@@ -237,7 +237,8 @@ def _nearest_things(
         " ".join(bare_words(noun.text.split())) for noun in phrases_of(instruction).nouns
     )
     for phrase in phrases:
-        if near := lexicon.nearest(phrase, [kind for kind in here if kind not in TAPS]):
+        near = lexicon.nearest(phrase, [kind for kind in here if kind not in TAPS])
+        if near and singular(phrase.lower()) not in (near[0].lower(), spoken(near[0]).lower()):
             words = " or ".join(f"the {spoken(kind)}" for kind in near)
             return f"Nearest to {phrase!r} here: {words}. Is one of them meant?"
     return "Which thing do you mean, and where should it go?"

@@ -1,5 +1,7 @@
 """From facts to a program: constrained language, bounded retries, ids for short names."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -101,10 +103,38 @@ def test_plan_of_an_answer_without_calls_is_an_error(text):
 
 @pytest.mark.parametrize("profile", ["compact", "full"])
 def test_refusal_ends_the_asking_and_has_no_calls_and_no_error(profile):
-    model, (plan,) = plans(["refuse('thing')\n", GOOD], profile=profile, refusing=True)
+    asked = replace(FACTS, instruction="Fetch the hammer")
+    model, (plan,) = plans(["refuse('thing')\n", GOOD], asked, profile=profile, refusing=True)
     assert plan.refused == RefusedRequest(kind="thing")
     assert (plan.calls, plan.error, plan.failure) == ((), "", None)
     assert len(model.prompts) == 1
+
+
+@pytest.mark.parametrize(
+    "said",
+    ["Fetch the apple", "Put the apples in the fridge", "wash a mug", "Open the microwave, please"],
+)
+@pytest.mark.parametrize("kind", ["thing", "place"])
+def test_refusal_for_what_is_known_is_asked_again_and_may_not_come_again(said, kind):
+    facts = replace(FACTS, instruction=said)
+    model, (first, second) = plans([f"refuse('{kind}')\n", GOOD], facts, refusing=True)
+    assert first.refused is None and "known, so the request is not refused" in first.error
+    assert second.calls
+    assert model.specs[0].refusals and not model.specs[1].refusals
+
+
+@pytest.mark.parametrize(
+    ("said", "kind"),
+    [
+        ("Fetch the hammer and the apple", "thing"), ("Go to the sofa", "place"),
+        ("Close the safe in the fridge", "thing"), ("Fetch the apple", "deed"),
+        ("Do it", "thing"), ("Fetch the apple", "impossible"),
+    ],
+)  # fmt: skip
+def test_refusals_that_can_be_stand(said, kind):
+    facts = replace(FACTS, instruction=said)
+    _, (plan,) = plans([f"refuse('{kind}')\n", GOOD], facts, refusing=True)
+    assert plan.refused is not None and plan.refused.kind == kind
 
 
 def test_refusal_of_a_planner_that_may_not_is_an_error_and_it_is_asked_again():

@@ -106,9 +106,9 @@ class HostedLanguageModel:
             seconds = said.exchange.seconds
             listen(Heard(text=said.text, tokens=usage.completion_tokens, seconds=seconds))
         fault = _fault(said, language, usage.completion_tokens)
-        is_program = isinstance(spec, ProgramSpec) and not fault
+        held = isinstance(spec, ProgramSpec) and language is not None and not fault
         return Completion(
-            text=without_closing(said.text) if is_program else said.text,
+            text=without_closing(said.text) if held else said.text,
             finish=said.finish,
             prompt_tokens=usage.prompt_tokens,
             reused_tokens=usage.cached_tokens,

@@ -1,0 +1,81 @@
+"""Answers cut anywhere, for any reason: nothing is carried out but whole programs."""
+
+import json
+
+import pytest
+from support.hosted_server import endpoint, plant_key, wire_server
+from support.needs import need_models
+
+from karma.agent.planner import Planner
+from karma.contracts import Area, Decoding, MemoryUnit, PlanRequest
+from karma.errors import ServerLost
+from karma.infer.hosted.model import HostedLanguageModel
+from karma.infer.llama.model import LlamaModel
+from karma.infer.manifest.manifest import resolve_planner
+
+PROGRAMS = (
+    "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\nCloseObject(robot, 'Fridge')\n",
+    "Explore(robot, 'Mug', ['node_1', (1.00, 0.90, -2.25)])\nThrowObject(robot, 'Mug')\n",
+    "ToggleOn(robot, 'Faucet')\n\nToggleOff(robot, 'Faucet')\n",
+)
+AREAS = (Area(name="node_1", position_m=(0.0, 0.9, 0.0), contains=("Fridge", "Faucet", "Sink")),)
+UNITS = tuple(
+    MemoryUnit(object_id=f"{kind}|1", object_type=kind, position_m=(0, 0, 0))
+    for kind in ("Apple", "Mug")
+)
+ENDS = ("stop", "eos", "end_turn", None)
+CUTS = ("length", "max_tokens", "content_filter")
+FAULTS = ("abort", "error", "tool_calls", "anything", "")
+
+
+def asked(model, said="Do it", **decoding):
+    """What is carried out of one answer of a model."""
+    request = PlanRequest(instruction=said, areas=AREAS, units=UNITS)
+    (plan,) = Planner(model, "compact", Decoding(attempts=1, **decoding)).plan(request)
+    assert plan.calls or plan.error or plan.refused
+    return [str(call) for call in plan.calls]
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("reason", [*ENDS, *CUTS, *FAULTS], ids=str)
+def test_answer_of_a_server_is_whole_or_it_is_a_fault(monkeypatch, program, reason):
+    plant_key(monkeypatch)
+    whole = [line for line in program.splitlines() if line]
+    cut = [0]
+
+    def answer(path, body, headers):
+        message = {"role": "assistant", "content": program[: cut[0]]}
+        choice = {"index": 0, "message": message, "finish_reason": reason}
+        return 200, {}, json.dumps({"choices": [choice]}).encode()
+
+    with wire_server(answer) as (url, _):
+        model = HostedLanguageModel(endpoint(url, "m", retries=0))
+        for cut[0] in range(1, len(program) + 1):
+            said = program[: cut[0]]
+            lines = [line for line in said.splitlines() if line]
+            if reason in FAULTS:
+                with pytest.raises(ServerLost):
+                    asked(model)
+            elif reason in CUTS or lines != whole[: len(lines)]:
+                assert asked(model) == []
+            else:  # the model itself has ended it, with a whole line
+                assert asked(model) == lines
+
+
+@pytest.mark.parametrize(
+    "said", ["Wash the mug", "Put the apple in the fridge, then open the fridge", "Slice the apple"]
+)
+def test_answer_of_a_local_model_is_whole_or_it_is_a_fault(said):
+    need_models("karma-nano")
+    file = resolve_planner("karma-nano")
+    model = LlamaModel(file.path, sha256=file.sha256, name=file.name)
+    request = PlanRequest(instruction=said, areas=AREAS, units=UNITS)
+    for held in (True, False):
+        (plan,) = Planner(model, "compact", Decoding(attempts=1, constrained=held)).plan(request)
+        whole, tokens = [str(call) for call in plan.calls], plan.completion.completion_tokens
+        assert whole and plan.completion.finish == "stop"
+        for most in range(1, tokens + 1):
+            found = asked(model, said, constrained=held, max_tokens=most)
+            assert found in ([], whole)
+            assert not found or most >= tokens - 1  # but for a line break that ends it
+    model.close()
