@@ -302,13 +302,16 @@ class Prompt:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SkillSignature:
-    """One function of the skill API: name and the kinds of its arguments after `robot`."""
+class Skill:
+    """One function of the skill API: its arguments after `robot`, and what comes of it."""
 
     name: str
     arguments: tuple[Literal["object", "positions"], ...]
     optional: int = 0  # how many of the last arguments may be left out
     doc: str = ""  # comment lines of Listing 2
+    deed: str = ""  # as people are told of it; "" for ways to get somewhere
+    does: str = ""  # the state of a thing afterwards; its opposite has ended
+    undone_by: str = ""  # the skill that takes it back; "" where none does
 
 
 RefusalKind = Literal["deed", "thing", "place", "language", "negated", "impossible", "unclear"]
@@ -332,7 +335,7 @@ class RefusedRequest:
 class ProgramSpec:
     """What a program may say: the language that constrained decoding admits."""
 
-    skills: tuple[SkillSignature, ...]
+    skills: tuple[Skill, ...]
     objects: tuple[str, ...]  # names known to memory or in view
     positions: tuple[str, ...] = ()  # area nodes, e.g. "node_3"
     max_calls: int = 40

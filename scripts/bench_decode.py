@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from karma.contracts import ProgramSpec, Prompt, SkillSignature
+from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.infer.llama.constrain import choose_token
 from karma.infer.llama.gguf_export import export_llama_gguf, new_tokenizer
 from karma.infer.llama.model import LlamaModel
@@ -33,10 +33,10 @@ NAMES = tuple(
 )
 SPEC = ProgramSpec(
     skills=(
-        *(SkillSignature(name=n, arguments=("object",)) for n in (
+        *(Skill(name=n, arguments=("object",)) for n in (
             "GoToObject", "PickupObject", "OpenObject", "CloseObject", "SliceObject", "ToggleOn")),
-        SkillSignature(name="PutObject", arguments=("object", "object"), optional=1),
-        SkillSignature(name="Explore", arguments=("object", "positions"), optional=1),
+        Skill(name="PutObject", arguments=("object", "object"), optional=1),
+        Skill(name="Explore", arguments=("object", "positions"), optional=1),
     ),
     objects=NAMES,
     positions=tuple(f"node_{n}" for n in range(8)),

@@ -24,7 +24,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from karma.contracts import ProgramSpec, Prompt, SkillSignature
+from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.files import to_json
 from karma.infer.checks.gguf import check_gguf
 from karma.infer.checks.memory import gguf_parts_mb
@@ -49,8 +49,8 @@ CLASSES = {  # shapes of Qwen 2.5 0.5B and 1.5B, Llama 3.2 3B, Llama 3.1 8B
 }  # fmt: skip
 SPEC = ProgramSpec(
     skills=(
-        SkillSignature(name="GoToObject", arguments=("object",)),
-        SkillSignature(name="PutObject", arguments=("object", "object"), optional=1),
+        Skill(name="GoToObject", arguments=("object",)),
+        Skill(name="PutObject", arguments=("object", "object"), optional=1),
     ),
     objects=tuple(f"{kind}_{n}" for kind in ("Apple", "Mug", "Fridge", "Lamp") for n in range(15)),
     positions=(),

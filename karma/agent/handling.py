@@ -3,6 +3,7 @@
 import math
 from contextlib import suppress
 
+from karma.agent.program import DOOR_AFTER
 from karma.agent.reach import Reach
 from karma.agent.refusals import RefusedError, hand_full, put_refused
 from karma.agent.sightings import known, means
@@ -12,7 +13,7 @@ from karma.household.containment import goes_in
 from karma.household.ids import part_id
 from karma.household.pieces import is_piece
 from karma.household.places import NEAR_M
-from karma.household.states import DOOR_AFTER, OPPOSITES
+from karma.household.states import OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF
 

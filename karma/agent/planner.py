@@ -25,8 +25,8 @@ from karma.contracts import (
     ProgramSpec,
     RefusedRequest,
     Resources,
+    Skill,
     SkillCall,
-    SkillSignature,
 )
 from karma.errors import ProgramError
 from karma.household.containment import has_door
@@ -171,7 +171,7 @@ class _Answer:
     dropped: tuple[str, ...] = ()
 
 
-def _read(completion: Completion, skills: Sequence[SkillSignature], *, refusing: bool) -> _Answer:
+def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) -> _Answer:
     """Return the calls of an answer, that it refuses the request, or why it is refused itself."""
     lines = tuple(completion.text.rstrip().split("\n"))
     try:
@@ -220,7 +220,7 @@ def _astray(answer: Plan, line: int, reason: str) -> Plan:
 def program_spec(
     request: PlanRequest,
     names: Mapping[str, str],
-    skills: tuple[SkillSignature, ...] = SKILLS,
+    skills: tuple[Skill, ...] = SKILLS,
     *,
     refusing: bool = False,
 ) -> ProgramSpec:

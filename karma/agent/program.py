@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-from karma.contracts import REFUSAL_KINDS, RefusedRequest, SkillCall, SkillSignature, Vec3
+from karma.contracts import REFUSAL_KINDS, RefusedRequest, Skill, SkillCall, Vec3
 from karma.errors import ProgramError
 
 MAX_LINES = 200
@@ -22,47 +22,64 @@ MAX_POSITIONS = 100
 MAX_METRES = 1000.0
 
 
-def _skill(name: str, doc: str) -> SkillSignature:
-    return SkillSignature(name=name, arguments=("object",), doc=doc)
+def _skill(name: str, doc: str, deed: str = "", does: str = "", undone_by: str = "") -> Skill:
+    return Skill(
+        name=name, arguments=("object",), doc=doc, deed=deed, does=does, undone_by=undone_by
+    )
 
 
-SKILLS: tuple[SkillSignature, ...] = (
+SKILLS: tuple[Skill, ...] = (
     _skill("GoToObject", "Navigate to an object whose place is known."),
-    _skill("PickupObject", "Pick up the object; it must be in view and the hand empty."),
-    SkillSignature(
+    _skill(
+        "PickupObject", "Pick up the object; it must be in view and the hand empty.", "take",
+        undone_by="PutObject",
+    ),
+    Skill(
         name="PutObject",
         arguments=("object", "object"),
         optional=1,
         doc="Put the held object (first) into or onto the receptacle (second).",
+        deed="put",
+        undone_by="PickupObject",
     ),
-    _skill("SwitchOn", "Turn on a switch, lamp or tap."),
-    _skill("SwitchOff", "Turn off a switch, lamp or tap."),
-    _skill("OpenObject", "Open a fridge, cabinet, drawer, microwave or box that is closed."),
-    _skill("CloseObject", "Close an object that is open."),
-    _skill("BreakObject", "Break the object."),
-    _skill("SliceObject", "Slice the object, e.g. an apple, tomato or bread."),
-    _skill("ThrowObject", "Throw away the held object."),
-    SkillSignature(
+    _skill("SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "on", "SwitchOff"),
+    _skill("SwitchOff", "Turn off a switch, lamp or tap.", "switch off", "off", "SwitchOn"),
+    _skill(
+        "OpenObject", "Open a fridge, cabinet, drawer, microwave or box that is closed.",
+        "open", "opened", "CloseObject",
+    ),
+    _skill("CloseObject", "Close an object that is open.", "close", "closed", "OpenObject"),
+    _skill("BreakObject", "Break the object.", "break", "broken"),
+    _skill("SliceObject", "Slice the object, e.g. an apple, tomato or bread.", "slice", "sliced"),
+    _skill("ThrowObject", "Throw away the held object.", "throw", undone_by="PickupObject"),
+    Skill(
         name="Explore",
         arguments=("object", "positions"),
         optional=1,
         doc="Search the positions in the given order until the object is visible.",
     ),
-    _skill("ToggleOn", "Toggle on a lamp, stove, microwave, toaster or tap."),
-    _skill("ToggleOff", "Toggle off the object."),
-)
+    _skill(
+        "ToggleOn", "Toggle on a lamp, stove, microwave, toaster or tap.",
+        "switch on", "on", "ToggleOff",
+    ),
+    _skill("ToggleOff", "Toggle off the object.", "switch off", "off", "ToggleOn"),
+)  # fmt: skip
 """The 13 functions of Listing 2. `PutObject` with one object means the receptacle."""
 
-OUR_SKILLS: tuple[SkillSignature, ...] = (
-    _skill("EmptyObject", "Pour out what the object is filled with."),
-    SkillSignature(
+OUR_SKILLS: tuple[Skill, ...] = (
+    _skill("EmptyObject", "Pour out what the object is filled with.", "empty"),
+    Skill(
         name="PutNear",
         arguments=("object", "object"),
         doc="Put the held object (first) near another thing (second), on what that lies on.",
+        deed="put near",
+        undone_by="PickupObject",
     ),
 )
 """Two more of ours: nothing in Listing 2 gets the water out of a mug, or one thing near another."""
 
+DEEDS = {one.name: one.deed for one in (*SKILLS, *OUR_SKILLS) if one.deed}
+DOOR_AFTER = {one.name: one.does for one in SKILLS if one.does in ("opened", "closed")}
 PUTS = ("PutObject", "PutNear")  # skills that empty the hand, by what they say first
 
 _NAME = re.compile(r"[\w|+\-.,()/& ]+")
@@ -76,7 +93,7 @@ _STATEMENTS = {
 }  # fmt: skip
 
 
-def parse_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> tuple[SkillCall, ...]:
+def parse_program(text: str, skills: Sequence[Skill] = SKILLS) -> tuple[SkillCall, ...]:
     """Read a planner's text as skill calls.
 
     Comments, blank lines, an even indent and a surrounding code fence are allowed; the first
@@ -175,7 +192,7 @@ def _syntax(body: str, lines: Sequence[str]) -> list[ast.stmt]:
         raise _error("not a program: the text cannot be read", 1, lines) from None
 
 
-def _call(statement: ast.stmt, table: dict[str, SkillSignature]) -> SkillCall:
+def _call(statement: ast.stmt, table: dict[str, Skill]) -> SkillCall:
     match statement:
         case ast.Expr(ast.Call(ast.Name("refuse"), _, _)):
             raise _RefusedError(
@@ -197,7 +214,7 @@ def _call(statement: ast.stmt, table: dict[str, SkillSignature]) -> SkillCall:
             raise _RefusedError(f"{only}, not {what}", statement)
 
 
-def _signature(name: str, table: dict[str, SkillSignature], node: ast.AST) -> SkillSignature:
+def _signature(name: str, table: dict[str, Skill], node: ast.AST) -> Skill:
     if name in table:
         return table[name]
     folded = {known.lower(): known for known in table}
@@ -207,7 +224,7 @@ def _signature(name: str, table: dict[str, SkillSignature], node: ast.AST) -> Sk
 
 
 def _arguments(
-    skill: SkillSignature, nodes: Sequence[ast.expr], at: ast.AST
+    skill: Skill, nodes: Sequence[ast.expr], at: ast.AST
 ) -> tuple[tuple[str, ...], tuple[str | Vec3, ...]]:
     most = len(skill.arguments)
     least = most - skill.optional

@@ -28,13 +28,13 @@ from karma.agent.full_profile import (
 )
 from karma.agent.program import OUR_SKILLS, SKILLS
 from karma.agent.short_names import fixture_names, name_for, short_names, stand_ins
-from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, SkillSignature, Vec3
+from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, Skill, Vec3
 from karma.errors import FileError, UnknownNameError, did_you_mean
 from karma.files import read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import HAND, landmark_types
 
-PROFILES: Mapping[str, tuple[SkillSignature, ...]] = MappingProxyType(
+PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(
     {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS)}
 )  # and the skills that each offers; the nano planner has learnt 13
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
@@ -50,7 +50,7 @@ class Rendered:
     names: Mapping[str, str]
 
 
-def skills_of(profile: str) -> tuple[SkillSignature, ...]:
+def skills_of(profile: str) -> tuple[Skill, ...]:
     """Return the skills that a profile offers; a folder of own templates has those of "full".
 
     Raises:
@@ -175,7 +175,7 @@ def compact(request: PlanRequest) -> Rendered:
 
 def full(
     request: PlanRequest,
-    skills: Sequence[SkillSignature],
+    skills: Sequence[Skill],
     *,
     refusing: bool = False,
     files: Mapping[str, Path] | None = None,

@@ -127,6 +127,8 @@ class Reach:
             if place is not None and self._closed_over(place, target.position_m):
                 return self._closed(target, place, closed_will_do)
         if not movable:
+            if tried:
+                self.log.miss(target.object_id, target.position_m)
             raise RefusedError(
                 f"could not get {target.object_type} into view and reach",
                 f"{target.object_id} could not be got into view and reach"

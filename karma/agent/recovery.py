@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from karma.agent.program import SKILLS, parse_program, parse_refusal
-from karma.contracts import Completion, RefusedRequest, SkillCall, SkillSignature
+from karma.contracts import Completion, RefusedRequest, Skill, SkillCall
 from karma.errors import ProgramError
 from karma.language.whole import going_round, in_plain_signs, own_text, repeated
 
@@ -43,7 +43,7 @@ class Recovered:
 
 
 def program_of(
-    completion: Completion, skills: Sequence[SkillSignature] = SKILLS, *, refusing: bool = False
+    completion: Completion, skills: Sequence[Skill] = SKILLS, *, refusing: bool = False
 ) -> Recovered:
     """Return the program of an answer; one that a grammar held is taken by its word.
 
@@ -80,7 +80,7 @@ def _check_circles(calls: Sequence[SkillCall]) -> None:
         raise ProgramError(going_round(size), line=last.line, code=str(last))
 
 
-def recover_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> Recovered:
+def recover_program(text: str, skills: Sequence[Skill] = SKILLS) -> Recovered:
     r"""Read the lines of an answer that are calls and leave out the others.
 
     Raises:
@@ -103,9 +103,7 @@ def recover_program(text: str, skills: Sequence[SkillSignature] = SKILLS) -> Rec
     return Recovered(calls=parse_program("\n".join(kept), skills), dropped=dropped)
 
 
-def _check_unread(
-    lines: Sequence[str], kept: Sequence[str], skills: Sequence[SkillSignature]
-) -> None:
+def _check_unread(lines: Sequence[str], kept: Sequence[str], skills: Sequence[Skill]) -> None:
     """Refuse an answer in which a line holds a call, or the last begins one, that was not read."""
     last = max(number for number, line in enumerate(lines) if line.strip())
     for number, line in enumerate(lines):
@@ -117,7 +115,7 @@ def _check_unread(
             raise ProgramError(reason, line=number + 1, code=line.strip()[:120])
 
 
-def _is_begun(line: str, skills: Sequence[SkillSignature]) -> bool:
+def _is_begun(line: str, skills: Sequence[Skill]) -> bool:
     """Return whether a last line may be the beginning of a call, or of its number."""
     word = re.sub(rf"^\s*(?:{_MARKS}\s*)*", "", line).strip()
     if not word:

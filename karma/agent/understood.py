@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from karma.agent.planner import grounded
+from karma.agent.program import DEEDS
 from karma.agent.refused_requests import sentence
 from karma.contracts import Known, Plan, RefusedRequest, SkillCall
 from karma.household.ids import is_id, type_of
@@ -23,12 +24,6 @@ from karma.language.lexicon import ALIKE, Lexicon
 from karma.language.phrases import phrases_of
 
 Where = Callable[[str], Known | None]  # of a type or id: where the agent believes it to be
-_DEEDS = {
-    "PickupObject": "take", "PutObject": "put", "PutNear": "put near", "SwitchOn": "switch on",
-    "ToggleOn": "switch on", "SwitchOff": "switch off", "ToggleOff": "switch off",
-    "OpenObject": "open", "CloseObject": "close", "SliceObject": "slice", "BreakObject": "break",
-    "ThrowObject": "throw", "EmptyObject": "empty",
-}  # fmt: skip
 _WAYS = ("GoToObject", "Explore")  # said only where a program has nothing else
 _ABILITIES = {
     "on": "switch on", "off": "switch off", "throw": "throw away", "look": "look at under a lamp",
@@ -182,7 +177,7 @@ def _deeds(calls: Sequence[SkillCall]) -> Iterator[str]:
         elif call.skill == "PutObject" and call.objects[1:]:
             yield f"put {_said(call.objects[0])} {told_place(call.objects[-1])}"
         else:
-            yield " ".join([_DEEDS[call.skill], *dict.fromkeys(map(_said, call.objects))])
+            yield " ".join([DEEDS[call.skill], *dict.fromkeys(map(_said, call.objects))])
 
 
 def _joined(deeds: Iterator[str]) -> Iterator[str]:

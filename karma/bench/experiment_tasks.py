@@ -11,7 +11,7 @@ from karma.bench.days import check_seeds
 from karma.bench.experiment import Experiment
 from karma.bench.experiment_file import is_called, meant_path
 from karma.contracts import SceneRef, Task
-from karma.errors import FileError
+from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes, to_json
 from karma.tasks.authors import load_authors_tasks, resolve
 from karma.tasks.files import in_rooms, load_tasks
@@ -93,14 +93,31 @@ def select(tasks: Sequence[T], only: Sequence[str], path: Path) -> tuple[T, ...]
 
 
 def _brought(tasks: tuple[Task, ...], imported: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the rooms of some tasks that are none of ours."""
-    found = {}
+    """Return the rooms of some tasks that are none of ours.
+
+    Raises:
+        KarmaError: two rooms have one name: maps and records could not tell them apart.
+    """
+    found: dict[str, bytes] = {}
+    rooms: dict[str, SceneRef] = {}
     for scene in dict.fromkeys(scene for task in tasks for scene in task.scenes):
+        other = rooms.setdefault(scene.name, scene)
+        if other != scene and not _alike(other, scene):
+            raise KarmaError(
+                f"two rooms have the name {scene.name!r}: {other.source} and {scene.source}\n"
+                "  To fix: call one of the files otherwise"
+            )
         if scene.name in imported:
             found[scene.name] = imported[scene.name]
         elif scene.path:
             found[scene.name] = read_bytes(scene.path)
     return found
+
+
+def _alike(one: SceneRef, other: SceneRef) -> bool:
+    """Return whether two files are one, or hold the same."""
+    contents = {read_bytes(scene.path) if scene.path else b"" for scene in (one, other)}
+    return len(contents) == 1
 
 
 def scene_path(folder: Path, name: str) -> Path:

@@ -229,7 +229,6 @@ OPPOSITES: Mapping[str, str] = MappingProxyType(
 ENDS: Mapping[str, str] = MappingProxyType(
     {**OPPOSITES, "heated": "cooled", "cooled": "heated"}
 )  # a state ends the other when it comes; a thing may be neither
-DOOR_AFTER: Mapping[str, str] = MappingProxyType({"OpenObject": "opened", "CloseObject": "closed"})
 END_STATES: Mapping[str, str] = MappingProxyType(
     {"TOGGLEON": "on", "TOGGLEOFF": "off", "OPEN": "opened", "CLOSED": "closed"}
 )  # what a predicate of a goal asks for

@@ -55,12 +55,19 @@ class SceneGraph:
         areas: in order; their names are unique and adjacency is mutual.
         floor: name of the floor they lie on.
         radius_m: how far from an area node an object may be and still belong to it.
+        room: names what the map was made of, for whoever saves it; not compared.
     """
 
     def __init__(
-        self, areas: Iterable[AreaNode], *, floor: str = "floor_1", radius_m: float = RADIUS_M
+        self,
+        areas: Iterable[AreaNode],
+        *,
+        floor: str = "floor_1",
+        radius_m: float = RADIUS_M,
+        room: str = "",
     ) -> None:
         self.floor = floor
+        self.room = room
         self.radius_m = radius_m
         self.tour: Tour | None = None  # that the graph was made on; not compared
         self._areas = {area.name: area for area in areas}
@@ -76,6 +83,7 @@ class SceneGraph:
         cell_m: float = 0.25,
         spacing_m: float = SPACING_M,
         radius_m: float = RADIUS_M,
+        room: str = "",
     ) -> "SceneGraph":
         """Return a graph whose area nodes cover the reachable cells, without objects yet.
 
@@ -87,7 +95,8 @@ class SceneGraph:
             height_m: y of the floor.
             cell_m: grid step between neighbouring cells.
             spacing_m: largest walking distance from a cell to its area node.
-            radius_m: see the class.
+            radius_m: this and the next: see the class.
+            room: see there.
         """
         nodes, edges = spread_areas(cells, cell_m=cell_m, spacing_m=spacing_m)
         areas = []
@@ -96,7 +105,7 @@ class SceneGraph:
             names = tuple(f"node_{other + 1}" for other in adjacent)
             position = (x, height_m, z)
             areas.append(AreaNode(name=f"node_{number + 1}", position_m=position, adjacent=names))
-        return cls(areas, radius_m=radius_m)
+        return cls(areas, radius_m=radius_m, room=room)
 
     # ------------------------------------------------------------- what is seen
 
@@ -215,7 +224,7 @@ class SceneGraph:
         Raises:
             FileError: the file cannot be written.
         """
-        saved = msgspec.structs.replace(self._saved(), tour=self.tour)
+        saved = msgspec.structs.replace(self._saved(), tour=self.tour, room=self.room)
         write_atomic(path, to_json(saved, indent=1))
 
     @classmethod
@@ -230,7 +239,7 @@ class SceneGraph:
         if saved.version != VERSION:
             raise FileError(path, f"version {saved.version}, expected {VERSION}", fix=fix)
         areas = [saved_area.area for saved_area in saved.floor.areas]
-        graph = cls(areas, floor=saved.floor.name, radius_m=saved.radius_m)
+        graph = cls(areas, floor=saved.floor.name, radius_m=saved.radius_m, room=saved.room)
         graph.tour = saved.tour
         for saved_area in saved.floor.areas:
             for node in saved_area.objects:
@@ -267,6 +276,7 @@ class _SavedGraph(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     radius_m: float
     floor: _SavedFloor
     tour: Tour | None = None
+    room: str = ""  # of maps from before rooms were told apart
 
 
 def _inconsistency(areas: list[AreaNode]) -> str | None:

@@ -310,6 +310,8 @@ class KarmaEpisode:
                 self.short_term.remember(unit)
         if self.graph is not None:
             self.graph.observe(experience.seen.values())
+            for object_id in experience.gone:
+                self.graph.forget(object_id)
             self._keep_map()
 
     def _keep_map(self) -> None:

@@ -1,10 +1,12 @@
 """The first visit to a home: walk about, look around everywhere, and build the map."""
 
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 
 from karma.agent.eyes import Eyes
 from karma.agent.perceive import cells_of, pose_of
+from karma.agent.prompt import position_text
 from karma.agent.skills import Skills
 from karma.contracts import Area, Known, SceneRef, SkillCall, Tour, Vec3, World
 from karma.memory.scene_graph import SceneGraph
@@ -17,7 +19,9 @@ def explore_room(
 ) -> tuple[SceneGraph, bool]:
     """Return long-term memory of a scene and whether it was made just now.
 
-    The world is back at the scene's start afterwards, whether the map was loaded or explored.
+    A saved map is of this room only if its fixed things are where they were when it was made:
+    another file of the same name, or the same file edited, has another. The world is back at the
+    scene's start afterwards, whether the map was loaded or explored.
 
     Args:
         world: a world that has been reset to `scene`.
@@ -28,11 +32,13 @@ def explore_room(
     Raises:
         FileError: the saved map is damaged.
     """
-    cells = floor_of(world)
-    graph = SceneGraph.over(cells, height_m=position_of(world)[1])
+    cells, room = floor_of(world), contents_of(world)
+    graph = SceneGraph.over(cells, height_m=position_of(world)[1], room=room)
     if saved is not None and saved.exists():
         known = SceneGraph.load(saved)
-        if [area.position_m for area in known.areas()] == [a.position_m for a in graph.areas()]:
+        if known.room == room and [area.position_m for area in known.areas()] == [
+            a.position_m for a in graph.areas()
+        ]:
             return known, False
     lookouts = SceneGraph.over(cells, spacing_m=LOOKOUT_M).areas()
     skills = Skills(world, _Blank(lookouts), eyes=eyes)
@@ -44,6 +50,19 @@ def explore_room(
     graph.tour = Tour(scene=scene.name, places=len(lookouts), actions=skills.actions)
     world.reset(scene.source)
     return graph, True
+
+
+def contents_of(world: World) -> str:
+    """Return the SHA-256 of what is fixed in a room that was just reset, and where, to the cm.
+
+    It tells one room from another and nothing else: no plan is made from it.
+    """
+    fixed = sorted(
+        f"{one['objectId']} {position_text(tuple(one['position'].values()))}"
+        for one in world.last_event.metadata["objects"]
+        if not one["pickupable"]
+    )
+    return sha256("\n".join(fixed).encode()).hexdigest()
 
 
 def floor_of(world: World) -> list[tuple[float, float]]:

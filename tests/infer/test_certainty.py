@@ -11,14 +11,14 @@ from support.needs import need_models
 
 from karma.agent.planner import program_spec
 from karma.agent.prompt import compact
-from karma.contracts import REFUSAL_KINDS, Area, PlanRequest, ProgramSpec, SkillSignature
+from karma.contracts import REFUSAL_KINDS, Area, PlanRequest, ProgramSpec, Skill
 from karma.infer.llama.certainty import CertaintyLog
 from karma.infer.llama.constrain import TokenTable
 from karma.infer.llama.model import LlamaModel
 
 PIECES = (b"Go", b"re", b"refuse('", b"r", b"robot", b"", b"x", b"refused")
 TABLE = TokenTable(PIECES, [5])
-GO = SkillSignature(name="GoToObject", arguments=("object",))
+GO = Skill(name="GoToObject", arguments=("object",))
 SPEC = ProgramSpec(skills=(GO,), objects=("Mug",), refusals=REFUSAL_KINDS)
 LOGITS = st.lists(st.floats(-30, 30, width=32), min_size=8, max_size=8)
 

@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from karma.contracts import REFUSAL_KINDS, ProgramSpec, SkillCall, SkillSignature
+from karma.contracts import REFUSAL_KINDS, ProgramSpec, Skill, SkillCall
 from karma.errors import ModelError
 from karma.infer.llama.constrain import TokenTable, choose_token, descending, gumbel
 from karma.infer.programs.automaton import ProgramAutomaton, without_closing
 
 SKILLS = (
-    SkillSignature(name="GoToObject", arguments=("object",)),
-    SkillSignature(name="PutObject", arguments=("object", "object"), optional=1),
-    SkillSignature(name="Explore", arguments=("object", "positions"), optional=1),
-    SkillSignature(name="Scan", arguments=("positions",)),
-    SkillSignature(name="Go", arguments=("object",)),
-    SkillSignature(name="Wait", arguments=()),
+    Skill(name="GoToObject", arguments=("object",)),
+    Skill(name="PutObject", arguments=("object", "object"), optional=1),
+    Skill(name="Explore", arguments=("object", "positions"), optional=1),
+    Skill(name="Scan", arguments=("positions",)),
+    Skill(name="Go", arguments=("object",)),
+    Skill(name="Wait", arguments=()),
 )
 NAMES = st.one_of(
     st.sampled_from(["Apple", "Apple|-00.47|+01.15|+00.48", "AppleSliced", "Mug, big", "A", "AB"]),

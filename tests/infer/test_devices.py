@@ -17,7 +17,7 @@ from support.rpc_device import rpc_device, start
 from typer.testing import CliRunner
 
 from karma.cli import app
-from karma.contracts import ProgramSpec, Prompt, SkillSignature
+from karma.contracts import ProgramSpec, Prompt, Skill
 from karma.errors import KarmaError, ModelError
 from karma.infer.checks.memory import Footprint
 from karma.infer.llama import devices as found
@@ -33,7 +33,7 @@ SIZE = Footprint(  # 1,600 MB with 8,000 tokens, and 100 to compute
 )
 PROMPT = Prompt(stable="#areas\nnode_1 Fridge Sink\n" * 12, changing="#task go\n#program\n")
 SPEC = ProgramSpec(
-    skills=(SkillSignature(name="GoToObject", arguments=("object",)),),
+    skills=(Skill(name="GoToObject", arguments=("object",)),),
     objects=("Apple", "Fridge"), max_calls=3,
 )  # fmt: skip
 

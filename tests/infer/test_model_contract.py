@@ -19,7 +19,7 @@ from karma.contracts import (
     Prompt,
     ScoringModel,
     SeenObject,
-    SkillSignature,
+    Skill,
     VisionModel,
 )
 from karma.errors import ModelError
@@ -40,9 +40,9 @@ CHAT = (
     "{% for m in messages %}<|{{ m.role }}|>{{ m.content }}<|eos|>\n{% endfor %}<|assistant|>"
 )  # fmt: skip
 SKILLS = (
-    SkillSignature(name="GoToObject", arguments=("object",)),
-    SkillSignature(name="PutObject", arguments=("object", "object"), optional=1),
-    SkillSignature(name="Explore", arguments=("object", "positions"), optional=1),
+    Skill(name="GoToObject", arguments=("object",)),
+    Skill(name="PutObject", arguments=("object", "object"), optional=1),
+    Skill(name="Explore", arguments=("object", "positions"), optional=1),
 )
 SPEC = ProgramSpec(
     skills=SKILLS, objects=("Apple", "Fridge", "Apple|-00.47|+01.15|+00.48"),

@@ -12,8 +12,8 @@ def gbnf(spec: ProgramSpec) -> str:
     Raises:
         ValueError: the spec admits no program.
 
-    >>> from karma.contracts import SkillSignature
-    >>> go = SkillSignature(name="GoToObject", arguments=("object",))
+    >>> from karma.contracts import Skill
+    >>> go = Skill(name="GoToObject", arguments=("object",))
     >>> print(gbnf(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=3)))
     root ::= line ("\n" line){0,2} ("\n" ("\n" | "```" | "#")?)?
     line ::= "GoToObject" "(robot" ", '" names0 ")"

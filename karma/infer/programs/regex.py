@@ -12,8 +12,8 @@ def regex(spec: ProgramSpec) -> str:
     Raises:
         ValueError: the spec admits no program.
 
-    >>> from karma.contracts import SkillSignature
-    >>> go = SkillSignature(name="GoToObject", arguments=("object",))
+    >>> from karma.contracts import Skill
+    >>> go = Skill(name="GoToObject", arguments=("object",))
     >>> print(regex(ProgramSpec(skills=(go,), objects=("Mug", "Sink"), max_calls=1)))
     ((GoToObject)\(robot, '(Mug|Sink)'\))(\n(\n|```|#)?)?
     """

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
+from karma.agent.program import DOOR_AFTER
 from karma.contracts import SeenObject, SkillCall
 from karma.household.pieces import base_type, goes_by, is_piece
 from karma.household.places import surface_for
-from karma.household.states import DOOR_AFTER
 from karma.household.types import object_types
 from karma.household.uses import KNIVES, MICROWAVE
 from karma.methods.helper.memory import ObjectMemory

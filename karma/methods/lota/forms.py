@@ -16,7 +16,7 @@ from typing import Literal
 from karma.agent.inspector import objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import compact, template
-from karma.contracts import END, PlanRequest, Prompt, SeenObject, SkillCall, SkillSignature
+from karma.contracts import END, PlanRequest, Prompt, SeenObject, Skill, SkillCall
 from karma.household.types import in_words, object_types
 from karma.household.uses import has_a_switch
 
@@ -140,7 +140,7 @@ def request_for(instruction: str, held: SeenObject | None) -> PlanRequest:
     )
 
 
-def smart_skills() -> tuple[SkillSignature, ...]:
+def smart_skills() -> tuple[Skill, ...]:
     """Return those of our skills that SMART-LLM has too."""
     return tuple(skill for skill in SKILLS if skill.name not in _NOT_SMART_LLM)
 
