@@ -1,12 +1,18 @@
 """Object ids: what type an id speaks of, what it was cut from, what is a part of what.
 
-AI2-THOR writes `Mug|x|y|z`; a part or a piece has its own name behind the whole's id:
-`Sink|x|y|z|SinkBasin`, `Apple|x|y|z|AppleSliced_2`. A type alone may stand for an id everywhere.
+AI2-THOR writes `Mug|x|y|z`, and in houses `Mug|surface|2|1`; a part or a piece has its own name
+behind the whole's id: `Sink|x|y|z|SinkBasin`, `Apple|2|0|AppleSliced_2`. A type alone may stand for
+an id everywhere.
 """
 
 from karma.contracts import Vec3
 
-_OF_A_PART = 5  # sections of an id with a part's name: type, x, y, z, part
+
+def _sections(object_id: str) -> tuple[list[str], list[str]]:
+    """Return the sections of a whole's id, and the names of parts behind them."""
+    first, *rest = object_id.split("|")
+    whole = next((n for n, one in enumerate(rest) if one[:1].isupper()), len(rest))
+    return [first, *rest[:whole]], rest[whole:]
 
 
 def type_of(object_id: str | None) -> str:
@@ -14,11 +20,11 @@ def type_of(object_id: str | None) -> str:
 
     >>> type_of("Mug"), type_of("Sink|+01.00|+00.90|-02.00|SinkBasin"), type_of(None)
     ('Mug', 'SinkBasin', '')
-    >>> type_of("Apple|+01.00|+00.90|-02.00|AppleSliced_2")
-    'AppleSliced'
+    >>> type_of("Apple|+01.00|+00.90|-02.00|AppleSliced_2"), type_of("Apple|surface|2|1")
+    ('AppleSliced', 'Apple')
     """
-    sections = (object_id or "").split("|")
-    return sections[0] if len(sections) < _OF_A_PART else sections[-1].partition("_")[0]
+    whole, parts = _sections(object_id or "")
+    return parts[-1].partition("_")[0] if parts else whole[0]
 
 
 def is_id(name: str) -> bool:
@@ -45,7 +51,7 @@ def root_id(object_id: str) -> str:
     >>> root_id("Sink|+01.00|+00.90|-02.00|SinkBasin"), root_id("Mug|+01.00|+00.90|-02.00")
     ('Sink|+01.00|+00.90|-02.00', 'Mug|+01.00|+00.90|-02.00')
     """
-    return "|".join(object_id.split("|")[: _OF_A_PART - 1])
+    return "|".join(_sections(object_id)[0])
 
 
 def names_part(object_id: str) -> bool:
@@ -54,7 +60,7 @@ def names_part(object_id: str) -> bool:
     >>> names_part("Sink|+01.00|+00.90|-02.00|SinkBasin"), names_part("Mug|+01.00|+00.90|-02.00")
     (True, False)
     """
-    return len(object_id.split("|")) >= _OF_A_PART
+    return bool(_sections(object_id)[1])
 
 
 def whole_id(object_id: str) -> str:

@@ -1,5 +1,6 @@
 """Turn the objects of a house of ProcTHOR's form into objects of a scene."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ import numpy as np
 
 from karma.contracts import Vec3
 from karma.errors import FileError
-from karma.household.ids import root_type
+from karma.household.ids import root_type, type_of
 from karma.household.places import FLOOR
 from karma.household.types import Capability, ObjectType, object_types
 from karma.household.uses import BASIN_OF, BURNER, FRIDGE, KNOB
@@ -20,8 +21,11 @@ from karma.world.importing.dump import Xyz
 from karma.world.importing.house_floor import HouseShell, off
 from karma.world.importing.house_record import FIX, HouseRecord, HouseThing
 
+_WORD = re.compile(r"RoboTHOR|[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+_TELLING = 4  # letters of a type that tell it inside of a name
 _OUT_M = 0.5  # so far outside every room a thing may be: what hangs on walls reaches into them
 _STANDS_M = 0.05  # what begins lower stands on the floor
+_SOME = 5  # names in a message
 _FLOOR_M = 0.1  # thickness of a floor's box
 
 
@@ -66,9 +70,16 @@ class HouseThings:
         """Return the floors, then the things in the order they are written.
 
         Raises:
-            FileError: a thing lies outside the house, or its asset has no size.
+            FileError: a thing lies outside the house, its asset has no size, or of most things
+                the type cannot be told.
         """
         placed = list(self._placed())
+        gone = self.left_out.total() + self.lay_on
+        if gone > len(placed):
+            some = ", ".join(sorted(self.left_out)[:_SOME])
+            every = gone + len(placed)
+            reason = f"objects: of {gone} of {every} the type cannot be told, e.g. {some}"
+            raise FileError(self.name, reason, fix="--assets asset-database.json, of ProcTHOR")
         found = list(self._floors())
         taken = {one.id for one in found}
         first = len(found)
@@ -96,8 +107,13 @@ class HouseThings:
             yield _Placed(told, key, object_types()[type_name], numbers.get(above), room)
 
     def _type(self, told: HouseThing) -> str:
-        asset = self.assets.get(told.asset_id)
-        return (asset and asset.object_type) or root_type(told.id)
+        """Return a thing's type: its asset's, else that its id or its asset's name begins with."""
+        asset, named = self.assets.get(told.asset_id), root_type(told.id)
+        if asset and asset.object_type:
+            return asset.object_type
+        if named in object_types():
+            return named
+        return type_in(told.asset_id) or type_in(named) or told.asset_id or named
 
     def _room(self, key: str, told: HouseThing) -> int:
         """Return the number of the room that a thing is in, or nearest to."""
@@ -145,8 +161,9 @@ class HouseThings:
         basin = above is not None and BASIN_OF.get(above.type) == kind.name
         held = above is not None and "receptacle" in above.capabilities and not basin
         identity = f"{above.id}|{kind.name}" if above and basin else _identity(kind.name, place)
+        kept = not basin and type_of(told.id) == kind.name and told.id not in taken
         return SceneObject(
-            id=_free(identity, taken),
+            id=told.id if kept else _free(identity, taken),
             type=kind.name,
             name=told.id,
             asset=told.asset_id,
@@ -181,6 +198,30 @@ class HouseThings:
             reason = f"asset {one.told.asset_id!r}: boundingBox {size} is no size"
             raise FileError(self.name, reason, fix="give it another database of assets")
         return size
+
+
+def type_in(name: str) -> str:
+    """Return the type that an asset's name begins with, or else holds; "" for none.
+
+    >>> type_in("coffee_machine_25"), type_in("Countertop_I_4"), type_in("bedside_lamp_2")
+    ('CoffeeMachine', 'CounterTop', '')
+    >>> type_in("RoboTHORdresseraspelund"), type_in("Wall_Decor_Painting_1V"), type_in("Pencil_3")
+    ('Dresser', 'Painting', 'Pencil')
+    """
+    known = {kind.lower(): kind for kind in object_types()}
+    words = [one.lower() for one in _WORD.findall(name.replace("RoboTHOR", "RoboTHOR_"))]
+    words = words[1:] if words[:1] == ["robothor"] else words
+    ends = range(len(words), 0, -1)
+    spans = [(0, end) for end in ends]
+    spans += [(start, end) for end in ends for start in range(1, end)]
+    for start, end in spans:
+        one = "".join(words[start:end])
+        if one in known and (not start or len(one) >= _TELLING):
+            return known[one]
+    if "RoboTHOR" not in name:
+        return ""
+    run = "".join(words)  # those names run together
+    return known.get(max(filter(run.startswith, known), key=len, default=""), "")
 
 
 def obstacles(objects: Sequence[SceneObject]) -> Iterator[Box]:

@@ -17,7 +17,7 @@ from karma.files import read_json
 from karma.household.types import RoomType
 from karma.world.core.boxes import Cell, nearest_to_centre
 from karma.world.core.scene import AgentPose, Scene, SceneRoom, check
-from karma.world.importing.dump import rows
+from karma.world.importing.dump import Xyz, rows
 from karma.world.importing.house_floor import GRID_M, HouseShell, Key, connected, inside
 from karma.world.importing.house_record import FIX, HouseRecord, read_record
 from karma.world.importing.house_things import HouseAsset, HouseThings, obstacles
@@ -151,7 +151,10 @@ def _scene_rooms(record: HouseRecord) -> Iterator[SceneRoom]:
 def _standing(
     record: HouseRecord, free: Mapping[Key, Cell], name: str
 ) -> tuple[dict[Key, Cell], list[str]]:
-    """Return the cells that hang together and lead through most rooms, and the rooms they miss."""
+    """Return the cells that hang together, and the rooms they miss.
+
+    Those of the start that the house tells, else those that lead through most rooms.
+    """
     parts = connected(free)
     if not parts:
         raise FileError(name, "rooms: nowhere to stand, every cell is blocked", fix=FIX)
@@ -161,7 +164,10 @@ def _standing(
         points = np.array([free[key] for key in part])
         return [bool(inside(room.corners, points[:, 0], points[:, 1]).any()) for room in floors]
 
+    told = record.metadata.agent
     best = max(parts, key=lambda part: (sum(met(part)), len(part)))
+    if told is not None:
+        best = min(parts, key=lambda part: min(_gap2(free[key], told.position) for key in part))
     missed = [room.name for room, hit in zip(floors, met(best), strict=True) if not hit]
     return {key: free[key] for key in best}, missed
 
@@ -174,11 +180,13 @@ def _agent(record: HouseRecord, cells: Mapping[Key, Cell]) -> AgentPose:
     if told is None:
         x, z = nearest_to_centre(order)
         return AgentPose(position=(x, y, z))
-    x, z = min(
-        order, key=lambda c: round((c[0] - told.position.x) ** 2 + (c[1] - told.position.z) ** 2, 9)
-    )
+    x, z = min(order, key=lambda cell: _gap2(cell, told.position))
     horizon = min(max(told.horizon, _HORIZONS_DEG[0]), _HORIZONS_DEG[1])
     return AgentPose(position=(x, y, z), yaw=told.rotation.y % 360, horizon=horizon)
+
+
+def _gap2(cell: Cell, place: Xyz) -> float:
+    return round((cell[0] - place.x) ** 2 + (cell[1] - place.z) ** 2, 9)
 
 
 def _notes(record: HouseRecord, things: HouseThings, apart: Sequence[str]) -> Iterator[str]:

@@ -298,7 +298,7 @@ def test_things_lie_where_they_are_written():
     assert table.parents == (of_type(scene, "Floor")[0].id,)
     assert apple.parents == (table.id,)
     assert apple.size == object_types()["Apple"].size_m
-    assert (apple.id, apple.name) == ("Apple|+01.50|+00.85|+01.50", "Apple|surface|2|0")
+    assert (apple.id, apple.name) == ("Apple|surface|2|0", "Apple|surface|2|0")
     assert "2 things have their type's usual size" in scene.source
 
 
