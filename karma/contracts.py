@@ -192,6 +192,7 @@ class Experience:
     missed: frozenset[str]  # ids that were not where they were believed to be
     cut: frozenset[str]  # ids of wholes that are no more
     ended: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # words no longer true
+    spilled: frozenset[str] = frozenset()  # thrown vessels: what was in them may lie anywhere
 
     @property
     def gone(self) -> frozenset[str]:

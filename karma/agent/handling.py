@@ -131,6 +131,7 @@ class Handling:
         """Throw away what is held."""
         held = self._held(name)
         event = self._walker.do("ThrowObject", moveMagnitude=THROW_FORCE)
+        self._log.spill(held.object_id)
         self._reach.done(known(held, "held"), event)
         return ""
 

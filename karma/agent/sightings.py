@@ -28,6 +28,7 @@ class Sightings:
     missed: dict[str, Vec3] = field(default_factory=dict)  # id -> where it was not found
     aside: frozenset[str] = frozenset()  # ids that no type name means now
     cut: set[str] = field(default_factory=set)  # wholes that were seen sliced
+    spilled: set[str] = field(default_factory=set)  # vessels that were thrown
     in_view: dict[str, SeenObject] = field(default_factory=dict)
     within_reach: frozenset[str] = frozenset()  # in view, and not behind glass
     held: SeenObject | None = None
@@ -65,7 +66,15 @@ class Sightings:
             ended={object_id: tuple(words) for object_id, words in self.ended.items()},
             missed=frozenset(self.missed),
             cut=frozenset(self.cut),
+            spilled=frozenset(self.spilled),
         )
+
+    def spill(self, vessel: str) -> None:
+        """Note that a thing was thrown: of what lay in it nobody knows where it is now."""
+        self.spilled.add(vessel)
+        for object_id in [one for one, sight in self.seen.items() if vessel in sight.parent_ids]:
+            del self.seen[object_id]
+            self.spill(object_id)
 
     def _carry_along(self, holder: SeenObject) -> None:
         """Move what lies in a thing by as much as the thing has moved, at every depth."""

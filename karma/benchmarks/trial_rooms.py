@@ -6,7 +6,7 @@ from pathlib import Path
 
 from karma.errors import FileError
 from karma.world.alfred.facts import RoomFacts, gather, side_files
-from karma.world.alfred.trial import Trial, read_trials
+from karma.world.alfred.trial import Trial, read_trials, trial_files
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,5 +45,5 @@ def read_rooms(path: Path, listed: Collection[str] = ()) -> TrialRooms:
 
 
 def room_files(path: Path) -> list[Path]:
-    """Return the file of demonstrations, and those beside it that tell of their rooms."""
-    return [path, *filter(None, astuple(side_files()))]
+    """Return the files of demonstrations, and those that tell of their rooms."""
+    return [*trial_files(path), *filter(None, astuple(side_files()))]

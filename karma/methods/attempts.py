@@ -126,6 +126,22 @@ def as_left(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryU
     return changed
 
 
+def lost(units: Iterable[MemoryUnit], experience: Experience) -> list[MemoryUnit]:
+    """Return the units to forget: cut, missed where they were, or thrown with what they lay in."""
+    before = {unit.object_id: unit for unit in units}
+
+    def is_spilled(unit: MemoryUnit | None, depth: int = 0) -> bool:
+        if unit is None or depth > len(before) or unit.object_id in experience.seen:
+            return False
+        return unit.place_id in experience.spilled or is_spilled(
+            before.get(unit.place_id or ""), depth + 1
+        )
+
+    return [
+        unit for unit in before.values() if unit.object_id in experience.gone or is_spilled(unit)
+    ]
+
+
 def _placed(
     unit: MemoryUnit, before: Mapping[str, MemoryUnit], experience: Experience
 ) -> MemoryUnit:

@@ -36,7 +36,7 @@ from karma.household.places import HAND
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
-from karma.methods.attempts import Programs, after_answer, after_run, as_left, carried_out
+from karma.methods.attempts import Programs, after_answer, after_run, as_left, carried_out, lost
 from karma.methods.experience import shut_away, units_of
 from karma.methods.options import settings_of
 from karma.methods.perception import BoxSource, Kind, Perception, detector_of
@@ -283,7 +283,7 @@ class KarmaEpisode:
             return request
         before = as_left(request.units, experience)
         fresh = self._units(experience, before, request.instruction)
-        new = {unit.object_id for unit in fresh} | experience.gone
+        new = {unit.object_id for unit in (*fresh, *lost(request.units, experience))}
         kept = (unit for unit in before if unit.object_id not in new)
         return replace(request, units=(*kept, *fresh))
 
@@ -296,15 +296,16 @@ class KarmaEpisode:
 
     def _remember(self, experience: Experience, instruction: str) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
+        away = lost(self.short_term.units(self._scene), experience)
         before = as_left(self.short_term.units(self._scene), experience)
         for unit in before:
             self.short_term.correct(unit)
         self._seen[self._scene] = self._sights(experience)
-        lost = [unit for unit in before if unit.object_id in experience.gone]
-        for unit in lost:
+        for unit in away:
+            self._seen[self._scene].pop(unit.object_id, None)
             self.short_term.forget(unit.object_id, self._scene)
         kept, folder = self.settings.seen_kept, self._folder
-        units = self._units(experience, lost, instruction, seen_kept=kept, folder=folder)
+        units = self._units(experience, away, instruction, seen_kept=kept, folder=folder)
         if self.settings.short_term:
             for unit in units:
                 self.short_term.remember(unit)

@@ -5,6 +5,7 @@ A trial is a line of JSON (or a lone `traj_data.json`) with `id` or `task_id`, `
 described it. Keys that are not read are allowed.
 """
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from math import isfinite
@@ -19,6 +20,7 @@ from karma.household.ids import made_at, root_id, type_of
 from karma.world.alfred.ids import object_id
 from karma.world.importing.dump import COPY, Xyz, read_unzipped
 
+_BETWEEN = re.compile(r"[\s,\[\]]*")  # JSON values
 T = TypeVar("T")
 TYPES_OF_TASK = (
     "pick_and_place_simple",
@@ -246,11 +248,19 @@ class _Spots(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_trials(path: str | Path) -> Iterator[Trial]:
-    """Yield the trials of a file: JSON lines, or one JSON object, also gzipped.
+    """Yield the trials of a file, or of ALFRED's tree of folders.
+
+    Args:
+        path: JSON lines, or JSON values one after another or in an array, also gzipped; or a folder
+            with such files as ALFRED has them.
 
     Raises:
         FileError: missing, torn, or not of ALFRED's form; names the line and the field.
     """
+    if Path(path).is_dir():
+        for one in trial_files(Path(path)):
+            yield from read_trials(one)
+        return
     data = read_unzipped(path)
     if not data.strip():
         raise FileError(path, "line 1: the file is empty", fix=COPY)
@@ -271,12 +281,39 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
 
 def _documents(data: bytes) -> Iterator[tuple[str, bytes]]:
     lines = data.splitlines()
-    if lines[0].strip() == b"{":  # one object over many lines: a lone traj_data.json
-        yield "line 1", data
+    if data.lstrip()[:1] == b"[" or lines[0].strip() == b"{":  # objects over many lines
+        yield from _values(data)
         return
     for number, line in enumerate(lines, 1):
         if line.strip():
             yield f"line {number}", line
+
+
+def _values(data: bytes) -> Iterator[tuple[str, bytes]]:
+    """Yield the JSON values of a text, one after another or in an array; what is torn as it is."""
+    text = data.decode(errors="replace")
+    decode, at = json.JSONDecoder(strict=False).raw_decode, 0
+    while (at := _BETWEEN.match(text, at).end()) < len(text):  # type: ignore[union-attr]
+        try:
+            _, end = decode(text, at)
+        except (ValueError, RecursionError):
+            end = len(text)
+        yield f"line {text.count(chr(10), 0, at) + 1}", text[at:end].encode()
+        at = end
+
+
+def trial_files(path: Path) -> list[Path]:
+    """Return the files of trials: the one that is given, or those of ALFRED's tree in a folder.
+
+    Raises:
+        FileError: there is none in the folder.
+    """
+    if not path.is_dir():
+        return [path]
+    for name in ("traj_data.json", "ann_0.json"):
+        if found := sorted(path.rglob(name)):
+            return found
+    raise FileError(path, "no traj_data.json in it, or in a folder below", fix=COPY)
 
 
 def _as_named(scene: SceneFacts, plan: DemonstratedPlan) -> SceneFacts:

@@ -114,6 +114,8 @@ def read_unzipped(path: str | Path) -> bytes:
 def rows(path: Path) -> Iterator[tuple[str, Any]]:
     """Yield (where, JSON value): one per line, or one per element of a lone array.
 
+    Metadata of an event comes in the form of an export; after GetReachablePositions with its cells.
+
     Raises:
         FileError: unreadable, torn, not JSON, or nothing in it.
     """
@@ -126,11 +128,26 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
         lines = data.splitlines()
     else:
         many = whole if isinstance(whole, list) else [whole]
-        yield from ((f"scene {number}", row) for number, row in enumerate(many, 1))
+        if all(isinstance(one, dict) and "objectId" in one for one in many):
+            reason = "objects alone: the scene's name and its cells are missing"
+            raise FileError(path, reason, fix=EXPORT)
+        yield from ((f"scene {number}", _told(row)) for number, row in enumerate(many, 1))
         return
     for number, line in enumerate(lines, 1):
         if line.strip():
-            yield f"line {number}", _json(line, path, f"line {number}")
+            yield f"line {number}", _told(_json(line, path, f"line {number}"))
+
+
+def _told(row: Any) -> Any:
+    """Return a row in an export's form, where it is metadata of an event as AI2-THOR has it."""
+    event = row.get("metadata") if isinstance(row, dict) else None  # houses have other metadata
+    row = event if isinstance(event, dict) and "sceneName" in event else row
+    if not isinstance(row, dict) or "scene" in row or "sceneName" not in row:
+        return row
+    name = str(row["sceneName"]).removesuffix("_physics")
+    cells = row.get("actionReturn") if row.get("lastAction") == "GetReachablePositions" else None
+    kept = {key: row[key] for key in ("objects", "agent") if key in row}
+    return {**kept, "scene": name, **({"reachable": cells} if cells else {})}
 
 
 def _json(data: bytes, path: Path, place: str) -> Any:

@@ -93,9 +93,7 @@ def test_what_cannot_be_told_is_named_and_most_of_it_is_an_error(unknown, known,
         for n in range(unknown + known)
     ]  # fmt: skip
     if fails:
-        with pytest.raises(
-            FileError, match=r"of 3 of 5 the type cannot be told.*--assets"
-        ) as error:
+        with pytest.raises(FileError, match="of 3 of 5 the type cannot be told") as error:
             house_scene(house, name="made")
         assert "Thingy_0" in str(error.value)
     else:
