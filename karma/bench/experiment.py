@@ -171,10 +171,12 @@ class RunOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         )
 
 
-def check_listed(rows: Sequence[str], seeds: Sequence[int], only: Sequence[str]) -> None:
+def check_listed(
+    rows: Sequence[str], seeds: Sequence[int], only: Sequence[str], settings: Sequence[str] = ()
+) -> None:
     """Raise ValueError where an experiment has nothing to do, or names something twice."""
     listed: Sequence[object]
-    for what, listed in (("rows", rows), ("seeds", seeds), ("only", only)):
+    for what, listed in (("rows", rows), ("seeds", seeds), ("only", only), ("settings", settings)):
         if twice := [one for one, times in Counter(listed).items() if times > 1]:
             raise ValueError(f"{what}: {twice[0]!r} stands twice")
     if not rows:

@@ -55,6 +55,16 @@ class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         """Refuse what makes no figure."""
         if self.sequences < 1 or self.length < 1:
             raise ValueError("sequences and length must be at least 1")
+        for name in ("policies", "workloads", "unit_sets", "checkpoints"):
+            if not getattr(self, name):
+                raise ValueError(f"{name} = []: one or more")
+        if min(self.checkpoints) < 1:
+            raise ValueError("checkpoints: each 1 or more")
+
+    @property
+    def points(self) -> tuple[int, ...]:
+        """After how many tasks it is looked: the last one is the end, if no other is before it."""
+        return tuple(one for one in self.checkpoints if one <= self.length) or (self.length,)
 
 
 class FigureCell(msgspec.Struct, frozen=True, kw_only=True):
@@ -269,7 +279,7 @@ class _Runner:
     def run(self, policies: Sequence[str]) -> Iterator[int]:
         """Yield how many policies are done."""
         figure = self._figure
-        rows = run_rows(self._traces, policies, checkpoints=figure.checkpoints, seed=figure.seed)
+        rows = run_rows(self._traces, policies, checkpoints=figure.points, seed=figure.seed)
         for row in rows:
             self._rows.append(row)
             if figure.shows == "exploration":

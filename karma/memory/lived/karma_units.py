@@ -90,7 +90,7 @@ class KarmaUnitsWTinyLfu(KarmaUnits):
 
     def __init__(self, setting: MemorySetting) -> None:
         window = max(setting.units - 1, 1)
-        super().__init__(setting, f"wtinylfu-karma[{window},{max(setting.units - window, 1)}]")
+        super().__init__(setting, f"wtinylfu-karma[{window},{setting.units - window}]")
 
 
 def _unit(seen: Sighting) -> MemoryUnit:
