@@ -77,6 +77,7 @@ class EpisodeQuery:
     state: str = ""
     who: str = ""
     action: str = ""
+    by_deed: bool = False  # those that somebody's deed began
 
 
 class EpisodeLog:
@@ -327,14 +328,12 @@ def _conditions(query: EpisodeQuery) -> tuple[str, tuple[Any, ...]]:
 
     of("object_type", query.types)
     of("place_type", query.place_types)
-    if query.room_kind:
-        one("room_kind = ?", query.room_kind)
+    for column in ("room_kind", "who", "action"):
+        of(column, tuple(filter(None, [getattr(query, column)])))
     if query.state:
         one("states like ?", f"% {query.state} %")
-    if query.who:
-        one("who = ?", query.who)
-    if query.action:
-        one("action = ?", query.action)
+    if query.by_deed:
+        one("deed is not null")
     if query.before_s is not None:
         one("since_s <= ?", query.before_s)
     if query.after_s is not None:

@@ -1,6 +1,7 @@
 """What was so and when: the episodes that beliefs begin and end, over the episodic log."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from karma.contracts import Asked, SaidThing
 from karma.memory.lived.beliefs import Belief
@@ -69,9 +70,11 @@ class EpisodeHistory:
             before_s=said.before_s,
             who=said.who,
             action=said.action,
+            by_deed=asked == "who",
+            state=next((one for one in said.states if one != "cleaned"), ""),  # not dirty, it is
         )
         found = self._log.recall(query, FOUND)
-        if asked == "who":
-            found = [one for one in found if one.deed is not None]
+        if query.state and not found:  # it was never seen so
+            found = self._log.recall(replace(query, state=""), FOUND)
         found.sort(key=lambda one: ranks.get(one.sighting.object_type, 0))
         return iter(found)

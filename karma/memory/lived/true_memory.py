@@ -1,8 +1,10 @@
 """A memory that stays true: beliefs that age and give way, their history, and likely places."""
 
 from collections.abc import Iterator, Sequence
+from hashlib import sha256
 
 from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
+from karma.errors import FileError
 from karma.household.places import HAND
 from karma.memory.lived.ageing import SURE, Ageing, AskedFor, HomePrior, home_prior
 from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs, doubt_of
@@ -43,7 +45,7 @@ class TrueMemory:
         self._beliefs = Beliefs(self._ageing)
         self._shares = PlaceShares(prior, setting.places)
         folder = setting.folder
-        path = None if folder is None else folder / LOG
+        self._place = path = None if folder is None else folder / LOG
         self._log = EpisodeLog(path, setting.embedder, setting.places, most_episodes=most_episodes)
         self._history = EpisodeHistory(self._log)
         self._looked: dict[str, float] = {}  # place -> when it was looked over last
@@ -143,7 +145,18 @@ class TrueMemory:
         self._log.close()
 
     def _restore(self) -> None:
-        """Go on from what the log holds: what goes on in it is believed."""
+        """Go on from what the log holds: what goes on in it is believed.
+
+        Raises:
+            FileError: it is the log of another home.
+        """
+        home = sha256("\n".join(sorted(self._places)).encode()).hexdigest()
+        of = self._log.kept("home").get("places", home if self._places else None)
+        if of not in (home, None):
+            fix = "another folder for this home, or take the file away"
+            reason = "the log of another home, with other furniture"
+            raise FileError(self._place or LOG, reason, fix=fix)
+        self._log.keep("home", {"places": home})
         self._looked = self._log.kept("looked").get("all", {})
         self._ageing.learn_again(self._log.kept("ageing"))
         self._shares.visit_again(self._log.kept("visits"))
@@ -204,10 +217,11 @@ class TrueMemory:
 
     def _order(
         self, belief: Belief, said: SaidThing, ranks: dict[str, int]
-    ) -> tuple[bool, int, bool, float]:
+    ) -> tuple[bool, int, bool, float, str]:
         seen = belief.sighting
-        fits = self._fits(belief, said)
-        return (not fits, ranks.get(seen.object_type, 0), belief.ended_s is not None, -seen.time_s)
+        fits, ended = self._fits(belief, said), belief.ended_s is not None
+        rank = ranks.get(seen.object_type, 0)
+        return (not fits, rank, ended, -seen.time_s, seen.object_id)  # of one view by their ids
 
     def _fits(self, belief: Belief, said: SaidThing) -> bool:
         """Return whether states and place of a belief are as said."""

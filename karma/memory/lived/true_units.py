@@ -1,6 +1,6 @@
 """Ours within the paper's ten units: no log, and as many beliefs as there are lines."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from karma.contracts import Fact, HomeMoment, HomeQuestion
 from karma.memory.lived.policy import NeedTruthCost
@@ -23,6 +23,9 @@ class TrueUnits(TrueMemory):
         super().__init__(setting)
         self._policy = NeedTruthCost(setting.units, self._worth)
         self._now_s = 0.0
+        for belief in sorted(self._beliefs, key=lambda one: one.sighting.time_s):  # of a log
+            self._now_s = max(self._now_s, belief.sighting.time_s)
+            self._count(belief.sighting.object_id, self._policy.touch)
 
     def take_in(self, moment: HomeMoment) -> None:
         """Correct what is believed; then keep what is worth most."""
@@ -30,10 +33,14 @@ class TrueUnits(TrueMemory):
         super().take_in(moment)
         for seen in moment.seen:
             count = self._policy.use if moment.deed is not None else self._policy.touch
-            leaves = count(seen.object_id)
-            if leaves is not None:
-                self._beliefs.forget(leaves)
-                self._history.drop(leaves)
+            self._count(seen.object_id, count)
+
+    def _count(self, object_id: str, count: Callable[[str], str | None]) -> None:
+        """Count a belief in; what leaves for it is forgotten."""
+        leaves = count(object_id)
+        if leaves is not None:
+            self._beliefs.forget(leaves)
+            self._history.drop(leaves)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
         """Return what fits; what is told was needed."""
