@@ -6,6 +6,7 @@ degrees, down positive.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self, get_args, runtime_checkable
 
@@ -92,6 +93,11 @@ class SeenObject:
     controls: tuple[str, ...] = ()  # ids of what it switches: a knob's burner
     region: Region | None = None  # where its box is in the frame it was seen in
     silhouette: tuple[Point, ...] = ()  # corners of its box there, pixels, may reach out of it
+
+    @property
+    def is_somewhere(self) -> bool:
+        """Whether its place is a number in all directions: a camera may tell none."""
+        return all(map(isfinite, (*self.position_m, *self.box_center_m, *self.box_size_m)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

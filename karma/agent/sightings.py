@@ -41,7 +41,8 @@ class Sightings:
         """Take note of what is in view, in the hand, or was touched."""
         if not self.looks or self.looks[-1] != observation.camera:
             self.looks.append(observation.camera)
-        self.in_view = {sight.object_id: sight for sight in observation.seen}
+        seen = [sight for sight in observation.seen if sight.is_somewhere]
+        self.in_view = {sight.object_id: sight for sight in seen}
         self.within_reach = observation.reachable
         self.held = observation.held
         self.seen_from.update(dict.fromkeys(observation.reachable, observation.pose))
@@ -51,7 +52,7 @@ class Sightings:
             self.gain(object_id, "cooled")
         for sight in observation.touched:
             self._note(sight)
-        for sight in (*observation.seen, *filter(None, [observation.held])):
+        for sight in (*seen, *filter(None, [observation.held])):
             self._note(sight)
             self.views[sight.object_id] = observation
 

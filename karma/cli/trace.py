@@ -52,13 +52,16 @@ def trace_command(
     ] = "",
     sizes: Annotated[str, typer.Option(help="Units of policies without a size.")] = "5,10,25",
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    column: Annotated[
+        str, typer.Option(help="Of a FILE with columns: where the keys are, by name or number.")
+    ] = "",
     json: Json = None,
     plot: Annotated[Path | None, typer.Option(help="Draw hit rates by size here.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write the trace here, as our JSON.")] = None,
 ) -> None:
     """Try short-term memory's replacement policies on an access trace, beside the best possible."""
     from karma.lab.sweep import registered, run_rows, size_of, sized, sweep_of
-    from karma.lab.trace import traces_json
+    from karma.lab.trace import comes_again, read_traces, traces_json
 
     lines = _sizes(sizes)
     if policies:
@@ -70,11 +73,12 @@ def trace_command(
         if (file is None) == (not workload):
             raise KarmaError("give a FILE or --workload: karma trace --workload type")
         if file is not None:
-            from karma.lab.trace import read_traces
-
-            traces, name = read_traces(file), str(file)
+            traces, name = read_traces(file, column), str(file)
         else:
             traces, name = _drawn(workload, unit_set, tasks or [], sequences, length, seed)
+    if not comes_again(traces):
+        told = "no key comes twice in it, so no memory has a hit; of a file with columns: --column"
+        console.print(told, style="yellow", soft_wrap=True)
     if save is not None:
         write_atomic(save, traces_json(traces))
     rows = []

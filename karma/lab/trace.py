@@ -11,7 +11,8 @@ Four kinds of file, told apart by their names:
 - anything else: one key a line, as text; `*.gz` is unpacked.
 """
 
-from collections.abc import Iterable, Sequence
+import csv
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -74,8 +75,13 @@ class _File(msgspec.Struct, frozen=True):
     sequences: tuple[tuple[tuple[Key, ...], ...], ...] | None = None
 
 
-def read_traces(path: Path) -> tuple[Trace, ...]:
+def read_traces(path: Path, column: str = "") -> tuple[Trace, ...]:
     """Return the sequences of a file, mostly one.
+
+    Args:
+        path: the file.
+        column: of a text with columns, between commas, tabs or blanks: where the keys are, by the
+            name in its first line or by number, from 1; "": a line is a key.
 
     Raises:
         FileError: missing, torn, of no such form, or without a request.
@@ -89,7 +95,8 @@ def read_traces(path: Path) -> tuple[Trace, ...]:
     elif name.endswith(".trace"):
         found = (Trace.of((block,) for block in _blocks(data, path)),)
     else:
-        found = (Trace.of((key,) for key in _lines(data, path) if key),)
+        keys = _column(_lines(data, path), column, path) if column else _lines(data, path)
+        found = (Trace.of((key,) for key in keys if key),)
     if not all(trace.requests for trace in found) or not found:
         raise FileError(path, "no requests in it")
     return found
@@ -129,6 +136,31 @@ def _lines(data: bytes, path: Path) -> list[str]:
         return [line.strip() for line in data.decode().splitlines()]
     except UnicodeDecodeError as error:
         raise FileError(path, f"not a text of one key a line: {error}") from error
+
+
+def _column(lines: Sequence[str], column: str, path: Path) -> Iterator[str]:
+    """Yield a column's cells; where it has a name, those below the name."""
+    first = lines[0] if lines else ""
+    mark = next((one for one in ",\t;" if one in first), None)
+    rows = csv.reader(lines, delimiter=mark) if mark else (line.split() for line in lines)
+    head = [one.strip() for one in next(iter(rows), [])]
+    by_number = column.isdecimal() and column not in head
+    if not by_number and column not in head:
+        fix = "--column with one of these names, or a number from 1"
+        raise FileError(
+            path, f"no column {column!r}; its first line has {', '.join(head)}", fix=fix
+        )
+    at = int(column) - 1 if by_number else head.index(column)
+    for number, cells in enumerate([head, *rows] if by_number else rows, 1 + (not by_number)):
+        if cells and not 0 <= at < len(cells):
+            raise FileError(path, f"line {number}: it has {len(cells)} columns", fix="--column")
+        if cells:
+            yield cells[at].strip()
+
+
+def comes_again(traces: Iterable[Trace]) -> bool:
+    """Return whether any key is asked for twice: else no memory of any size has a hit."""
+    return any(trace.requests > len(trace.keys) for trace in traces)
 
 
 def _blocks(data: bytes, path: Path) -> list[int]:

@@ -113,10 +113,10 @@ class SceneGraph:
         """Add or move the immovable objects among those seen; the last look at an object counts.
 
         Order and batches do not matter otherwise. An object that was moved out of reach of every
-        area is dropped.
+        area is dropped. What has no position, as depth cameras tell it, was not seen.
         """
         for item in seen:
-            if not item.pickupable:
+            if not item.pickupable and item.is_somewhere:
                 self._place(
                     ObjectNode(
                         id=item.object_id,

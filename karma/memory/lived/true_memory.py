@@ -1,7 +1,9 @@
 """A memory that stays true: beliefs that age and give way, their history, and likely places."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from hashlib import sha256
+from math import isfinite
 
 from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThing
 from karma.errors import FileError
@@ -53,6 +55,8 @@ class TrueMemory:
 
     def take_in(self, moment: HomeMoment) -> None:
         """Correct what is believed, and write down what has come about."""
+        seen_well = tuple(one for one in moment.seen if all(map(isfinite, one.position_m)))
+        moment = replace(moment, seen=seen_well)  # a depth camera may tell no position
         for place_id in moment.looked_over:
             self._looked[place_id] = moment.time_s
         for old, new in self._beliefs.take_in(moment):

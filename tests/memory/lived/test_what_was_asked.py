@@ -104,6 +104,17 @@ def test_restart_answers_in_the_same_order(seed, tmp_path):
     assert told() == before
 
 
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_sighting_without_a_position_is_none_and_what_was_known_stays(bad, tmp_path):
+    memory = made(folder=tmp_path)
+    memory.take_in(moment(HOUR, see(HOUR, "Mug|a", IDS[0])))
+    torn = replace(see(2 * HOUR, "Mug|a", IDS[1]), position_m=(0.0, bad, 0.0))
+    memory.take_in(moment(2 * HOUR, torn))
+    memory.close()
+    (fact,) = made(folder=tmp_path).recall(ask(3 * HOUR, "Mug"), 3)
+    assert fact.sighting.place_id == IDS[0]
+
+
 def test_log_of_another_home_is_refused_by_name(tmp_path):
     memory = made(folder=tmp_path)
     memory.take_in(moment(HOUR, see(HOUR, "Mug|a", IDS[0])))
