@@ -104,7 +104,7 @@ class Action(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="a
     error: str
 
 
-class Skill(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="skill"):
+class SkillStep(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="skill"):
     """A skill has ended; its actions stand before it."""
 
     call: str
@@ -121,7 +121,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="ou
     unmet: tuple[str, ...]  # goals that do not hold
 
 
-Step = Start | Enter | Instruction | Map | Planned | Action | Skill | Ended
+Step = Start | Enter | Instruction | Map | Planned | Action | SkillStep | Ended
 
 
 _ASK_ONLY = frozenset(("GetReachablePositions", "GetInteractablePoses", "GetShortestPath"))
@@ -165,7 +165,7 @@ class StepLog:
         """Write what a method yields on its way."""
         if isinstance(moment, SkillResult):
             self.add(
-                Skill(
+                SkillStep(
                     call=str(moment.call),
                     ok=moment.ok,
                     reason=moment.reason,

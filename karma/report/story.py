@@ -152,7 +152,7 @@ class _Teller:
                 self._plan(line)
             case steps.Action():
                 self._moment("action", label(line), line.ok, line.error, action=line)
-            case steps.Skill():
+            case steps.SkillStep():
                 self._skill(line)
             case steps.Ended():
                 self._change(after=line.memory, finished=line.finished, unmet=line.unmet)
@@ -184,7 +184,7 @@ class _Teller:
         self._change(plans=(*self._part.plans, said))
         self._moment("plan", "program", not line.error, line.error)
 
-    def _skill(self, line: steps.Skill) -> None:
+    def _skill(self, line: steps.SkillStep) -> None:
         done = Done(
             text=line.call, ok=line.ok, reason=line.reason, object_ids=line.object_ids,
             plan=len(self._part.plans) - 1,

@@ -14,7 +14,7 @@ from support.report_run import AGENT, EXPERT, make_run
 
 from karma.bench.results import result_of
 from karma.bench.run_folder import read_run
-from karma.bench.steps import Action, Ended, Instruction, Planned, Skill, Start
+from karma.bench.steps import Action, Ended, Instruction, Planned, SkillStep, Start
 from karma.report.episodes import Replayer
 from karma.report.failing import endings, failed_at
 from karma.report.frames import Frames
@@ -32,7 +32,7 @@ def plan(error="", refused=""):
 
 
 def skill(ok=True, reason=""):
-    return Skill(call="PickupObject(robot, 'Mug')", ok=ok, reason=reason, object_ids=())
+    return SkillStep(call="PickupObject(robot, 'Mug')", ok=ok, reason=reason, object_ids=())
 
 
 def story(*steps, unmet=("HOLDON(robot, Mug)",), finished=True):
