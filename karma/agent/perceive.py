@@ -152,6 +152,14 @@ def object_count(event: Event) -> int:
     return len(event.metadata["objects"])
 
 
+def fixed_of(event: Event) -> Iterator[tuple[str, Vec3]]:
+    """Yield id and position of what nobody carries away, in view or not: it tells rooms apart."""
+    for one in event.metadata["objects"]:
+        if not one["pickupable"]:
+            place = one["position"]
+            yield one["objectId"], (place["x"], place["y"], place["z"])
+
+
 def cells_of(event: Event) -> list[Vec3]:
     """Return the cells that can be stood on, after GetReachablePositions; [] if it was refused."""
     return [_vector(cell) for cell in event.metadata["actionReturn"] or ()]

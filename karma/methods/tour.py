@@ -5,7 +5,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from karma.agent.eyes import Eyes
-from karma.agent.perceive import cells_of, pose_of
+from karma.agent.perceive import cells_of, fixed_of, pose_of
 from karma.agent.prompt import position_text
 from karma.agent.skills import Skills
 from karma.contracts import Area, Known, SceneRef, SkillCall, Tour, Vec3, World
@@ -57,12 +57,8 @@ def contents_of(world: World) -> str:
 
     It tells one room from another and nothing else: no plan is made from it.
     """
-    fixed = sorted(
-        f"{one['objectId']} {position_text(tuple(one['position'].values()))}"
-        for one in world.last_event.metadata["objects"]
-        if not one["pickupable"]
-    )
-    return sha256("\n".join(fixed).encode()).hexdigest()
+    fixed = (f"{name} {position_text(place)}" for name, place in fixed_of(world.last_event))
+    return sha256("\n".join(sorted(fixed)).encode()).hexdigest()
 
 
 def floor_of(world: World) -> list[tuple[float, float]]:

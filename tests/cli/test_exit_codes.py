@@ -206,6 +206,7 @@ def test_conversation_that_is_ended_from_outside_keeps_what_was_done(tmp_path, n
     process = subprocess.Popen(
         [*KARMA, "chat", "--out", "out"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # noqa: PLW1509 - under nohup
     )  # fmt: skip
     process.stdin.write("open the fridge\n")
     process.stdin.flush()

@@ -116,7 +116,7 @@ def test_template_is_used_however_a_model_is_named_unless_told_otherwise(
 ):
     path = make_planner(tmp_path / "tiny.gguf", family)
     assert manners(path, models, monkeypatch) == [THROUGH] * 3
-    seen = tried(find_model("added"))
+    seen = tried(find_model("added"), path.parent)
     assert THROUGH in seen.how
 
 

@@ -262,7 +262,7 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
             yield from read_trials(one)
         return
     data = read_unzipped(path)
-    if not data.strip():
+    if data.strip() in (b"", b"[]"):
         raise FileError(path, "line 1: the file is empty", fix=COPY)
     decoder = msgspec.json.Decoder(Trial)
     for place, text in _documents(data):

@@ -140,8 +140,8 @@ def rows(path: Path) -> Iterator[tuple[str, Any]]:
 
 def _told(row: Any) -> Any:
     """Return a row in an export's form, where it is metadata of an event as AI2-THOR has it."""
-    event = row.get("metadata") if isinstance(row, dict) else None  # houses have other metadata
-    row = event if isinstance(event, dict) and "sceneName" in event else row
+    alone = isinstance(row, dict) and row.keys() == {"metadata"}  # recordings have an action, too
+    row = row["metadata"] if alone else row
     if not isinstance(row, dict) or "scene" in row or "sceneName" not in row:
         return row
     name = str(row["sceneName"]).removesuffix("_physics")
