@@ -702,6 +702,7 @@ class HomeQuestion:
     asked: Asked
     thing: SaidThing
     destination: SaidThing | None = None  # of an errand: where the thing is to be
+    unread: tuple[str, ...] = ()  # words that were not understood: nothing is answered without them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -735,6 +736,7 @@ class HomeAnswer:
     count: int | None = None
     who: str = ""
     unknown: bool = False
+    unread: tuple[str, ...] = ()  # words of the question that were not understood
     sure: float | None = None  # chance of being right, where that is known
 
 

@@ -92,6 +92,8 @@ def deed_words(deed: Deed) -> str:
 def answer_words(trace: HomeTrace, request: LivedRequest, answer: HomeAnswer) -> str:
     """Return what the robot said or did."""
     errand = request.asked == "errand"
+    if answer.unread:
+        return f"does not know what {answer.unread[0]!r} means"
     if answer.unknown:
         return "gave up" if errand else "does not know"
     if answer.count is not None:

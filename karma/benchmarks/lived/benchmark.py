@@ -89,8 +89,18 @@ class LivedHomes:
                 for sheet in (truth_sheet(figures), work_sheet(figures), known_sheet(figures))
                 if sheet.lines
             ),
-            remarks=tuple(remarks_on(self._experiment)),
+            remarks=(*remarks_on(self._experiment), *self._without_room(records)),
         )
+
+    def _without_room(self, records: Sequence[LivedRecord]) -> Iterator[str]:
+        """Yield the settings whose homes have fewer things than were asked for."""
+        for setting in self._experiment.settings:
+            had = [one.things for one in records if one.setting == setting.name]
+            if had and min(had) < (setting.things or 0):
+                yield (
+                    f"{setting.name}: things = {setting.things:,} did not find room;"
+                    f" homes have {min(had):,} to {max(had):,}."
+                )
 
     def _embedder(self, session: Session) -> Embedder:
         models = self._experiment.models

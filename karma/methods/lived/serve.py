@@ -91,6 +91,8 @@ class Server:
     def serve(self, question: HomeQuestion) -> HomeAnswer:
         """Answer a question, or carry an errand out; an errand's answer says whether it gave up."""
         self.effort = Effort()
+        if question.unread:
+            return HomeAnswer(unknown=True, unread=question.unread)
         match question.asked:
             case "errand":
                 return self._errand(question)

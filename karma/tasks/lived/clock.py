@@ -10,10 +10,38 @@ from dataclasses import dataclass
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 PARTS = {"morning": (5.0, 12.0), "afternoon": (12.0, 18.0), "evening": (18.0, 24.0)}
 DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
-_PARTS = "|".join(PARTS)
+_PART = "|".join(PARTS)
+_DAY = "|".join(DAYS)
+_NUMBERS = {
+    name: float(number)
+    for number, name in enumerate(
+        ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
+         "twelve"), 1,
+    )
+}  # fmt: skip
+_HALVES = ("half a", "half an", "a half")
+_COUNT = rf"(?:\d+|{'|'.join((*_HALVES, *_NUMBERS))}|an?|a few|a couple of)"
 _SPAN = re.compile(
-    rf"\b(?:(?P<this>this) (?P<a>{_PARTS})|(?P<yesterday>yesterday)(?: (?P<b>{_PARTS}))?"
-    rf"|(?P<today>earlier today|today)|on (?P<day>{'|'.join(DAYS)})(?: (?P<c>{_PARTS}))?)\b",
+    rf"\b(?:(?P<this>this) (?P<a>{_PART})|(?P<before>the day before yesterday)"
+    rf"|(?P<yesterday>yesterday)(?: (?P<b>{_PART}))?|(?P<night>last night)"
+    rf"|(?P<count>{_COUNT}) (?P<unit>minute|hour|day|week)s? ago"
+    rf"|(?P<today>earlier today|today)|(?:on )?(?:last )?(?P<day>{_DAY})s?(?: (?P<c>{_PART}))?"
+    rf"|(?:at|around|about) (?:(?P<noon>noon|midday|midnight)"
+    rf"|(?P<hour>\d\d?|{'|'.join(_NUMBERS)})(?:[:.](?P<minute>\d\d))?"
+    rf"(?: ?(?P<half>am|pm|a\.m\.|p\.m\.|o'clock)\b)?)"
+    rf"(?: (?P<day_of>today|yesterday))?)\b",
+    re.IGNORECASE,
+)
+_UNIT_S = {"minute": 60.0, "hour": HOUR_S, "day": DAY_S, "week": 7 * DAY_S}
+_TIME_WORDS = re.compile(  # a time's noun after what makes it a time ("the morning paper" is none)
+    r"\b(?:(?:(?:last|this|next|these|every|all|some|other|in|for|before|after|since|until|till|by"
+    rf"|during|at|over|{_COUNT}|few|couple of) (?:the )?)+"
+    r"(?:seconds?|minutes?|hours?|days?|weeks?|weekends?|months?|years?|nights?|mornings?|noon"
+    r"|midday|afternoons?|evenings?|midnight|dawn|dusk|sunrise|sunset|breakfast|lunch|dinner|supper"
+    r"|bedtime|christmas|easter|news|january|february|march|april|june|july|august|september"
+    rf"|october|november|december|{_DAY})(?: (?:ago|before|after))?"
+    rf"|tonight|tomorrow|yesterday|today|recently|lately|{_DAY}|\d{{1,2}}[:.]\d{{2}}"
+    r"|(?:since|until|till|ago)\b.*)\b",
     re.IGNORECASE,
 )
 
@@ -57,20 +85,83 @@ def read_span(text: str, now_s: float) -> tuple[SaidSpan | None, str]:
     (18000.0, 'the cup that Ann washed')
     """
     found = _SPAN.search(text)
-    if found is None:
+    ends = _ends(found, now_s) if found is not None else None
+    if found is None or ends is None:
         return None, text
+    rest = " ".join((text[: found.start()] + text[found.end() :]).split())
+    span = SaidSpan(words=found[0], after_s=ends[0], before_s=min(ends[1], now_s))
+    return span, rest.replace(" ?", "?").replace(" ,", ",")
+
+
+def unread_times(text: str) -> tuple[str, ...]:
+    """Return the words of a text that speak of a time, for a text whose span was taken out.
+
+    >>> unread_times("the cup that Ann washed after dinner"), unread_times("the cup")
+    (('after dinner',), ())
+    """
+    return tuple(found[0].strip() for found in _TIME_WORDS.finditer(text))
+
+
+def _ends(said: re.Match[str], now_s: float) -> tuple[float, float] | None:
+    """Return when a span begins and ends; None if it is not yet, or no time of the day."""
     day = int(now_s // DAY_S)
-    part = found["a"] or found["b"] or found["c"]
-    if found["yesterday"]:
+    if said["unit"]:
+        return _ago(said["count"].lower(), _UNIT_S[said["unit"].lower()], now_s)
+    if said["night"]:
+        return (day - 1) * DAY_S + PARTS["evening"][0] * HOUR_S, day * DAY_S + 5 * HOUR_S
+    if said["noon"] or said["hour"]:
+        return _at(said, now_s)
+    part = said["a"] or said["b"] or said["c"]
+    if said["yesterday"]:
         day -= 1
-    elif found["day"]:
-        wanted = [name.lower() for name in DAYS].index(found["day"].lower())
+    elif said["before"]:
+        day -= 2
+    elif said["day"]:
+        wanted = [name.lower() for name in DAYS].index(said["day"].lower())
         day -= (day - wanted) % 7 or 7
     first, last = PARTS[part.lower()] if part else (0.0, 24.0)
-    rest = " ".join((text[: found.start()] + text[found.end() :]).split())
-    span = SaidSpan(
-        words=found[0],
-        after_s=day * DAY_S + first * HOUR_S,
-        before_s=min(day * DAY_S + last * HOUR_S, now_s),
-    )
-    return span, rest.replace(" ?", "?").replace(" ,", ",")
+    after_s = day * DAY_S + first * HOUR_S
+    return (after_s, day * DAY_S + last * HOUR_S) if after_s < now_s else None
+
+
+def _ago(count: str, unit_s: float, now_s: float) -> tuple[float, float] | None:
+    """Return what "two days ago" covers: that day, or half a unit about that time."""
+    if count in ("a few", "a couple of"):
+        return None
+    number = 0.5 if count in _HALVES else _number(count)
+    if unit_s >= DAY_S:
+        day = int(now_s // DAY_S) - int(number * unit_s / DAY_S)
+        return day * DAY_S, (day + 1) * DAY_S
+    about = min(number, 1.0) * unit_s / 2
+    return now_s - number * unit_s - about, now_s - number * unit_s + about
+
+
+def _at(said: re.Match[str], now_s: float) -> tuple[float, float] | None:
+    """Return the half hour before and after a time of the day, the last one that has been."""
+    hours = _hour(said)
+    if hours is None:
+        return None
+    day = int(now_s // DAY_S) - ((said["day_of"] or "").lower() == "yesterday")
+    times = [day * DAY_S + one * HOUR_S for one in hours]
+    if not said["day_of"]:
+        times += [one - DAY_S for one in times]
+    been = [one for one in times if one <= now_s]
+    return (max(been) - HOUR_S / 2, max(been) + HOUR_S / 2) if been else None
+
+
+def _hour(said: re.Match[str]) -> tuple[float, ...] | None:
+    """Return the hours that a time may mean: "at seven" is in the morning or the evening."""
+    if said["noon"]:
+        return (0.0,) if said["noon"].lower() == "midnight" else (12.0,)
+    hour = _number(said["hour"].lower())
+    if hour > 24:
+        return None
+    hour += float(said["minute"] or 0) / 60
+    half = (said["half"] or "").lower()[:1]
+    if half in ("a", "p"):
+        return (hour % 12 + 12 * (half == "p"),)
+    return (hour,) if hour > 12 else (hour % 24, (hour + 12) % 24)
+
+
+def _number(word: str) -> float:
+    return float(word) if word.isdigit() else _NUMBERS.get(word, 1.0)

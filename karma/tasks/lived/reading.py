@@ -13,22 +13,24 @@ from karma.household.places import ROOMS
 from karma.household.types import object_types
 from karma.language.hints import TYPE_WORDS, Words, kept_words, singular
 from karma.memory.recall import name_in_words
-from karma.tasks.lived.clock import SaidSpan, read_span
+from karma.tasks.lived.clock import SaidSpan, read_span, unread_times
 from karma.tasks.lived.forms import request_forms
 
-_LEADS = (
-    "please", "could you", "can you", "would you", "do you know", "do you remember", "tell me",
-    "any idea", "i want you to", "i need you to", "i want", "i need",
-)  # fmt: skip
 _ASKED: tuple[tuple[str, Asked], ...] = (
     (r"\bhow many\b|^count\b|\bnumber of\b", "count"),
     (r"^who\b", "who"),
     (r"^(?:when|what time|at what time)\b", "time"),
     (r"^(?:where|in which|which)\b", "place"),
 )
-_ERRAND: Asked = "errand"
+_WANTS = ("i want you to", "i need you to", "i want", "i need")
+_LEADS = (
+    "please", "could you", "can you", "would you", "do you know", "do you remember", "tell me",
+    "any idea", *_WANTS,
+)  # fmt: skip
 _VERBS = r"(?:put|leave|get|find|bring|take|carry|fetch|place|set|move|have|drop)"
 _TO = r"(?:on|onto|in|into|to|at|where)"
+_PRONOUNS = ("he", "she", "they", "we", "you", "it", "someone", "somebody", "anyone", "anybody",
+             "everyone", "everybody", "nobody", "one", "who")  # fmt: skip
 _STATES = {"dirty": "dirty", "unwashed": "dirty", "clean": "cleaned", "sliced": "sliced"}
 
 
@@ -67,19 +69,24 @@ class Reader:
         asked: Asked = next(
             (what for form, what in _ASKED if re.search(form, rest, re.I)), "errand"
         )
+        unread = unread_times(rest)
         if asked == "errand":
+            if not _is_errand(text, rest):
+                unread = (text.strip(),)
             words, to = _errand_parts(rest)
-            return HomeQuestion(
-                text=text, speaker=speaker, time_s=time_s, asked=asked,
-                thing=self._thing(words, speaker, span),
-                destination=self._place(to) if to else None,
-            )  # fmt: skip
-        body, at = _question_parts(rest, asked)
-        thing = self._thing(body, speaker, span)
-        if at:
-            place = self._place(at)
-            thing = replace(thing, place_types=place.place_types, room=place.room)
-        return HomeQuestion(text=text, speaker=speaker, time_s=time_s, asked=asked, thing=thing)
+            thing, destination = self._thing(words, speaker, span), self._place(to) if to else None
+        else:
+            words, at = _question_parts(rest, asked)
+            thing, destination = self._thing(words, speaker, span), None
+            if at:
+                place = self._place(at)
+                thing = replace(thing, place_types=place.place_types, room=place.room)
+        if span and (asked == "count" or (asked == "errand" and not _is_of_past(thing))):
+            unread += (span.words,)
+        return HomeQuestion(
+            text=text, speaker=speaker, time_s=time_s, asked=asked, thing=thing,
+            destination=destination, unread=unread or _unread_words(words, speaker),
+        )  # fmt: skip
 
     # ------------------------------------------------------------- parts
 
@@ -141,6 +148,45 @@ def _without_lead(text: str) -> str:
     return text
 
 
+def _is_of_past(said: SaidThing) -> bool:
+    """Return whether a thing is known by what was: a time of it is then no time of the errand."""
+    return bool(said.who or said.action or said.place_types or said.room or said.beside)
+
+
+def _is_errand(text: str, rest: str) -> bool:
+    """Return whether a text orders something: it begins with a verb, or says what is wanted.
+
+    >>> _is_errand("has anyone moved the mug", "has anyone moved the mug")
+    False
+    >>> _is_errand("I want the mug on the desk", "the mug on the desk")
+    True
+    """
+    words = text.lower()
+    wanted = re.search(rf"\b(?:{'|'.join(_WANTS)})\b", words) is not None
+    return wanted or re.match(rf"{_VERBS}\b(?! (?:you|we|they|any|some))", rest, re.I) is not None
+
+
+def _unread_words(words: str, speaker: str) -> tuple[str, ...]:
+    """Return the clause of a noun phrase of which no deed or place was read.
+
+    >>> _unread_words("the cup that Ann threw away", "Ben")
+    ('that Ann threw away',)
+    >>> _unread_words("the cup that Ann washed", "Ben")
+    ()
+    """
+    noun, who, _ = _split_deed(words, speaker)
+    if who and not (is_name(who) or (who.isalpha() and who not in _PRONOUNS)):
+        return (who,)
+    noun = _split_place(noun)[0]
+    verbs = "|".join(re.escape(verb) for verbs in request_forms().did.values() for verb in verbs)
+    left = re.search(
+        r" (?:that|which|who|whom|whose|except|but|if|unless|because) .*"
+        rf"|\S+ (?:{verbs})$",
+        f" {noun}", re.I,
+    )  # fmt: skip
+    return (left[0].strip(),) if left else ()
+
+
 def _errand_parts(text: str) -> tuple[str, str]:
     """Return what an errand is about, and where it shall go.
 
@@ -178,6 +224,7 @@ def _question_parts(text: str, asked: Asked) -> tuple[str, str]:
         r"where (?:is|are|was|were) (.+)",
         r"where (?:can|could|did|do) I find (.+)",
         r"where did (.+) end up",
+        r"where (?:did|has|have|had) (.+)",
         r"where (.+?) (?:is|are|was|were)",
         r"(?:what time|at what time|when) did (.+)",
         r"who (?:moved|had|took|was the last to move) (.+?)(?: last)?",
@@ -198,6 +245,7 @@ def _verbs() -> tuple[tuple[str, str], ...]:
         for action, verbs in table.items()
         for verb in verbs
     ]
+    pairs.append(("put", "PutObject"))  # "where did Ben put the mug"
     return tuple(sorted(pairs, key=lambda pair: (-len(pair[0]), pair[0])))
 
 
@@ -210,17 +258,47 @@ def _split_deed(words: str, speaker: str) -> tuple[str, str, str]:
     ('the keys', 'Ben', 'PutObject')
     """
     for verb, action in _verbs():
-        after = re.fullmatch(rf"(.+?) (?:that |which )?(\w+) {verb}", words, re.I)
-        if after and (after[2] == "I" or after[2][:1].isupper()):
-            return after[1].removesuffix(" that"), _who(after[2], speaker), action
-        before = re.fullmatch(rf"(\w+) {verb} (.+)", words)
-        if before and (before[1] == "I" or before[1][:1].isupper()):
+        clause = re.fullmatch(rf"(.+?) (?:that|which) (.+?) {verb}", words)
+        if clause:
+            return clause[1], _who(clause[2], speaker), action
+        bare = re.fullmatch(rf"(.+) {verb}", words)
+        if bare:
+            noun, name = _ending_name(bare[1])
+            if noun and name:
+                return noun, _who(name, speaker), action
+        before = re.fullmatch(rf"(.+?) {verb} (.+)", words)
+        if before and (is_name(before[1]) or re.match(r"(?:the|my|a|an) ", before[2])):
             return before[2], _who(before[1], speaker), action
     return words, "", ""
 
 
-def _who(word: str, speaker: str) -> str:
-    return speaker if word == "I" else word
+def _ending_name(words: str) -> tuple[str, str]:
+    """Return words without the name that they end with, and that name.
+
+    >>> _ending_name("the cup Mary Ann"), _ending_name("the cup")
+    (('the cup', 'Mary Ann'), ('the cup', ''))
+    """
+    all_words = words.split()
+    begin = len(all_words)
+    while begin and is_name(all_words[begin - 1]):
+        begin -= 1
+    return " ".join(all_words[:begin]), " ".join(all_words[begin:])
+
+
+def _who(words: str, speaker: str) -> str:
+    return speaker if words in ("I", "i") else words
+
+
+def is_name(words: str) -> bool:
+    """Return whether words are a name: each begins with a capital, if its script has capitals.
+
+    >>> [is_name(one) for one in ("Mary Ann", "O'Brien", "李明", "I", "my daughter", "he")]
+    [True, True, True, True, False, False]
+    """
+    firsts = [word[0] for word in words.split()]
+    return bool(firsts) and all(
+        one.isalpha() and (one != one.lower() or one == one.upper()) for one in firsts
+    )
 
 
 def _split_place(words: str) -> tuple[str, str]:

@@ -166,6 +166,7 @@ def test_the_reader_reads_what_it_was_not_told(drawn, reader):
     read = {"asked": [], "type": [], "who": [], "span": [], "destination": []}
     for request, view in drawn:
         question = reader.read(request.text, request.speaker, request.time_s)
+        assert question.unread == (), request.text
         read["asked"].append(question.asked == request.asked)
         if request.object_type:
             read["type"].append(
@@ -191,3 +192,78 @@ def test_times_said_are_read_back(now_s):
         assert (found.after_s, found.before_s) == (span.after_s, span.before_s)
         assert rest == "the cup that Ann washed"
         assert span.before_s <= now_s
+
+
+NOW_S = 9 * DAY_S + 10 * HOUR_S  # a Wednesday
+
+
+@pytest.mark.parametrize(
+    ("said", "hours"),
+    [
+        ("last night", (-16, -5)),
+        ("an hour ago", (-1.5, -0.5)),
+        ("two days ago", (-58, -34)),
+        ("last Monday", (-58, -34)),
+        ("Monday morning", (-53, -46)),
+        ("last Wednesday", (-178, -154)),
+        ("at noon", (-22.5, -21.5)),
+        ("at seven", (-3.5, -2.5)),
+        ("at 7 pm yesterday", (-15.5, -14.5)),
+        ("the day before yesterday", (-58, -34)),
+    ],
+)
+def test_times_are_read(reader, said, hours):
+    question = reader.read(f"where was the mug {said}?", "Ann", NOW_S)
+    assert question.unread == ()
+    span = (question.thing.after_s, question.thing.before_s)
+    assert span == tuple(NOW_S + one * HOUR_S for one in hours)
+
+
+@pytest.mark.parametrize(
+    ("text", "unread"),
+    [
+        ("where was the mug last week?", "last week"),
+        ("where was the mug before dinner?", "before dinner"),
+        ("where was the mug a few days ago?", "a few days ago"),
+        ("where was the mug at 25:00?", "25:00"),
+        ("where was the mug in March?", "in March"),
+        ("where was the mug this evening?", "this evening"),  # it is morning
+        ("how many cups are on the desk at noon?", "at noon"),  # what is counted is what is now
+        ("put the mug on the desk at seven", "at seven"),
+        ("when did my daughter wash the mug?", "my daughter"),
+        ("where is the cup that she washed?", "she"),
+        ("where is the cup ann washed?", "ann washed"),
+        ("where is the cup that Ann threw away?", "that Ann threw away"),
+    ],
+)
+def test_words_that_are_not_understood_are_told(reader, text, unread):
+    assert unread in reader.read(text, "Ben", NOW_S).unread
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "is the mug in the kitchen?", "has anyone moved the mug?", "whose cup is this?",
+        "the cup was in the kitchen", "wash the mug", "have you seen the cup?",
+    ],
+)  # fmt: skip
+def test_what_no_form_fits_is_no_errand(reader, text):
+    assert reader.read(text, "Ben", NOW_S).unread == (text,)
+
+
+@pytest.mark.parametrize("who", ["Ben", "Mary Ann", "Jean-Luc", "O'Brien", "李明", "ann", "Żaneta"])
+def test_people_of_any_script_are_read(reader, who):
+    for text in (
+        f"where is the mug that {who} washed this morning?", f"when did {who} wash the mug?",
+        f"where did {who} put the mug?",
+    ):  # fmt: skip
+        question = reader.read(text, "Cem", NOW_S)
+        assert (question.thing.who, question.unread) == (who, ()), text
+
+
+def test_a_question_that_is_not_understood_is_not_answered(drawn):
+    experiment = LivedExperiment(name="x", benchmark="lived", rows=(ROW,), homes=1, first_home=60)
+    life = HomeLife(experiment, ROW, next(experiment.specs()), 0, MiniLm(), Reader(MiniLm()))
+    question = life._reader.read("where was the mug last week?", "Ann", life._robot.time_s)
+    answer = life._server.serve(question)
+    assert (answer.unknown, answer.unread) == (True, ("last week",))
