@@ -1,0 +1,151 @@
+"""What comes of requests as people put them, of all kinds, judged by the world's true state.
+
+    python scripts/measure_asked.py eval/requests/asked_open.jsonl --lines
+    python scripts/measure_asked.py eval/requests/asked_locked.jsonl     # only what it adds up to
+
+Each request is said to `karma.Agent` in its room, which it has toured. The oracle is
+`karma.tasks.asked`: goals over world state, and whether anything changed at all where nothing was
+to be done. Rows beside it: one that does nothing and says "done", and one that refuses all.
+"""
+
+import argparse
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+from rich.progress import track
+
+from karma.bench.experiment import Models, load_resources
+from karma.bench.formats import interval_text
+from karma.bench.statistics import rate
+from karma.contracts import Resources, SubTask
+from karma.errors import KarmaError
+from karma.offline import go_offline
+from karma.talk.agent import Agent, asking
+from karma.tasks.asked import VERDICTS, AskedRequest, Came, Verdict, states_of, verdict
+from karma.tasks.goals import GoalTracker
+
+MAPS = Path("runs/maps-asked")
+RIGHTLY = ("right", "asked rightly", "refused rightly")
+
+
+class AskedRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of one request."""
+
+    id: str
+    kind: str
+    text: str
+    act: str
+    came: Came
+    verdict: Verdict
+    steps: int
+    unmet: tuple[str, ...] = ()
+    said: tuple[str, ...] = ()
+
+
+def main() -> None:
+    """Say every request, and print what came of them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--planner", default=Models().planner, help="in the manifest, or a GGUF")
+    parser.add_argument("--out", type=Path, help="takes a line for each request")
+    parser.add_argument("--lines", action="store_true", help="print each request that went wrong")
+    parser.add_argument("--only", default="", help="ids that begin so")
+    parser.add_argument("--option", action="append", default=[], help="of the agent, as KEY=VALUE")
+    given = parser.parse_args()
+    go_offline()
+    options = {key: _value(value) for key, _, value in (o.partition("=") for o in given.option)}
+    asked = [one for one in read_asked(given.file) if one.id.startswith(given.only)]
+    resources = load_resources(asking(Models(planner=given.planner)), maps=MAPS, seed=0, learn=False)
+    records = []
+    for one in track(asked, description=given.file.stem):
+        records.append(said(one, resources, options))
+        if given.lines and records[-1].verdict not in RIGHTLY:
+            print(msgspec.json.encode(records[-1]).decode(), flush=True)
+    if given.out:
+        given.out.write_bytes(b"".join(msgspec.json.encode(one) + b"\n" for one in records))
+    print("\n".join(table(records)))
+    print("\n".join(controls(asked)))
+
+
+def _value(text: str) -> object:
+    return {"true": True, "false": False}.get(text, text)
+
+
+def read_asked(path: Path) -> list[AskedRequest]:
+    """Return the requests of a file."""
+    return [msgspec.json.decode(line, type=AskedRequest) for line in path.read_bytes().splitlines()]
+
+
+def said(one: AskedRequest, resources: Resources, options: dict[str, object]) -> AskedRecord:
+    """Say one request to an agent of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        agent = Agent(
+            one.scene, resources=resources, options=options, folder=Path(folder) / "talk", maps=MAPS
+        )
+        tracker, world = GoalTracker(), agent._world
+        tracker.start(world.last_event)
+        wanted = SubTask(instruction=one.text, goals=one.wanted)
+        tracker.begin_subtask(wanted, world.last_event)
+        before, inner = states_of(world.last_event.metadata["objects"]), world.step
+
+        def step(action: str, **arguments: object) -> object:
+            event = inner(action, **arguments)
+            tracker.update(event)
+            return event
+
+        world.step = step  # type: ignore[method-assign,assignment]
+        lines: tuple[str, ...] = ()
+        try:
+            reply = agent.do(one.text)
+            came: Came = reply.status if reply.status in get_args(Came) else "unfinished"
+            lines = tuple(str(reply).splitlines())
+        except KarmaError as error:
+            came, lines = "refused", (str(error),)
+        event = world.last_event
+        unmet = tuple(map(str, tracker.unmet(one.wanted, event)))
+        bad = [goal for goal in one.unwanted if not tracker.unmet((goal,), event)]
+        changed = states_of(event.metadata["objects"]) != before
+        found = verdict(one, came, met=not unmet and not bad, changed=changed)
+        steps = sum(result.actions for part in agent.replies[-1].parts for result in part.results) \
+            if agent.replies else 0
+    return AskedRecord(
+        id=one.id, kind=one.kind, text=one.text, act=one.act, came=came, verdict=found, steps=steps,
+        unmet=(*unmet, *(f"not {goal}" for goal in bad)), said=lines,
+    )  # fmt: skip
+
+
+def table(records: Sequence[AskedRecord]) -> Iterator[str]:
+    """Yield the rows: all, then each kind, with how many came to what."""
+    yield f"{'kind':14} {'n':>4}  " + "  ".join(f"{name:>10.10}" for name in VERDICTS)
+    kinds = dict.fromkeys(one.kind for one in records)
+    for kind in ("all", *kinds):
+        mine = [one for one in records if kind in ("all", one.kind)]
+        count = Counter(one.verdict for one in mine)
+        yield f"{kind:14} {len(mine):4}  " + "  ".join(f"{count[name]:10}" for name in VERDICTS)
+    flags = {
+        "right, or asked or refused rightly": [one.verdict in RIGHTLY for one in records],
+        "wrong and said done": [one.verdict == "wrong and said done" for one in records],
+        "plain errands refused or asked about": [
+            one.verdict == "refused or asked wrongly" for one in records if one.kind == "plain"
+        ],
+    }
+    for name, each in flags.items():
+        found = rate([[float(x)] for x in each])
+        yield f"{name}: {sum(each)} of {len(each)} {interval_text(found)}"
+
+
+def controls(asked: Iterable[AskedRequest]) -> Iterator[str]:
+    """Yield what two that never act would come to."""
+    for name, came in (("does nothing, says done", "done"), ("refuses all", "refused")):
+        found = Counter(verdict(one, came, met=False, changed=False) for one in asked)
+        yield f"control, {name}: " + ", ".join(f"{kind} {found[kind]}" for kind in VERDICTS)
+
+
+if __name__ == "__main__":
+    main()
