@@ -271,6 +271,93 @@ class Hint:
     meanings: tuple[Meaning, ...]  # the nearest first
 
 
+# ----------------------------------------------------------------- what was asked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Word:
+    """A word of a sentence as a parser has it (Penn tags, ClearNLP's dependencies)."""
+
+    text: str
+    start: int  # in characters of the text
+    lemma: str
+    tag: str
+    dep: str
+    head: int  # number of the word that it hangs on; its own for a root
+
+    @property
+    def end(self) -> int:
+        """Where it ends, in characters of the text."""
+        return self.start + len(self.text)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mention:
+    """A thing or place that words name."""
+
+    text: str  # without its determiner: "blue plate"
+    start: int  # in characters of the text, with its determiner
+    end: int
+    types: tuple[str, ...] = ()  # object types that it may mean; () no thing is called so
+    number: int | None = None  # that was said: "two", "both"
+    every: bool = False  # all that there are: "every", "all", a plural
+    vague: bool = False  # it names nothing by itself: "it", "that thing"
+    anything: bool = False  # whatever is at its place: "everything on the table"
+    told: bool = False  # known by what was done or is elsewhere: "the thing you just closed"
+    at: tuple[str, ...] = ()  # types of the place that it is told by: "on the side table"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SaidDeed:
+    """Something that is to be done, as words say it."""
+
+    verb: str  # "switch off"
+    deed: str  # of `karma/language/verbs.toml`; "" no skill is called so
+    start: int
+    things: tuple[Mention, ...] = ()
+    place: Mention | None = None
+    near: bool = False  # beside the place, not in or on it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """What has to be so for a request to be carried out."""
+
+    text: str  # "if the plate is dirty"
+    thing: Mention | None = None
+    state: str = ""  # of `household.states`, or "there"; "" it was not understood
+    at: tuple[str, ...] = ()  # types of the place where a thing that is to be "there" is
+    holds: bool = True  # False: where it is not so
+
+
+Form = Literal["errand", "question", "statement", "teaching", "talk", "incomplete"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What was asked, from the words alone, before any planner: nothing of it is guessed."""
+
+    text: str  # as it was said
+    form: Form
+    errand: str = ""  # the words to plan by: without times, conditions, exclusions and slips
+    deeds: tuple[SaidDeed, ...] = ()  # in their order
+    forbidden: tuple[SaidDeed, ...] = ()  # deeds that it says not to do
+    exclusions: tuple[Mention, ...] = ()  # things and places that it rules out
+    times: tuple[str, ...] = ()  # when, and for how long
+    conditions: tuple[Condition, ...] = ()
+    unread: tuple[str, ...] = ()  # words that no field holds
+    lacking: str = ""  # what an incomplete request lacks: "what", "where"
+
+    @property
+    def mentions(self) -> tuple[Mention, ...]:
+        """All things and places of its deeds."""
+        return tuple(
+            one
+            for deed in self.deeds
+            for one in (*deed.things, *((deed.place,) if deed.place else ()))
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanRequest:
     """All that a prompt may say, and what the program may not search for."""
@@ -287,6 +374,8 @@ class PlanRequest:
     failures: Sequence[FailedProgram] = ()  # of this instruction so far, the last one last
     examples: Sequence[WorkedExample] = ()  # for the instruction; the compact profile has no room
     missing: Sequence[str] = ()  # what was searched for in vain: ids or types
+    asked: Request | None = None  # what the words ask for; a program is held against it
+    plain: str = ""  # the same in plain words, for a planner that did not understand
     first: Sequence["SkillCall"] = ()  # the program that was carried out first: how it was read
     done: Sequence["SkillCall"] = ()  # what went well of the programs so far
     seen: Sequence[SeenObject] = ()  # in this room by now, as last seen, the first seen first
@@ -321,8 +410,11 @@ class Skill:
     undone_by: str = ""  # the skill that takes it back; "" where none does
 
 
-RefusalKind = Literal["deed", "thing", "place", "language", "negated", "impossible", "unclear"]
-REFUSAL_KINDS: tuple[RefusalKind, ...] = get_args(RefusalKind)
+RefusalKind = Literal[
+    "deed", "thing", "place", "language", "negated", "impossible", "unclear",
+    "time", "condition", "question", "statement", "incomplete",
+]  # fmt: skip
+REFUSAL_KINDS: tuple[RefusalKind, ...] = get_args(RefusalKind)[:7]  # that a planner may give
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -330,7 +422,7 @@ class RefusedRequest:
     """A request that is not carried out, and why; it stands in place of a program."""
 
     kind: RefusalKind
-    by: Literal["planner", "doubt", "inspector"] = "planner"
+    by: Literal["planner", "doubt", "inspector", "guard"] = "planner"
     words: tuple[str, ...] = ()  # of the request, that nothing here is meant by
 
     def __str__(self) -> str:
@@ -592,6 +684,7 @@ class SubTask:
     passing: tuple[Goal, ...] = ()  # of the goals; these need only have held since it began
     whole: str = ""  # the user's whole text, of which this is a part
     scene: SceneRef | None = None  # the room it plays in; None: the task's
+    asked: Request | None = None  # what its words ask for, where that was read
 
     @property
     def is_whole(self) -> bool:
@@ -807,6 +900,15 @@ class Embedder(Protocol):
 
     def embed(self, texts: Sequence[str]) -> Vectors:
         """Return one row of length 1 per text, shape (n, dimension); n may be 0."""
+
+
+class Parser(Protocol):
+    """Sentences to words with their tags and what they hang on."""
+
+    name: str
+
+    def parse(self, text: str) -> Sequence[Word]:
+        """Return the words of a text, without blanks."""
 
 
 @runtime_checkable

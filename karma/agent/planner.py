@@ -4,6 +4,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+from karma.agent.guard import Stopped, stopped
 from karma.agent.inspector import Objection, mend, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
@@ -97,7 +98,17 @@ class Planner:
                 reasons.add(found.reason if found is not None and found.lasting else "")
             elif answer.error:
                 reasons.add("")
-            if attempt == self.decoding.attempts - 1 and answer.calls:
+            if answer.refused and _in_other_words(request):
+                answer = _asked_again(answer)
+                request = replace(request, instruction=request.plain)
+            held_back = _held_back(request, answer)
+            if held_back is not None:
+                answer = _held(answer, held_back)
+                request = replace(request, instruction=request.plain or request.instruction)
+            last = attempt == self.decoding.attempts - 1
+            if last and held_back is not None:
+                answer = _refused_by_guard(answer, held_back)
+            elif last and answer.calls:
                 answer = replace(answer, error="", failure=None)
                 if attempt and self.decoding.refusing and len(reasons) == 1 and reasons != {""}:
                     answer = _given_up(answer, *reasons)
@@ -208,6 +219,46 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     reason = "; ".join(filter(None, [found.reason, found.help]))
     failure = FailedProgram(lines=tuple(map(str, calls)), failed=found.line, reason=reason)
     return replace(answer, calls=calls, error=str(found), failure=failure), found
+
+
+def _held_back(request: PlanRequest, answer: Plan) -> Stopped | None:
+    """Return why an answer is not what was asked; None where it is, or nobody looks."""
+    if request.asked is None or not answer.calls or request.done:
+        return None
+    calls = grounded(answer.calls, answer.names)
+    return stopped(calls, request.asked, known_here(request), request.held_id)
+
+
+def _in_other_words(request: PlanRequest) -> bool:
+    """Return whether a request that was read can be said more plainly than it was."""
+    return request.asked is not None and request.plain not in ("", request.instruction)
+
+
+def _asked_again(answer: Plan) -> Plan:
+    """Return a plan whose refusal does not stand yet: what was said is to be put otherwise."""
+    reason = "the request was read: it is said again in plain words"
+    failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
+    return replace(answer, refused=None, error=reason, failure=failure)
+
+
+def known_here(request: PlanRequest) -> frozenset[str]:
+    """Return the types that the agent knows of in this room."""
+    kinds = {kind for area in request.areas for kind in area.contains}
+    kinds |= {unit.object_type for unit in request.units} | {one.object_type for one in request.seen}
+    return frozenset(kinds)
+
+
+def _held(answer: Plan, why: Stopped) -> Plan:
+    """Return a plan without its program, which is not what was asked."""
+    failure = FailedProgram(
+        lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why.reason
+    )
+    return replace(answer, calls=(), error=why.reason, failure=failure)
+
+
+def _refused_by_guard(answer: Plan, why: Stopped) -> Plan:
+    refused = RefusedRequest(kind="unclear", by="guard", words=why.words or (why.reason,))
+    return replace(answer, error="", failure=None, refused=refused)
 
 
 def _astray(answer: Plan, line: int, reason: str) -> Plan:

@@ -21,6 +21,8 @@ _WITH_WORDS: Mapping[RefusalKind, str] = {
     "place": "I know of no {words} in this home.",
     "impossible": "That cannot be done: {words}.",
     "unclear": "I am not sure what is meant by {words}.",
+    "time": "I cannot wait: {words}. I do things at once or not at all.",
+    "condition": "I cannot tell whether that is so: {words}.",
 }
 _ALONE: Mapping[RefusalKind, str] = {
     "deed": "I have no skill for that.",
@@ -30,6 +32,11 @@ _ALONE: Mapping[RefusalKind, str] = {
     "negated": "That says only what not to do, so I do nothing.",
     "impossible": "That cannot be done with these things, or would do harm.",
     "unclear": "I am not sure what is meant.",
+    "time": "I cannot wait; I do things at once or not at all.",
+    "condition": "I cannot tell whether that is so.",
+    "question": "That is a question; I do nothing for one, and cannot answer it yet.",
+    "statement": "I take that as told; there is nothing to do.",
+    "incomplete": "Something is missing.",
 }
 
 
@@ -39,6 +46,8 @@ def sentence(refused: RefusedRequest) -> str:
     >>> sentence(RefusedRequest(kind="thing", words=("hammer",)))
     "I know of no 'hammer' in a home."
     """
+    if refused.kind == "place" and refused.by == "guard":
+        return f"There is no {refused.words[0]!r} here that I know of."
     form = _WITH_WORDS.get(refused.kind) if refused.words else None
     if form is None:
         return _ALONE[refused.kind]

@@ -6,7 +6,7 @@ the body, `sightings` keeps the log, `naming` knows what a name means, `reach` b
 reach and acts on it, `search` looks for things, `handling` and `switching` are the skills proper.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -122,6 +122,15 @@ class Skills:
             return self._take_note(name, self._search.look_into(name, container))
 
         return self._counted(call, look, max_actions)
+
+    def find_another(self, name: str, aside: Collection[str]) -> SkillResult:
+        """Search for a thing of a type that is none of some ids."""
+        log = self._reach.log
+        log.aside = frozenset(aside)
+        call = SkillCall(skill="Explore", objects=(name,))
+        result = self._counted(call, lambda: self._carry_out(call), None)
+        log.aside = frozenset()
+        return result
 
     def run(self, call: SkillCall, *, max_actions: int | None = None) -> SkillResult:
         """Carry out one skill call.

@@ -211,6 +211,14 @@ def question(
             return "What should I do in its place?"
         case "deed":
             return _nearest_deeds(instruction, lexicon)
+        case "incomplete":
+            return "Where should it go?" if "where" in refused.words else "What do you mean by that?"
+        case "time":
+            return "Should I do it now?"
+        case "question" | "statement":
+            return "Is there something that I should do?"
+        case "condition":
+            return "Should I do it anyway?"
         case "impossible":
             return "Which other thing or place would do?"
         case _:

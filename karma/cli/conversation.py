@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 _ALL = 10_000  # rows of an answer where no screen ends
 ROWS = 22  # of an answer: with the line that is typed it fits a screen of 24
-CODES: Mapping[str, int] = {"done": DONE, "unfinished": UNFINISHED, "refused": REFUSED}
+CODES: Mapping[str, int] = {
+    "done": DONE, "partly": UNFINISHED, "unfinished": UNFINISHED, "refused": REFUSED, "asked": ASKED,
+}  # fmt: skip
 _WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests the first of these
 _STYLES = {
     "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",

@@ -1,12 +1,15 @@
 """How near words of a request come to types of things and to deeds, whatever planner is asked."""
 
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from functools import cached_property
 
 from karma.contracts import Embedder, Vectors
 from karma.files import read_json
+from karma.household.saying import spoken
 from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
 
+LEAST_LETTERS, SLIP = 5, 0.87  # of a word that may be misspelt, and how alike it has to be
 ALIKE = 0.5  # cosine from which on a phrase may speak of a type
 
 
@@ -25,6 +28,35 @@ class Lexicon:
     @cached_property
     def _file(self) -> WordFile:
         return self._words.file if self._words else read_json(TYPE_WORDS, WordFile)
+
+    def named(self, phrase: str) -> tuple[str, ...]:
+        """Return the types that are called so, by one of our texts or by a slip of one; () if none.
+
+        >>> Lexicon(None).named("spud"), Lexicon(None).named("spray botle")
+        (('Potato',), ('SprayBottle',))
+        """
+        phrase = " ".join(phrase.lower().replace("-", " ").split())
+        for said in dict.fromkeys((phrase, singular(phrase))):
+            if said in self._by_text:
+                return self._by_text[said]
+        if len(phrase) < LEAST_LETTERS:
+            return ()
+        near = get_close_matches(phrase, self._texts, n=1, cutoff=SLIP)
+        return self._by_text[near[0]] if near and near[0][0] == phrase[0] else ()
+
+    @cached_property
+    def _by_text(self) -> Mapping[str, tuple[str, ...]]:
+        """Text -> the types that it stands with."""
+        found: dict[str, list[str]] = {}
+        for kind, texts in self._file.types.items():
+            for text in dict.fromkeys((spoken(kind).lower(), kind.lower(), *texts)):
+                found.setdefault(text.replace("-", " "), []).append(kind)
+        own = {spoken(kind).lower(): (kind,) for kind in self._file.types}
+        return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own
+
+    @cached_property
+    def _texts(self) -> list[str]:
+        return [text for text in self._by_text if len(text) >= LEAST_LETTERS]
 
     def likeness(self, phrase: str, kinds: Sequence[str]) -> Mapping[str, float]:
         """Return how near a phrase is to each of some types: a cosine, 1 for one of its texts."""

@@ -63,16 +63,33 @@ class Programs:
         return checked(told, (*self.before, *self.results), experience)
 
 
-def carried_out(plan: Plan, skills: Skills) -> Generator[SkillResult, None, list[SkillResult]]:
-    """Run a program until a call is refused; returns what came of each call that was tried."""
+def carried_out(
+    plan: Plan, skills: Skills, only: Mapping[str, str] | None = None
+) -> Generator[SkillResult, None, list[SkillResult]]:
+    """Run a program until a call is refused; returns what came of each call that was tried.
+
+    Args:
+        plan: with the program.
+        skills: the body.
+        only: type -> id of the one thing of the type that is meant.
+    """
     results: list[SkillResult] = []
     skills.begin_program()
     for call in grounded(plan.calls, plan.names):
+        call = _of_one(call, only or {})
         results.append(skills.run(call))
         yield results[-1]
         if not results[-1].ok:
             break
     return results
+
+
+def _of_one(call: SkillCall, only: Mapping[str, str]) -> SkillCall:
+    """Return a call about the one thing that is meant, not about another of its type."""
+    first = only.get(kind_of(call.objects[0]))
+    if first is None or (call.skill == "PutObject" and not call.objects[1:]):
+        return call
+    return replace(call, objects=(first, *call.objects[1:]), turn=0)
 
 
 def after_answer(request: PlanRequest, plan: Plan) -> PlanRequest:

@@ -22,6 +22,7 @@ from karma.contracts import (
     PlanRequest,
     Recall,
     Recalled,
+    Request,
     Resources,
     SceneRef,
     SeenObject,
@@ -33,11 +34,14 @@ from karma.contracts import (
 from karma.household.ids import type_of
 from karma.household.pieces import goes_by
 from karma.household.places import HAND
+from karma.language.clauses import plainly
+from karma.language.request import RequestReader
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
 from karma.methods.attempts import Programs, after_answer, after_run, as_left, carried_out, lost
 from karma.methods.experience import shut_away, units_of
+from karma.methods.guarded import Came, guarded, joined, reader_of
 from karma.methods.options import settings_of
 from karma.methods.perception import BoxSource, Kind, Perception, detector_of
 from karma.methods.tour import explore_room, position_of
@@ -61,6 +65,7 @@ class KarmaSettings:
     perception: Kind = "metadata"  # how the agent sees
     boxes: BoxSource = "given"  # what finds things in pictures
     means: Literal["used", "recalled"] = "used"  # of several `Plate`s: used last, recalled best
+    guard: bool = False  # programs are held against what was said, before and afterwards
 
     def __post_init__(self) -> None:
         """Refuse a policy that is none before a model loads."""
@@ -79,6 +84,7 @@ class KarmaMethod:
             changed by an episode; None to explore each time.
         learn: write what an episode learnt about a scene back to `maps`.
         detector: finds things in pictures; None: the simulator's boxes are given.
+        reader: of requests, for a row with a guard.
     """
 
     settings_kind: ClassVar[type] = KarmaSettings
@@ -93,8 +99,10 @@ class KarmaMethod:
         maps: Path | None = None,
         learn: bool = False,
         detector: Detector | None = None,
+        reader: RequestReader | None = None,
     ) -> None:
         self.settings = settings or KarmaSettings()
+        self.reader = reader
         self.detector = detector
         self.name = _name(self.settings)
         self.planner, self.recall, self.vision = planner, recall, vision
@@ -116,6 +124,7 @@ class KarmaMethod:
             maps=resources.maps,
             learn=resources.learn,
             detector=detector_of(settings.perception, settings.boxes, resources),
+            reader=reader_of(resources.embedder) if settings.guard else None,
         )
 
     def begin(self, world: World, scene: SceneRef, *, seed: int, folder: Path) -> "KarmaEpisode":
@@ -141,6 +150,9 @@ class KarmaEpisode:
         self.short_term = ShortTermMemory(make_policy(self.settings.policy))
         self._planner, self._recall, self._vision = method.planner, method.recall, method.vision
         self._maps, self._learn = method.maps, method.learn
+        self._reader = method.reader
+        self._beliefs = _Beliefs(world, None, ())
+        self.chosen: dict[tuple[str, int], str] = {}  # what a word of a text was found to mean
         self._world, self._folder, self._seed = world, folder, seed
         self._perception = Perception(self.settings.perception, method.vision, method.detector)
         self._graphs: dict[str, SceneGraph] = {}  # by the room's name
@@ -175,12 +187,47 @@ class KarmaEpisode:
     def do(self, subtask: SubTask) -> Iterator[Plan | SkillResult | Outcome]:
         """Plan and act until a program succeeds or the attempts are used up; then remember."""
         resident = self.short_term.units()
-        recalled = self._recalled(subtask)
-        request = self._request(subtask, recalled)
-        beliefs = _Beliefs(self._world, self.graph, self._found_by_name(request.units))
+        self._beliefs = _Beliefs(self._world, self.graph, self._found_by_name(()))
         eyes = self._perception.eyes(self._scene, subtask.instruction)
         before = self._seen.setdefault(self._scene, {})
-        skills = Skills(self._world, beliefs, eyes=eyes, before=before)
+        skills = Skills(self._world, self._beliefs, eyes=eyes, before=before)
+        came = Came()
+        asked = self._asked(subtask)
+        if asked is None:
+            yield from self.planned(subtask, skills, came)
+        else:
+            yield from guarded(self, subtask, asked, skills, came)
+        experience = skills.experience
+        if came.tried:  # what is refused before a step changes nothing
+            self._remember(experience, subtask.instruction)
+        yield Outcome(
+            finished=came.finished,
+            resident=resident,
+            handled_ids=experience.handled_ids,
+            kept=self.short_term.units(),
+            tour=self.graph.tour if self.graph else None,
+            checks=came.checks(experience),
+        )
+
+    def _asked(self, subtask: SubTask) -> Request | None:
+        """Return what an instruction asks, for a guard; None without one."""
+        if self._reader is None or subtask.asked is not None:
+            return subtask.asked
+        return joined(self._reader.read(subtask.instruction))
+
+    def planned(
+        self, subtask: SubTask, skills: Skills, came: Came, only: Mapping[str, str] | None = None
+    ) -> Iterator[Plan | SkillResult]:
+        """Plan and act until a program succeeds or the attempts are used up.
+
+        Args:
+            subtask: what to do; a program is held against what it asks.
+            skills: the body.
+            came: takes what came of it.
+            only: type -> id of the one thing of the type that is meant.
+        """
+        request = self._request(subtask, self._recalled(subtask))
+        self._beliefs.units = self._found_by_name(request.units)
         programs = Programs(subtask.instruction)
         for _ in range(self.settings.attempts):
             plan = None
@@ -191,22 +238,12 @@ class KarmaEpisode:
                 request = after_answer(request, plan)
             if plan is None or not plan.calls:
                 break
-            results = yield from carried_out(plan, skills)
+            results = yield from carried_out(plan, skills, only)
             programs.add(plan, results)
             if programs.ran:
                 break
             request = after_run(request, programs)
-        experience = skills.experience
-        if programs.results:  # what is refused before a step changes nothing
-            self._remember(experience, subtask.instruction)
-        yield Outcome(
-            finished=programs.finished,
-            resident=resident,
-            handled_ids=experience.handled_ids,
-            kept=self.short_term.units(),
-            tour=self.graph.tour if self.graph else None,
-            checks=programs.checks(experience),
-        )
+        came.programs.append(programs)
 
     def where(self, name: str) -> Known | None:
         """Return where the agent believes a thing to be, by its type or id; None if unknown."""
@@ -250,7 +287,20 @@ class KarmaEpisode:
             graph_text=self.graph.to_text() if self.graph and papers else "",
             recalled=tuple(recalled),
             units=units,
+            asked=subtask.asked,
+            plain=plainly(subtask.asked) if subtask.asked else "",
         )
+
+    def here(self, skills: Skills) -> frozenset[str]:
+        """Return the types that the agent knows of in this room."""
+        areas = self.graph.areas() if self.graph else ()
+        kinds = {kind for area in areas for kind in area.contains}
+        kinds |= {unit.object_type for unit in self.short_term.units(self._scene)}
+        return frozenset(kinds | {one.object_type for one in self.sights(skills).values()})
+
+    def sights(self, skills: Skills) -> dict[str, SeenObject]:
+        """Return the latest sight of all that was seen in this room."""
+        return self._sights(skills.experience)
 
     @property
     def _tells_all(self) -> bool:
@@ -360,11 +410,11 @@ class _Beliefs:
     """
 
     def __init__(self, world: World, graph: SceneGraph | None, units: Sequence[MemoryUnit]) -> None:
-        self._world, self._graph, self._units = world, graph, units
+        self._world, self._graph, self.units = world, graph, units
 
     def where(self, name: str) -> Known | None:
         """Return the best known place of a name, None if nothing is known of it."""
-        for unit in self._units:
+        for unit in self.units:
             if goes_by(name, unit.object_id, unit.object_type):
                 return Known(
                     object_id=unit.object_id,
@@ -379,7 +429,7 @@ class _Beliefs:
 
     def _holder(self, name: str) -> Known | None:
         """Return the receptacle of that id as known from what memory has in it."""
-        for unit in self._units:
+        for unit in self.units:
             if unit.place_id == name and name != HAND:
                 return Known(
                     object_id=name,

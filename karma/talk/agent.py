@@ -29,6 +29,7 @@ from karma.contracts import (
     Listener,
     Outcome,
     Plan,
+    Request,
     Resources,
     SceneRef,
     SkillResult,
@@ -42,6 +43,7 @@ from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
+from karma.language.clauses import clauses_of
 from karma.language.lexicon import Lexicon
 from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.keeping import Keeper, TalkFolder
@@ -116,7 +118,7 @@ class Agent:
         self.scene = SceneRef.of(scene)
         self.session = session or Session()
         named = None if resources else asking(models or _models(planner, preset))
-        row = _row(preset, options or {}, answer_seconds)
+        row = _row(preset, {"guard": True, **(options or {})}, answer_seconds)
         self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
         self._world.reset(self.scene.source)  # wrong names are told before models are loaded
         check_options(row.method, row.all_options)
@@ -179,11 +181,11 @@ class Agent:
             raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
         before = self._now()
         parts: list[RequestReply] = []
-        clauses = split_instruction(instruction)
-        for number, clause in enumerate(clauses):
+        clauses = self._clauses(instruction)
+        for number, (clause, asked) in enumerate(clauses):
             now = self._now()
             try:
-                for moment in self._one(clause, instruction):
+                for moment in self._one(clause, instruction, asked):
                     if isinstance(moment, RequestReply):
                         parts.append(moment)
                     yield moment
@@ -191,7 +193,7 @@ class Agent:
                 if len(parts) == number:
                     self._return(now)
                 if parts:
-                    stopped = next(iter(clauses[len(parts) :]), "")
+                    stopped = next((text for text, _ in clauses[len(parts) :]), "")
                     self._reply(before, instruction, parts, stopped=stopped)
                 raise
         self._reply(before, instruction, parts)
@@ -203,9 +205,18 @@ class Agent:
         self.replies.append(AgentReply(said=said, parts=tuple(parts), stopped=stopped))
         self.save()
 
-    def _one(self, clause: str, whole: str) -> Iterator[Moment]:
+    def _clauses(self, instruction: str) -> list[tuple[str, Request | None]]:
+        """Return what is said errand by errand, each with what it asks where that is read."""
+        reader = self._method.reader
+        if reader is None:
+            return [(clause, None) for clause in split_instruction(instruction)]
+        return [
+            clause for request in reader.read(instruction) for clause in clauses_of(request)
+        ] or [(instruction, None)]
+
+    def _one(self, clause: str, whole: str, asked: Request | None) -> Iterator[Moment]:
         """Carry out one request."""
-        subtask = SubTask(instruction=clause, whole=whole)
+        subtask = SubTask(instruction=clause, whole=whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []
         results: list[SkillResult] = []

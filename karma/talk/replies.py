@@ -15,7 +15,7 @@ from karma.bench.records import SubTaskRecord
 from karma.contracts import Check, Found, Plan, SkillResult
 from karma.infer.hosted.cost import Spent
 
-Status = Literal["done", "unfinished", "refused"]
+Status = Literal["done", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]
 _MARKS: Mapping[Found, Mark] = {
     "seen": "seen", "done": "seen", "otherwise": "not seen", "unseen": "not seen",
@@ -52,8 +52,20 @@ class RequestReply:
 
     @property
     def status(self) -> Status:
-        """Whether it was done, tried in vain, or refused."""
-        return "refused" if self.refused else "done" if self.finished else "unfinished"
+        """Whether it was done, done in part, tried in vain, refused, or asked back about."""
+        if self.refused:
+            return "asked" if self.asks else "refused"
+        said_no = any(check.found == "otherwise" for check in self.checks)
+        if self.finished and not said_no:
+            return "done"
+        done = any(check.found in ("seen", "done") for check in self.checks)
+        return "partly" if self.finished or (said_no and done) else "unfinished"
+
+    @property
+    def asks(self) -> bool:
+        """Whether an answer is waited for, in place of doing it."""
+        refused = next((plan.refused for plan in reversed(self.plans) if plan.refused), None)
+        return refused is not None and refused.kind in ("incomplete", "unclear")
 
     def __repr__(self) -> str:
         return "\n".join(line.text for line in lines_of(self))
@@ -74,9 +86,10 @@ class AgentReply:
 
     @property
     def status(self) -> Status:
-        """The worst of the parts: unfinished, then refused, then done."""
+        """The worst of the parts: unfinished, done in part, asked back about, refused, done."""
         every = {part.status for part in self.parts} | ({"unfinished"} if self.stopped else set())
-        return next((s for s in ("unfinished", "refused") if s in every), "done")
+        order: tuple[Status, ...] = ("unfinished", "partly", "asked", "refused")
+        return next((s for s in order if s in every), "done")
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -148,8 +161,11 @@ def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
     cost = f"{steps} step{'s' * (steps != 1)}" + (
         f", {places} place{'s' if places > 1 else ''} searched" if places else ""
     )
-    if part.finished:
+    if part.status == "done":
         told = [Line("did", f"  done: {cost}")]
+    elif part.status == "partly":
+        so = sum(check.found in ("seen", "done") for check in part.checks)
+        told = [Line("failed", f"  partly: {so} of {len(part.checks)} hold ({cost})")]
     else:
         told = [Line("failed", f"  not finished: {reason_of(part)} ({cost})")]
     eyes = [

@@ -20,7 +20,7 @@ from karma.files import open_regular, read_toml
 from karma.infer.checks.gguf import is_gguf
 from karma.places import repair, shipped
 
-Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "detector"]
+Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "detector", "parser"]
 State = Literal["ok", "absent", "open", "wrong"]
 
 _VERIFY = "karma models verify"
@@ -50,7 +50,7 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     name: str
     role: Role
-    format: Literal["gguf", "safetensors"]
+    format: Literal["gguf", "safetensors", "spacy"]
     files: tuple[ModelFile, ...]
     licence: str
     source: str
@@ -375,7 +375,7 @@ def resolve_folder(text: str | Path, *roles: Role, path: str | Path | None = Non
     if roles and entry.role not in roles:
         wanted = " or ".join(roles)
         raise ModelError(f"model {text!r} is not for role {wanted} but for {entry.role!r}")
-    if entry.format != "safetensors":
+    if entry.format != ("spacy" if entry.role == "parser" else "safetensors"):
         raise ModelError(f"model {text!r} is a {entry.format} file, not a folder of safetensors")
     places = verify(entry, path)
     common = Path(os.path.commonpath([place.parent for place in places]))

@@ -7,43 +7,25 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from karma.language.times import COUNT, DAYS, NUMBERS, time_words
+
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 PARTS = {"morning": (5.0, 12.0), "afternoon": (12.0, 18.0), "evening": (18.0, 24.0)}
-DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 _PART = "|".join(PARTS)
 _DAY = "|".join(DAYS)
-_NUMBERS = {
-    name: float(number)
-    for number, name in enumerate(
-        ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
-         "twelve"), 1,
-    )
-}  # fmt: skip
 _HALVES = ("half a", "half an", "a half")
-_COUNT = rf"(?:\d+|{'|'.join((*_HALVES, *_NUMBERS))}|an?|a few|a couple of)"
 _SPAN = re.compile(
     rf"\b(?:(?P<this>this) (?P<a>{_PART})|(?P<before>the day before yesterday)"
     rf"|(?P<yesterday>yesterday)(?: (?P<b>{_PART}))?|(?P<night>last night)"
-    rf"|(?P<count>{_COUNT}) (?P<unit>minute|hour|day|week)s? ago"
+    rf"|(?P<count>{COUNT}) (?P<unit>minute|hour|day|week)s? ago"
     rf"|(?P<today>earlier today|today)|(?:on )?(?:last )?(?P<day>{_DAY})s?(?: (?P<c>{_PART}))?"
     rf"|(?:at|around|about) (?:(?P<noon>noon|midday|midnight)"
-    rf"|(?P<hour>\d\d?|{'|'.join(_NUMBERS)})(?:[:.](?P<minute>\d\d))?"
+    rf"|(?P<hour>\d\d?|{'|'.join(NUMBERS)})(?:[:.](?P<minute>\d\d))?"
     rf"(?: ?(?P<half>am|pm|a\.m\.|p\.m\.|o'clock)\b)?)"
     rf"(?: (?P<day_of>today|yesterday))?)\b",
     re.IGNORECASE,
 )
 _UNIT_S = {"minute": 60.0, "hour": HOUR_S, "day": DAY_S, "week": 7 * DAY_S}
-_TIME_WORDS = re.compile(  # a time's noun after what makes it a time ("the morning paper" is none)
-    r"\b(?:(?:(?:last|this|next|these|every|all|some|other|in|for|before|after|since|until|till|by"
-    rf"|during|at|over|{_COUNT}|few|couple of) (?:the )?)+"
-    r"(?:seconds?|minutes?|hours?|days?|weeks?|weekends?|months?|years?|nights?|mornings?|noon"
-    r"|midday|afternoons?|evenings?|midnight|dawn|dusk|sunrise|sunset|breakfast|lunch|dinner|supper"
-    r"|bedtime|christmas|easter|news|january|february|march|april|june|july|august|september"
-    rf"|october|november|december|{_DAY})(?: (?:ago|before|after))?"
-    rf"|tonight|tomorrow|yesterday|today|recently|lately|{_DAY}|\d{{1,2}}[:.]\d{{2}}"
-    r"|(?:since|until|till|ago)\b.*)\b",
-    re.IGNORECASE,
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +81,7 @@ def unread_times(text: str) -> tuple[str, ...]:
     >>> unread_times("the cup that Ann washed after dinner"), unread_times("the cup")
     (('after dinner',), ())
     """
-    return tuple(found[0].strip() for found in _TIME_WORDS.finditer(text))
+    return tuple(text[begin:end].strip() for begin, end in time_words(text))
 
 
 def _ends(said: re.Match[str], now_s: float) -> tuple[float, float] | None:
@@ -164,4 +146,4 @@ def _hour(said: re.Match[str]) -> tuple[float, ...] | None:
 
 
 def _number(word: str) -> float:
-    return float(word) if word.isdigit() else _NUMBERS.get(word, 1.0)
+    return float(word) if word.isdigit() else NUMBERS.get(word, 1.0)

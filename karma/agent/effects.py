@@ -1,0 +1,142 @@
+"""What a program brings about if all of it goes well, by types: for a check before its first step.
+
+Not what the agent knows afterwards: that is in `afterwards`, by its own eyes.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from karma.agent.program import PUTS
+from karma.agent.reading import kind_of
+from karma.contracts import SkillCall
+from karma.household.places import HAND
+from karma.household.uses import (
+    BIN,
+    BURNER,
+    COFFEE_MACHINE,
+    FRIDGE,
+    MICROWAVE,
+    TAP_OF,
+    TAPS,
+    TOASTER,
+)
+
+_SWITCH = {"SwitchOn": "on", "ToggleOn": "on", "SwitchOff": "off", "ToggleOff": "off"}
+_DOOR = {"OpenObject": "open", "CloseObject": "close"}
+_CHANGES = {"SliceObject": "slice", "BreakObject": "break", "EmptyObject": "empty"}
+_BY_RUNNING: Mapping[str, tuple[str, ...]] = {
+    MICROWAVE: ("heat", "cook"), BURNER: ("heat", "cook"), TOASTER: ("toast", "heat", "cook"),
+    COFFEE_MACHINE: ("coffee", "fill"),
+}  # of what lies there when it is switched on  # fmt: skip
+_FIRE = ("Pan", "Pot", "Kettle")  # what lies in them is heated with them
+
+Thing = tuple[str, int]  # name in the program, and which of that name
+
+
+@dataclass(slots=True)
+class Effects:
+    """What a program adds up to; kinds are types of wholes (`reading.kind_of`)."""
+
+    at: dict[Thing, str] = field(default_factory=dict)  # moved things -> kind of the last place
+    inside: dict[Thing, str] = field(default_factory=dict)  # the same -> name of that place
+    near: set[Thing] = field(default_factory=set)  # put beside it, not in or on it
+    passed: dict[Thing, list[str]] = field(default_factory=dict)  # kinds of all places, in order
+    deeds: set[tuple[str, Thing]] = field(default_factory=set)  # ("slice", thing)
+    switched: dict[str, str] = field(default_factory=dict)  # kind -> "on", "off", as it is left
+    ran: set[str] = field(default_factory=set)  # kinds that were on at some time
+    doors: dict[str, str] = field(default_factory=dict)  # kind -> "open", "close", as it is left
+    opened: set[str] = field(default_factory=set)
+    visited: set[str] = field(default_factory=set)  # kinds of all that it names
+    held: Thing | None = None
+
+    def places(self, thing: Thing) -> frozenset[str]:
+        """Return the kinds of what a thing is in or on at the end, and of what that is in."""
+        found: set[str] = set()
+        at, name = self.at.get(thing, ""), self.inside.get(thing, "")
+        for _ in range(5):
+            if not at or at in found:
+                break
+            found.add(at)
+            holder = next((one for one in self.at if one[0] == name), None)
+            at, name = (self.at[holder], self.inside.get(holder, "")) if holder else ("", "")
+        return frozenset(found)
+
+    def did(self, deed: str, kinds: Iterable[str]) -> bool:
+        """Return whether something was done to a thing of one of some kinds."""
+        wanted = set(kinds)
+        return any(one == deed and kind_of(thing[0]) in wanted for one, thing in self.deeds)
+
+    def of(self, kinds: Iterable[str]) -> list[Thing]:
+        """Return the moved things of some kinds."""
+        wanted = set(kinds)
+        return [one for one in self.at if kind_of(one[0]) in wanted]
+
+
+def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> Effects:
+    """Return what a program brings about.
+
+    Args:
+        calls: with names or ids.
+        held: what is in the hand before.
+    """
+    found = Effects(held=(held, 0) if held else None)
+    for call in calls:
+        _add(found, call)
+    return found
+
+
+def _add(found: Effects, call: SkillCall) -> None:
+    thing, kind = (call.objects[0], call.turn), kind_of(call.objects[-1])
+    found.visited.update(kind_of(name) for name in call.objects)
+    if call.skill == "PickupObject":
+        found.held = thing
+        found.at[thing], found.inside[thing] = HAND, ""
+    elif call.skill in PUTS:
+        _put(found, call, kind)
+    elif call.skill == "ThrowObject":
+        found.at[thing], found.inside[thing] = BIN, BIN
+        found.deeds.add(("throw", thing))
+        found.held = None
+    elif call.skill in _CHANGES:
+        found.deeds.add((_CHANGES[call.skill], thing))
+    elif call.skill in _SWITCH:
+        _switch(found, kind, _SWITCH[call.skill])
+    elif call.skill in _DOOR:
+        found.doors[kind] = _DOOR[call.skill]
+        if _DOOR[call.skill] == "open":
+            found.opened.add(kind)
+
+
+def _put(found: Effects, call: SkillCall, kind: str) -> None:
+    thing = (call.objects[0], call.turn) if call.objects[1:] else found.held
+    if thing is None:
+        return
+    found.at[thing], found.inside[thing] = kind, call.objects[-1]
+    found.passed.setdefault(thing, []).append(kind)
+    found.near.discard(thing)
+    if call.skill == "PutNear":
+        found.near.add(thing)
+    elif kind == BIN:
+        found.deeds.add(("throw", thing))
+    elif kind == FRIDGE:
+        found.deeds.add(("cool", thing))
+        found.deeds.discard(("heat", thing))
+    found.held = None
+
+
+def _switch(found: Effects, kind: str, word: str) -> None:
+    tap = kind in TAPS or kind in TAP_OF
+    found.switched[TAPS[0] if tap else kind] = word
+    if word == "off":
+        return
+    found.ran.add(TAPS[0] if tap else kind)
+    for thing in found.at:
+        places = found.places(thing)
+        if tap and places & set(TAP_OF):
+            found.deeds |= {("wash", thing), ("fill", thing)}
+            found.deeds.discard(("empty", thing))
+        if kind in places and kind in _BY_RUNNING and not (kind == BURNER and kind_of(thing[0]) in _FIRE and False):
+            found.deeds |= {(deed, thing) for deed in _BY_RUNNING[kind]}
+            found.deeds.discard(("cool", thing))
+        elif kind == BURNER and places & set(_FIRE):
+            found.deeds |= {("heat", thing), ("cook", thing)}

@@ -1,0 +1,331 @@
+"""A program is held against what was said before its first step, whoever wrote it.
+
+Nothing is carried out that leaves out what was named, does what was ruled out, or changes what no
+word speaks of. What the words ask for is in a `Request`, what the program brings about in
+`Effects`; both are by types, so any mug will do for a mug.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+from karma.agent.effects import Effects, Thing, effects_of
+from karma.agent.reading import kind_of
+from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
+from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
+from karma.household.saying import spoken
+from karma.household.types import object_types
+from karma.household.uses import (
+    BIN,
+    BURNER,
+    COFFEE_CUP,
+    COFFEE_MACHINE,
+    FRIDGE,
+    KNIVES,
+    LAMPS,
+    MICROWAVE,
+    SINK,
+    TAPS,
+    TOASTER,
+    without_basin,
+)
+
+_HELP: dict[str, frozenset[str]] = {
+    "wash": frozenset((SINK, "Bathtub")), "fill": frozenset((SINK, "Bathtub")),
+    "heat": frozenset((MICROWAVE, BURNER, "Pan", "Pot", "Plate", "Bowl")),
+    "cook": frozenset((MICROWAVE, BURNER, "Pan", "Pot", "Plate", "Bowl", TOASTER)),
+    "cool": frozenset((FRIDGE,)), "toast": frozenset((TOASTER,)),
+    "coffee": frozenset((COFFEE_MACHINE,)), "throw": frozenset((BIN,)),
+}  # deed -> where a thing may be put for it  # fmt: skip
+_RUNS: dict[str, frozenset[str]] = {
+    "wash": frozenset((TAPS[0],)), "fill": frozenset((TAPS[0],)),
+    "heat": frozenset((MICROWAVE, BURNER)), "cook": frozenset((MICROWAVE, BURNER, TOASTER)),
+    "toast": frozenset((TOASTER,)), "coffee": frozenset((COFFEE_MACHINE,)),
+    "look": frozenset(LAMPS),
+}  # deed -> what may run for it  # fmt: skip
+_ALONG: dict[str, frozenset[str]] = {
+    "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")), "heat": frozenset(("Pan", "Pot")),
+    "coffee": frozenset((COFFEE_CUP, "Cup")),
+}  # deed -> what may be moved for it  # fmt: skip
+_FOR_GOOD = ("throw", "break", "slice", "empty")  # deeds that nothing takes back
+_NEEDS = {
+    "open": "openable", "close": "openable", "on": "toggleable", "off": "toggleable",
+    "slice": "sliceable", "break": "breakable", "put": "pickupable", "take": "pickupable",
+    "throw": "pickupable", "wash": "pickupable", "heat": "pickupable", "cool": "pickupable",
+    "cook": "pickupable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
+}  # deed -> what one of its thing's types has to be  # fmt: skip
+_WHOLE_NAMES = {"Stove": BURNER, "StoveKnob": BURNER}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stopped:
+    """Why a program is not carried out."""
+
+    reason: str
+    kind: RefusalKind = "unclear"
+    words: tuple[str, ...] = ()  # of the request, that it does not serve
+
+
+# ----------------------------------------------------------------- before any planner
+
+
+def cannot_serve(request: Request, here: Collection[str]) -> RefusedRequest | None:
+    """Return why a request cannot be carried out, whatever the planner; None if it may be.
+
+    Args:
+        request: what was asked.
+        here: types that the agent knows of in this room.
+    """
+    if request.form != "errand":
+        kinds: dict[str, RefusalKind] = {"question": "question", "incomplete": "incomplete"}
+        words = (request.lacking,) if request.lacking else ()
+        return _refused(kinds.get(request.form, "statement"), words)
+    if request.times:
+        return _refused("time", request.times)
+    if request.unread:
+        return _refused("deed" if _is_verb(request) else "unclear", request.unread)
+    if not request.deeds:
+        return _refused("negated", ())
+    if any(one.state == "" for one in request.conditions):
+        return _refused("unclear", tuple(one.text for one in request.conditions if not one.state))
+    for deed in request.deeds:
+        found = _unknown(deed, here)
+        if found is not None:
+            return found
+    return None
+
+
+def _is_verb(request: Request) -> bool:
+    return any(not deed.deed and deed.verb in request.unread for deed in request.deeds)
+
+
+def _refused(kind: RefusalKind, words: tuple[str, ...]) -> RefusedRequest:
+    return RefusedRequest(kind=kind, by="guard", words=words)
+
+
+def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
+    for one in deed.things:
+        if one.anything or one.told or (deed.deed == "coffee" and not one.types):
+            continue
+        if not one.types:
+            return _refused("thing", (one.text,))
+        kinds = here_of(one.types, here)
+        if not kinds:
+            return _refused("place", (one.text,))
+        need = _NEEDS.get(deed.deed, "")
+        able = [kind for kind in kinds if not need or _able(kind, need)]
+        if not able:
+            return _refused("impossible", (f"{deed.verb} {one.text}",))
+    place = deed.place
+    if place is not None:
+        if place.told:
+            return _refused("unclear", (place.text,))
+        if not place.types:
+            return _refused("place", (place.text,))
+        kinds = here_of(place.types, here)
+        if not kinds:
+            return _refused("place", (place.text,))
+        if deed.deed == "put" and not deed.near and not any(_able(kind, "receptacle") for kind in kinds):
+            return _refused("impossible", (f"{deed.verb} something in or on {place.text}",))
+    return None
+
+
+def _able(kind: str, need: str) -> bool:
+    known = object_types()[kind]
+    if need == "toggleable":
+        return known.can("toggleable") or kind in (BURNER, "Sink", "SinkBasin", "Bathtub")
+    if need == "receptacle":
+        return known.can("receptacle") or without_basin(kind) != kind or kind in ("Sink", "Bathtub")
+    return known.can(need)  # type: ignore[arg-type]
+
+
+def here_of(types: Sequence[str], here: Collection[str]) -> tuple[str, ...]:
+    """Return those of some types that may be in this room: seen there, or small enough to hide.
+
+    Of several that a word may mean, those that were seen come alone.
+    """
+    kinds = {kind_of(one) for one in here}
+    seen = tuple(kind for kind in types if kind in here or kind_of(kind) in kinds)
+    if seen:
+        return seen
+    fixed = landmark_types() - OVERLOOKED
+    return tuple(kind for kind in types if not here or not (kind in fixed or _cannot_hide(kind)))
+
+
+def _cannot_hide(kind: str) -> bool:
+    """Return whether a tour shows a thing where it is: it stands or hangs free."""
+    known = object_types()[kind]
+    return not known.can("pickupable") and kind not in OVERLOOKED
+
+
+# ----------------------------------------------------------------- a program
+
+
+def stopped(
+    calls: Sequence[SkillCall], request: Request, here: Collection[str], held: str | None = None
+) -> Stopped | None:
+    """Return why a program is not what was asked; None where it is.
+
+    Args:
+        calls: of the program, with names or ids.
+        request: what was asked.
+        here: types that the agent knows of in this room.
+        held: what is in the hand before.
+    """
+    found = effects_of(calls, held)
+    for check in (_ruled_out, _left_out, _not_asked):
+        reason = next(check(found, request, here), None)
+        if reason is not None:
+            return reason
+    return None
+
+
+def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
+    if one is None:
+        return frozenset()
+    return frozenset(_WHOLE_NAMES.get(kind, kind_of(kind)) for kind in here_of(one.types, here) or one.types)
+
+
+def _ruled_out(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+    """Yield what the request says not to do."""
+    asked = {kind for one in request.mentions for kind in _kinds(one, here)}
+    for one in request.exclusions:
+        for kind in sorted(_kinds(one, here) - asked):
+            used = kind in found.switched or kind in found.doors or found.of((kind,)) or any(
+                kind in (*places, found.at.get(thing)) for thing, places in found.passed.items()
+            ) or any(kind_of(thing[0]) == kind for _, thing in found.deeds)  # fmt: skip
+            if used:
+                yield Stopped(reason=f"it says not to use the {one.text}", words=(one.text,), kind="negated")
+    for deed in request.forbidden:
+        kinds = {kind for one in deed.things for kind in _kinds(one, here)}
+        if _does(found, deed, kinds):
+            yield Stopped(reason=f"it says not to {deed.verb}", words=(deed.verb,), kind="negated")
+
+
+def _does(found: Effects, deed: SaidDeed, kinds: Collection[str]) -> bool:
+    """Return whether a program does a deed to one of some kinds, to any if there are none."""
+    every = not kinds
+    match deed.deed:
+        case "on":
+            return any(every or kind in kinds for kind in found.ran)
+        case "off":
+            return any(w == "off" and (every or kind in kinds) for kind, w in found.switched.items())
+        case "open":
+            return any(every or kind in kinds for kind in found.opened)
+        case "close":
+            return any(w == "close" and (every or kind in kinds) for kind, w in found.doors.items())
+        case "put" | "take":
+            things = [thing for thing in found.at if every or kind_of(thing[0]) in kinds]
+            places = {kind for kind in deed.place.types} if deed.place else None
+            return any(places is None or found.places(thing) & places for thing in things)
+        case _:
+            return any(one == deed.deed and (every or kind_of(thing[0]) in kinds) for one, thing in found.deeds)
+
+
+def _left_out(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+    """Yield what was named and is not done."""
+    for deed in request.deeds:
+        places = _kinds(deed.place, here)
+        for one in deed.things:
+            kinds = _kinds(one, here)
+            if one.told or one.anything or not kinds:
+                kinds = frozenset(kind_of(thing[0]) for thing in found.at) | frozenset(found.doors)
+            if deed.deed == "coffee":
+                kinds = frozenset((COFFEE_CUP, "Cup"))
+            if not _done(found, deed, kinds, places, _after(request, deed, one)):
+                place = f" {deed.place.text}" if deed.place else ""
+                yield Stopped(reason=f"it does not {deed.verb} the {one.text}{place}", words=(one.text,))
+        if deed.deed == "coffee" and not deed.things and not found.did("coffee", (COFFEE_CUP, "Cup")):
+            yield Stopped(reason="it makes no coffee", words=("coffee",))
+
+
+def _after(request: Request, deed: SaidDeed, one: Mention) -> list[SaidDeed]:
+    """Return the later deeds of the request that are about the same thing."""
+    later = request.deeds[request.deeds.index(deed) + 1 :]
+    return [other for other in later if any(set(two.types) & set(one.types) for two in other.things)]
+
+
+def _done(
+    found: Effects, deed: SaidDeed, kinds: Collection[str], places: Collection[str],
+    later: Sequence[SaidDeed],
+) -> bool:  # fmt: skip
+    """Return whether a program does what was said to a thing of some kinds."""
+    things = found.of(kinds)
+    match deed.deed:
+        case "put":
+            if later and any(other.deed == "put" for other in later):
+                return bool(things)
+            if not places:
+                return any(found.at[thing] != HAND for thing in things)
+            return any(
+                bool(found.places(thing) & set(places)) and (thing in found.near) == deed.near
+                for thing in things
+            )
+        case "take":
+            moved = any(other.deed in ("put", "throw") for other in later)
+            return bool(things) if moved or later else any(found.at[one] == HAND for one in things)
+        case "find" | "go" | "look":
+            return bool(found.visited & set(kinds))
+        case "on" | "off":
+            return any(found.switched.get(_switch_of(kind)) == deed.deed or (deed.deed == "on" and _momentary(kind) and _switch_of(kind) in found.ran) for kind in kinds) if not later else True
+        case "open" | "close":
+            shut = {kind_of(thing[0]): word for word, thing in ()}
+            return any(found.doors.get(kind, shut.get(kind)) == deed.deed for kind in kinds) if not later else bool(found.visited & set(kinds))
+        case "heat" if any(other.deed in ("put",) for other in later):
+            return found.did("heat", kinds)
+        case _:
+            return found.did(deed.deed, kinds)
+
+
+def _switch_of(kind: str) -> str:
+    return TAPS[0] if kind in (SINK, "Bathtub", *TAPS) else kind
+
+
+def _momentary(kind: str) -> bool:
+    return kind in (MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER)
+
+
+def _not_asked(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+    """Yield what a program changes and no word speaks of."""
+    deeds = {deed.deed for deed in request.deeds}
+    named = {kind for one in request.mentions for kind in _kinds(one, here)}
+    loose = any(one.anything or one.told for one in request.mentions)
+    things = {kind for deed in request.deeds for one in deed.things for kind in _kinds(one, here)}
+    places = {kind for deed in request.deeds for kind in _kinds(deed.place, here)}
+    along = {kind for deed in deeds for kind in _ALONG.get(deed, ())}
+    help_ = {kind for deed in deeds for kind in _HELP.get(deed, ())} | places
+    for thing, place in found.at.items():
+        kind = kind_of(thing[0])
+        if not (kind in things or kind in along or loose or thing == found.held and not found.passed.get(thing)):
+            if not (kind in named and place == HAND):
+                yield Stopped(reason=f"nobody asked for the {spoken(kind)} to be moved")
+        elif kind in things and kind not in along and not loose:
+            yield from _misplaced(found, thing, place, request, here, help_, deeds)
+    for deed, thing in sorted(found.deeds):
+        kind = kind_of(thing[0])
+        own = {d.deed for d in request.deeds if loose or not d.things or any(kind in _kinds(one, here) for one in d.things)}
+        if deed in _FOR_GOOD and deed not in own and not (deed == "throw" and BIN in places and kind in things):
+            yield Stopped(reason=f"nobody asked to {deed} the {spoken(kind)}")
+    runs = {kind for deed in deeds for kind in _RUNS.get(deed, ())}
+    switched = {_switch_of(kind) for deed in request.deeds if deed.deed in ("on", "off") for one in deed.things for kind in _kinds(one, here)}
+    for kind in sorted(found.switched):
+        if kind not in runs | switched and not (loose and deeds & {"on", "off"}):
+            word = found.switched[kind]
+            if not (word == "off" and kind not in found.ran and deeds & {"close", "open"}):
+                yield Stopped(reason=f"nobody asked to switch {word} the {spoken(kind)}")
+
+
+def _misplaced(
+    found: Effects, thing: Thing, place: str, request: Request, here: Collection[str],
+    help_: Collection[str], deeds: Collection[str],
+) -> Iterator[Stopped]:  # fmt: skip
+    """Yield that a named thing comes to a place that nobody spoke of."""
+    kind = kind_of(thing[0])
+    wanted = {k for d in request.deeds if d.place for one in d.things if kind in _kinds(one, here) for k in _kinds(d.place, here)}
+    puts = [d for d in request.deeds if d.deed == "put" and any(kind in _kinds(one, here) for one in d.things)]
+    if wanted:
+        if not found.places(thing) & wanted:
+            yield Stopped(reason=f"the {spoken(kind)} is to be elsewhere", words=(kind,))
+    elif puts or place == HAND or place in help_:
+        return
+    elif place not in SURFACES:
+        yield Stopped(reason=f"nobody asked for the {spoken(kind)} to be put {spoken(place)}")

@@ -1,0 +1,59 @@
+"""spaCy's small English model as an ordinary package brings it, verified by hash, loaded lazily."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property
+from typing import Any
+
+from karma.contracts import Word
+from karma.infer.manifest.manifest import resolve_folder
+
+NAME = "en-core-web-sm"
+_UNUSED = ("ner", "senter")
+
+
+class SpacyParser:
+    """A parser of English; one thread.
+
+    Args:
+        name: in the manifest.
+
+    Raises:
+        ModelError: a file is missing or is not the one that the manifest names.
+    """
+
+    def __init__(self, name: str = NAME) -> None:
+        self.name = name
+        self._folder = resolve_folder(name, "parser").path
+
+    @cached_property
+    def _pipeline(self) -> Any:
+        with _without_torch():
+            import spacy
+        return spacy.load(self._folder, exclude=list(_UNUSED))
+
+    def parse(self, text: str) -> Sequence[Word]:
+        """Return the words of a text, without blanks."""
+        found = [word for word in self._pipeline(text) if not word.is_space]
+        number = {word.i: place for place, word in enumerate(found)}
+        return [
+            Word(
+                text=word.text, start=word.idx, lemma=word.lemma_.lower(), tag=word.tag_,
+                dep=word.dep_, head=number.get(word.head.i, place),
+            )
+            for place, word in enumerate(found)
+        ]  # fmt: skip
+
+
+@contextmanager
+def _without_torch() -> Iterator[None]:
+    """Let spaCy's import pass torch by, which takes 1.5 s and which this model does not use."""
+    if "torch" in sys.modules:
+        yield
+        return
+    sys.modules["torch"] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        del sys.modules["torch"]

@@ -1,0 +1,78 @@
+"""A request as the single errands that a planner is told one by one, in words that it knows."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from karma.contracts import Mention, Request, SaidDeed
+from karma.household.saying import preposition, spoken
+
+_PLAIN = {
+    "take": "pick up", "find": "find", "go": "go to", "look": "look at", "wash": "wash",
+    "heat": "heat", "cook": "cook", "toast": "toast", "cool": "chill", "slice": "slice",
+    "on": "turn on", "off": "turn off", "open": "open", "close": "close", "break": "break",
+    "throw": "throw away", "fill": "fill", "empty": "empty",
+}  # fmt: skip
+_FIRST = ("take", "find", "go")  # are part of what is done next with the thing
+
+
+def clauses_of(request: Request) -> tuple[tuple[str, Request], ...]:
+    """Return the errands of a request in their order, each with what it asks.
+
+    One deed to one thing keeps the words that were said. Of several each is said in few words, with
+    the names that were said; what was only taken to be put elsewhere is one with that.
+    """
+    single = list(_singles(request.deeds))
+    if len(single) < 2:
+        return ((request.errand or request.text, replace(request, deeds=tuple(single))),)
+    return tuple((said(deed), replace(request, deeds=(deed,))) for deed in single)
+
+
+def _singles(deeds: Sequence[SaidDeed]) -> Iterator[SaidDeed]:
+    """Yield deeds of one thing each, without those that the next one holds already."""
+    flat = [replace(deed, things=(one,)) for deed in deeds for one in deed.things]
+    flat += [deed for deed in deeds if not deed.things]
+    flat.sort(key=lambda deed: deed.start)
+    for number, deed in enumerate(flat):
+        later = flat[number + 1 :]
+        same = [one for one in later if one.things and deed.things and one.things[0].types == deed.things[0].types]
+        if deed.deed in _FIRST and (same or (deed.deed == "go" and later)):
+            continue
+        yield deed
+
+
+def said(deed: SaidDeed, *, plain: bool = False) -> str:
+    """Return a deed in few words; plain: things by their types' names.
+
+    >>> thing = Mention(text="spud", start=0, end=4, types=("Potato",))
+    >>> place = Mention(text="icebox", start=0, end=4, types=("Fridge",))
+    >>> deed = SaidDeed(verb="stow", deed="put", start=0, things=(thing,), place=place)
+    >>> said(deed), said(deed, plain=True)
+    ('put the spud in the icebox', 'put the potato in the fridge')
+    """
+    thing = _called(deed.things[0], plain=plain) if deed.things else ""
+    if deed.deed == "coffee":
+        return "make a mug of coffee"
+    if deed.deed == "put":
+        if deed.place is None:
+            return f"put away the {thing}"
+        place = _called(deed.place, plain=plain)
+        where = "near" if deed.near else preposition(deed.place.types[0]) if deed.place.types else "on"
+        return f"put the {thing} {where} the {place}"
+    if deed.deed == "fill":
+        return f"fill the {thing} with water"
+    verb = _PLAIN.get(deed.deed, deed.verb)
+    under = " under the lamp" if deed.deed == "look" else ""
+    return f"{verb} the {thing}{under}"
+
+
+def _called(one: Mention, *, plain: bool) -> str:
+    if one.types and (plain or one.every or one.number is not None):
+        return spoken(one.types[0]).lower()
+    return one.text
+
+
+def plainly(request: Request) -> str:
+    """Return a request of one deed to one thing in plain words; "" for any other."""
+    single = list(_singles(request.deeds))
+    known = len(single) == 1 and all(one.types for one in single[0].things)
+    return said(single[0], plain=True) if known and single[0].deed else ""

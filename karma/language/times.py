@@ -1,0 +1,41 @@
+"""Words that speak of a time, wherever they stand."""
+
+import re
+
+DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
+NUMBERS = {
+    name: float(number)
+    for number, name in enumerate(
+        ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
+         "twelve"), 1,
+    )
+}  # fmt: skip
+COUNT = rf"(?:\d+|{'|'.join(('half a', 'half an', 'a half', *NUMBERS))}|an?|a few|a couple of)"
+_DAY = "|".join(DAYS)
+_NOUN = (
+    r"(?:seconds?|minutes?|mins?|hours?|days?|weeks?|weekends?|months?|years?|nights?|mornings?"
+    r"|noon|midday|afternoons?|evenings?|midnight|dawn|dusk|sunrise|sunset|breakfast|lunch|dinner"
+    r"|supper|bedtime|christmas|easter|news|january|february|march|april|june|july|august"
+    rf"|september|october|november|december|while|moment|{_DAY})"
+)
+_TIME = re.compile(  # a time's noun after what makes it a time ("the morning paper" is none)
+    r"\b(?:(?:(?:last|this|next|these|every|each|all|some|other|in|for|before|after|since|until"
+    rf"|till|by|during|at|over|within|on|{COUNT}|few|couple of) (?:the )?)+{_NOUN}"
+    rf"(?: (?:ago|before|after|later|morning|afternoon|evening|night|time))?"
+    rf"|(?:tomorrow|{_DAY})(?: (?:morning|afternoon|evening|night))?|tonight|yesterday|today"
+    r"|recently|lately|\d{1,2}[:.]\d{2}|(?:later|ago)(?: on)?"
+    rf"|(?:at|by|until|till|before|after) (?:\d{{1,2}}|{'|'.join(NUMBERS)})"
+    r"(?: ?(?:am|pm|a\.m\.|p\.m\.|o'clock)\b|(?![:.]?\d| ?\w))"
+    r"|(?:since|until|till|ago)\b.*)\b",
+    re.IGNORECASE,
+)
+
+
+def time_words(text: str) -> tuple[tuple[int, int], ...]:
+    """Return where words of a text speak of a time, from and to in characters.
+
+    >>> text = "heat the potato for two minutes"
+    >>> [text[a:b] for a, b in time_words(text)], time_words("the morning paper")
+    (['for two minutes'], ())
+    """
+    return tuple((found.start(), found.end()) for found in _TIME.finditer(text))

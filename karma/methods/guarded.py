@@ -1,0 +1,367 @@
+"""A request carried out as it was said: conditions looked at first, every thing of a plural in
+turn, and told what of it is so at the end.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Protocol
+
+from karma.agent.guard import cannot_serve, here_of
+from karma.agent.reading import kind_of
+from karma.agent.skills import Skills
+from karma.contracts import (
+    Check,
+    Completion,
+    Condition,
+    Embedder,
+    Experience,
+    Mention,
+    Plan,
+    Prompt,
+    RefusedRequest,
+    Request,
+    SaidDeed,
+    SeenObject,
+    SkillCall,
+    SkillResult,
+    SubTask,
+)
+from karma.household.saying import name_of, spoken
+from karma.household.types import object_types
+from karma.household.uses import LAMPS
+from karma.infer.parse.spacy import SpacyParser
+from karma.language.clauses import said
+from karma.language.lexicon import Lexicon
+from karma.language.request import RequestReader
+from karma.methods.attempts import Programs
+
+_IN_VAIN = 2  # things of a plural that may fail before the rest is left
+_SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
+_OPPOSITES = {"clean": "dirty", "off": "on", "closed": "opened", "empty": "filled"}
+
+
+class Carrier(Protocol):
+    """An episode that plans and acts."""
+
+    chosen: dict[tuple[str, int], str]
+
+    def planned(
+        self, subtask: SubTask, skills: Skills, came: "Came", only: Mapping[str, str] | None = None
+    ) -> Iterator[Plan | SkillResult]:
+        """Plan and act until a program succeeds or the attempts are used up."""
+
+    def here(self, skills: Skills) -> frozenset[str]:
+        """Return the types that the agent knows of in this room."""
+
+    def sights(self, skills: Skills) -> dict[str, SeenObject]:
+        """Return the latest sight of all that was seen in this room."""
+
+
+@dataclass(slots=True)
+class Came:
+    """What came of an instruction."""
+
+    programs: list[Programs] = field(default_factory=list)
+    searched: bool = False  # something was looked at beside the programs
+    told: list[Check] = field(default_factory=list)  # besides
+    nothing_to_do: bool = False
+    short: bool = False  # fewer things than were asked for
+
+    @property
+    def tried(self) -> bool:
+        """Whether anything was done."""
+        return self.searched or any(one.results for one in self.programs)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all of it was done."""
+        if self.short:
+            return False
+        return self.nothing_to_do or (
+            bool(self.programs) and all(one.finished for one in self.programs)
+        )
+
+    def checks(self, experience: Experience) -> tuple[Check, ...]:
+        """Return how it stands with all that was to be done."""
+        found = [check for one in self.programs if one.results for check in one.checks(experience)]
+        return (*dict.fromkeys(found), *self.told)
+
+
+@cache
+def _parser() -> SpacyParser:
+    return SpacyParser()
+
+
+def reader_of(embedder: Embedder | None) -> RequestReader:
+    """Return a reader of requests; the parser is loaded once a process."""
+    return RequestReader(_parser(), Lexicon(embedder))
+
+
+def joined(requests: Sequence[Request]) -> Request | None:
+    """Return the sentences of one instruction as one request; None where nothing is said."""
+    if not requests:
+        return None
+    errands = [one for one in requests if one.form == "errand"]
+    if not errands or any(one.form in ("question", "incomplete") for one in requests):
+        return next((one for one in requests if one.form != "errand"), requests[0])
+    first = errands[0]
+    return replace(
+        first,
+        errand=". ".join(one.errand for one in errands),
+        deeds=tuple(deed for one in errands for deed in one.deeds),
+        forbidden=tuple(deed for one in errands for deed in one.forbidden),
+        exclusions=tuple(thing for one in errands for thing in one.exclusions),
+        times=tuple(time for one in errands for time in one.times),
+        conditions=tuple(one for errand in errands for one in errand.conditions),
+        unread=tuple(word for one in errands for word in one.unread),
+    )
+
+
+def guarded(
+    episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
+) -> Iterator[Plan | SkillResult]:
+    """Carry out what was asked, or say why it is not.
+
+    Args:
+        episode: plans and acts.
+        subtask: the instruction.
+        asked: what its words ask for.
+        skills: the body.
+        came: takes what came of it.
+    """
+    refused = cannot_serve(asked, episode.here(skills))
+    if refused is not None:
+        yield refusal(refused)
+        return
+    for condition in asked.conditions:
+        holds = yield from _looked_at(episode, condition, skills, came)
+        if holds is None:
+            yield refusal(RefusedRequest(kind="condition", by="guard", words=(condition.text,)))
+            return
+        if not holds:
+            came.nothing_to_do = True
+            came.told.append(Check(text=f"{condition.text}: that is not so", found="seen"))
+            return
+    subtask = replace(subtask, asked=asked, instruction=asked.errand or subtask.instruction)
+    alone = len(asked.deeds) == 1 and len(asked.deeds[0].things) == 1
+    if alone and _is_several(asked.deeds[0].things[0]):
+        yield from _each(episode, subtask, asked, skills, came)
+    elif alone:
+        yield from _the_same(episode, subtask, asked, skills, came)
+    else:
+        yield from episode.planned(subtask, skills, came)
+
+
+def refusal(refused: RefusedRequest) -> Plan:
+    """Return what stands for an answer where no planner is asked."""
+    nothing = Completion(
+        text="", finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
+        first_token_s=None, total_s=0.0,
+    )  # fmt: skip
+    return Plan(
+        prompt=Prompt(stable="", changing=""), completion=nothing, calls=(), names={}, refused=refused
+    )
+
+
+def _is_several(one: Mention) -> bool:
+    return one.anything or one.every or (one.number or 1) > 1
+
+
+def _the_same(
+    episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
+) -> Iterator[Plan | SkillResult]:
+    """Do one deed to one thing: to the one that the same word meant before."""
+    thing = asked.deeds[0].things[0]
+    kinds = {kind_of(kind) for kind in here_of(thing.types, episode.here(skills))}
+    key = (subtask.whole or asked.text, thing.start)
+    before = episode.chosen.get(key)
+    only = {kind_of(before): before} if before and kind_of(before) in kinds else None
+    yield from episode.planned(subtask, skills, came, only)
+    for result in came.programs[-1].results if came.programs else ():
+        used = [one for one in result.object_ids if kind_of(one) in kinds]
+        if used and result.ok:
+            episode.chosen.setdefault(key, used[0])
+
+
+def _each(
+    episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
+) -> Iterator[Plan | SkillResult]:
+    """Do a deed to each thing of a plural: to those that are known, then to those that are found."""
+    deed, thing = asked.deeds[0], asked.deeds[0].things[0]
+    ruled_out = {kind_of(kind) for one in asked.exclusions for kind in one.types}
+    if thing.anything:
+        kinds, found = yield from _whatever(episode, deed, skills, came)
+    else:
+        kinds = [kind_of(kind) for kind in here_of(thing.types, episode.here(skills))]
+        found = []
+    kinds = [kind for kind in kinds if kind not in ruled_out]
+    wanted = thing.number
+    done: list[str] = []
+    failed: list[str] = []
+    while (wanted is None or len(done) < wanted) and len(failed) < _IN_VAIN:
+        tried = {*done, *failed}
+        one = _next(episode, skills, kinds, tried, thing, found)
+        if one is None:
+            if thing.anything or not kinds:
+                break
+            one = yield from _another(skills, kinds, tried, came)
+            if one is None or one in tried:
+                break
+            if not _told_so(episode, skills, one, thing):
+                failed.append(one)
+                continue
+        if _holds_already(episode, skills, one, deed):
+            done.append(one)
+            continue
+        kind = kind_of(one)
+        single = replace(
+            thing, types=(kind,), text=spoken(kind).lower(), number=None, every=False,
+            anything=False, at=(),
+        )  # fmt: skip
+        request = replace(asked, deeds=(replace(deed, things=(single,)),))
+        text = said(request.deeds[0])
+        step = Came()
+        yield from episode.planned(
+            replace(subtask, instruction=text, whole=text, asked=request), skills, step, {kind: one}
+        )
+        came.programs += [program for program in step.programs if program.results]
+        (done if step.finished else failed).append(one)
+    _tell_count(came, thing, len(done), len(failed))
+
+
+def _tell_count(came: Came, thing: Mention, done: int, failed: int) -> None:
+    wanted = thing.number
+    name = thing.text
+    if wanted is not None and done < wanted:
+        came.short = True
+        came.told.append(
+            Check(text=f"{done} of {wanted}: there is no other {name} that I found", found="otherwise")
+        )
+    elif failed or not done:
+        came.short = True
+        came.told.append(Check(text=f"{done} of {done + failed}: {name}", found="otherwise"))
+    else:
+        came.nothing_to_do = came.nothing_to_do or not came.programs
+        came.told.append(Check(text=f"all {done} that I found: {name}", found="seen"))
+
+
+def _next(
+    episode: Carrier, skills: Skills, kinds: Sequence[str], tried: set[str], thing: Mention,
+    found: Sequence[str],
+) -> str | None:  # fmt: skip
+    """Return a thing that is known and was not tried."""
+    if thing.anything:
+        return next((one for one in found if one not in tried and kind_of(one) in kinds), None)
+    for object_id, sight in sorted(episode.sights(skills).items()):
+        if kind_of(sight.object_type) in kinds and object_id not in tried:
+            if _told_so(episode, skills, object_id, thing):
+                return object_id
+    return None
+
+
+def _told_so(episode: Carrier, skills: Skills, object_id: str, thing: Mention) -> bool:
+    """Return whether a thing is at the place that it is told by."""
+    if not thing.at:
+        return True
+    sight = episode.sights(skills).get(object_id)
+    return sight is not None and any(
+        kind_of(parent) in {kind_of(kind) for kind in thing.at} for parent in sight.parent_ids
+    )
+
+
+def _holds_already(episode: Carrier, skills: Skills, object_id: str, deed: SaidDeed) -> bool:
+    sight = episode.sights(skills).get(object_id)
+    if sight is None:
+        return False
+    if deed.deed == "put" and deed.place is not None and not deed.near:
+        kinds = {kind_of(kind) for kind in deed.place.types}
+        return any(kind_of(parent) in kinds for parent in sight.parent_ids)
+    words = {"on": "on", "open": "opened", "slice": "sliced"}
+    if deed.deed in words:
+        return words[deed.deed] in sight.states
+    return deed.deed in ("off", "close") and bool(sight.states) and (
+        {"off": "on", "close": "opened"}[deed.deed] not in sight.states
+    )
+
+
+def _another(
+    skills: Skills, kinds: Sequence[str], tried: set[str], came: Came
+) -> Iterator[SkillResult]:  # type: ignore[misc]
+    """Search for one more thing of some kinds; returns its id, None if there is none."""
+    came.searched = True
+    for kind in kinds:
+        result = skills.find_another(kind, tried)
+        yield result
+        fresh = [one for one in result.object_ids if kind_of(one) == kind and one not in tried]
+        if result.ok and fresh:
+            return fresh[0]  # type: ignore[return-value]
+    return None  # type: ignore[return-value]
+
+
+def _whatever(
+    episode: Carrier, deed: SaidDeed, skills: Skills, came: Came
+) -> Iterator[SkillResult]:  # type: ignore[misc]
+    """Look at a place; returns the kinds and ids of what can be carried there."""
+    thing = deed.things[0]
+    if deed.deed in ("on", "off") and not thing.at:
+        here = episode.here(skills)
+        kinds = [kind for kind in _SWITCHED if kind in here or kind == "LightSwitch"]
+        there = [
+            object_id for object_id, sight in sorted(episode.sights(skills).items())
+            if kind_of(sight.object_type) in kinds
+        ]  # fmt: skip
+        return kinds, there  # type: ignore[return-value]
+    came.searched = True
+    places = [kind_of(kind) for kind in here_of(thing.at, episode.here(skills))]
+    for place in places[:1]:
+        result = skills.run(SkillCall(skill="GoToObject", objects=(place,)))
+        yield result
+        skills.look_around()
+    there = []
+    for object_id, sight in sorted(episode.sights(skills).items()):
+        parents = {kind_of(parent) for parent in sight.parent_ids}
+        if parents & set(places) and object_types()[sight.object_type].can("pickupable"):
+            there.append(object_id)
+    return sorted({kind_of(one) for one in there}), there  # type: ignore[return-value]
+
+
+def _looked_at(
+    episode: Carrier, condition: Condition, skills: Skills, came: Came
+) -> Iterator[SkillResult]:  # type: ignore[misc]
+    """Look whether a condition holds; returns None where that cannot be seen."""
+    thing = condition.thing
+    if thing is None or not condition.state:
+        return None  # type: ignore[return-value]
+    kinds = [kind_of(kind) for kind in here_of(thing.types, episode.here(skills))]
+    came.searched = True
+    if condition.state == "there" and condition.at:
+        for place in here_of(condition.at, episode.here(skills))[:1]:
+            yield skills.run(SkillCall(skill="GoToObject", objects=(kind_of(place),)))
+            skills.look_around()
+        wanted = {kind_of(kind) for kind in condition.at}
+        found = any(
+            kind_of(sight.object_type) in kinds
+            and any(kind_of(parent) in wanted for parent in sight.parent_ids)
+            for sight in episode.sights(skills).values()
+        )
+        return found == condition.holds  # type: ignore[return-value]
+    for kind in kinds:
+        result = skills.run(SkillCall(skill="Explore", objects=(kind,)))
+        yield result
+        if not result.ok:
+            continue
+        ids = [one for one in result.object_ids if kind_of(one) == kind]
+        sight = episode.sights(skills).get(ids[-1]) if ids else None
+        if condition.state == "there":
+            return condition.holds  # type: ignore[return-value]
+        if sight is not None:
+            opposite = _OPPOSITES.get(condition.state)
+            so = opposite not in sight.states if opposite else condition.state in sight.states
+            came.told.append(
+                Check(text=f"the {name_of(sight.object_id)} is {condition.state}", found="seen" if so else "otherwise")
+            ) if False else None
+            return so == condition.holds  # type: ignore[return-value]
+    if condition.state == "there":
+        return not condition.holds  # type: ignore[return-value]
+    return None  # type: ignore[return-value]
