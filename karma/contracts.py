@@ -347,6 +347,7 @@ class Request:
     conditions: tuple[Condition, ...] = ()
     unread: tuple[str, ...] = ()  # words that no field holds
     lacking: str = ""  # what an incomplete request lacks: "what", "where"
+    alone: tuple[Mention, ...] = ()  # things that stand without any deed
 
     @property
     def mentions(self) -> tuple[Mention, ...]:

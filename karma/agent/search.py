@@ -242,6 +242,19 @@ class Search:
         self._reach.explorations += len(self._log.looks) > before
         return found
 
+    def look_over(self, place: SeenObject) -> None:
+        """Look at all that is on a surface, or in a container, which is open then."""
+        if self._may_open(place):
+            target = known(place, "seen")
+            if "opened" not in self._log.states(place):
+                self._reach.act(target, "OpenObject")
+            else:
+                self._reach.approach(target)
+            self._look_over("", place, inside=True)
+        else:
+            self._look_over("", place, inside=False)
+        self._reach.explorations += 1
+
     def look_into(self, name: str, container: SeenObject) -> Known | None:
         """Open a container and look; what was closed is closed again if the thing is not there."""
         if self._walker.left < _LEFT_TO_CLOSE:

@@ -123,6 +123,17 @@ class Skills:
 
         return self._counted(call, look, max_actions)
 
+    def look_over(self, place: SeenObject) -> SkillResult:
+        """Look at all that is on a surface, or in a container, which is open afterwards."""
+
+        def look() -> str:
+            self._search.look_over(place)
+            return ""
+
+        return self._counted(
+            SkillCall(skill="GoToObject", objects=(place.object_id,)), look, None
+        )
+
     def find_another(self, name: str, aside: Collection[str]) -> SkillResult:
         """Search for a thing of a type that is none of some ids."""
         log = self._reach.log

@@ -281,14 +281,15 @@ class RequestReader:
         words = self._parser.parse(meant)
         first = 0
         before: tuple[Mention, ...] = ()
+        last: tuple[SaidDeed, ...] = ()
         for number, word in enumerate(words):
             ends = word.text in (".", "!", "?", ";", "...") or number == len(words) - 1
             if not ends:
                 continue
             part = words[first : number + 1]
             if any(re.search(r"\w", one.text) for one in part):
-                found = self._one(meant, part, first, before)
-                before = (*before, *found.mentions)
+                found = _going_on(self._one(meant, part, first, before), last)
+                before, last = (*before, *found.mentions), found.deeds[-1:] or last
                 yield found
             first = number + 1
 
@@ -350,6 +351,7 @@ class _Sentence:
     exclusions: list[Mention] = field(default_factory=list)
     forbidden: list[SaidDeed] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
+    alone: list[Mention] = field(default_factory=list)
 
     # ------------------------------------------------------------- the whole
 
@@ -383,6 +385,7 @@ class _Sentence:
             conditions=tuple(self.conditions),
             unread=tuple(self.unread),
             lacking=lacking,
+            alone=tuple(self.alone) if form == "incomplete" else (),
         )
 
     def _errand(self) -> str:
@@ -1384,6 +1387,7 @@ class _Sentence:
                     place=place,
                 )
             ]
+        self.alone = mentions
         return "incomplete", []
 
     # ------------------------------------------------------------- things and places
@@ -1870,6 +1874,7 @@ class _Sentence:
             low = word.text.lower()
             if (
                 number in self.taken
+                or word.dep == "relcl"
                 or low in _NEVER_MIND
                 or low in _DESTINATIONS | _SOURCES | _TOOLS | _IGNORED
                 or low in _AUX | _BE | _SMALL_VERBS | _ME | _WHERE_ELSE
@@ -1898,6 +1903,14 @@ class _Sentence:
             ):
                 continue
             self.unread.append(low)
+
+
+def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:
+    """Return "the soap bottle too" as the deed before it, done to that."""
+    goes_on = re.search(r"\b(?:too|also|as well|likewise)\b", request.text, re.IGNORECASE)
+    if request.form != "incomplete" or not (goes_on and last and request.alone):
+        return request
+    return replace(request, form="errand", lacking="", deeds=(replace(last[0], things=request.alone),))
 
 
 def _base(word: str) -> str:

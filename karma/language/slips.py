@@ -14,7 +14,11 @@ _FILLER = re.compile(
     r"|dear|buddy|hey|hi|hello|ok|okay|alright|listen|well then|you know|i mean,? like)(?![\w'])[,!.]*",
     re.IGNORECASE,
 )
-_ROBOT = re.compile(r"^\W*(?:robot|karma)(?: listen)?\s*[,:!]\s*|,\s*robot\b", re.IGNORECASE)
+_ROBOT = re.compile(r"^\W*(?:robot|karma)\b(?: listen)?\s*[,:!]*\s*|,\s*robot\b", re.IGNORECASE)
+_OTHERWISE = re.compile(
+    r"[\s,;.]+(?:otherwise|if not|or else),? (?:just )?(?:leave|keep|let) (?:it|them|that)\b[^.;,]*",
+    re.IGNORECASE,
+)
 _DOUBLED = re.compile(r"\b(the|a|an|and|put|it|in|on|to|my|of)(?:\s+\1\b)+", re.IGNORECASE)
 _MARK = re.compile(r"(?:^|(?<=[\s.;]))(?:[-*•]|\(?(?:\d{1,2}|[a-h])[.)])\s+(?=[A-Za-z])")
 _ORDER = re.compile(
@@ -47,9 +51,8 @@ def as_meant(text: str) -> str:
         said = said.lower()
     said = re.sub(r"\s*[\r\n\v\f\x85\u2028\u2029]+\s*", ". ", said.strip())
     said = _MARK.sub(lambda mark: "" if mark.start() == 0 else ". ", said)
-    said = _ROBOT.sub("", said)
-    said = _corrected(said)
-    said = _FILLER.sub(" ", said)
+    said = _OTHERWISE.sub("", _corrected(said))
+    said = _ROBOT.sub("", _FILLER.sub(" ", said).strip())
     said = _DOUBLED.sub(r"\1", said)
     said = _ORDER.sub(lambda found: "" if found.start() == 0 else "then ", said)
     said = re.sub(r"\s+", " ", said)

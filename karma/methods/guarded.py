@@ -2,7 +2,7 @@
 turn, and told what of it is so at the end.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Protocol
@@ -29,13 +29,14 @@ from karma.contracts import (
 )
 from karma.household.saying import name_of, spoken
 from karma.household.types import object_types
-from karma.household.uses import LAMPS
+from karma.household.uses import BASINS, LAMPS
 from karma.infer.parse.spacy import SpacyParser
 from karma.language.clauses import said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.methods.attempts import Programs
 
+_PLACES = 4  # of a kind that are looked over
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
 _OPPOSITES = {"clean": "dirty", "off": "on", "closed": "opened", "empty": "filled"}
@@ -227,23 +228,23 @@ def _each(
         )
         came.programs += [program for program in step.programs if program.results]
         (done if step.finished else failed).append(one)
-    _tell_count(came, thing, len(done), len(failed))
+    _tell_count(came, thing, done, failed)
 
 
-def _tell_count(came: Came, thing: Mention, done: int, failed: int) -> None:
-    wanted = thing.number
-    name = thing.text
-    if wanted is not None and done < wanted:
+def _tell_count(came: Came, thing: Mention, done: Sequence[str], failed: Sequence[str]) -> None:
+    """Say of how many things it was done, and of which not."""
+    wanted = thing.number if thing.number is not None else len(done) + len(failed)
+    text = f"{len(done)} of {wanted}: {thing.text}"
+    if failed:
+        text += f"; not the {', the '.join(map(name_of, failed))}"
+    if len(done) < wanted or not done:
         came.short = True
-        came.told.append(
-            Check(text=f"{done} of {wanted}: there is no other {name} that I found", found="otherwise")
-        )
-    elif failed or not done:
-        came.short = True
-        came.told.append(Check(text=f"{done} of {done + failed}: {name}", found="otherwise"))
+        if not failed:
+            text += "; I found no more" if done else "; I found none"
+        came.told.append(Check(text=text, found="otherwise"))
     else:
         came.nothing_to_do = came.nothing_to_do or not came.programs
-        came.told.append(Check(text=f"all {done} that I found: {name}", found="seen"))
+        came.told.append(Check(text=text, found="seen"))
 
 
 def _next(
@@ -313,17 +314,28 @@ def _whatever(
         ]  # fmt: skip
         return kinds, there  # type: ignore[return-value]
     came.searched = True
-    places = [kind_of(kind) for kind in here_of(thing.at, episode.here(skills))]
-    for place in places[:1]:
-        result = skills.run(SkillCall(skill="GoToObject", objects=(place,)))
-        yield result
-        skills.look_around()
-    there = []
-    for object_id, sight in sorted(episode.sights(skills).items()):
-        parents = {kind_of(parent) for parent in sight.parent_ids}
-        if parents & set(places) and object_types()[sight.object_type].can("pickupable"):
-            there.append(object_id)
+    places = {kind_of(kind) for kind in here_of(thing.at, episode.here(skills))}
+    shown = _of_kinds(episode, skills, places)
+    if not shown:
+        for place in sorted(places)[:1]:
+            yield skills.run(SkillCall(skill="GoToObject", objects=(place,)))
+        shown = _of_kinds(episode, skills, places)
+    for sight in shown[:_PLACES]:
+        yield skills.look_over(sight)
+    there = [
+        sight.object_id for sight in episode.sights(skills).values()
+        if {kind_of(parent) for parent in sight.parent_ids} & places
+        and object_types()[sight.object_type].can("pickupable")
+    ]  # fmt: skip
+    there.sort()
     return sorted({kind_of(one) for one in there}), there  # type: ignore[return-value]
+
+
+def _of_kinds(episode: Carrier, skills: Skills, kinds: Collection[str]) -> list[SeenObject]:
+    """Return what was seen of some kinds, wholes before their basins."""
+    found = [one for one in episode.sights(skills).values() if kind_of(one.object_type) in kinds]
+    basins = [one for one in found if one.object_type in BASINS]
+    return sorted(basins or found, key=lambda one: one.object_id)
 
 
 def _looked_at(
@@ -358,9 +370,6 @@ def _looked_at(
         if sight is not None:
             opposite = _OPPOSITES.get(condition.state)
             so = opposite not in sight.states if opposite else condition.state in sight.states
-            came.told.append(
-                Check(text=f"the {name_of(sight.object_id)} is {condition.state}", found="seen" if so else "otherwise")
-            ) if False else None
             return so == condition.holds  # type: ignore[return-value]
     if condition.state == "there":
         return not condition.holds  # type: ignore[return-value]
