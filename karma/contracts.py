@@ -337,8 +337,9 @@ Form = Literal["errand", "question", "statement", "teaching", "talk", "incomplet
 class Request:
     """What was asked, from the words alone, before any planner: nothing of it is guessed."""
 
-    text: str  # as it was said
+    text: str  # as it was said, one sentence
     form: Form
+    whole: str = ""  # all sentences; the places of words are counted in it
     errand: str = ""  # the words to plan by: without times, conditions, exclusions and slips
     deeds: tuple[SaidDeed, ...] = ()  # in their order
     forbidden: tuple[SaidDeed, ...] = ()  # deeds that it says not to do
@@ -347,7 +348,8 @@ class Request:
     conditions: tuple[Condition, ...] = ()
     unread: tuple[str, ...] = ()  # words that no field holds
     lacking: str = ""  # what an incomplete request lacks: "what", "where"
-    alone: tuple[Mention, ...] = ()  # things that stand without any deed
+    alone: tuple[Mention, ...] = ()  # things that are spoken of without any deed
+    rest: tuple[SaidDeed, ...] = ()  # deeds of the same sentence that may be done as well
 
     @property
     def mentions(self) -> tuple[Mention, ...]:
@@ -413,7 +415,7 @@ class Skill:
 
 RefusalKind = Literal[
     "deed", "thing", "place", "language", "negated", "impossible", "unclear",
-    "time", "condition", "question", "statement", "incomplete",
+    "time", "condition", "question", "statement", "incomplete", "astray",
 ]  # fmt: skip
 REFUSAL_KINDS: tuple[RefusalKind, ...] = get_args(RefusalKind)[:7]  # that a planner may give
 
@@ -910,6 +912,9 @@ class Parser(Protocol):
 
     def parse(self, text: str) -> Sequence[Word]:
         """Return the words of a text, without blanks."""
+
+    def knows(self, word: str) -> bool:
+        """Return whether a word, in small letters, is one that it has ever met."""
 
 
 @runtime_checkable

@@ -6,7 +6,7 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 """
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from karma.agent.effects import Effects, Thing, effects_of
 from karma.agent.reading import kind_of
@@ -286,6 +286,7 @@ def _momentary(kind: str) -> bool:
 
 def _not_asked(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
     """Yield what a program changes and no word speaks of."""
+    request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
     deeds = {deed.deed for deed in request.deeds}
     named = {kind for one in request.mentions for kind in _kinds(one, here)}
     loose = any(one.anything or one.told for one in request.mentions)

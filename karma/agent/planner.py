@@ -257,7 +257,7 @@ def _held(answer: Plan, why: Stopped) -> Plan:
 
 
 def _refused_by_guard(answer: Plan, why: Stopped) -> Plan:
-    refused = RefusedRequest(kind="unclear", by="guard", words=why.words or (why.reason,))
+    refused = RefusedRequest(kind="astray", by="guard", words=(why.reason,))
     return replace(answer, error="", failure=None, refused=refused)
 
 

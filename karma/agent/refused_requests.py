@@ -37,6 +37,7 @@ _ALONE: Mapping[RefusalKind, str] = {
     "question": "That is a question; I do nothing for one, and cannot answer it yet.",
     "statement": "I take that as told; there is nothing to do.",
     "incomplete": "Something is missing.",
+    "astray": "I would not have done what was said.",
 }
 
 
@@ -46,6 +47,8 @@ def sentence(refused: RefusedRequest) -> str:
     >>> sentence(RefusedRequest(kind="thing", words=("hammer",)))
     "I know of no 'hammer' in a home."
     """
+    if refused.kind == "astray":
+        return f"I would not have done what was said: {', '.join(refused.words)}."
     if refused.kind == "place" and refused.by == "guard":
         return f"There is no {refused.words[0]!r} here that I know of."
     form = _WITH_WORDS.get(refused.kind) if refused.words else None

@@ -219,6 +219,8 @@ def question(
             return "Is there something that I should do?"
         case "condition":
             return "Should I do it anyway?"
+        case "astray":
+            return "Say it in other words, please, or one thing at a time."
         case "impossible":
             return "Which other thing or place would do?"
         case _:

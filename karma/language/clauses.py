@@ -24,7 +24,9 @@ def clauses_of(request: Request) -> tuple[tuple[str, Request], ...]:
     single = list(_singles(request.deeds))
     if len(single) < 2:
         return ((request.errand or request.text, replace(request, deeds=tuple(single))),)
-    return tuple((said(deed), replace(request, deeds=(deed,))) for deed in single)
+    return tuple(
+        (said(deed), replace(request, deeds=(deed,), rest=tuple(single))) for deed in single
+    )
 
 
 def _singles(deeds: Sequence[SaidDeed]) -> Iterator[SaidDeed]:

@@ -55,6 +55,12 @@ class Lexicon:
         return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own
 
     @cached_property
+    def words(self) -> list[str]:
+        """All words of short texts: what people call things."""
+        short = (text.split() for text in self._by_text if len(text.split()) < 4)
+        return sorted({word for words in short for word in words if len(word) > 2})
+
+    @cached_property
     def _texts(self) -> list[str]:
         return [text for text in self._by_text if len(text) >= LEAST_LETTERS]
 

@@ -8,7 +8,7 @@ for every planner, and guesses nothing: a word that no field holds is kept in `u
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import msgspec
@@ -18,7 +18,7 @@ from karma.files import read_toml
 from karma.household.types import object_types
 from karma.language.hints import singular
 from karma.language.lexicon import Lexicon
-from karma.language.slips import as_meant
+from karma.language.slips import as_meant, in_order, spelt, without_courtesy
 from karma.language.times import time_words
 from karma.language.words import word_lists
 
@@ -277,7 +277,10 @@ class RequestReader:
         return self._kept[text]
 
     def _sentences(self, text: str) -> Iterator[Request]:
-        meant = as_meant(text)
+        meant = spelt(as_meant(text), self._is_known, self._vocabulary)
+        ends = [*(one.end() for one in re.finditer(r"(?<!\bMr)(?<!\bMrs)(?<!\bDr)[.?!;]+(?=\s|$)", meant)), len(meant)]
+        parts = [meant[a:b].strip() for a, b in zip([0, *ends], ends, strict=False)]
+        meant = " ".join(self._plainly(part) for part in parts if part)
         words = self._parser.parse(meant)
         first = 0
         before: tuple[Mention, ...] = ()
@@ -289,9 +292,26 @@ class RequestReader:
             part = words[first : number + 1]
             if any(re.search(r"\w", one.text) for one in part):
                 found = _going_on(self._one(meant, part, first, before), last)
-                before, last = (*before, *found.mentions), found.deeds[-1:] or last
+                before, last = (*before, *found.alone, *found.mentions), found.deeds[-1:] or last
                 yield found
             first = number + 1
+
+    def _plainly(self, sentence: str) -> str:
+        """Return a sentence without courtesy; its own end stays."""
+        found = in_order(without_courtesy(sentence, _is_deed), _base_of_deed)
+        return f"{found}." if found != sentence and found[-1:].isalnum() else found
+
+    def _is_known(self, word: str) -> bool:
+        return self._parser.knows(word) or word in self._vocabulary_set
+
+    @cached_property
+    def _vocabulary(self) -> list[str]:
+        verbs = {word for text in _verbs()[0] for word in text.split()}
+        return sorted({*self._lexicon.words, *verbs, "the", "with", "from", "into", "onto"})
+
+    @cached_property
+    def _vocabulary_set(self) -> frozenset[str]:
+        return frozenset(self._vocabulary)
 
     def _one(
         self, text: str, words: Sequence[Word], first: int, before: Sequence[Mention]
@@ -362,6 +382,8 @@ class _Sentence:
         if form:
             return Request(text=said, form=form)
         self._polite()
+        self._topic()
+        self._background()
         self._read_conditions()
         self._read_times()
         self._read_exclusions()
@@ -385,7 +407,8 @@ class _Sentence:
             conditions=tuple(self.conditions),
             unread=tuple(self.unread),
             lacking=lacking,
-            alone=tuple(self.alone) if form == "incomplete" else (),
+            alone=tuple(self.alone) if form != "errand" else (),
+            whole=self.text,
         )
 
     def _errand(self) -> str:
@@ -523,6 +546,8 @@ class _Sentence:
         if number >= len(self.words) or self._low(number) in _AUX:
             return False
         verbs, _ = _verbs()
+        if self.words[number].tag == "VBG" and number == min(set(range(len(self.words))) - self.gone):
+            return _is_deed(self._low(number))
         return self._low(number) in verbs or (
             self.words[number].tag == "VB" and not self._has_subject(number)
         )
@@ -546,6 +571,80 @@ class _Sentence:
         count = len(lead[0].split())
         if count and count < len(self.words):
             self._drop(0, count)
+
+    def _topic(self) -> None:
+        """Take what stands ahead of an order: "the lettuce: wash it"."""
+        begin = next((n for n in range(len(self.words)) if n not in self.gone), 0)
+        end = self._noun_end(begin, len(self.words))
+        if end == begin or self._low(end) not in (":", ",", "-") or end + 1 >= len(self.words):
+            return
+        pronouns = [n for n in range(end, len(self.words)) if self._low(n) in ("it", "them")]
+        one = self._mention(begin, end) if pronouns else None
+        if one is not None and one.types:
+            self.before = [*self.before, one]
+            self._drop(begin, end + 1)
+
+    def _background(self) -> None:
+        """Leave out clauses that only tell something, where others ask for something."""
+        verbs = [n for n in range(len(self.words)) if n not in self.taken and self._tells(n)]
+        for verb in verbs:
+            if verb in self.taken:
+                continue
+            begin, end = self._told_clause(verb)
+            if not self._asks_elsewhere(begin, end):
+                continue
+            found = [one for _, one in self._mentions(range(begin, end))]
+            self.before = [*self.before, *(one for one in found if one.types)]
+            self._drop(begin, end)
+
+    def _tells(self, verb: int) -> bool:
+        """Return whether a verb has a subject of its own and neither wishes nor needs anything."""
+        word = self.words[verb]
+        if not word.tag.startswith("VB") or word.dep in ("aux", "auxpass", "relcl", "acl", "amod", "xcomp"):
+            return False
+        subject = next((n for n, w in enumerate(self.words) if w.head == verb and n < verb and w.dep in ("nsubj", "nsubjpass", "expl") and n not in self.taken), None)
+        if subject is None or self._low(subject) in ("you", "u", "ya"):
+            return False
+        helpers = {w.text.lower() for w in self.words if w.head == verb and w.dep in ("aux", "auxpass", "neg")}
+        negated = helpers & {"n't", "not", "never", "nt"} or any(self._low(n) == "no" for n in range(verb, min(verb + 3, len(self.words))))
+        if self._low(verb - 1) in ("if", "unless") or any(self._low(n) in ("if", "unless", "when", "once", "after", "before", "until", "whenever") for n in range(max(subject - 3, 0), subject)):
+            return False
+        if negated:
+            return True
+        if word.lemma in _NEEDS | {"go", "belong"} or helpers & {"should", "must", "can", "could", "ought", "may"}:
+            return False
+        return True
+
+    def _told_clause(self, verb: int) -> tuple[int, int]:
+        """Return where the clause of a verb begins and ends."""
+        begin = verb
+        while begin > 0 and begin - 1 not in self.gone and self.words[begin - 1].text not in (",", ";", ":", ".") and self._low(begin - 1) not in ("so", "because", "since", "but"):
+            begin -= 1
+        if self._low(begin - 1) in ("because", "since") or (self._low(begin - 1) == "so" and begin - 1 > 0):
+            begin -= 1
+        end = verb + 1
+        while end < len(self.words):
+            low = self._low(end)
+            if self.words[end].text in (",", ";", ":", ".", "!", "?") or low == "so" or (low in ("and", "but", "then") and self._is_order(end + 1)):
+                break
+            end += 1
+        while self._low(end) in (",", "so", "and", "but", ":", "then"):
+            end += 1
+        return begin, end
+
+    def _asks_elsewhere(self, begin: int, end: int) -> bool:
+        """Return whether an order or a wish stands outside of a clause."""
+        outside = [n for n in range(len(self.words)) if not begin <= n < end and n not in self.gone]
+        table, _ = _verbs()
+        for n in outside:
+            word = self.words[n]
+            low = word.text.lower()
+            starts = n - 1 not in outside or self._starts_clause(n) or self._low(n - 1) in ("and", "then", "to", "so")
+            if (low in table or word.lemma in table) and starts and not self._has_subject(n) and low not in ("like", "back"):
+                return True
+            if word.lemma in _NEEDS and self._has_subject(n):
+                return True
+        return False
 
     # ------------------------------------------------------------- conditions and times
 
@@ -704,6 +803,13 @@ class _Sentence:
             word in ("not", "never", "n't", "nt", "without", "no") and number not in self.taken
         )
         if not negated or word == "no":
+            return None
+        told = self.words[number].head
+        subject = next(
+            (w for w in self.words if w.head == told and w.dep.startswith("nsubj")), None
+        )
+        own = subject is not None and subject.text.lower() not in ("you", "u")
+        if own and word in ("not", "n't", "nt", "never"):
             return None
         verb = number + 1
         while self._low(verb) in (
@@ -881,10 +987,15 @@ class _Sentence:
             self._others = []
         if not deeds and not self.forbidden and not self.exclusions:
             return self._statement_form(), []
+        deeds = _sharing(deeds)
         about = [*self.before, *(one.thing for one in self.conditions if one.thing is not None)]
         return "errand", _with_antecedents(deeds, about)
 
     def _statement_form(self) -> Form:
+        if not self.alone:
+            kept = set(self.taken)
+            self.alone = [one for _, one in self._mentions(range(len(self.words)))]
+            self.taken = kept
         words = {self._low(n) for n in range(len(self.words))}
         taught = words & _HABIT or words & {
             "remember",
@@ -904,7 +1015,13 @@ class _Sentence:
         table, _ = _verbs()
         for number, word in enumerate(self.words):
             low = word.text.lower()
-            if number in self.taken or not low[0].isalpha() or word.dep == "relcl":
+            if number in self.taken or not low[0].isalpha():
+                continue
+            if low == "lights" or (word.tag == "VBG" and self.words[word.head].lemma in _NEEDS):
+                continue
+            if word.dep in ("ccomp", "xcomp") and word.head != number and self._wishes(word.head):
+                continue
+            if word.dep == "relcl" and not (self._starts_clause(number) and low in table):
                 continue
             if (
                 self._low(number - 1) in ("you", "we")
@@ -976,6 +1093,10 @@ class _Sentence:
                     continue
                 found.append((number, subject))
         return found
+
+    def _wishes(self, verb: int) -> bool:
+        """Return whether a verb says what somebody wants or needs."""
+        return self.words[verb].lemma in _NEEDS and self._has_subject(verb)
 
     def _starts_clause(self, number: int) -> bool:
         before = number - 1
@@ -1134,6 +1255,8 @@ class _Sentence:
                 deed = "find"
         if deed == "put" and place is None and text in ("get rid", "rid"):
             deed = "throw"
+        if deed == "fill" and any("coffee" in self._low(n) for n in range(number, end)):
+            deed = "coffee"
         if deed == "water":
             deed = "fill" if any("HousePlant" in one.types for one in things) else ""
         if not deed:
@@ -1238,6 +1361,10 @@ class _Sentence:
         ):
             things, place = self._split(range(number + 1, end), "put")
             self.taken.update(n for n in range(number + 1, end) if self._low(n) in ("moved", "put", "placed", "brought", "set", "to", "be"))
+            done = next((n for n in range(number + 1, end) if self.words[n].tag in ("VBN", "VBD") and n - 1 != number and self._deed_at(n)[0] not in ("", "put")), None)
+            if done is not None and things:
+                self.taken.update(range(begin, end))
+                return SaidDeed(verb=low, deed=self._deed_at(done)[0], start=word.start, things=tuple(things))
             state = next(
                 (
                     states[self._low(n)]
@@ -1277,7 +1404,7 @@ class _Sentence:
             or low in ("should", "has to")
         )
         wished = (
-            low in ("were", "was", "went", "be")
+            (low in ("were", "was", "went", "be", "stood") or helpers & {"were", "was"})
             and any(self._low(n) == "if" for n in range(begin))
             and self._would_be_nice(next(n for n in range(begin) if self._low(n) == "if"))
         )
@@ -1423,6 +1550,8 @@ class _Sentence:
                     group.places.append(one)
             elif before in _IGNORED and before != "of" and group.things:
                 self._ignored(number, one, before)
+            elif one.text in ("water", "soap") and deed in ("wash", "fill") and not one.at and group.things:
+                continue
             elif group.places and deed == "put":
                 if self._listed(number) and group.things:
                     found.append(_Group([one]))
@@ -1478,6 +1607,10 @@ class _Sentence:
                         vague=True,
                     )
                 )
+                return
+            if low in ("in", "inside") and deed == "put" and number == body.stop - 1 - (self.words[body.stop - 1].text in ".!?,;"):
+                self.taken.add(number)
+                group.places.append(Mention(text="there", start=self.words[number].start, end=self.words[number].end, vague=True))
                 return
             if low == "where" and number not in self.gone:
                 words = self.words[number : body.stop]
@@ -1797,6 +1930,8 @@ class _Sentence:
 
     def _types(self, words: Sequence[str], start: int) -> tuple[str, ...]:
         """Return the types that a phrase names, adjectives left out one by one."""
+        if len(words) > 1 and words[-1] in _STATES and not self.lexicon.named(" ".join(words)):
+            words = words[:-1]
         for first in range(len(words)):
             phrase = " ".join(words[first:])
             found = self.lexicon.named(phrase)
@@ -1882,6 +2017,8 @@ class _Sentence:
                 continue
             if word.tag in (
                 "RB",
+                "JJ",
+                "JJR",
                 "UH",
                 "CC",
                 "DT",
@@ -1913,6 +2050,22 @@ def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:
     return replace(request, form="errand", lacking="", deeds=(replace(last[0], things=request.alone),))
 
 
+def _base_of_deed(word: str) -> str:
+    """Return the base of a verb that asks for something, "" for any other word."""
+    verbs = _verbs()[0]
+    firsts = {text.split()[0] for text in verbs}
+    past = {"put": "put", "taken": "take", "made": "make", "brought": "bring", "cut": "cut", "shut": "shut", "thrown": "throw", "set": "set"}
+    found = past.get(word) or (word if word in firsts else _base(word))
+    return found if found in firsts else ""
+
+
+def _is_deed(word: str) -> bool:
+    """Return whether a word is a form of a verb that asks for something."""
+    verbs = _verbs()[0]
+    firsts = {text.split()[0] for text in verbs}
+    return (word in firsts or _base(word) in firsts or _base(word) in verbs) and word not in ("go", "run", "come", "make", "find", "show", "leave", "like", "start", "use", "need", "want") or word in ("make", "making", "bring", "find", "leave")
+
+
 def _base(word: str) -> str:
     """Return a verb's base for forms that a tagger may not see as such."""
     for ending, instead in (
@@ -1923,6 +2076,9 @@ def _base(word: str) -> str:
         ("es", ""),
         ("s", ""),
     ):
+        stem = f"{word.removesuffix(ending)}{instead}"
+        if word.endswith(ending) and any(text.split()[0] == stem for text in _verbs()[0]):
+            return stem
         if word.endswith(ending) and f"{word.removesuffix(ending)}{instead}" in _verbs()[0]:
             return f"{word.removesuffix(ending)}{instead}"
     return word
@@ -1947,6 +2103,15 @@ _NEEDS_OF_A_DEED = {
     "put": "pickupable", "take": "pickupable", "throw": "pickupable", "wash": "pickupable",
     "heat": "pickupable", "cool": "pickupable",
 }  # fmt: skip
+
+
+def _sharing(deeds: Sequence[SaidDeed]) -> list[SaidDeed]:
+    """Return deeds of which one without a thing shares that of the next: "slice and heat it"."""
+    found = list(deeds)
+    for number in range(len(found) - 2, -1, -1):
+        if not found[number].things and found[number].deed and found[number].deed not in ("go", "coffee", "wait"):
+            found[number] = replace(found[number], things=found[number + 1].things)
+    return found
 
 
 def _with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> list[SaidDeed]:
@@ -1981,7 +2146,9 @@ def _with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> l
                 things.append(one)
         place = deed.place
         if place is not None and place.vague and place.text in ("it", "that", "there") and named:
-            place = next((one.place for one in reversed(found) if one.place), named[-1])
+            holds = [one for one in named if any(object_types()[k].can("receptacle") for k in one.types)]
+            place = next((one.place for one in reversed(found) if one.place), None)
+            place = place or (holds or named)[-1]
         found.append(replace(deed, things=tuple(things), place=place))
         last = tuple(one for one in things if not one.vague) or last
         named += [one for one in (*((place,) if place else ()), *things) if not one.vague]

@@ -5,13 +5,36 @@ What is left out is only left out: every letter that stays is the text's own, in
 """
 
 import re
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 
 _SIGNS = str.maketrans(
     {"‘": "'", "’": "'", "“": '"', "”": '"', "…": ".", "–": "-", "—": "-", "\t": " "}
 )
 _FILLER = re.compile(
-    r"(?<![\w'])(?:u+m+|u+h+|e+r+m?|hm+|pls|plz|please|kindly|thanks(?: a lot)?|thank you|thx|ta|cheers|mate"
-    r"|dear|buddy|hey|hi|hello|ok|okay|alright|listen|well then|you know|i mean,? like)(?![\w'])[,!.]*",
+    r"(?<![\w'])(?:u+m+|u+h+|e+r+m?|hm+|pls|plz|please|kindly|thanks(?: a lot| so much)?|thank you(?: so much| very much)?"
+    r"|thx|ta|cheers|mate|dear|buddy|pal|hey|hi|hello|ok|okay|alright|listen|well then|you know|i mean,? like|yeah"
+    r"|good (?:morning|evening|day|afternoon)|excuse me|pardon(?: me| the interruption)?|sorry(?: to bother you)?"
+    r"|at your (?:earliest )?convenience|if you (?:don't|do not|wouldn't) mind|if (?:it's|it is) no(?:t too much)? trouble"
+    r"|when you (?:have|get) (?:time|a (?:moment|minute|second|chance))|if you (?:have|get) (?:time|a moment)|no need to hurry"
+    r"|for me|one more thing:?|as well as you can|if possible|if you can|if you could)(?![\w'])[,!.]*(?:\s*\bbut\b)?",
+    re.IGNORECASE,
+)
+_SPOKEN = (
+    (r"\bgimme\b", "give me"), (r"\blemme\b", "let me"), (r"\b(?:wanna|want to)\b", "want to"),
+    (r"\bgotta\b", "have to"), (r"\b(?:nip|pop|hop|run|go|head|come) (?:over |across |along |in )?(?:there )?and\b", ""),
+    (r"\b(?:do not|don't|dont|never) (?:you )?forget (?:to )?(?=\w)", ""),
+    (r"\bdo me a (?:favou?r|kindness) and\b", ""), (r"\b(?:first|before anything else|before doing anything else),? though,?", ""),
+    (r"\bteh\b", "the"), (r",\s*(?:love|darling|sweetie|honey|my friend)\b", ""),
+    (r"\bwould you mind (?:\w+ly )?(?=\w+ing\b)", "please "), (r"\buse (the [\w ]+?) (?:and|to) (?=\w+ the)", ""),
+    (r"\b(?:when|once) you(?:'re| are|'ve| have) (?:done|finished|ready)(?: so| it| that)?,?", "then"),
+    (r"\b(?:and|then|,) (?:then )?(?P<p>on|off) again\b", r", then turn it \g<p>"),
+    (r"\bn\b", "and"), (r"\bu\b", "you"), (r"\b(?:could|would|can) ya\b", "could you"),
+)  # fmt: skip
+_ASKING = re.compile(
+    r"^(?:[^.?!]{0,60}?[,:;\s-])?(?:would|could|can|will|might|may|is it|is there|be|i was wondering|i wonder|i'd be|i would be|i'd appreciate"
+    r"|i would appreciate|it'd be|it would be|fancy|how about|what about|any chance)\b[^.?!]{0,90}?"
+    r"(?:\bto|\band|\bif you (?:could|would|might|can)?|\bwhether you (?:could|would|might|can)|\bthat you|\bof you|\bfor you to|\babout|\bfancy) (?P<rest>(?P<verb>\w+)\b.*)$",
     re.IGNORECASE,
 )
 _ROBOT = re.compile(r"^\W*(?:robot|karma)\b(?: listen)?\s*[,:!]*\s*|,\s*robot\b", re.IGNORECASE)
@@ -51,6 +74,8 @@ def as_meant(text: str) -> str:
         said = said.lower()
     said = re.sub(r"\s*[\r\n\v\f\x85\u2028\u2029]+\s*", ". ", said.strip())
     said = _MARK.sub(lambda mark: "" if mark.start() == 0 else ". ", said)
+    for form, instead in _SPOKEN:
+        said = re.sub(form, instead, said, flags=re.IGNORECASE)
     said = _OTHERWISE.sub("", _corrected(said))
     said = _ROBOT.sub("", _FILLER.sub(" ", said).strip())
     said = _DOUBLED.sub(r"\1", said)
@@ -89,3 +114,88 @@ def _cut_back(before: str, after: str) -> int | None:
             return places[-1] if places else None
     clause = re.search(r"[.;]\s*[^.;]*$", before)
     return clause.start() + 1 if clause else 0
+
+
+def without_courtesy(sentence: str, is_deed: Callable[[str], bool]) -> str:
+    """Return what is asked for so politely that it looks like a question or a wish.
+
+    Args:
+        sentence: one.
+        is_deed: whether a word, in any form of a verb, is something that can be done.
+
+    >>> without_courtesy("would it be possible for you to wash the mug?", lambda word: word == "wash")
+    'wash the mug'
+    """
+    start = 0
+    while (found := _ASKING.match(sentence)) is not None and start < len(sentence):
+        text, verb, start = found["rest"], found["verb"].lower(), found.start("rest")
+        if is_deed(verb):
+            return text.rstrip(" ?")
+        more = re.search(r"\b(?:to|and|you)\s+(\w+)", sentence[start:])
+        while more is not None:
+            if is_deed(more[1].lower()):
+                return sentence[start + more.start(1) :].rstrip(" ?")
+            start += more.end()
+            more = re.search(r"\b(?:to|and|you)\s+(\w+)", sentence[start:])
+        return sentence
+    return sentence
+
+
+def spelt(text: str, is_known: Callable[[str], bool], words: Sequence[str]) -> str:
+    """Return a text with words that nobody knows spelt as one that is near to them.
+
+    >>> spelt("trun on the lamp", lambda word: word != "trun", ["turn", "tap"])
+    'turn on the lamp'
+    """
+
+    def right(found: re.Match[str]) -> str:
+        word = found[0]
+        if len(word) < 3 or word[0].isupper() or is_known(word.lower()):
+            return word
+        near = get_close_matches(word.lower(), words, n=1, cutoff=0.74)
+        return near[0] if near and near[0][0] == word[0].lower() else word
+
+    return re.sub(r"[A-Za-z]+", right, text)
+
+
+_CLAUSE = r"[^,.;!?]+?"
+_BEFORE = (
+    re.compile(rf"^before you (?:go and )?(?P<later>{_CLAUSE}),\s*(?P<first>[^.;!?]+)", re.IGNORECASE),
+    re.compile(rf"^(?P<first>[^.;!?]+?),?\s+before (?:you )?(?P<later>\w+(?:ing)?\b[^.;!?]+)", re.IGNORECASE),
+)
+_AFTER = (
+    re.compile(rf"^(?:after|once|when|as soon as) (?:you(?:'ve| have)? |having )?(?P<first>{_CLAUSE}),\s*(?P<later>[^.;!?]+)", re.IGNORECASE),
+    re.compile(rf"^having (?P<first>{_CLAUSE}),\s*(?P<later>[^.;!?]+)", re.IGNORECASE),
+    re.compile(rf"^(?P<later>[^.;!?]+?),?\s+(?:after|once|when) (?:you(?:'ve| have)? |having )?(?P<first>\w+\b[^.;!?]+)", re.IGNORECASE),
+)
+
+
+def in_order(sentence: str, base_of: Callable[[str], str]) -> str:
+    """Return a sentence with its deeds as they are to be done: what comes first stands first.
+
+    Args:
+        sentence: one.
+        base_of: the base form of a verb that asks for something, "" for any other word.
+
+    >>> bases = {"heat": "heat", "wash": "wash", "washing": "wash"}
+    >>> in_order("before you heat the potato, wash it", lambda word: bases.get(word, ""))
+    'wash the potato, then heat the potato'
+    >>> in_order("heat the potato after washing it", lambda word: bases.get(word, ""))
+    'wash the potato, then heat the potato'
+    """
+    for form in (*_BEFORE, *_AFTER):
+        found = form.match(sentence)
+        if found is None:
+            continue
+        first, later = found["first"].strip(), found["later"].strip()
+        said = (first, later) if found.start("first") < found.start("later") else (later, first)
+        heads = [base_of(text.split()[0].lower()) for text in (first, later)]
+        if not all(heads):
+            continue
+        named = re.search(r"\b(?:the|a|an|my)\s+[\w' -]+?(?=$|,| (?:in|on|into|onto|to|from|and|off)\b)", said[0])
+        parts = [" ".join((head, *text.split()[1:])) for head, text in zip(heads, (first, later), strict=True)]
+        if named is not None:
+            parts = [re.sub(r"\b(?:it|them)\b", named[0], part, count=1) for part in parts]
+        end = sentence[found.end() :]
+        return f"{parts[0]}, then {parts[1]}{end}"
+    return sentence

@@ -26,7 +26,7 @@ _TIME = re.compile(  # a time's noun after what makes it a time ("the morning pa
     r"|recently|lately|\d{1,2}[:.]\d{2}|(?:later|ago)(?: on)?"
     rf"|(?:at|by|until|till|before|after) (?:\d{{1,2}}|{'|'.join(NUMBERS)})"
     r"(?: ?(?:am|pm|a\.m\.|p\.m\.|o'clock)\b|(?![:.]?\d| ?\w))"
-    r"|(?:since|until|till|ago)\b.*)\b",
+    r"|(?:until|till|ago)\b.*|since (?:yesterday|then|\d+))\b",
     re.IGNORECASE,
 )
 

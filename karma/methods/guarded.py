@@ -104,6 +104,8 @@ def joined(requests: Sequence[Request]) -> Request | None:
     if not requests:
         return None
     errands = [one for one in requests if one.form == "errand"]
+    if errands:  # what is only told beside them is context
+        requests = [one for one in requests if one.form not in ("statement", "talk")]
     if not errands or any(one.form in ("question", "incomplete") for one in requests):
         return next((one for one in requests if one.form != "errand"), requests[0])
     first = errands[0]
@@ -175,7 +177,7 @@ def _the_same(
     """Do one deed to one thing: to the one that the same word meant before."""
     thing = asked.deeds[0].things[0]
     kinds = {kind_of(kind) for kind in here_of(thing.types, episode.here(skills))}
-    key = (subtask.whole or asked.text, thing.start)
+    key = (asked.whole or asked.text, thing.start)
     before = episode.chosen.get(key)
     only = {kind_of(before): before} if before and kind_of(before) in kinds else None
     yield from episode.planned(subtask, skills, came, only)

@@ -210,13 +210,16 @@ class Agent:
         reader = self._method.reader
         if reader is None:
             return [(clause, None) for clause in split_instruction(instruction)]
+        requests = reader.read(instruction)
+        if any(one.form == "errand" for one in requests):  # what is only told beside it is context
+            requests = tuple(one for one in requests if one.form not in ("statement", "talk"))
         return [
-            clause for request in reader.read(instruction) for clause in clauses_of(request)
+            clause for request in requests for clause in clauses_of(request)
         ] or [(instruction, None)]
 
     def _one(self, clause: str, whole: str, asked: Request | None) -> Iterator[Moment]:
         """Carry out one request."""
-        subtask = SubTask(instruction=clause, whole=whole, asked=asked)
+        subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []
         results: list[SkillResult] = []

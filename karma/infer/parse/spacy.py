@@ -45,6 +45,10 @@ class SpacyParser:
             for place, word in enumerate(found)
         ]  # fmt: skip
 
+    def knows(self, word: str) -> bool:
+        """Return whether a word, in small letters, is one that it has ever met."""
+        return word in self._pipeline.vocab.strings
+
 
 @contextmanager
 def _without_torch() -> Iterator[None]:
