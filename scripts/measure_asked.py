@@ -61,7 +61,9 @@ def main() -> None:
     go_offline()
     options = {key: _value(value) for key, _, value in (o.partition("=") for o in given.option)}
     asked = [one for one in read_asked(given.file) if one.id.startswith(given.only)]
-    resources = load_resources(asking(Models(planner=given.planner)), maps=MAPS, seed=0, learn=False)
+    resources = load_resources(
+        asking(Models(planner=given.planner)), maps=MAPS, seed=0, learn=False
+    )
     records = []
     for one in track(asked, description=given.file.stem):
         records.append(said(one, resources, options))
@@ -112,8 +114,11 @@ def said(one: AskedRequest, resources: Resources, options: dict[str, object]) ->
         bad = [goal for goal in one.unwanted if not tracker.unmet((goal,), event)]
         changed = states_of(event.metadata["objects"]) != before
         found = verdict(one, came, met=not unmet and not bad, changed=changed)
-        steps = sum(result.actions for part in agent.replies[-1].parts for result in part.results) \
-            if agent.replies else 0
+        steps = (
+            sum(result.actions for part in agent.replies[-1].parts for result in part.results)
+            if agent.replies
+            else 0
+        )
     return AskedRecord(
         id=one.id, kind=one.kind, text=one.text, act=one.act, came=came, verdict=found, steps=steps,
         unmet=(*unmet, *(f"not {goal}" for goal in bad)), said=lines,

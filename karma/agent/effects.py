@@ -48,6 +48,7 @@ class Effects:
     opened: set[str] = field(default_factory=set)
     visited: set[str] = field(default_factory=set)  # kinds of all that it names
     held: Thing | None = None
+    began: Thing | None = None  # what was held before
 
     def places(self, thing: Thing) -> frozenset[str]:
         """Return the kinds of what a thing is in or on at the end, and of what that is in."""
@@ -80,6 +81,9 @@ def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> Effects:
         held: what is in the hand before.
     """
     found = Effects(held=(held, 0) if held else None)
+    found.began = found.held
+    if found.held is not None:
+        found.at[found.held], found.inside[found.held] = HAND, ""
     for call in calls:
         _add(found, call)
     return found
@@ -135,7 +139,11 @@ def _switch(found: Effects, kind: str, word: str) -> None:
         if tap and places & set(TAP_OF):
             found.deeds |= {("wash", thing), ("fill", thing)}
             found.deeds.discard(("empty", thing))
-        if kind in places and kind in _BY_RUNNING and not (kind == BURNER and kind_of(thing[0]) in _FIRE and False):
+        if (
+            kind in places
+            and kind in _BY_RUNNING
+            and not (kind == BURNER and kind_of(thing[0]) in _FIRE and False)
+        ):
             found.deeds |= {(deed, thing) for deed in _BY_RUNNING[kind]}
             found.deeds.discard(("cool", thing))
         elif kind == BURNER and places & set(_FIRE):

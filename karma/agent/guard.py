@@ -124,7 +124,11 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
         kinds = here_of(place.types, here)
         if not kinds:
             return _refused("place", (place.text,))
-        if deed.deed == "put" and not deed.near and not any(_able(kind, "receptacle") for kind in kinds):
+        if (
+            deed.deed == "put"
+            and not deed.near
+            and not any(_able(kind, "receptacle") for kind in kinds)
+        ):
             return _refused("impossible", (f"{deed.verb} something in or on {place.text}",))
     return None
 
@@ -182,7 +186,9 @@ def stopped(
 def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
     if one is None:
         return frozenset()
-    return frozenset(_WHOLE_NAMES.get(kind, kind_of(kind)) for kind in here_of(one.types, here) or one.types)
+    return frozenset(
+        _WHOLE_NAMES.get(kind, kind_of(kind)) for kind in here_of(one.types, here) or one.types
+    )
 
 
 def _ruled_out(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
@@ -194,7 +200,9 @@ def _ruled_out(found: Effects, request: Request, here: Collection[str]) -> Itera
                 kind in (*places, found.at.get(thing)) for thing, places in found.passed.items()
             ) or any(kind_of(thing[0]) == kind for _, thing in found.deeds)  # fmt: skip
             if used:
-                yield Stopped(reason=f"it says not to use the {one.text}", words=(one.text,), kind="negated")
+                yield Stopped(
+                    reason=f"it says not to use the {one.text}", words=(one.text,), kind="negated"
+                )
     for deed in request.forbidden:
         kinds = {kind for one in deed.things for kind in _kinds(one, here)}
         if _does(found, deed, kinds):
@@ -208,7 +216,9 @@ def _does(found: Effects, deed: SaidDeed, kinds: Collection[str]) -> bool:
         case "on":
             return any(every or kind in kinds for kind in found.ran)
         case "off":
-            return any(w == "off" and (every or kind in kinds) for kind, w in found.switched.items())
+            return any(
+                w == "off" and (every or kind in kinds) for kind, w in found.switched.items()
+            )
         case "open":
             return any(every or kind in kinds for kind in found.opened)
         case "close":
@@ -218,7 +228,10 @@ def _does(found: Effects, deed: SaidDeed, kinds: Collection[str]) -> bool:
             places = {kind for kind in deed.place.types} if deed.place else None
             return any(places is None or found.places(thing) & places for thing in things)
         case _:
-            return any(one == deed.deed and (every or kind_of(thing[0]) in kinds) for one, thing in found.deeds)
+            return any(
+                one == deed.deed and (every or kind_of(thing[0]) in kinds)
+                for one, thing in found.deeds
+            )
 
 
 def _left_out(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
@@ -233,15 +246,23 @@ def _left_out(found: Effects, request: Request, here: Collection[str]) -> Iterat
                 kinds = frozenset((COFFEE_CUP, "Cup"))
             if not _done(found, deed, kinds, places, _after(request, deed, one)):
                 place = f" {deed.place.text}" if deed.place else ""
-                yield Stopped(reason=f"it does not {deed.verb} the {one.text}{place}", words=(one.text,))
-        if deed.deed == "coffee" and not deed.things and not found.did("coffee", (COFFEE_CUP, "Cup")):
+                yield Stopped(
+                    reason=f"it does not {deed.verb} the {one.text}{place}", words=(one.text,)
+                )
+        if (
+            deed.deed == "coffee"
+            and not deed.things
+            and not found.did("coffee", (COFFEE_CUP, "Cup"))
+        ):
             yield Stopped(reason="it makes no coffee", words=("coffee",))
 
 
 def _after(request: Request, deed: SaidDeed, one: Mention) -> list[SaidDeed]:
     """Return the later deeds of the request that are about the same thing."""
     later = request.deeds[request.deeds.index(deed) + 1 :]
-    return [other for other in later if any(set(two.types) & set(one.types) for two in other.things)]
+    return [
+        other for other in later if any(set(two.types) & set(one.types) for two in other.things)
+    ]
 
 
 def _done(
@@ -266,10 +287,22 @@ def _done(
         case "find" | "go" | "look":
             return bool(found.visited & set(kinds))
         case "on" | "off":
-            return any(found.switched.get(_switch_of(kind)) == deed.deed or (deed.deed == "on" and _momentary(kind) and _switch_of(kind) in found.ran) for kind in kinds) if not later else True
+            return (
+                any(
+                    found.switched.get(_switch_of(kind)) == deed.deed
+                    or (deed.deed == "on" and _momentary(kind) and _switch_of(kind) in found.ran)
+                    for kind in kinds
+                )
+                if not later
+                else True
+            )
         case "open" | "close":
             shut = {kind_of(thing[0]): word for word, thing in ()}
-            return any(found.doors.get(kind, shut.get(kind)) == deed.deed for kind in kinds) if not later else bool(found.visited & set(kinds))
+            return (
+                any(found.doors.get(kind, shut.get(kind)) == deed.deed for kind in kinds)
+                if not later
+                else bool(found.visited & set(kinds))
+            )
         case "heat" if any(other.deed in ("put",) for other in later):
             return found.did("heat", kinds)
         case _:
@@ -296,18 +329,37 @@ def _not_asked(found: Effects, request: Request, here: Collection[str]) -> Itera
     help_ = {kind for deed in deeds for kind in _HELP.get(deed, ())} | places
     for thing, place in found.at.items():
         kind = kind_of(thing[0])
-        if not (kind in things or kind in along or loose or thing == found.held and not found.passed.get(thing)):
+        if not (
+            kind in things
+            or kind in along
+            or loose
+            or (thing == found.began and (place == HAND or place in SURFACES))
+        ):
             if not (kind in named and place == HAND):
                 yield Stopped(reason=f"nobody asked for the {spoken(kind)} to be moved")
         elif kind in things and kind not in along and not loose:
             yield from _misplaced(found, thing, place, request, here, help_, deeds)
     for deed, thing in sorted(found.deeds):
         kind = kind_of(thing[0])
-        own = {d.deed for d in request.deeds if loose or not d.things or any(kind in _kinds(one, here) for one in d.things)}
-        if deed in _FOR_GOOD and deed not in own and not (deed == "throw" and BIN in places and kind in things):
+        own = {
+            d.deed
+            for d in request.deeds
+            if loose or not d.things or any(kind in _kinds(one, here) for one in d.things)
+        }
+        if (
+            deed in _FOR_GOOD
+            and deed not in own
+            and not (deed == "throw" and BIN in places and kind in things)
+        ):
             yield Stopped(reason=f"nobody asked to {deed} the {spoken(kind)}")
     runs = {kind for deed in deeds for kind in _RUNS.get(deed, ())}
-    switched = {_switch_of(kind) for deed in request.deeds if deed.deed in ("on", "off") for one in deed.things for kind in _kinds(one, here)}
+    switched = {
+        _switch_of(kind)
+        for deed in request.deeds
+        if deed.deed in ("on", "off")
+        for one in deed.things
+        for kind in _kinds(one, here)
+    }
     for kind in sorted(found.switched):
         if kind not in runs | switched and not (loose and deeds & {"on", "off"}):
             word = found.switched[kind]
@@ -321,8 +373,19 @@ def _misplaced(
 ) -> Iterator[Stopped]:  # fmt: skip
     """Yield that a named thing comes to a place that nobody spoke of."""
     kind = kind_of(thing[0])
-    wanted = {k for d in request.deeds if d.place for one in d.things if kind in _kinds(one, here) for k in _kinds(d.place, here)}
-    puts = [d for d in request.deeds if d.deed == "put" and any(kind in _kinds(one, here) for one in d.things)]
+    wanted = {
+        k
+        for d in request.deeds
+        if d.place
+        for one in d.things
+        if kind in _kinds(one, here)
+        for k in _kinds(d.place, here)
+    }
+    puts = [
+        d
+        for d in request.deeds
+        if d.deed == "put" and any(kind in _kinds(one, here) for one in d.things)
+    ]
     if wanted:
         if not found.places(thing) & wanted:
             yield Stopped(reason=f"the {spoken(kind)} is to be elsewhere", words=(kind,))

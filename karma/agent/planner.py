@@ -25,6 +25,7 @@ from karma.contracts import (
     PlanRequest,
     ProgramSpec,
     RefusedRequest,
+    Request,
     Resources,
     Skill,
     SkillCall,
@@ -88,6 +89,7 @@ class Planner:
         refusing: bool | None = None  # not again where it was refused for what is known
         reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
         for attempt in range(self.decoding.attempts):
+            is_last = attempt == self.decoding.attempts - 1
             answer = self._ask(request, attempt, refusing=refusing)
             if answer.error and not answer.calls and answer.error.endswith(KNOWN):
                 refusing = False
@@ -98,17 +100,19 @@ class Planner:
                 reasons.add(found.reason if found is not None and found.lasting else "")
             elif answer.error:
                 reasons.add("")
-            if answer.refused and _in_other_words(request):
-                answer = _asked_again(answer)
-                request = replace(request, instruction=request.plain)
+            if answer.refused and request.asked is not None and not is_last:
+                if _contradicted(answer.refused, request.asked):
+                    refusing = False
+                if refusing is False or _in_other_words(request):
+                    answer = _asked_again(answer)
+                    request = replace(request, instruction=request.plain or request.instruction)
             held_back = _held_back(request, answer)
             if held_back is not None:
                 answer = _held(answer, held_back)
                 request = replace(request, instruction=request.plain or request.instruction)
-            last = attempt == self.decoding.attempts - 1
-            if last and held_back is not None:
+            if is_last and held_back is not None:
                 answer = _refused_by_guard(answer, held_back)
-            elif last and answer.calls:
+            elif is_last and answer.calls:
                 answer = replace(answer, error="", failure=None)
                 if attempt and self.decoding.refusing and len(reasons) == 1 and reasons != {""}:
                     answer = _given_up(answer, *reasons)
@@ -229,6 +233,19 @@ def _held_back(request: PlanRequest, answer: Plan) -> Stopped | None:
     return stopped(calls, request.asked, known_here(request), request.held_id)
 
 
+def _contradicted(refused: RefusedRequest, asked: Request) -> bool:
+    """Return whether the words say otherwise than a refusal: its reason is not so."""
+    match refused.kind:
+        case "negated":
+            return not (asked.forbidden or asked.exclusions)
+        case "thing" | "place":
+            return all(one.types or one.told or one.anything for one in asked.mentions)
+        case "deed":
+            return all(deed.deed for deed in asked.deeds)
+        case kind:
+            return kind == "language"
+
+
 def _in_other_words(request: PlanRequest) -> bool:
     """Return whether a request that was read can be said more plainly than it was."""
     return request.asked is not None and request.plain not in ("", request.instruction)
@@ -244,7 +261,9 @@ def _asked_again(answer: Plan) -> Plan:
 def known_here(request: PlanRequest) -> frozenset[str]:
     """Return the types that the agent knows of in this room."""
     kinds = {kind for area in request.areas for kind in area.contains}
-    kinds |= {unit.object_type for unit in request.units} | {one.object_type for one in request.seen}
+    kinds |= {unit.object_type for unit in request.units} | {
+        one.object_type for one in request.seen
+    }
     return frozenset(kinds)
 
 

@@ -130,9 +130,7 @@ class Skills:
             self._search.look_over(place)
             return ""
 
-        return self._counted(
-            SkillCall(skill="GoToObject", objects=(place.object_id,)), look, None
-        )
+        return self._counted(SkillCall(skill="GoToObject", objects=(place.object_id,)), look, None)
 
     def find_another(self, name: str, aside: Collection[str]) -> SkillResult:
         """Search for a thing of a type that is none of some ids."""

@@ -212,7 +212,9 @@ def question(
         case "deed":
             return _nearest_deeds(instruction, lexicon)
         case "incomplete":
-            return "Where should it go?" if "where" in refused.words else "What do you mean by that?"
+            return (
+                "Where should it go?" if "where" in refused.words else "What do you mean by that?"
+            )
         case "time":
             return "Should I do it now?"
         case "question" | "statement":

@@ -29,6 +29,21 @@ def clauses_of(request: Request) -> tuple[tuple[str, Request], ...]:
     )
 
 
+def context_left_out(requests: Sequence[Request]) -> tuple[Request, ...]:
+    """Return the sentences without those that only tell something, where others ask for something.
+
+    A thing that is named alone goes with the errand that then speaks of it: "Fridge! Shut it!"
+    """
+    if not any(one.form == "errand" for one in requests):
+        return tuple(requests)
+    about = {kind for one in requests for thing in one.mentions for kind in thing.types}
+    return tuple(
+        one for one in requests
+        if one.form not in ("statement", "talk")
+        and not (one.alone and all(about & set(thing.types) for thing in one.alone))
+    )  # fmt: skip
+
+
 def _singles(deeds: Sequence[SaidDeed]) -> Iterator[SaidDeed]:
     """Yield deeds of one thing each, without those that the next one holds already."""
     flat = [replace(deed, things=(one,)) for deed in deeds for one in deed.things]
@@ -36,7 +51,11 @@ def _singles(deeds: Sequence[SaidDeed]) -> Iterator[SaidDeed]:
     flat.sort(key=lambda deed: deed.start)
     for number, deed in enumerate(flat):
         later = flat[number + 1 :]
-        same = [one for one in later if one.things and deed.things and one.things[0].types == deed.things[0].types]
+        same = [
+            one
+            for one in later
+            if one.things and deed.things and one.things[0].types == deed.things[0].types
+        ]
         if deed.deed in _FIRST and (same or (deed.deed == "go" and later)):
             continue
         yield deed
@@ -58,7 +77,9 @@ def said(deed: SaidDeed, *, plain: bool = False) -> str:
         if deed.place is None:
             return f"put away the {thing}"
         place = _called(deed.place, plain=plain)
-        where = "near" if deed.near else preposition(deed.place.types[0]) if deed.place.types else "on"
+        where = (
+            "near" if deed.near else preposition(deed.place.types[0]) if deed.place.types else "on"
+        )
         return f"put the {thing} {where} the {place}"
     if deed.deed == "fill":
         return f"fill the {thing} with water"

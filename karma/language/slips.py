@@ -27,7 +27,7 @@ _SPOKEN = (
     (r"\bdo me a (?:favou?r|kindness) and\b", ""), (r"\b(?:first|before anything else|before doing anything else),? though,?", ""),
     (r"\bteh\b", "the"), (r",\s*(?:love|darling|sweetie|honey|my friend)\b", ""),
     (r"\bwould you mind (?:\w+ly )?(?=\w+ing\b)", "please "), (r"\buse (the [\w ]+?) (?:and|to) (?=\w+ the)", ""),
-    (r"\b(?:when|once) you(?:'re| are|'ve| have) (?:done|finished|ready)(?: so| it| that)?,?", "then"),
+    (r"\b(?:when|once) you(?:'re| are|'ve| have) (?:done|finished|ready|found)(?: so| it| that)?,?", "then"),
     (r"\b(?:and|then|,) (?:then )?(?P<p>on|off) again\b", r", then turn it \g<p>"),
     (r"\bn\b", "and"), (r"\bu\b", "you"), (r"\b(?:could|would|can) ya\b", "could you"),
 )  # fmt: skip
@@ -57,6 +57,9 @@ _TAKEN_BACK = re.compile(
 )
 _PREPOSITION = r"(?:in|on|into|onto|to|at|under|near|from|beside|next to|inside|behind|off)"
 _DETERMINER = r"(?:the|a|an|my|your|our|his|her|both|all|every|each|one|two|three|four|that|this)"
+
+
+_SENTENCE_END = re.compile(r"(?<!\bMr)(?<!\bMrs)(?<!\bMs)(?<!\bDr)[.?!;]+(?=\s)", re.IGNORECASE)
 
 
 def as_meant(text: str) -> str:
@@ -116,28 +119,41 @@ def _cut_back(before: str, after: str) -> int | None:
     return clause.start() + 1 if clause else 0
 
 
-def without_courtesy(sentence: str, is_deed: Callable[[str], bool]) -> str:
+def sentences_of(text: str) -> list[str]:
+    """Return the sentences of a text, each with its end.
+
+    >>> sentences_of("put Mr. Smith's mug in the sink. open the fridge!")
+    ["put Mr. Smith's mug in the sink.", 'open the fridge!']
+    """
+    ends = [found.end() for found in _SENTENCE_END.finditer(text)]
+    parts = (text[a:b].strip() for a, b in zip([0, *ends], [*ends, len(text)], strict=True))
+    return [part for part in parts if part]
+
+
+def without_courtesy(
+    sentence: str, is_deed: Callable[[str], bool], names: Callable[[str], bool]
+) -> str:
     """Return what is asked for so politely that it looks like a question or a wish.
 
     Args:
         sentence: one.
         is_deed: whether a word, in any form of a verb, is something that can be done.
+        names: whether words name a thing or a deed, so that they may not be left out.
 
-    >>> without_courtesy("would it be possible for you to wash the mug?", lambda word: word == "wash")
+    >>> is_wash = lambda words: "wash" in words
+    >>> without_courtesy("would it be possible for you to wash the mug?", is_wash, is_wash)
     'wash the mug'
     """
-    start = 0
-    while (found := _ASKING.match(sentence)) is not None and start < len(sentence):
-        text, verb, start = found["rest"], found["verb"].lower(), found.start("rest")
-        if is_deed(verb):
-            return text.rstrip(" ?")
-        more = re.search(r"\b(?:to|and|you)\s+(\w+)", sentence[start:])
-        while more is not None:
-            if is_deed(more[1].lower()):
-                return sentence[start + more.start(1) :].rstrip(" ?")
-            start += more.end()
-            more = re.search(r"\b(?:to|and|you)\s+(\w+)", sentence[start:])
+    found = _ASKING.match(sentence)
+    if found is None:
         return sentence
+    start = found.start("rest")
+    for verb in re.finditer(r"\w+", sentence[start:]):
+        begin = start + verb.start()
+        led = re.search(r"\b(?:to|and|you|fancy|about|of)\s+$", sentence[:begin], re.IGNORECASE)
+        if is_deed(verb[0].lower()) and (led or verb.start() == 0):
+            left_out = re.sub(r"^\W*(?:would|could|can|will)\b", "", sentence[:begin])
+            return sentence if names(left_out) else sentence[begin:].rstrip(" ?")
     return sentence
 
 
@@ -160,13 +176,24 @@ def spelt(text: str, is_known: Callable[[str], bool], words: Sequence[str]) -> s
 
 _CLAUSE = r"[^,.;!?]+?"
 _BEFORE = (
-    re.compile(rf"^before you (?:go and )?(?P<later>{_CLAUSE}),\s*(?P<first>[^.;!?]+)", re.IGNORECASE),
-    re.compile(rf"^(?P<first>[^.;!?]+?),?\s+before (?:you )?(?P<later>\w+(?:ing)?\b[^.;!?]+)", re.IGNORECASE),
+    re.compile(
+        rf"^before you (?:go and )?(?P<later>{_CLAUSE}),\s*(?P<first>[^.;!?]+)", re.IGNORECASE
+    ),
+    re.compile(
+        r"^(?P<first>[^.;!?]+?),?\s+before (?:you )?(?P<later>\w+(?:ing)?\b[^.;!?]+)",
+        re.IGNORECASE,
+    ),
 )
 _AFTER = (
-    re.compile(rf"^(?:after|once|when|as soon as) (?:you(?:'ve| have)? |having )?(?P<first>{_CLAUSE}),\s*(?P<later>[^.;!?]+)", re.IGNORECASE),
+    re.compile(
+        rf"^(?:after|once|when|as soon as) (?:you(?:'ve| have)? |having )?(?P<first>{_CLAUSE}),\s*(?P<later>[^.;!?]+)",
+        re.IGNORECASE,
+    ),
     re.compile(rf"^having (?P<first>{_CLAUSE}),\s*(?P<later>[^.;!?]+)", re.IGNORECASE),
-    re.compile(rf"^(?P<later>[^.;!?]+?),?\s+(?:after|once|when) (?:you(?:'ve| have)? |having )?(?P<first>\w+\b[^.;!?]+)", re.IGNORECASE),
+    re.compile(
+        r"^(?P<later>[^.;!?]+?),?\s+(?:after|once|when) (?:you(?:'ve| have)? |having )?(?P<first>\w+\b[^.;!?]+)",
+        re.IGNORECASE,
+    ),
 )
 
 
@@ -192,8 +219,13 @@ def in_order(sentence: str, base_of: Callable[[str], str]) -> str:
         heads = [base_of(text.split()[0].lower()) for text in (first, later)]
         if not all(heads):
             continue
-        named = re.search(r"\b(?:the|a|an|my)\s+[\w' -]+?(?=$|,| (?:in|on|into|onto|to|from|and|off)\b)", said[0])
-        parts = [" ".join((head, *text.split()[1:])) for head, text in zip(heads, (first, later), strict=True)]
+        named = re.search(
+            r"\b(?:the|a|an|my)\s+[\w' -]+?(?=$|,| (?:in|on|into|onto|to|from|and|off)\b)", said[0]
+        )
+        parts = [
+            " ".join((head, *text.split()[1:]))
+            for head, text in zip(heads, (first, later), strict=True)
+        ]
         if named is not None:
             parts = [re.sub(r"\b(?:it|them)\b", named[0], part, count=1) for part in parts]
         end = sentence[found.end() :]

@@ -31,7 +31,7 @@ from karma.household.saying import name_of, spoken
 from karma.household.types import object_types
 from karma.household.uses import BASINS, LAMPS
 from karma.infer.parse.spacy import SpacyParser
-from karma.language.clauses import said
+from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.methods.attempts import Programs
@@ -103,9 +103,8 @@ def joined(requests: Sequence[Request]) -> Request | None:
     """Return the sentences of one instruction as one request; None where nothing is said."""
     if not requests:
         return None
+    requests = context_left_out(requests)
     errands = [one for one in requests if one.form == "errand"]
-    if errands:  # what is only told beside them is context
-        requests = [one for one in requests if one.form not in ("statement", "talk")]
     if not errands or any(one.form in ("question", "incomplete") for one in requests):
         return next((one for one in requests if one.form != "errand"), requests[0])
     first = errands[0]
@@ -163,7 +162,11 @@ def refusal(refused: RefusedRequest) -> Plan:
         first_token_s=None, total_s=0.0,
     )  # fmt: skip
     return Plan(
-        prompt=Prompt(stable="", changing=""), completion=nothing, calls=(), names={}, refused=refused
+        prompt=Prompt(stable="", changing=""),
+        completion=nothing,
+        calls=(),
+        names={},
+        refused=refused,
     )
 
 
@@ -283,8 +286,10 @@ def _holds_already(episode: Carrier, skills: Skills, object_id: str, deed: SaidD
     words = {"on": "on", "open": "opened", "slice": "sliced"}
     if deed.deed in words:
         return words[deed.deed] in sight.states
-    return deed.deed in ("off", "close") and bool(sight.states) and (
-        {"off": "on", "close": "opened"}[deed.deed] not in sight.states
+    return (
+        deed.deed in ("off", "close")
+        and bool(sight.states)
+        and ({"off": "on", "close": "opened"}[deed.deed] not in sight.states)
     )
 
 

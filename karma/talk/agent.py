@@ -43,7 +43,7 @@ from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
-from karma.language.clauses import clauses_of
+from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.keeping import Keeper, TalkFolder
@@ -212,10 +212,10 @@ class Agent:
             return [(clause, None) for clause in split_instruction(instruction)]
         requests = reader.read(instruction)
         if any(one.form == "errand" for one in requests):  # what is only told beside it is context
-            requests = tuple(one for one in requests if one.form not in ("statement", "talk"))
-        return [
-            clause for request in requests for clause in clauses_of(request)
-        ] or [(instruction, None)]
+            requests = context_left_out(requests)
+        return [clause for request in requests for clause in clauses_of(request)] or [
+            (instruction, None)
+        ]
 
     def _one(self, clause: str, whole: str, asked: Request | None) -> Iterator[Moment]:
         """Carry out one request."""

@@ -1,0 +1,279 @@
+"""What is no deed of a request: courtesy, what is only told, conditions, times, what is ruled out.
+
+All of it is taken out of the words that a planner is told.
+"""
+
+import re
+from dataclasses import dataclass, field, replace
+
+from karma.contracts import Condition, Mention, SaidDeed
+from karma.language.nouns import Nouns
+from karma.language.pairs import Pairs
+from karma.language.request_words import request_words
+from karma.language.sentence import Sentence
+from karma.language.times import time_words
+
+_LEAD = re.compile(
+    r"(?:and |so |now |well |oh |then |, )*(?:"
+    r"(?:can|could|would|will|wo|ca|may|might) (?:n't )?(?:you|ya|u|i|we)(?: please)?"
+    r"(?: maybe| perhaps| possibly| just| kindly)?"
+    r"(?: be so kind as to| be able to| mind| go and| go ahead and| have| ask you to| get you to)?"
+    r"|why (?:do )?(?:n't )?(?:you|not)|i (?:would|'d) (?:like|love|want|prefer) you to"
+    r"|i (?:want|need|wish|expect) you to"
+    r"|(?:please )?(?:make sure|be sure|ensure|see to it)(?: that| to)?(?: you)?"
+    r"|do n't forget to|remember to|try to|go ahead and|go and"
+    r"|you (?:should|must|need to|have to|can|could|may|might)|let 's|let us|it is time to|time to"
+    r"|feel free to|(?:i was )?wondering if you (?:could|can)|(?:would it be|is it) possible to"
+    r")\b(?: ,)? ?"
+)
+_WISH = re.compile(r"\b(?:would|'d) (?:be|appreciate|like|love)\b|\bwondering$")
+_WHEN = frozenset(("when", "whenever", "once", "after", "until", "till", "before", "while"))
+_IF = frozenset(("if", "unless", "whether", "provided"))
+_SO_FAR = frozenset((
+    "done", "finished", "ready", "washed", "rinsed", "warmed", "heated", "chilled",
+))  # "once it is washed": an order of deeds, no time  # fmt: skip
+_RULES_OUT = frozenset((
+    "instead of", "rather than", "other than", "apart from", "except for", "and not", "but not",
+))  # fmt: skip
+_USES = ("use", "using", "touch", "touching", "disturb", "take")
+_HELPERS = ("do", "does", "should", "must", "may", "could", "would", "did", "ca", "can", "please")
+_NOUN_TAGS = ("DT", "PRP$", "NN", "NNS", "NNP")
+
+
+@dataclass(slots=True)
+class Asides:
+    """Reads them, in the order of its methods."""
+
+    s: Sentence
+    nouns: Nouns
+    pairs: Pairs
+    times: list[str] = field(default_factory=list)
+    conditions: list[Condition] = field(default_factory=list)
+    exclusions: list[Mention] = field(default_factory=list)
+    forbidden: list[SaidDeed] = field(default_factory=list)
+
+    def read(self) -> None:
+        """Read all of them."""
+        lead = _LEAD.match(" ".join(self.s.lows()))
+        if lead and len(lead[0].split()) < len(self.s.words):
+            self.s.drop(0, len(lead[0].split()))
+        self._topic()
+        for verb in range(len(self.s.words)):
+            self._background(verb)
+        self._conditions()
+        self._times()
+        number = 0
+        while number < len(self.s.words):
+            number = self._excluded(number) or number + 1
+
+    # ------------------------------------------------------------- what is only told
+
+    def _topic(self) -> None:
+        """Take what stands ahead of an order: "the lettuce: wash it"."""
+        begin = next((n for n in range(len(self.s.words)) if n not in self.s.gone), 0)
+        end = self.nouns.end(begin, len(self.s.words))
+        if end == begin or self.s.low(end) not in (":", ",", "-"):
+            return
+        one = self.nouns.read(begin, end) if {"it", "them"} & set(self.s.lows(end)) else None
+        if one is not None and one.types:
+            self.s.before.append(one)
+            self.s.drop(begin, end + 1)
+
+    def _background(self, verb: int) -> None:
+        """Leave out a clause that only tells something, where others ask for something."""
+        if verb in self.s.taken or not self._tells(verb):
+            return
+        begin, end = self._told_clause(verb)
+        if self._asks_outside(begin, end):
+            found = self.nouns.all_of(range(begin, end))
+            self.s.before += [one for one in found if one.types]
+            self.s.drop(begin, end)
+
+    def _tells(self, verb: int) -> bool:
+        """Return whether a verb has a subject of its own, and neither wishes nor needs anything."""
+        word, subject = self.s.words[verb], self.s.subject(verb)
+        parts = ("aux", "auxpass", "relcl", "acl", "amod", "xcomp")
+        if not word.tag.startswith("VB") or word.dep in parts or subject is None:
+            return False
+        who, helpers = self.s.low(subject), self.s.helpers(verb)
+        if subject > verb or subject in self.s.taken or who in ("you", "u", "ya"):
+            return False
+        if (_IF | _WHEN) & {*self.s.lows(subject - 3, subject), self.s.low(verb - 1)}:
+            return False
+        if helpers & request_words().negations or "no" in self.s.lows(verb, verb + 3):
+            return True
+        person = who in ("i", "we", "he", "she", "they", "it")
+        if word.lemma in ("go", "belong") and not person:
+            return False
+        asks = helpers & {"should", "must", "can", "could", "ought", "may"}
+        return not (asks or word.lemma in request_words().needs)
+
+    def _told_clause(self, verb: int) -> tuple[int, int]:
+        """Return where the clause of a verb begins and ends, with the word that joins it."""
+        begin, end = verb, verb + 1
+        stops = (",", ";", ":", ".", "so", "because", "since", "but")
+        while begin and begin - 1 not in self.s.gone and self.s.low(begin - 1) not in stops:
+            begin -= 1
+        if begin and self.s.low(begin - 1) in ("because", "since", "so"):
+            begin -= 1
+        while end < len(self.s.words):
+            low = self.s.low(end)
+            joins = low in ("and", "but", "then") and self.s.is_order(end + 1)
+            if low in (",", ";", ":", ".", "!", "?", "so") or joins:
+                break
+            end += 1
+        while self.s.low(end) in (",", "so", "and", "but", ":", "then"):
+            end += 1
+        return begin, end
+
+    def _asks_outside(self, begin: int, end: int) -> bool:
+        """Return whether an order or a wish stands outside of a clause."""
+        for n in range(len(self.s.words)):
+            if begin <= n < end or n in self.s.gone:
+                continue
+            has_subject = self.s.subject(n) is not None
+            if self.s.words[n].lemma in request_words().needs and has_subject:
+                return True
+            led = n in (0, end) or self.s.low(n - 1) in ("and", "then", "to", "so")
+            starts = led or self.s.starts_clause(n)
+            if self.s.known_verb(n) and starts and not has_subject and self.s.low(n) != "back":
+                return True
+        return False
+
+    # ------------------------------------------------------------- conditions and times
+
+    def _conditions(self) -> None:
+        number = 0
+        while number < len(self.s.words):
+            word = self.s.low(number)
+            in_case = word == "in" and self.s.low(number + 1) == "case"
+            if (word in _IF or in_case) and not self.would_be_nice(number):
+                begin = number - (self.s.low(number - 1) == "only")
+                first, number = number + 1 + in_case, self.s.clause_end(number + 1 + in_case)
+                held = self._condition(range(first, number), holds=word != "unless")
+                self.conditions.append(replace(held, text=self.s.drop(begin, number)))
+            else:
+                number += 1
+
+    def would_be_nice(self, number: int) -> bool:
+        """Return whether "if" belongs to a wish: "it would be lovely if the tomato were ..."."""
+        return bool(_WISH.search(" ".join(self.s.lows(number - 6, number))))
+
+    def _condition(self, body: range, *, holds: bool) -> Condition:
+        words = self.s.lows(body.start, body.stop)
+        found = self.nouns.all_of(body)
+        seen = request_words().seen
+        state = next((seen[one] for one in reversed(words) if one in seen), "")
+        said = next((one for one in reversed(words) if one in seen), "")
+        at: tuple[str, ...] = ()
+        if "there" in words[:3]:
+            state, at = "there", found[1].types if len(found) > 1 else ()
+        elif said in ("clean", "off", "closed", "shut", "empty"):
+            state = "closed" if said == "shut" else said
+        thing = found[0] if found and not found[0].vague else None
+        negated = any(one in ("not", "n't", "no") for one in words)
+        return Condition(text="", thing=thing, state=state, at=at, holds=holds != negated)
+
+    def _times(self) -> None:
+        offset = self.s.words[0].start
+        text = self.s.text[offset : self.s.words[-1].end]
+        for begin, end in time_words(text):
+            inside = [
+                n for n, w in enumerate(self.s.words)
+                if w.start < offset + end and w.end > offset + begin and n not in self.s.taken
+            ]  # fmt: skip
+            if inside and text[begin:end].lower() != "today":
+                self.times.append(self.s.drop(inside[0], inside[-1] + 1))
+        for number in range(len(self.s.words)):
+            if number not in self.s.taken and self._waits(number):
+                self.times.append(self.s.drop(number, self.s.clause_end(number + 1)))
+
+    def _waits(self, number: int) -> bool:
+        """Return whether a clause begins here that something has to happen in first."""
+        soon = self.s.low(number) == "as" and self.s.low(number + 1) == "soon"
+        if not (soon or self.s.low(number) in _WHEN):
+            return False
+        near = range(number + 1, min(number + 5, len(self.s.words)))
+        subject = next((n for n in near if self.s.words[n].dep.startswith("nsubj")), None)
+        if subject is None or self.s.low(subject) in ("you", "u"):
+            return False
+        words = set(self.s.lows(subject, subject + 4))
+        return not words & (_SO_FAR | request_words().seen.keys())
+
+    # ------------------------------------------------------------- what is ruled out
+
+    def _excluded(self, number: int) -> int | None:
+        """Read what is ruled out from here on; return where it ends, None if nothing is."""
+        if number in self.s.taken:
+            return None
+        size = self._marker(number)
+        if not size:
+            return self._negated(number)
+        end = self.nouns.run_end(number + size)
+        found = self.nouns.all_of(range(number + size, end))
+        if not found:
+            return None
+        self.exclusions += found
+        joined = self.s.low(number - 1) in ("but", "and", "just", ",")
+        self.s.drop(number - (joined and number - 1 not in self.s.taken), end)
+        return end
+
+    def _marker(self, number: int) -> int:
+        """Return how many words rule out what follows: "instead of", "rather than", "except"."""
+        first, second, third = (self.s.low(number + n) for n in range(3))
+        links = request_words().destinations | request_words().sources
+        pair = f"{first} {second}"
+        if pair in _RULES_OUT:
+            deed = pair in ("and not", "but not") and self.s.tag(number + 2) in ("VB", "VBG")
+            return 0 if deed else 2 + (third in links)
+        if first in ("except", "excluding", "besides"):
+            return 1
+        if first == "but" and self._of_all(number) and self.s.tag(number + 1) in _NOUN_TAGS:
+            return 1
+        if first == "not" and self.s.low(number - 1) in (",", "and", "but"):
+            return (
+                1 + (second in links)
+                if self.s.tag(number + 1 + (second in links)) in _NOUN_TAGS
+                else 0
+            )
+        return 0
+
+    def _of_all(self, number: int) -> bool:
+        words = request_words()
+        every = any(one in words.every | words.anything for one in self.s.lows(0, number))
+        return every and not self.s.is_order(number + 1)
+
+    def _negated(self, number: int) -> int | None:
+        """Read "don't turn it on"; return where it ends, None where nothing is negated."""
+        word = self.s.low(number)
+        subject = self.s.subject(self.s.words[number].head)
+        own = subject is not None and self.s.low(subject) not in ("you", "u")
+        if word not in request_words().negations or (own and word != "without"):
+            return None
+        verb = number + 1
+        skipped = ("to", "ever", "please", "you", "just", "even", "be", "go", "and", "let")
+        while self.s.low(verb) in skipped:
+            verb += 1
+        end = self.s.order_end(verb)
+        if verb >= len(self.s.words) or end <= verb:
+            return None
+        self._forbid(verb, end)
+        begin = number - (self.s.low(number - 1) in _HELPERS)
+        joints = ("but", "and", "just", "please", ",", "so", "you")
+        while self.s.low(begin - 1) in joints and begin - 1 not in self.s.taken:
+            begin -= 1
+        self.s.drop(begin, end)
+        return end
+
+    def _forbid(self, verb: int, end: int) -> None:
+        deed, text, size = self.pairs.deed_at(verb)
+        if size == 1 and (later := self.pairs.particle_later(verb, end)):
+            deed, text = later
+        if not (deed or self.s.tag(verb).startswith("VB")) or self.s.low(verb) in _USES:
+            self.exclusions += self.nouns.all_of(range(verb, end))
+            return
+        pair = self.pairs.read(range(verb + size, end), deed)[0]
+        start = self.s.words[verb].start
+        self.forbidden.append(
+            SaidDeed(verb=text, deed=deed, start=start, things=pair.things, place=pair.place)
+        )

@@ -1,0 +1,248 @@
+"""Noun phrases of a sentence, and what they may mean."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from karma.contracts import Mention
+from karma.language.hints import singular
+from karma.language.request_words import request_words
+from karma.language.sentence import Sentence
+from karma.language.words import word_lists
+
+_STARTS = frozenset((
+    "all", "both", "each", "every", "half", "any", "some", "no", "another", "what", "whatever",
+))  # fmt: skip
+_ALONE = frozenset((
+    "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one",
+))  # fmt: skip
+_PERSONS = frozenset(("i", "you", "we", "u", "he", "she"))
+_PARTS = frozenset(("mug", "cup", "bars", "rolls", "couple", "lot", "one", "two", "three"))  # "of"
+_ADJECTIVES = ("JJ", "JJR", "JJS", "VBN", "VBG", "VBD")
+_DETERMINERS = ("DT", "PRP$", "PDT", "POS", "WP", "CD")
+_OWNERS = ("'s", "’s")
+
+
+class Nouns:
+    """Reads the noun phrases of a sentence."""
+
+    def __init__(self, sentence: Sentence) -> None:
+        self._s = sentence
+
+    def mentions(self, body: range) -> list[tuple[int, Mention]]:
+        """Return the noun phrases of some words, each with the number of its first word."""
+        found: list[tuple[int, Mention]] = []
+        number = body.start
+        while number < body.stop:
+            end = number if number in self._s.gone else self.end(number, body.stop)
+            if end == number:
+                number += 1
+                continue
+            one = self.read(number, end)
+            if one is not None or self._s.low(end - 1) in request_words().rooms:
+                self._s.taken.update(range(number, end))
+            if one is not None:
+                clause = self._done_before(end, body.stop)
+                if clause > end:
+                    one = replace(one, told=one.vague or one.told, vague=False)
+                    self._s.taken.update(range(number, clause))
+                found.append((number, one))
+                end = clause
+            number = end
+        return found
+
+    def all_of(self, body: range) -> list[Mention]:
+        """Return the noun phrases of some words."""
+        return [one for _, one in self.mentions(body)]
+
+    def _done_before(self, number: int, stop: int) -> int:
+        """Return where a clause like "(that) you just washed" ends; the same number if none is."""
+        at = number + (self._s.low(number) in ("that", "which"))
+        if self._s.low(at) not in ("you", "i", "we"):
+            return number
+        for end in range(at + 1, min(at + 5, stop)):
+            verb = self._s.tag(end) in ("VBD", "VBN", "VBP", "VB")
+            if verb and self._s.low(end) not in request_words().auxiliaries:
+                return end + 1 + (self._s.low(end + 1) in word_lists().particles)
+        return number
+
+    # ------------------------------------------------------------- where one ends
+
+    def end(self, number: int, stop: int) -> int:
+        """Return the end of the noun phrase that begins here; the same number if none does."""
+        at, head = number, number
+        while at < stop and at not in self._s.gone:
+            kind = self._kind(number, at, head, stop)
+            if kind == "no":
+                break
+            at += 1
+            if kind in ("head", "last"):
+                head = at
+            if kind == "last":
+                break
+        return head
+
+    def _kind(self, begin: int, at: int, head: int, stop: int) -> str:
+        """Return what a word is in a phrase: "head", "last" head, "inner", or "no" part of it."""
+        low, tag = self._s.low(at), self._s.tag(at)
+        if low in request_words().elsewhere or (low in ("then", "that", "which") and at > begin):
+            return "no"
+        if low in _STARTS or tag in ("DT", "PRP$", "PDT", "CD", "WP"):
+            if head > begin:
+                return "no"
+            return "head" if low in _ALONE and self._stands_alone(low, at, stop) else "inner"
+        if tag == "PRP":
+            person = low in request_words().me or low in _PERSONS
+            return "no" if person or head > begin else "last"
+        if tag in ("NN", "NNS", "NNP", "NNPS", "FW"):
+            return "no" if low in request_words().me or low in _PERSONS else "head"
+        if tag == "POS" or low in _OWNERS or (low == "-" and head == at):
+            return "inner"
+        if tag in _ADJECTIVES and (at > begin or tag == "JJ") and self._noun_follows(at, stop):
+            return "inner"
+        if low == "of" and head == at and self._is_measure(at):
+            return "inner"
+        named = tag.startswith(("VB", "JJ", "RP")) and head == at
+        known = named and self._s.lexicon.named(self._s.phrase(begin, at + 1).lower())
+        return "head" if known else "no"
+
+    def _stands_alone(self, low: str, at: int, stop: int) -> bool:
+        """Return whether "all", "that" or "one" is a phrase by itself."""
+        following = self._s.low(at + 1) if at + 1 < stop else ""
+        if not following or following in ("that", "which"):
+            return True
+        tag = self._s.tag(at + 1)
+        if low not in ("all", "both"):
+            return not tag.startswith(("NN", "JJ", "CD", "DT", "PRP$", "VBN"))
+        return following in ("of", "lies", "on", "in") and low == "all"
+
+    def _noun_follows(self, at: int, stop: int) -> bool:
+        for number in range(at + 1, min(at + 4, stop)):
+            if self._s.tag(number).startswith("NN"):
+                return True
+            if self._s.tag(number) not in ("JJ", "VBN", "VBG", "CD", "HYPH", "CC"):
+                return False
+        return False
+
+    def _is_measure(self, at: int) -> bool:
+        """Return whether "of" leads to what is meant: "a slice of bread", "all of the cups"."""
+        head = self._s.low(at - 1)
+        return head in word_lists().measures or head in _PARTS or head in ("all", "both", "each")
+
+    def run_end(self, begin: int) -> int:
+        """Return where a row of noun phrases ends that begins here: "the pen and the pencil"."""
+        last = begin
+        for number in range(begin, len(self._s.words)):
+            tag, low = self._s.tag(number), self._s.low(number)
+            if tag.startswith(("NN", "JJ", "CD", "PRP", "PO")) or tag in (
+                "DT",
+                "PDT",
+                "VBN",
+                "VBG",
+            ):
+                last = number + 1
+            elif low == "that" and self._s.low(number + 1) in ("is", "'s", "are", "lies"):
+                continue
+            elif not (low in ("and", "or") and number > begin and self._noun_joins(number + 1)):
+                break
+        return last
+
+    def _noun_joins(self, number: int) -> bool:
+        noun = self._s.tag(number) in ("DT", "NN", "NNS", "PRP$")
+        return noun and not self._s.is_order(number)
+
+    # ------------------------------------------------------------- what one means
+
+    def read(self, begin: int, end: int) -> Mention | None:
+        """Read one noun phrase; None where it names nothing."""
+        lows = self._s.lows(begin, end)
+        number, every, start = self._counted(begin, end)
+        place = {"start": self._s.words[begin].start, "end": self._s.words[end - 1].end}
+        if start < 0:
+            return Mention(text=" ".join(lows), vague=True, **place)
+        if start >= end:
+            return self._without_noun(lows, place)
+        inner = self._inner(begin, start, end, lows)
+        if inner is not None:
+            number, every = number or inner.number, every or inner.every
+            return replace(inner, number=number, every=every, **place)
+        words = lows[start - begin :]
+        if "of" in words and words[0] in _PARTS:
+            words = words[: words.index("of")]
+        owner = max((n for n, one in enumerate(words) if one in _OWNERS), default=-1)
+        return self._named(words[owner + 1 :], start + owner + 1, end, number, every, place)
+
+    def _counted(self, begin: int, end: int) -> tuple[int | None, bool, int]:
+        """Return number, whether all are meant, and where the noun begins; -1: "the rest of"."""
+        number, every, start = None, False, begin
+        rest = self._s.lows(begin, end)
+        while start < end:
+            low = self._s.low(start)
+            if low in request_words().every:
+                every, number = True, 2 if low == "both" else number
+            elif low.isdigit() or low in request_words().numbers:
+                number = int(low) if low.isdigit() else request_words().numbers[low]
+            elif low == "of" or (low in word_lists().measures and "of" in rest[start - begin :]):
+                if low == "rest":
+                    return None, False, -1
+            elif self._s.tag(start) not in _DETERMINERS and low not in _OWNERS:
+                break
+            start += 1
+        return number, every, start
+
+    def _without_noun(self, lows: Sequence[str], place: dict[str, int]) -> Mention | None:
+        words = request_words()
+        if lows[-1] in words.vague or lows[-1] == "both":
+            every = lows[-1] == "both"
+            return Mention(text=lows[-1], vague=True, every=every, **place)
+        if lows[-1] in words.anything:
+            return Mention(text=" ".join(lows), anything=True, every=True, **place)
+        return None
+
+    def _inner(self, begin: int, start: int, end: int, lows: Sequence[str]) -> Mention | None:
+        """Return what "both bars of soap" is about; None where "of" does not lead to it."""
+        first = self._s.low(start)
+        if first not in _PARTS or "of" not in lows[start - begin :]:
+            return None
+        found = self.read(begin + list(lows).index("of", start - begin) + 1, end)
+        if found is None or not (found.types or first not in ("mug", "cup")):
+            return None
+        couple = 2 if first == "couple" else None
+        return replace(
+            found, number=found.number or couple, every=found.every or first in ("bars", "rolls")
+        )
+
+    def _named(
+        self, words: Sequence[str], start: int, end: int, number: int | None, every: bool,
+        place: dict[str, int],
+    ) -> Mention | None:  # fmt: skip
+        if not words:
+            return None
+        lists, text, head = request_words(), " ".join(words), words[-1]
+        if head in lists.anything and len(words) <= 2:
+            all_ = every or head in ("everything", "all", "whatever", "lot")
+            return Mention(text=text, anything=all_, vague=not all_, every=all_, **place)
+        types = self._types(words, start)
+        if not types and (head in lists.vague or text in lists.vague):
+            return Mention(text=text, vague=True, **place)
+        if not types and head in lists.rooms:
+            return None
+        plural = self._s.tag(end - 1) in ("NNS", "NNPS") and not every and number is None
+        if plural and types and head not in lists.own_plurals and singular(text) != text:
+            every = self._s.lexicon.named(singular(text)) == types
+        return Mention(text=text, types=types, number=number, every=every, **place)
+
+    def _types(self, words: Sequence[str], start: int) -> tuple[str, ...]:
+        """Return the types that a phrase names, adjectives left out one by one."""
+        named = self._s.lexicon.named
+        if len(words) > 1 and words[-1] in request_words().seen and not named(" ".join(words)):
+            words = words[:-1]
+        for first, word in enumerate(words):
+            found = named(" ".join(words[first:]))
+            if found:
+                return found
+            known = word in request_words().dropped or word in word_lists().qualifiers
+            tag = self._s.tag(min(start + first, len(self._s.words) - 1))
+            other = tag in (*_ADJECTIVES, "CD", "NNP", "POS", "RB", "DT", "FW")
+            if not (known or other):
+                return ()
+        return ()

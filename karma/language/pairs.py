@@ -1,0 +1,235 @@
+"""Things with the places that go with them: "the mug on the desk and the pen in the drawer"."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from karma.contracts import Mention
+from karma.household.types import object_types
+from karma.language.nouns import Nouns
+from karma.language.request_words import deed_verbs, request_words
+from karma.language.sentence import Sentence
+from karma.language.words import word_lists
+
+_TOOLS = {
+    "slice": frozenset(("Knife", "ButterKnife")),
+    "wash": frozenset(("DishSponge", "SoapBottle", "SoapBar", "Cloth", "ScrubBrush", "Faucet")),
+}  # deed -> what it may be done with
+_WITH = ("water", "soap", "coffee", "care", "hand", "hands")  # that need no reading
+_OF = {"out": "out", "off": "off", "top": "on", "front": "near", "inside": "in"}  # "out of"
+_LIES = ("is", "are", "'s", "lies", "lie", "lying", "stands", "sits", "was", "were", "sitting")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """Things, and where they go."""
+
+    things: tuple[Mention, ...] = ()
+    place: Mention | None = None
+    near: bool = False
+
+
+@dataclass(slots=True)
+class _Group:
+    """Things, and the places that are named with them."""
+
+    things: list[Mention] = field(default_factory=list)
+    places: list[Mention] = field(default_factory=list)
+    near: bool = False
+    at: tuple[str, ...] = ()  # of things that are named afterwards
+
+    def told_by(self, place: Mention, deed: str) -> None:
+        """Take a place that says which thing is meant."""
+        if self.things:
+            self.things[-1] = replace(self.things[-1], at=place.types)
+        elif deed in ("wash", "look"):
+            self.things.append(place)
+        else:
+            self.at = place.types
+
+    def pair(self, deed: str) -> Pair:
+        """Return the things, and where they go; other places say which things are meant."""
+        things, place = self.things, self.places[-1] if self.places else None
+        if len(self.places) > 1 and things:
+            things = [*things[:-1], replace(things[-1], at=self.places[0].types)]
+        if self.at:
+            things = [replace(one, at=one.at or self.at) for one in things]
+        if deed not in ("put", "take", "") and place is not None:
+            if not things:
+                return Pair(things=(place,))
+            if deed not in ("throw", "go"):
+                things = [replace(one, at=one.at or place.types) for one in things]
+                return Pair(things=tuple(things))
+        return Pair(things=tuple(things), place=place, near=self.near)
+
+
+class Pairs:
+    """Reads what goes with a verb."""
+
+    def __init__(self, sentence: Sentence, nouns: Nouns) -> None:
+        self._s, self._nouns = sentence, nouns
+
+    # ------------------------------------------------------------- verbs with particles
+
+    def deed_at(self, number: int) -> tuple[str, str, int]:
+        """Return the deed of the verb here, its text, and how many words it has."""
+        table, after = deed_verbs(), self._s.low(number + 1)
+        for lemma in self._s.lemmas(number):
+            text = f"{lemma} {after}"
+            if text in table and self._is_particle(number, lemma, after, table[text]):
+                return table[text], text, 2
+        for lemma in self._s.lemmas(number):
+            if lemma in table:
+                return table[lemma], lemma, 1
+        return "", self._s.words[number].lemma, 1
+
+    def _is_particle(self, number: int, lemma: str, after: str, deed: str) -> bool:
+        """Return whether a word behind a verb belongs to it, and leads to no place."""
+        if not self._s.begins_noun(number + 2):
+            return True
+        if deed == "put" and after not in ("down", "back", "away", "over"):
+            return False
+        return not (
+            after in ("on", "in") and lemma in ("put", "set", "get") and self._place_at(number + 2)
+        )
+
+    def _place_at(self, number: int) -> bool:
+        """Return whether what begins here is a place, so that "on" is no particle."""
+        kept = set(self._s.taken)
+        found = self._nouns.all_of(range(number, self._nouns.run_end(number)))
+        self._s.taken.clear()
+        self._s.taken.update(kept)
+        types = [object_types()[kind] for one in found for kind in one.types]
+        return any(kind.can("receptacle") and not kind.can("toggleable") for kind in types)
+
+    def particle_later(self, number: int, end: int) -> tuple[str, str] | None:
+        """Return deed and verb of "turn the lamp on": the particle stands behind its object."""
+        table = deed_verbs()
+        for at in range(number + 2, end):
+            low = self._s.low(at)
+            if at in self._s.taken or low not in word_lists().particles:
+                continue
+            ends = at + 1 >= end or not self._s.begins_noun(at + 1)
+            follows = ends or self._s.low(at + 1) in ("and", "then") or low in ("away", "out")
+            for lemma in self._s.lemmas(number):
+                text = f"{lemma} {low}"
+                if text in table and follows and self._s.low(at + 1) != "of":
+                    self._s.taken.add(at)
+                    return table[text], text
+        return None
+
+    # ------------------------------------------------------------- things and places
+
+    def read(self, body: range, deed: str) -> list[Pair]:
+        """Return what goes with a deed, at least one pair; only the last may lack its place."""
+        found = [_Group()]
+        for number, one in self._nouns.mentions(body):
+            before = self.preposition(number, body.start)
+            if not self._is_by_the_way(number, one, before, deed, found[-1]):
+                self._take_in(number, one, before, deed, found, body.start)
+        self._somewhere(body, deed, found[-1])
+        pairs = [group.pair(deed) for group in found]
+        if len(pairs) > 1 and pairs[-1].place is None:
+            pairs[-1] = replace(pairs[-1], place=pairs[-2].place, near=pairs[-2].near)
+        return pairs
+
+    def _is_by_the_way(
+        self, number: int, one: Mention, before: str, deed: str, group: _Group
+    ) -> bool:
+        """Return whether a phrase is neither thing nor place: "me", "for lunch", "with a knife"."""
+        low, words = self._s.low(number), request_words()
+        if low in words.me and before in ("", "to", "for"):
+            return True
+        if low in ("you", "i", "we"):
+            return True
+        if before in words.tools:
+            self._read_tool(one, deed)
+            return True
+        if before in words.passed_over and before != "of" and group.things:
+            if before in ("as", "like", "than"):
+                self._s.unread.append(one.text)
+            return True
+        helps = deed in ("wash", "fill") and bool(group.things)
+        return helps and one.text in ("water", "soap") and not one.at
+
+    def _take_in(
+        self, number: int, one: Mention, before: str, deed: str, found: list[_Group], least: int
+    ) -> None:
+        group, words = found[-1], request_words()
+        if before in words.sources or self._is_relative(number, least):
+            group.told_by(one, deed)
+        elif before in words.destinations and not (deed == "look" and before == "at"):
+            if deed not in ("put", "take") and group.things:
+                group.told_by(one, deed)
+            else:
+                group.near = before in words.near
+                group.places.append(one)
+        elif not (group.places and deed == "put"):
+            group.things.append(one)
+        elif self._is_listed(number) and group.things:
+            found.append(_Group([one]))
+        else:
+            self._s.unread.append(one.text)
+
+    def _read_tool(self, one: Mention, deed: str) -> None:
+        """Read what a thing is done with; what is no tool for it is not understood."""
+        if not (set(one.types) & _TOOLS.get(deed, frozenset()) or one.text in _WITH):
+            self._s.unread.append(f"with {one.text}")
+
+    def _somewhere(self, body: range, deed: str, group: _Group) -> None:
+        """Read "there" and "where the newspaper is" as the place of a thing."""
+        if group.places or deed not in ("put", "take"):
+            return
+        last = body.stop - 1 - (self._s.low(body.stop - 1) in (".", "!", "?", ",", ";"))
+        for number in body:
+            low = self._s.low(number)
+            there = low in request_words().elsewhere and number not in self._s.taken
+            if deed == "put" and (there or (low in ("in", "inside") and number == last)):
+                self._s.taken.add(number)
+                word = self._s.words[number]
+                text = low if there else "there"
+                group.places.append(Mention(text=text, start=word.start, end=word.end, vague=True))
+                return
+            if low == "where" and number not in self._s.gone:
+                self._s.taken.update(body[number - body.start :])
+                text = self._s.phrase(number, body.stop).rstrip(" .,!?")
+                start = self._s.words[number].start
+                group.things = [one for one in group.things if one.start < start]
+                place = Mention(text=text, start=start, end=start + len(text), told=True)
+                group.places.append(place)
+                return
+
+    def _is_listed(self, number: int) -> bool:
+        before = number - 1
+        while before >= 0 and self._s.tag(before) in ("DT", "PRP$", "CD", "PDT", "JJ", "NN"):
+            before -= 1
+        return self._s.low(before) in ("and", ",", "or")
+
+    def preposition(self, number: int, least: int) -> str:
+        """Return the preposition that a phrase beginning here stands behind; "" for none."""
+        before = number - 1
+        while before >= least and self._s.low(before) in ("both", "all", "up", "down"):
+            before -= 1
+        if before < least:
+            return ""
+        word, earlier = self._s.low(before), self._s.low(before - 1)
+        if word == "of":
+            return _OF.get(earlier, "of")
+        if word == "to" and earlier in ("next", "close"):
+            return "near"
+        return word if word in request_words().links else ""
+
+    def _is_relative(self, number: int, least: int) -> bool:
+        """Return whether a place only says which thing: "the egg that is on the counter"."""
+        at, words = number - 1, request_words()
+        while at >= least and self._s.low(at) in words.destinations | {"the", "of", "top"}:
+            at -= 1
+        if at < least:
+            return False
+        before = self._s.low(at - 1)
+        led = before in ("that", "which", "what") or before in words.anything
+        return (self._s.low(at) in _LIES and led) or self._s.low(at) in ("lying", "standing")
+
+    def has_place(self, body: Sequence[int]) -> bool:
+        """Return whether a place is named among some words."""
+        to = request_words().destinations
+        return any(self._s.low(n) in to and self._s.begins_noun(n + 1) for n in body)

@@ -1,0 +1,390 @@
+"""The deeds of a sentence: orders, wishes, what needs doing; or that it only tells something."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from karma.contracts import Form, Mention, SaidDeed
+from karma.household.types import object_types
+from karma.household.uses import BIN
+from karma.language.asides import Asides
+from karma.language.nouns import Nouns
+from karma.language.pairs import Pair, Pairs
+from karma.language.request_words import deed_states, request_words
+from karma.language.sentence import Sentence
+
+_LEFT_ALONE = re.compile(
+    r"\b(?:alone|as (?:it|they) (?:is|are)|where (?:it|they) (?:is|are)|be|in peace|untouched"
+    r"|running)\b"
+)
+_BEFORE_NOUNS = frozenset((
+    "the", "a", "an", "my", "your", "his", "her", "our", "some", "this", "that", "all", "every",
+    "each",
+))  # fmt: skip
+_MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
+_PERSONS = ("i", "we", "you", "he", "she", "they")
+_FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
+_MOVED = ("moved", "put", "placed", "brought", "set", "to", "be")
+_NEEDS_OF_A_DEED = {
+    "open": "openable", "close": "openable", "on": "toggleable", "off": "toggleable",
+    "slice": "sliceable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
+    "put": "pickupable", "take": "pickupable", "throw": "pickupable", "wash": "pickupable",
+    "heat": "pickupable", "cool": "pickupable",
+}  # fmt: skip
+
+
+@dataclass(slots=True)
+class Deeds:
+    """Reads them; what is no part of a deed was taken before."""
+
+    s: Sentence
+    nouns: Nouns
+    pairs: Pairs
+    asides: Asides
+
+    def read(self) -> tuple[Form, list[SaidDeed]]:
+        """Return what form a sentence has, and what is to be done."""
+        verbs = [n for n in range(len(self.s.words)) if self._may_ask(n)]
+        if not verbs:
+            return self._verbless()
+        deeds: list[SaidDeed] = []
+        for number, end in zip(verbs, [*verbs[1:], len(self.s.words)], strict=True):
+            if number not in self.s.taken:
+                deeds += self._deeds(number, end)
+        if not deeds and not (self.asides.forbidden or self.asides.exclusions or self.s.unread):
+            return self._told(), []
+        conditions = (one.thing for one in self.asides.conditions if one.thing is not None)
+        return "errand", with_antecedents(sharing(deeds), [*self.s.before, *conditions])
+
+    def _told(self) -> Form:
+        """Return what a sentence is that asks for nothing; keep what it speaks of."""
+        kept = set(self.s.taken)
+        self.s.alone = self.nouns.all_of(range(len(self.s.words)))
+        self.s.taken = kept
+        words = set(self.s.lows())
+        taught = words & (request_words().habits | request_words().taught)
+        return "teaching" if taught else "statement"
+
+    # ------------------------------------------------------------- which words are verbs
+
+    def _may_ask(self, number: int) -> bool:
+        """Return whether a word is a verb that may be an order, or tell of something."""
+        s, word = self.s, self.s.words[number]
+        low, lists = word.text.lower(), request_words()
+        if number in s.taken or not low[0].isalpha() or low == "lights":
+            return False
+        starts, subject = s.starts_clause(number), s.subject(number)
+        verb = word.tag.startswith("VB") and word.dep not in ("amod", "aux", "auxpass", "compound")
+        if low in lists.auxiliaries | lists.be:
+            whole = word.dep in ("ROOT", "ccomp", "conj", "advcl") and low in lists.be | {"have"}
+            return whole and verb and subject is not None
+        if self._is_part(number) or (word.dep == "relcl" and not (starts and s.known_verb(number))):
+            return False
+        noun = s.low(number - 1) in _BEFORE_NOUNS and word.tag != "VBP"
+        if noun and not (verb and subject is not None):
+            return False
+        if starts and s.known_verb(number):
+            return True
+        loose = word.tag in ("VBN", "VBG") and subject is None
+        return verb and not (
+            loose and word.dep in ("acl", "amod", "prep", "pcomp", "pobj") and not starts
+        )
+
+    def _is_part(self, number: int) -> bool:
+        """Return whether a verb goes with another: "needs slicing", "the cup you just washed"."""
+        s, word = self.s, self.s.words[number]
+        needs = request_words().needs
+        if word.tag == "VBG" and s.words[word.head].lemma in needs:
+            return True
+        wished = s.words[word.head].lemma in needs and s.subject(word.head) is not None
+        if word.dep in ("ccomp", "xcomp") and word.head != number and wished:
+            return True
+        just = s.low(number - 2) in ("you", "we") and s.low(number - 1) in ("just", "have", "first")
+        return (just or s.low(number - 1) in ("you", "we")) and not s.starts_clause(number)
+
+    # ------------------------------------------------------------- orders
+
+    def _deeds(self, number: int, end: int) -> list[SaidDeed]:
+        """Read one verb with what goes with it."""
+        subject = self.s.subject(number)
+        if subject is not None and not (self.s.starts_clause(number) and subject > number):
+            return self._of_subject(number, end, subject)
+        if self.s.words[number].lemma in ("make", "get", "keep", "leave", "set", "turn", "let"):
+            kept = self._made_so(number, end)
+            if kept is not None:
+                return kept
+        return self._order(number, end)
+
+    def _order(self, number: int, end: int) -> list[SaidDeed]:
+        deed, text, size = self.pairs.deed_at(number)
+        if size == 1 and (later := self.pairs.particle_later(number, end)):
+            deed, text = later
+        lists, word = request_words(), self.s.words[number]
+        if not deed and {word.lemma, word.text.lower()} & lists.small_verbs:
+            return []
+        self.s.taken.update(range(number, number + size))
+        pairs = self.pairs.read(range(number + size, end), deed)
+        said = "coffee" in self.s.lows(number, end)
+        deed, pairs = self._meant(deed, text, pairs, coffee=said, me=self._for_me(number, end))
+        if not deed:
+            self.s.unread.append(text)
+        return [_said(text, deed, word.start, pair) for pair in pairs]
+
+    def _for_me(self, number: int, end: int) -> bool:
+        """Return whether something is to be brought to whoever speaks."""
+        return bool(request_words().me & set(self.s.lows(number + 1, min(number + 3, end))))
+
+    def _meant(
+        self, deed: str, text: str, pairs: list[Pair], *, coffee: bool, me: bool
+    ) -> tuple[str, list[Pair]]:
+        """Return the deed that a verb means with what goes with it."""
+        first = pairs[0]
+        match deed:
+            case "make" | "fill" if coffee:
+                return "coffee", pairs
+            case "make":
+                return "", pairs
+            case "throw" if first.place and first.place.types and BIN not in first.place.types:
+                return "put", pairs
+            case "clear" if first.things:
+                at = first.things[0]
+                every = replace(at, text=f"everything on the {at.text}", types=(), anything=True,
+                                every=True, at=at.types)  # fmt: skip
+                return "put", [replace(first, things=(every,))]
+            case "go":
+                return "go", [Pair(things=(first.place,))] if first.place else pairs
+            case "take" if me and first.place is not None:
+                things = tuple(replace(one, at=first.place.types) for one in first.things)
+                return "take", [Pair(things=things)]
+            case "take" if first.place is not None:
+                return "put", pairs
+            case "take" if text in _FINDS:
+                return "find", pairs
+            case "water":
+                plant = any("HousePlant" in one.types for one in first.things)
+                return ("fill" if plant else ""), pairs
+        return deed, pairs
+
+    def _made_so(self, number: int, end: int) -> list[SaidDeed] | None:
+        """Read "make it hot", "leave the lamp on", "leave it alone"; None where it is neither."""
+        lemma, kept = self.s.words[number].lemma, set(self.s.taken)
+        found = self.nouns.all_of(range(number + 1, end))
+        tail = [one for one in self.s.lows(number + 1, end) if one.isalpha()]
+        state = deed_states().get(tail[-1], "") if tail else ""
+        if lemma in ("leave", "keep", "let") and found:
+            placed = self.pairs.has_place(range(number + 1, end))
+            alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma == "leave" and not placed)
+            if alone or state:
+                self.asides.exclusions += [one for one in found if one.types]
+                joined = self.s.low(number - 1) in ("and", "but", ",")
+                self.s.drop(number - joined, end)
+                return []
+        elif state and found and (lemma == "make" or tail[-1] not in ("on", "off")):
+            if lemma != "let" and lemma != "keep" and lemma != "leave":
+                self.s.taken.update(range(number, end))
+                pair = Pair(things=tuple(found[:1]))
+                return [_said(f"{lemma} {tail[-1]}", state, self.s.words[number].start, pair)]
+        self.s.taken = kept
+        return None
+
+    # ------------------------------------------------------------- wishes and needs
+
+    def _of_subject(self, number: int, end: int, subject: int) -> list[SaidDeed]:
+        """Read a verb that has a subject: a wish, a need, or nothing that is asked for."""
+        who, helpers = self.s.low(subject), self.s.helpers(number)
+        lemma, needs = self.s.words[number].lemma, request_words().needs
+        if who in ("you", "u", "ya"):
+            return self._order(number, end) if helpers & _MODALS else []
+        if who in ("i", "we"):
+            wishes = lemma in needs and not helpers & {"n't", "not", "did"}
+            return self._wish(number, self.s.clause_end(number + 1, orders=False)) if wishes else []
+        return self._need(number, end, subject)
+
+    def _wish(self, number: int, end: int) -> list[SaidDeed]:
+        """Read "I want the plate washed", "I'd like the vase on the desk"."""
+        begin = self.s.phrase_begin(self.s.subject(number) or number)
+        pairs = self.pairs.read(range(number + 1, end), "put")
+        if not pairs[0].things:
+            return []
+        self.s.taken.update(range(begin, number + 1))
+        self.s.taken.update(n for n in range(number + 1, end) if self.s.low(n) in _MOVED)
+        deed = "put" if pairs[0].place else "take"
+        for n in range(number + 2, end):
+            state = deed_states().get(self.s.low(n), "")
+            alone = self.s.words[n].dep != "amod" and not self.s.begins_noun(n + 1)
+            done, _, size = self.pairs.deed_at(n)
+            if self.s.tag(n) in ("VBN", "VBD") and done not in ("", "put"):
+                self.s.taken.update(range(n, n + size))
+                deed = done
+                break
+            if state and alone and not pairs[0].place:
+                self.s.taken.add(n)
+                deed = state
+                break
+        low, start = self.s.low(number), self.s.words[number].start
+        return [_said(low, deed, start, pair) for pair in pairs]
+
+    def _need(self, number: int, end: int, subject: int) -> list[SaidDeed]:
+        """Read "the pan needs washing", "the vase should go on the desk"."""
+        s, word, who = self.s, self.s.words[number], self.s.low(subject)
+        begin, helpers = s.phrase_begin(subject), s.helpers(number)
+        about = self.nouns.all_of(range(begin, number))
+        habit = request_words().habits & set(s.lows())
+        needed = word.lemma in ("need", "want", "require")
+        if needed:
+            end = s.clause_end(number + 1, orders=False)
+        asked = needed or helpers & _MODALS or self._is_wished(begin, number)
+        if not (asked or self._moves(number, end, who)) or habit or who in _PERSONS or not about:
+            return []
+        s.taken.update(range(begin, number + 1))
+        after = range(number + 1, end)
+        place = self.pairs.read(after, "put")[0]
+        deed, text, _ = self.pairs.deed_at(number)
+        if needed or word.lemma in ("be", "go", "belong", "stand"):
+            deed = self._needed(after, place, about)
+        if not deed:
+            return []
+        s.taken.update(after)
+        pair = replace(place, things=tuple(about[:3]))
+        return [_said(text, deed, word.start, pair)]
+
+    def _needed(self, after: range, place: Pair, about: Sequence[Mention]) -> str:
+        """Return what has to be done, by the words behind "needs" and "should be"."""
+        words = self.s.lows(after.start, after.stop)
+        if "water" in words and any("HousePlant" in one.types for one in about):
+            return "fill"
+        verbs = (self.pairs.deed_at(n)[0] for n in after if self.s.tag(n) in ("VBG", "VBN", "VB"))
+        done = next(filter(None, verbs), "")
+        if place.place is not None:
+            return "put"
+        states = deed_states()
+        return done or next((states[one] for one in words if one in states), "")
+
+    def _is_wished(self, begin: int, number: int) -> bool:
+        """Return whether it would be nice if it were so."""
+        at = next((n for n in range(begin) if self.s.low(n) == "if"), None)
+        were = self.s.low(number) in ("were", "was", "went", "be", "stood")
+        return (
+            at is not None
+            and self.asides.would_be_nice(at)
+            and (were or bool(self.s.helpers(number) & {"were", "was"}))
+        )
+
+    def _moves(self, number: int, end: int, who: str) -> bool:
+        """Return whether a thing is told to go somewhere: "both pillows go on the chair"."""
+        word = self.s.words[number]
+        later = any(self.s.is_order(n) for n in range(end, len(self.s.words)))
+        moves = word.lemma == "go" or (word.lemma == "belong" and later)
+        past = self.s.helpers(number) & {"did", "will"} or word.tag not in ("VBZ", "VBP", "VB")
+        return moves and who not in (*_PERSONS, "it") and not past
+
+    # ------------------------------------------------------------- without a verb
+
+    def _verbless(self) -> tuple[Form, list[SaidDeed]]:
+        """Read "all lights off" and "remotes on the armchair"; a thing alone is incomplete."""
+        left = self.s.left()
+        body = range(left[0], left[-1] + 1) if left else range(0)
+        if "do" in self.s.lows(body.start, body.stop)[:1]:
+            self.s.unread.append("do")
+        kept = set(self.s.taken)
+        found = self.nouns.all_of(body)
+        if not found:
+            ruled_out = self.asides.exclusions or self.asides.forbidden or self.asides.times
+            return ("errand" if ruled_out else "incomplete"), []
+        ends = [self.s.low(n) for n in (left[0], left[-1])]
+        switch = next((one for one in ends[::-1] if one in ("on", "off")), "")
+        start = self.s.words[left[0]].start
+        if switch:
+            self.s.taken.update(body)
+            return "errand", [_said(switch, switch, start, Pair(things=tuple(found)))]
+        self.s.taken = kept
+        pairs = self.pairs.read(body, "put")
+        if pairs[0].things and pairs[0].place is not None:
+            return "errand", [_said("put", "put", start, pair) for pair in pairs]
+        self.s.alone = found
+        return "incomplete", []
+
+
+def _said(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
+    return SaidDeed(
+        verb=verb, deed=deed, start=start, things=pair.things, place=pair.place, near=pair.near
+    )
+
+
+# ----------------------------------------------------------------- what "it" stands for
+
+
+def sharing(deeds: Sequence[SaidDeed]) -> list[SaidDeed]:
+    """Return deeds of which one without a thing shares that of the next: "slice and heat it"."""
+    found = list(deeds)
+    for number in range(len(found) - 2, -1, -1):
+        one = found[number]
+        if not one.things and one.deed not in ("", "go", "coffee", "wait"):
+            found[number] = replace(one, things=found[number + 1].things)
+    return found
+
+
+def of_what(forbidden: SaidDeed, deeds: Sequence[SaidDeed]) -> SaidDeed:
+    """Return a forbidden deed whose "it" stands for all that the others are about."""
+    things = forbidden.things
+    if any(one.text in ("anything", "nothing") or not (one.types or one.vague) for one in things):
+        return replace(forbidden, things=())  # "the door": any
+    if all(one.vague for one in things):
+        named = [
+            one for deed in deeds for one in (*deed.things, *((deed.place,) if deed.place else ()))
+        ]
+        return replace(forbidden, things=tuple(named))
+    return forbidden
+
+
+def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> list[SaidDeed]:
+    """Return deeds whose "it" and "them" stand for what was named before.
+
+    Args:
+        deeds: in their order.
+        before: what was named ahead of them.
+    """
+    found: list[SaidDeed] = []
+    named = [one for one in before if one.types]
+    last = tuple(named[-1:])
+    for deed in deeds:
+        if found and _is_cleared(found[-1], deed):
+            found[-1] = replace(found[-1], place=deed.place)
+            continue
+        things = tuple(thing for one in deed.things for thing in _meant_by(one, deed, named, last))
+        place = deed.place
+        if place is not None and place.vague and place.text in ("it", "that", "there") and named:
+            place = _place_meant(found, named)
+        found.append(replace(deed, things=things, place=place))
+        last = tuple(one for one in things if not one.vague) or last
+        named += [one for one in (*((place,) if place else ()), *things) if not one.vague]
+    return found
+
+
+def _is_cleared(before: SaidDeed, deed: SaidDeed) -> bool:
+    """Return whether a deed only says where what was cleared goes."""
+    loose = all(one.vague or one.anything for one in deed.things)
+    cleared = before.verb.startswith("clear") and before.place is None
+    return cleared and deed.deed == "put" and loose and deed.place is not None
+
+
+def _meant_by(
+    one: Mention, deed: SaidDeed, named: Sequence[Mention], last: Sequence[Mention]
+) -> Sequence[Mention]:
+    """Return what a pronoun stands for; anything else is itself."""
+    if one.vague and one.text in ("them", "both", "these", "they") and last:
+        return [replace(thing, at=()) for thing in last]
+    if not (one.vague and one.text in ("it", "this", "that", "one") and named) or one.at:
+        return [one]
+    wanted = _NEEDS_OF_A_DEED.get(deed.deed)
+    able = [
+        thing for thing in named
+        if wanted and any(object_types()[kind].can(wanted) for kind in thing.types)  # type: ignore[arg-type]
+    ]  # fmt: skip
+    return [replace((able or named)[-1], at=())]
+
+
+def _place_meant(found: Sequence[SaidDeed], named: Sequence[Mention]) -> Mention:
+    place = next((one.place for one in reversed(found) if one.place), None)
+    holds = [one for one in named if any(object_types()[k].can("receptacle") for k in one.types)]
+    return place or (holds or named)[-1]
