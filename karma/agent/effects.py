@@ -107,6 +107,10 @@ def _add(found: Effects, call: SkillCall) -> None:
         _switch(found, kind, _SWITCH[call.skill])
     elif call.skill in _DOOR:
         found.doors[kind] = _DOOR[call.skill]
+        if kind == FRIDGE and _DOOR[call.skill] == "close":
+            cooled = [one for one in found.at if FRIDGE in found.places(one)]
+            found.deeds |= {("cool", one) for one in cooled}
+            found.deeds -= {("heat", one) for one in cooled}
         if _DOOR[call.skill] == "open":
             found.opened.add(kind)
 
@@ -122,9 +126,6 @@ def _put(found: Effects, call: SkillCall, kind: str) -> None:
         found.near.add(thing)
     elif kind == BIN:
         found.deeds.add(("throw", thing))
-    elif kind == FRIDGE:
-        found.deeds.add(("cool", thing))
-        found.deeds.discard(("heat", thing))
     found.held = None
 
 
@@ -139,11 +140,7 @@ def _switch(found: Effects, kind: str, word: str) -> None:
         if tap and places & set(TAP_OF):
             found.deeds |= {("wash", thing), ("fill", thing)}
             found.deeds.discard(("empty", thing))
-        if (
-            kind in places
-            and kind in _BY_RUNNING
-            and not (kind == BURNER and kind_of(thing[0]) in _FIRE and False)
-        ):
+        if kind in places and kind in _BY_RUNNING:
             found.deeds |= {(deed, thing) for deed in _BY_RUNNING[kind]}
             found.deeds.discard(("cool", thing))
         elif kind == BURNER and places & set(_FIRE):

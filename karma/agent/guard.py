@@ -43,8 +43,8 @@ _RUNS: dict[str, frozenset[str]] = {
     "look": frozenset(LAMPS),
 }  # deed -> what may run for it  # fmt: skip
 _ALONG: dict[str, frozenset[str]] = {
-    "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")), "heat": frozenset(("Pan", "Pot")),
-    "coffee": frozenset((COFFEE_CUP, "Cup")),
+    "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
+    "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
 }  # deed -> what may be moved for it  # fmt: skip
 _FOR_GOOD = ("throw", "break", "slice", "empty")  # deeds that nothing takes back
 _NEEDS = {
@@ -103,33 +103,28 @@ def _refused(kind: RefusalKind, words: tuple[str, ...]) -> RefusedRequest:
 
 
 def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
+    """Return what of a deed is not known, not here, or cannot be."""
     for one in deed.things:
         if one.anything or one.told or (deed.deed == "coffee" and not one.types):
             continue
-        if not one.types:
-            return _refused("thing", (one.text,))
         kinds = here_of(one.types, here)
         if not kinds:
-            return _refused("place", (one.text,))
+            return _refused("place" if one.types else "thing", (one.text,))
         need = _NEEDS.get(deed.deed, "")
-        able = [kind for kind in kinds if not need or _able(kind, need)]
-        if not able:
-            return _refused("impossible", (f"{deed.verb} {one.text}",))
-    place = deed.place
-    if place is not None:
-        if place.told:
-            return _refused("unclear", (place.text,))
-        if not place.types:
-            return _refused("place", (place.text,))
-        kinds = here_of(place.types, here)
-        if not kinds:
-            return _refused("place", (place.text,))
-        if (
-            deed.deed == "put"
-            and not deed.near
-            and not any(_able(kind, "receptacle") for kind in kinds)
-        ):
-            return _refused("impossible", (f"{deed.verb} something in or on {place.text}",))
+        if need and not any(_able(kind, need) for kind in kinds):
+            return _refused("impossible", (f"{deed.verb} the {one.text}",))
+    return _unknown_place(deed, deed.place, here) if deed.place is not None else None
+
+
+def _unknown_place(deed: SaidDeed, place: Mention, here: Collection[str]) -> RefusedRequest | None:
+    if place.told:
+        return _refused("unclear", (place.text,))
+    kinds = here_of(place.types, here)
+    if not kinds:
+        return _refused("place", (place.text,))
+    holds = any(_able(kind, "receptacle") for kind in kinds)
+    if deed.deed == "put" and not deed.near and not holds:
+        return _refused("impossible", (f"{deed.verb} something in or on the {place.text}",))
     return None
 
 
@@ -297,12 +292,9 @@ def _done(
                 else True
             )
         case "open" | "close":
-            shut = {kind_of(thing[0]): word for word, thing in ()}
-            return (
-                any(found.doors.get(kind, shut.get(kind)) == deed.deed for kind in kinds)
-                if not later
-                else bool(found.visited & set(kinds))
-            )
+            if later:
+                return bool(found.visited & set(kinds))
+            return any(found.doors.get(kind) == deed.deed for kind in kinds)
         case "heat" if any(other.deed in ("put",) for other in later):
             return found.did("heat", kinds)
         case _:

@@ -95,32 +95,37 @@ class Planner:
                 refusing = False
             if not request.failures:
                 answer = yield from self._weighed(request, answer)
-            if self.decoding.inspected and answer.calls:
-                answer, found = _inspected(request, answer)
-                reasons.add(found.reason if found is not None and found.lasting else "")
-            elif answer.error:
-                reasons.add("")
-            if answer.refused and request.asked is not None and not is_last:
-                if _contradicted(answer.refused, request.asked):
-                    refusing = False
-                if refusing is False or _in_other_words(request):
-                    answer = _asked_again(answer)
-                    request = replace(request, instruction=request.plain or request.instruction)
-            held_back = _held_back(request, answer)
-            if held_back is not None:
-                answer = _held(answer, held_back)
-                request = replace(request, instruction=request.plain or request.instruction)
-            if is_last and held_back is not None:
-                answer = _refused_by_guard(answer, held_back)
-            elif is_last and answer.calls:
-                answer = replace(answer, error="", failure=None)
-                if attempt and self.decoding.refusing and len(reasons) == 1 and reasons != {""}:
-                    answer = _given_up(answer, *reasons)
+            if not is_last and (again := _asked_again(request, answer)) is not None:
+                refusing, answer = again
+            answer, lasting = self._checked(request, answer)
+            if answer.error:
+                reasons.add(lasting)
+            answer, held_back = _held_back(request, answer)
+            if is_last:
+                answer = self._last(answer, held_back, reasons if attempt else set())
             yield answer
             if answer.failure is None:
                 return
             failures = (*request.failures, answer.failure)
-            request = replace(request, error=answer.error, failures=failures)
+            said = request.plain or request.instruction
+            request = replace(request, error=answer.error, failures=failures, instruction=said)
+
+    def _last(self, answer: Plan, held_back: Stopped | None, reasons: set[str]) -> Plan:
+        """Return the last answer as it stands: carried out, or the request refused."""
+        if held_back is not None:
+            return _refused_by_guard(answer, held_back)
+        if not answer.calls:
+            return answer
+        answer = replace(answer, error="", failure=None)
+        lasting = self.decoding.refusing and len(reasons) == 1 and reasons != {""}
+        return _given_up(answer, *reasons) if lasting else answer
+
+    def _checked(self, request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
+        """Return an answer mended, or objected to; and why it could never work, "" otherwise."""
+        if not (self.decoding.inspected and answer.calls):
+            return answer, ""
+        answer, found = _inspected(request, answer)
+        return answer, found.reason if found is not None and found.lasting else ""
 
     def _weighed(self, request: PlanRequest, answer: Plan) -> Generator[Plan, None, Plan]:
         """Return the first answer as doubt has it: refused, or asked again what was refused."""
@@ -225,12 +230,18 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     return replace(answer, calls=calls, error=str(found), failure=failure), found
 
 
-def _held_back(request: PlanRequest, answer: Plan) -> Stopped | None:
-    """Return why an answer is not what was asked; None where it is, or nobody looks."""
+def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, Stopped | None]:
+    """Return an answer without its program where that is not what was asked, and why."""
     if request.asked is None or not answer.calls or request.done:
-        return None
+        return answer, None
     calls = grounded(answer.calls, answer.names)
-    return stopped(calls, request.asked, known_here(request), request.held_id)
+    why = stopped(calls, request.asked, known_here(request), request.held_id)
+    if why is None:
+        return answer, None
+    failure = FailedProgram(
+        lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why.reason
+    )
+    return replace(answer, calls=(), error=why.reason, failure=failure), why
 
 
 def _contradicted(refused: RefusedRequest, asked: Request) -> bool:
@@ -251,11 +262,21 @@ def _in_other_words(request: PlanRequest) -> bool:
     return request.asked is not None and request.plain not in ("", request.instruction)
 
 
-def _asked_again(answer: Plan) -> Plan:
-    """Return a plan whose refusal does not stand yet: what was said is to be put otherwise."""
+def _asked_again(request: PlanRequest, answer: Plan) -> tuple[bool | None, Plan] | None:
+    """Return an answer whose refusal does not stand yet, and whether the next may refuse.
+
+    What was read is said again in plain words; where the words say otherwise than the refusal, the
+    next answer may not refuse. None where there is no refusal, or it stands.
+    """
+    if request.asked is None or answer.refused is None:
+        return None
+    wrongly = _contradicted(answer.refused, request.asked)
+    if not (wrongly or _in_other_words(request)):
+        return None
     reason = "the request was read: it is said again in plain words"
     failure = FailedProgram(lines=(answer.completion.text.strip(),), failed=0, reason=reason)
-    return replace(answer, refused=None, error=reason, failure=failure)
+    again = replace(answer, refused=None, error=reason, failure=failure)
+    return (False if wrongly else None), again
 
 
 def known_here(request: PlanRequest) -> frozenset[str]:
@@ -265,14 +286,6 @@ def known_here(request: PlanRequest) -> frozenset[str]:
         one.object_type for one in request.seen
     }
     return frozenset(kinds)
-
-
-def _held(answer: Plan, why: Stopped) -> Plan:
-    """Return a plan without its program, which is not what was asked."""
-    failure = FailedProgram(
-        lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why.reason
-    )
-    return replace(answer, calls=(), error=why.reason, failure=failure)
 
 
 def _refused_by_guard(answer: Plan, why: Stopped) -> Plan:

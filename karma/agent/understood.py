@@ -54,6 +54,7 @@ class Understanding:
     sure: str = ""
     refused: str = ""  # why it is not carried out
     question: str = ""  # that may help then
+    candidates: tuple[str, ...] = ()  # types that the question offers
 
 
 def understood(
@@ -75,6 +76,7 @@ def understood(
             sure=sure,
             refused=sentence(plan.refused),
             question=question(plan.refused, instruction, lexicon, here),
+            candidates=offered(plan.refused, lexicon, here),
         )
     calls = grounded(plan.calls, plan.names)
     meant, unnamed = _meant(instruction, calls, where, lexicon)
@@ -227,6 +229,14 @@ def question(
             return "Which other thing or place would do?"
         case _:
             return _nearest_things(refused, instruction, lexicon, here)
+
+
+def offered(refused: RefusedRequest, lexicon: Lexicon, here: Sequence[str]) -> tuple[str, ...]:
+    """Return the types that are nearest to the words of a refusal, of those that are here."""
+    if refused.kind not in ("thing", "place", "unclear"):
+        return ()
+    near = (lexicon.nearest(one, [k for k in here if k not in TAPS]) for one in refused.words)
+    return next(filter(None, near), ())
 
 
 def _nearest_deeds(instruction: str, lexicon: Lexicon) -> str:

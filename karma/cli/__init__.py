@@ -15,6 +15,7 @@ from karma.cli import (
     compare,
     doctor,
     models,
+    reading,
     report,
     sequences,
     sweeps,
@@ -34,6 +35,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 talking.add_to(app)
+reading.add_to(app)
 agents.add_to(app)
 compare.add_to(app)
 report.add_to(app)

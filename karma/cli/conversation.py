@@ -19,15 +19,17 @@ from karma.cli.shared import (
     readable,
 )
 from karma.errors import KarmaError
+from karma.language.clauses import completed
 
 if TYPE_CHECKING:
     from karma.talk.agent import Agent
-    from karma.talk.replies import AgentReply, Line
+    from karma.talk.replies import AgentReply, Line, Unclear
 
 _ALL = 10_000  # rows of an answer where no screen ends
 ROWS = 22  # of an answer: with the line that is typed it fits a screen of 24
 CODES: Mapping[str, int] = {
-    "done": DONE, "partly": UNFINISHED, "unfinished": UNFINISHED, "refused": REFUSED, "asked": ASKED,
+    "done": DONE, "partly": UNFINISHED, "unfinished": UNFINISHED, "refused": REFUSED,
+    "asked": ASKED,
 }  # fmt: skip
 _WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests the first of these
 _STYLES = {
@@ -63,9 +65,8 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
         lines_before,
         rows_for,
     )
-    from karma.tasks.sentences import split_instruction
 
-    clauses = split_instruction(instruction)
+    clauses = agent.clauses(instruction)
     most = rows_for(len(clauses)) if _watched() else _ALL
     number, printed = 0, 0
     view = view or AnswerView()
@@ -152,12 +153,14 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
         The exit code: of what was piped in the worst that came of a request.
     """
     codes: list[int] = []
+    asked: Unclear | None = None  # what was asked back about, where somebody can answer
     console.print(escape(f"{agent.map.lines()[0]}. Say what to do, or /help."), soft_wrap=True)
     try:
         for typed in _typed():
             if typed.split()[0] == "/quit":
                 break
-            codes.append(_answered(agent, typed, view))
+            codes.append(_answered(agent, _whole(agent, typed, asked), view))
+            asked = agent.replies[-1].unclear if agent.replies and sys.stdin.isatty() else None
             if codes[-1] == STOPPED and not sys.stdin.isatty():
                 break
     except KeyboardInterrupt:
@@ -167,6 +170,18 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     if sys.stdin.isatty():
         return DONE
     return next((one for one in _WORST if one in codes), DONE)
+
+
+def _whole(agent: "Agent", typed: str, asked: "Unclear | None") -> str:
+    """Return what was typed, put into the request that was asked back about if it answers that."""
+    if asked is None or typed.startswith("/"):
+        return typed
+    if agent.is_errand(typed):
+        console.print(escape(f"that in place of: {asked.text}"), style="dim", soft_wrap=True)
+        return typed
+    whole = completed(asked.text, typed)
+    console.print(escape(f"so: {whole}"), style="dim", soft_wrap=True)
+    return whole
 
 
 def _answered(agent: "Agent", typed: str, view: AnswerView | None) -> int:

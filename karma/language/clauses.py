@@ -12,6 +12,10 @@ _PLAIN = {
     "on": "turn on", "off": "turn off", "open": "open", "close": "close", "break": "break",
     "throw": "throw away", "fill": "fill", "empty": "empty",
 }  # fmt: skip
+_LINKS = frozenset(
+    ("in", "on", "into", "onto", "to", "at", "under", "near", "beside", "next", "from")
+)
+_OPEN = frozenset(("the", "a", "an", "my", "your", "our"))
 _FIRST = ("take", "find", "go")  # are part of what is done next with the thing
 
 
@@ -99,3 +103,33 @@ def plainly(request: Request) -> str:
     single = list(_singles(request.deeds))
     known = len(single) == 1 and all(one.types for one in single[0].things)
     return said(single[0], plain=True) if known and single[0].deed else ""
+
+
+def completed(asked: str, answer: str) -> str:
+    """Return a request that was asked back about with what was answered put in.
+
+    >>> completed("put the mug on the", "table"), completed("put the bowl", "in the sink")
+    ('put the mug on the table', 'put the bowl in the sink')
+    >>> completed("move it to the desk", "the lamp"), completed("put the book there", "the shelf")
+    ('move the lamp to the desk', 'put the book on the shelf')
+    >>> completed("slice", "the apple"), completed("put the bowl", "the table")
+    ('slice the apple', 'put the bowl on the table')
+    """
+    asked, answer = asked.rstrip(" .,!?"), answer.strip(" .,!?")
+    words, first = asked.split(), answer.split()[0].lower() if answer.split() else ""
+    last = words[-1].lower() if words else ""
+    if last in _OPEN:
+        rest = answer.split(maxsplit=1)[-1] if first in _OPEN else answer
+        return f"{asked} {rest}"
+    if last in _LINKS:
+        rest = answer.split(maxsplit=1)[-1] if first in _LINKS else answer
+        return f"{asked} {rest}"
+    if last in ("there", "here"):
+        words, last = words[:-1], ""
+        return " ".join([*words, *([] if first in _LINKS else ["on"]), answer])
+    for number, word in enumerate(words):
+        if word.lower() in ("it", "that", "this", "them", "one") and first not in _LINKS:
+            skipped = 2 if word.lower() == "that" and words[number + 1 :][:1] == ["thing"] else 1
+            return " ".join([*words[:number], answer, *words[number + skipped :]])
+    named = any(word.lower() in _OPEN for word in words)
+    return " ".join([asked, *(["on"] if named and first not in _LINKS else []), answer])

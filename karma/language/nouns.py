@@ -156,20 +156,22 @@ class Nouns:
         """Read one noun phrase; None where it names nothing."""
         lows = self._s.lows(begin, end)
         number, every, start = self._counted(begin, end)
-        place = {"start": self._s.words[begin].start, "end": self._s.words[end - 1].end}
+        start_at, end_at = self._s.words[begin].start, self._s.words[end - 1].end
+        bare = Mention(text=" ".join(lows), start=start_at, end=end_at)
         if start < 0:
-            return Mention(text=" ".join(lows), vague=True, **place)
+            return replace(bare, vague=True)
         if start >= end:
-            return self._without_noun(lows, place)
+            return self._without_noun(lows, bare)
         inner = self._inner(begin, start, end, lows)
         if inner is not None:
             number, every = number or inner.number, every or inner.every
-            return replace(inner, number=number, every=every, **place)
+            return replace(inner, number=number, every=every, start=start_at, end=end_at)
         words = lows[start - begin :]
         if "of" in words and words[0] in _PARTS:
             words = words[: words.index("of")]
         owner = max((n for n, one in enumerate(words) if one in _OWNERS), default=-1)
-        return self._named(words[owner + 1 :], start + owner + 1, end, number, every, place)
+        bare = replace(bare, number=number, every=every)
+        return self._named(words[owner + 1 :], start + owner + 1, end, bare)
 
     def _counted(self, begin: int, end: int) -> tuple[int | None, bool, int]:
         """Return number, whether all are meant, and where the noun begins; -1: "the rest of"."""
@@ -189,13 +191,13 @@ class Nouns:
             start += 1
         return number, every, start
 
-    def _without_noun(self, lows: Sequence[str], place: dict[str, int]) -> Mention | None:
+    def _without_noun(self, lows: Sequence[str], bare: Mention) -> Mention | None:
         words = request_words()
         if lows[-1] in words.vague or lows[-1] == "both":
             every = lows[-1] == "both"
-            return Mention(text=lows[-1], vague=True, every=every, **place)
+            return replace(bare, text=lows[-1], vague=True, every=every)
         if lows[-1] in words.anything:
-            return Mention(text=" ".join(lows), anything=True, every=True, **place)
+            return replace(bare, anything=True, every=True)
         return None
 
     def _inner(self, begin: int, start: int, end: int, lows: Sequence[str]) -> Mention | None:
@@ -211,25 +213,24 @@ class Nouns:
             found, number=found.number or couple, every=found.every or first in ("bars", "rolls")
         )
 
-    def _named(
-        self, words: Sequence[str], start: int, end: int, number: int | None, every: bool,
-        place: dict[str, int],
-    ) -> Mention | None:  # fmt: skip
+    def _named(self, words: Sequence[str], start: int, end: int, bare: Mention) -> Mention | None:
+        """Return what a phrase names that begins with its noun or an adjective."""
         if not words:
             return None
         lists, text, head = request_words(), " ".join(words), words[-1]
         if head in lists.anything and len(words) <= 2:
-            all_ = every or head in ("everything", "all", "whatever", "lot")
-            return Mention(text=text, anything=all_, vague=not all_, every=all_, **place)
+            all_ = bare.every or head in ("everything", "all", "whatever", "lot")
+            return replace(bare, text=text, anything=all_, vague=not all_, every=all_)
         types = self._types(words, start)
         if not types and (head in lists.vague or text in lists.vague):
-            return Mention(text=text, vague=True, **place)
+            return replace(bare, text=text, vague=True)
         if not types and head in lists.rooms:
             return None
-        plural = self._s.tag(end - 1) in ("NNS", "NNPS") and not every and number is None
+        every, one = bare.every, bare.number is None and not bare.every
+        plural = self._s.tag(end - 1) in ("NNS", "NNPS") and one
         if plural and types and head not in lists.own_plurals and singular(text) != text:
             every = self._s.lexicon.named(singular(text)) == types
-        return Mention(text=text, types=types, number=number, every=every, **place)
+        return replace(bare, text=text, types=types, every=every)
 
     def _types(self, words: Sequence[str], start: int) -> tuple[str, ...]:
         """Return the types that a phrase names, adjectives left out one by one."""

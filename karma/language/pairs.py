@@ -155,7 +155,10 @@ class Pairs:
         self, number: int, one: Mention, before: str, deed: str, found: list[_Group], least: int
     ) -> None:
         group, words = found[-1], request_words()
-        if before in words.sources or self._is_relative(number, least):
+        nothing = not (one.types or one.vague or one.anything or one.told)
+        if nothing and before in words.links and (deed != "put" or before in words.sources):
+            self._s.unread.append(one.text)
+        elif before in words.sources or self._is_relative(number, least):
             group.told_by(one, deed)
         elif before in words.destinations and not (deed == "look" and before == "at"):
             if deed not in ("put", "take") and group.things:

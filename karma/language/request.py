@@ -172,10 +172,8 @@ def _question_or_talk(s: Sentence) -> Form | None:
     if first in _MODALS and (second in ("you", "i", "we", "u", "ya", "n't") or third == "you"):
         tells = third in ("tell", "say", "explain", "remember", "see", "know")
         return "question" if tells else None
-    if (
-        _is_negative_order(first, second, third)
-        or (first in ("have", "has")
-        and second in ("a", "the"))
+    if _is_negative_order(first, second, third) or (
+        first in ("have", "has") and second in ("a", "the")
     ):
         return None
     if first == "do" and s.tag(at + 1) in ("DT", "PRP$") and not marked:

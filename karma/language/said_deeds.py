@@ -180,10 +180,9 @@ class Deeds:
                 self.s.drop(number - joined, end)
                 return []
         elif state and found and (lemma == "make" or tail[-1] not in ("on", "off")):
-            if lemma != "let" and lemma != "keep" and lemma != "leave":
-                self.s.taken.update(range(number, end))
-                pair = Pair(things=tuple(found[:1]))
-                return [_said(f"{lemma} {tail[-1]}", state, self.s.words[number].start, pair)]
+            self.s.taken.update(range(number, end))
+            pair = Pair(things=tuple(found[:1]))
+            return [_said(f"{lemma} {tail[-1]}", state, self.s.words[number].start, pair)]
         self.s.taken = kept
         return None
 
@@ -345,9 +344,14 @@ def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> li
         before: what was named ahead of them.
     """
     found: list[SaidDeed] = []
-    named = [one for one in before if one.types]
-    last = tuple(named[-1:])
+    ahead = sorted((one for one in before if one.types), key=lambda one: one.start)
+    named: list[Mention] = []
+    last: tuple[Mention, ...] = ()
     for deed in deeds:
+        loose = not named and any(one.vague for one in deed.things)
+        fresh = [one for one in ahead if one.start < deed.start] or (ahead if loose else [])
+        named, ahead = [*named, *fresh], [one for one in ahead if one not in fresh]
+        last = tuple(fresh[-1:]) or last
         if found and _is_cleared(found[-1], deed):
             found[-1] = replace(found[-1], place=deed.place)
             continue

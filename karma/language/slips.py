@@ -1,7 +1,7 @@
-"""A text as it was meant to be said: without fillers, doubled words, list marks and what was taken
-back ("the tomato, no wait, the apple").
+"""A text as it was meant: without fillers, doubled words, list marks and what was taken back.
 
-What is left out is only left out: every letter that stays is the text's own, in its order.
+"Put the tomato, no wait, the apple in the bowl" is about the apple. What is left out is only left
+out: every letter that stays is the text's own, in its order.
 """
 
 import re
@@ -11,49 +11,70 @@ from difflib import get_close_matches
 _SIGNS = str.maketrans(
     {"‘": "'", "’": "'", "“": '"', "”": '"', "…": ".", "–": "-", "—": "-", "\t": " "}
 )
+_FILLERS = (
+    "u+m+", "u+h+", "e+r+m?", "hm+", "pls", "plz", "please", "kindly", "thanks(?: a lot| so much)?",
+    "thank you(?: so much| very much)?", "thx", "ta", "cheers", "mate", "dear", "buddy", "pal",
+    "hey", "hi", "hello", "ok", "okay", "alright", "listen", "well then", "you know",
+    "i mean,? like", "yeah", "good (?:morning|evening|day|afternoon)", "excuse me",
+    "pardon(?: me| the interruption)?", "sorry(?: to bother you)?",
+    "at your (?:earliest )?convenience", "if you (?:don't|do not|wouldn't) mind",
+    "if (?:it's|it is) no(?:t too much)? trouble", "if possible", "if you (?:can|could)",
+    "(?:when|if) you (?:have|get) (?:time|a (?:moment|minute|second|chance))", "no need to hurry",
+    "for me", "one more thing:?",
+)  # fmt: skip
 _FILLER = re.compile(
-    r"(?<![\w'])(?:u+m+|u+h+|e+r+m?|hm+|pls|plz|please|kindly|thanks(?: a lot| so much)?|thank you(?: so much| very much)?"
-    r"|thx|ta|cheers|mate|dear|buddy|pal|hey|hi|hello|ok|okay|alright|listen|well then|you know|i mean,? like|yeah"
-    r"|good (?:morning|evening|day|afternoon)|excuse me|pardon(?: me| the interruption)?|sorry(?: to bother you)?"
-    r"|at your (?:earliest )?convenience|if you (?:don't|do not|wouldn't) mind|if (?:it's|it is) no(?:t too much)? trouble"
-    r"|when you (?:have|get) (?:time|a (?:moment|minute|second|chance))|if you (?:have|get) (?:time|a moment)|no need to hurry"
-    r"|for me|one more thing:?|as well as you can|if possible|if you can|if you could)(?![\w'])[,!.]*(?:\s*\bbut\b)?",
-    re.IGNORECASE,
+    rf"(?<![\w'])(?:{'|'.join(_FILLERS)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
 )
 _SPOKEN = (
-    (r"\bgimme\b", "give me"), (r"\blemme\b", "let me"), (r"\b(?:wanna|want to)\b", "want to"),
-    (r"\bgotta\b", "have to"), (r"\b(?:nip|pop|hop|run|go|head|come) (?:over |across |along |in )?(?:there )?and\b", ""),
+    (r"\bgimme\b", "give me"), (r"\blemme\b", "let me"), (r"\bwanna\b", "want to"),
+    (r"\bgotta\b", "have to"), (r"\bteh\b", "the"), (r"\bn\b", "and"), (r"\bu\b", "you"),
+    (r"\b(?:could|would|can) ya\b", "could you"),
+    (r"\b(?:nip|pop|hop|run|go|head|come) (?:over |across |along |in )?(?:there )?and\b", ""),
     (r"\b(?:do not|don't|dont|never) (?:you )?forget (?:to )?(?=\w)", ""),
-    (r"\bdo me a (?:favou?r|kindness) and\b", ""), (r"\b(?:first|before anything else|before doing anything else),? though,?", ""),
-    (r"\bteh\b", "the"), (r",\s*(?:love|darling|sweetie|honey|my friend)\b", ""),
-    (r"\bwould you mind (?:\w+ly )?(?=\w+ing\b)", "please "), (r"\buse (the [\w ]+?) (?:and|to) (?=\w+ the)", ""),
-    (r"\b(?:when|once) you(?:'re| are|'ve| have) (?:done|finished|ready|found)(?: so| it| that)?,?", "then"),
+    (r"\bdo me a (?:favou?r|kindness) and\b", ""),
+    (r"\b(?:first|before (?:doing )?anything else),? though,?", ""),
+    (r",\s*(?:love|darling|sweetie|honey|my friend)\b", ""),
+    (r"\bwould you mind (?:\w+ly )?(?=\w+ing\b)", ""),
+    (r"\buse (the [\w ]+?) (?:and|to) (?=\w+ the)", ""),
+    (r"\b(?:when|once) you(?:'re| are|'ve| have) (?:done|finished|ready|found)(?: so| it| that)?,?",
+     "then"),
     (r"\b(?:and|then|,) (?:then )?(?P<p>on|off) again\b", r", then turn it \g<p>"),
-    (r"\bn\b", "and"), (r"\bu\b", "you"), (r"\b(?:could|would|can) ya\b", "could you"),
+)  # fmt: skip
+_POLITE = (
+    "would", "could", "can", "will", "might", "may", "is it", "is there", "be", "i was wondering",
+    "i wonder", "i'd be", "i would be", "i'd appreciate", "i would appreciate", "it'd be",
+    "it would be", "fancy", "how about", "what about", "any chance",
+)  # fmt: skip
+_LEADS = (
+    r"\bto", r"\band", r"\bif you (?:could|would|might|can)?",
+    r"\bwhether you (?:could|would|might|can)", r"\bthat you", r"\bof you", r"\bfor you to",
+    r"\babout", r"\bfancy",
 )  # fmt: skip
 _ASKING = re.compile(
-    r"^(?:[^.?!]{0,60}?[,:;\s-])?(?:would|could|can|will|might|may|is it|is there|be|i was wondering|i wonder|i'd be|i would be|i'd appreciate"
-    r"|i would appreciate|it'd be|it would be|fancy|how about|what about|any chance)\b[^.?!]{0,90}?"
-    r"(?:\bto|\band|\bif you (?:could|would|might|can)?|\bwhether you (?:could|would|might|can)|\bthat you|\bof you|\bfor you to|\babout|\bfancy) (?P<rest>(?P<verb>\w+)\b.*)$",
+    rf"^(?:[^.?!]{{0,60}}?[,:;\s-])?(?:{'|'.join(_POLITE)})\b[^.?!]{{0,90}}?"
+    rf"(?:{'|'.join(_LEADS)}) (?P<rest>\w+\b.*)$",
     re.IGNORECASE,
 )
 _ROBOT = re.compile(r"^\W*(?:robot|karma)\b(?: listen)?\s*[,:!]*\s*|,\s*robot\b", re.IGNORECASE)
 _OTHERWISE = re.compile(
-    r"[\s,;.]+(?:otherwise|if not|or else),? (?:just )?(?:leave|keep|let) (?:it|them|that)\b[^.;,]*",
+    r"[\s,;.]+(?:otherwise|if not|or else),? (?:just )?(?:leave|keep|let) (?:it|them|that)\b"
+    r"[^.;,]*",
     re.IGNORECASE,
 )
 _DOUBLED = re.compile(r"\b(the|a|an|and|put|it|in|on|to|my|of)(?:\s+\1\b)+", re.IGNORECASE)
 _MARK = re.compile(r"(?:^|(?<=[\s.;]))(?:[-*•]|\(?(?:\d{1,2}|[a-h])[.)])\s+(?=[A-Za-z])")
 _ORDER = re.compile(
-    r"(?:(?<=^)|(?<=[.;,]\s)|(?<=\band\s))(?:first(?:ly)?(?: of all)?|second(?:ly)?|third(?:ly)?|last(?:ly)?"
-    r"(?: of all)?|finally|in the end|at the end|afterwards|after that)\b,?\s+",
+    r"(?:(?<=^)|(?<=[.;,]\s)|(?<=\band\s))(?:first(?:ly)?(?: of all)?|second(?:ly)?|third(?:ly)?"
+    r"|last(?:ly)?(?: of all)?|finally|in the end|at the end|afterwards|after that)\b,?\s+",
     re.IGNORECASE,
 )
+_BACK = (
+    "no[, ]+(?:wait|sorry|not that|actually)", "no", "wait", "sorry", "oops", "i mean", "or rather",
+    "rather", "i meant", "scratch that", "correction", r"actually,?\s+make (?:that|it)",
+    "make (?:that|it)", r"actually,?\s+no",
+)  # fmt: skip
 _TAKEN_BACK = re.compile(
-    r"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:no[, ]+(?:wait|sorry|not that|actually)|no|wait|sorry|oops|i mean"
-    r"|or rather|rather|i meant|scratch that|correction|actually,?\s+make (?:that|it)|make (?:that|it)"
-    r"|actually,?\s+no)\b[\s,:.-]*",
-    re.IGNORECASE,
+    rf"[\s,.;:-]*[,.;:-]\s*(?:(?:oh|er)[, ]+)?(?:{'|'.join(_BACK)})\b[\s,:.-]*", re.IGNORECASE
 )
 _PREPOSITION = r"(?:in|on|into|onto|to|at|under|near|from|beside|next to|inside|behind|off)"
 _DETERMINER = r"(?:the|a|an|my|your|our|his|her|both|all|every|each|one|two|three|four|that|this)"
@@ -174,26 +195,18 @@ def spelt(text: str, is_known: Callable[[str], bool], words: Sequence[str]) -> s
     return re.sub(r"[A-Za-z]+", right, text)
 
 
-_CLAUSE = r"[^,.;!?]+?"
-_BEFORE = (
-    re.compile(
-        rf"^before you (?:go and )?(?P<later>{_CLAUSE}),\s*(?P<first>[^.;!?]+)", re.IGNORECASE
-    ),
-    re.compile(
-        r"^(?P<first>[^.;!?]+?),?\s+before (?:you )?(?P<later>\w+(?:ing)?\b[^.;!?]+)",
-        re.IGNORECASE,
-    ),
-)
-_AFTER = (
-    re.compile(
-        rf"^(?:after|once|when|as soon as) (?:you(?:'ve| have)? |having )?(?P<first>{_CLAUSE}),\s*(?P<later>[^.;!?]+)",
-        re.IGNORECASE,
-    ),
-    re.compile(rf"^having (?P<first>{_CLAUSE}),\s*(?P<later>[^.;!?]+)", re.IGNORECASE),
-    re.compile(
-        r"^(?P<later>[^.;!?]+?),?\s+(?:after|once|when) (?:you(?:'ve| have)? |having )?(?P<first>\w+\b[^.;!?]+)",
-        re.IGNORECASE,
-    ),
+_FIRST, _LATER = r"(?P<first>[^,.;!?]+?)", r"(?P<later>[^,.;!?]+?)"
+_REST = {"first": r"(?P<first>\w+\b[^.;!?]*)", "later": r"(?P<later>\w+\b[^.;!?]*)"}
+_HAVING = r"(?:you(?:'ve| have)? |having )?"
+_ORDERS = tuple(
+    re.compile(form, re.IGNORECASE)
+    for form in (
+        rf"^before you (?:go and )?{_LATER},\s*{_REST['first']}",
+        rf"^(?P<first>[^.;!?]+?),?\s+before (?:you )?{_REST['later']}",
+        rf"^(?:after|once|when|as soon as) {_HAVING}{_FIRST},\s*{_REST['later']}",
+        rf"^having {_FIRST},\s*{_REST['later']}",
+        rf"^(?P<later>[^.;!?]+?),?\s+(?:after|once|when) {_HAVING}{_REST['first']}",
+    )
 )
 
 
@@ -210,7 +223,7 @@ def in_order(sentence: str, base_of: Callable[[str], str]) -> str:
     >>> in_order("heat the potato after washing it", lambda word: bases.get(word, ""))
     'wash the potato, then heat the potato'
     """
-    for form in (*_BEFORE, *_AFTER):
+    for form in _ORDERS:
         found = form.match(sentence)
         if found is None:
             continue

@@ -4,13 +4,12 @@ import re
 
 DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 NUMBERS = {
-    name: float(number)
-    for number, name in enumerate(
-        ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
-         "twelve"), 1,
-    )
+    "one": 1.0, "two": 2.0, "three": 3.0, "four": 4.0, "five": 5.0, "six": 6.0, "seven": 7.0,
+    "eight": 8.0, "nine": 9.0, "ten": 10.0, "eleven": 11.0, "twelve": 12.0, "fifteen": 15.0,
+    "twenty": 20.0, "thirty": 30.0, "forty": 40.0, "fifty": 50.0, "sixty": 60.0, "ninety": 90.0,
 }  # fmt: skip
-COUNT = rf"(?:\d+|{'|'.join(('half a', 'half an', 'a half', *NUMBERS))}|an?|a few|a couple of)"
+_COUNTS = ("half a", "half an", "a half", *NUMBERS)
+COUNT = rf"(?:\d+|{'|'.join(_COUNTS)}|an?|a few|a couple of)"
 _DAY = "|".join(DAYS)
 _NOUN = (
     r"(?:seconds?|minutes?|mins?|hours?|days?|weeks?|weekends?|months?|years?|nights?|mornings?"

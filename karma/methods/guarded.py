@@ -1,8 +1,9 @@
-"""A request carried out as it was said: conditions looked at first, every thing of a plural in
-turn, and told what of it is so at the end.
+"""A request carried out as it was said.
+
+Conditions are looked at first, every thing of a plural has its turn, and what was not done is told.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Protocol
@@ -193,7 +194,7 @@ def _the_same(
 def _each(
     episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
 ) -> Iterator[Plan | SkillResult]:
-    """Do a deed to each thing of a plural: to those that are known, then to those that are found."""
+    """Do a deed to each thing of a plural: to those that are known, then to what is found."""
     deed, thing = asked.deeds[0], asked.deeds[0].things[0]
     ruled_out = {kind_of(kind) for one in asked.exclusions for kind in one.types}
     if thing.anything:
@@ -260,9 +261,9 @@ def _next(
     if thing.anything:
         return next((one for one in found if one not in tried and kind_of(one) in kinds), None)
     for object_id, sight in sorted(episode.sights(skills).items()):
-        if kind_of(sight.object_type) in kinds and object_id not in tried:
-            if _told_so(episode, skills, object_id, thing):
-                return object_id
+        fresh = kind_of(sight.object_type) in kinds and object_id not in tried
+        if fresh and _told_so(episode, skills, object_id, thing):
+            return object_id
     return None
 
 
@@ -295,7 +296,7 @@ def _holds_already(episode: Carrier, skills: Skills, object_id: str, deed: SaidD
 
 def _another(
     skills: Skills, kinds: Sequence[str], tried: set[str], came: Came
-) -> Iterator[SkillResult]:  # type: ignore[misc]
+) -> Generator[SkillResult, None, str | None]:
     """Search for one more thing of some kinds; returns its id, None if there is none."""
     came.searched = True
     for kind in kinds:
@@ -303,13 +304,13 @@ def _another(
         yield result
         fresh = [one for one in result.object_ids if kind_of(one) == kind and one not in tried]
         if result.ok and fresh:
-            return fresh[0]  # type: ignore[return-value]
-    return None  # type: ignore[return-value]
+            return fresh[0]
+    return None
 
 
 def _whatever(
     episode: Carrier, deed: SaidDeed, skills: Skills, came: Came
-) -> Iterator[SkillResult]:  # type: ignore[misc]
+) -> Generator[SkillResult, None, tuple[list[str], list[str]]]:
     """Look at a place; returns the kinds and ids of what can be carried there."""
     thing = deed.things[0]
     if deed.deed in ("on", "off") and not thing.at:
@@ -319,7 +320,7 @@ def _whatever(
             object_id for object_id, sight in sorted(episode.sights(skills).items())
             if kind_of(sight.object_type) in kinds
         ]  # fmt: skip
-        return kinds, there  # type: ignore[return-value]
+        return kinds, there
     came.searched = True
     places = {kind_of(kind) for kind in here_of(thing.at, episode.here(skills))}
     shown = _of_kinds(episode, skills, places)
@@ -335,7 +336,7 @@ def _whatever(
         and object_types()[sight.object_type].can("pickupable")
     ]  # fmt: skip
     there.sort()
-    return sorted({kind_of(one) for one in there}), there  # type: ignore[return-value]
+    return sorted({kind_of(one) for one in there}), there
 
 
 def _of_kinds(episode: Carrier, skills: Skills, kinds: Collection[str]) -> list[SeenObject]:
@@ -347,11 +348,11 @@ def _of_kinds(episode: Carrier, skills: Skills, kinds: Collection[str]) -> list[
 
 def _looked_at(
     episode: Carrier, condition: Condition, skills: Skills, came: Came
-) -> Iterator[SkillResult]:  # type: ignore[misc]
+) -> Generator[SkillResult, None, bool | None]:
     """Look whether a condition holds; returns None where that cannot be seen."""
     thing = condition.thing
     if thing is None or not condition.state:
-        return None  # type: ignore[return-value]
+        return None
     kinds = [kind_of(kind) for kind in here_of(thing.types, episode.here(skills))]
     came.searched = True
     if condition.state == "there" and condition.at:
@@ -364,7 +365,7 @@ def _looked_at(
             and any(kind_of(parent) in wanted for parent in sight.parent_ids)
             for sight in episode.sights(skills).values()
         )
-        return found == condition.holds  # type: ignore[return-value]
+        return found == condition.holds
     for kind in kinds:
         result = skills.run(SkillCall(skill="Explore", objects=(kind,)))
         yield result
@@ -373,11 +374,11 @@ def _looked_at(
         ids = [one for one in result.object_ids if kind_of(one) == kind]
         sight = episode.sights(skills).get(ids[-1]) if ids else None
         if condition.state == "there":
-            return condition.holds  # type: ignore[return-value]
+            return condition.holds
         if sight is not None:
             opposite = _OPPOSITES.get(condition.state)
             so = opposite not in sight.states if opposite else condition.state in sight.states
-            return so == condition.holds  # type: ignore[return-value]
+            return so == condition.holds
     if condition.state == "there":
-        return not condition.holds  # type: ignore[return-value]
-    return None  # type: ignore[return-value]
+        return not condition.holds
+    return None

@@ -205,6 +205,15 @@ class Agent:
         self.replies.append(AgentReply(said=said, parts=tuple(parts), stopped=stopped))
         self.save()
 
+    def clauses(self, instruction: str) -> list[str]:
+        """Return what is said, errand by errand, as it will be carried out."""
+        return [text for text, _ in self._clauses(instruction)]
+
+    def is_errand(self, text: str) -> bool:
+        """Return whether a text asks for something by itself."""
+        reader = self._method.reader
+        return reader is None or any(one.form == "errand" for one in reader.read(text))
+
     def _clauses(self, instruction: str) -> list[tuple[str, Request | None]]:
         """Return what is said errand by errand, each with what it asks where that is read."""
         reader = self._method.reader

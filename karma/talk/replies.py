@@ -71,6 +71,15 @@ class RequestReply:
         return "\n".join(line.text for line in lines_of(self))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unclear:
+    """A request that is not carried out before a question is answered."""
+
+    text: str
+    question: str
+    candidates: tuple[str, ...] = ()  # object types that may be meant
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class AgentReply:
     """What became of all that was said at once."""
@@ -90,6 +99,15 @@ class AgentReply:
         every = {part.status for part in self.parts} | ({"unfinished"} if self.stopped else set())
         order: tuple[Status, ...] = ("unfinished", "partly", "asked", "refused")
         return next((s for s in order if s in every), "done")
+
+    @property
+    def unclear(self) -> Unclear | None:
+        """What is asked back about; None where nothing is."""
+        part = next((one for one in self.parts if one.status == "asked"), None)
+        if part is None:
+            return None
+        last = part.understood[-1]
+        return Unclear(text=part.instruction, question=last.question, candidates=last.candidates)
 
     @property
     def checks(self) -> tuple[Check, ...]:
