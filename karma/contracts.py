@@ -349,6 +349,7 @@ class Request:
     unread: tuple[str, ...] = ()  # words that no field holds
     lacking: str = ""  # what an incomplete request lacks: "what", "where"
     alone: tuple[Mention, ...] = ()  # things that are spoken of without any deed
+    english: bool = True  # enough of its words are
     rest: tuple[SaidDeed, ...] = ()  # deeds of the same sentence that may be done as well
 
     @property

@@ -34,7 +34,7 @@ Thing = tuple[str, int]  # name in the program, and which of that name
 
 
 @dataclass(slots=True)
-class Effects:
+class ProgramEffects:
     """What a program adds up to; kinds are types of wholes (`reading.kind_of`)."""
 
     at: dict[Thing, str] = field(default_factory=dict)  # moved things -> kind of the last place
@@ -73,14 +73,14 @@ class Effects:
         return [one for one in self.at if kind_of(one[0]) in wanted]
 
 
-def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> Effects:
+def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> ProgramEffects:
     """Return what a program brings about.
 
     Args:
         calls: with names or ids.
         held: what is in the hand before.
     """
-    found = Effects(held=(held, 0) if held else None)
+    found = ProgramEffects(held=(held, 0) if held else None)
     found.began = found.held
     if found.held is not None:
         found.at[found.held], found.inside[found.held] = HAND, ""
@@ -89,7 +89,7 @@ def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> Effects:
     return found
 
 
-def _add(found: Effects, call: SkillCall) -> None:
+def _add(found: ProgramEffects, call: SkillCall) -> None:
     thing, kind = (call.objects[0], call.turn), kind_of(call.objects[-1])
     found.visited.update(kind_of(name) for name in call.objects)
     if call.skill == "PickupObject":
@@ -115,7 +115,7 @@ def _add(found: Effects, call: SkillCall) -> None:
             found.opened.add(kind)
 
 
-def _put(found: Effects, call: SkillCall, kind: str) -> None:
+def _put(found: ProgramEffects, call: SkillCall, kind: str) -> None:
     thing = (call.objects[0], call.turn) if call.objects[1:] else found.held
     if thing is None:
         return
@@ -129,7 +129,7 @@ def _put(found: Effects, call: SkillCall, kind: str) -> None:
     found.held = None
 
 
-def _switch(found: Effects, kind: str, word: str) -> None:
+def _switch(found: ProgramEffects, kind: str, word: str) -> None:
     tap = kind in TAPS or kind in TAP_OF
     found.switched[TAPS[0] if tap else kind] = word
     if word == "off":

@@ -2,13 +2,13 @@
 
 Nothing is carried out that leaves out what was named, does what was ruled out, or changes what no
 word speaks of. What the words ask for is in a `Request`, what the program brings about in
-`Effects`; both are by types, so any mug will do for a mug.
+`ProgramEffects`; both are by types, so any mug will do for a mug.
 """
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.effects import Effects, Thing, effects_of
+from karma.agent.effects import ProgramEffects, Thing, effects_of
 from karma.agent.reading import kind_of
 from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
@@ -75,6 +75,8 @@ def cannot_serve(request: Request, here: Collection[str]) -> RefusedRequest | No
         request: what was asked.
         here: types that the agent knows of in this room.
     """
+    if not request.english:
+        return _refused("language", ())
     if request.form != "errand":
         kinds: dict[str, RefusalKind] = {"question": "question", "incomplete": "incomplete"}
         words = (request.lacking,) if request.lacking else ()
@@ -186,7 +188,7 @@ def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
     )
 
 
-def _ruled_out(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
     """Yield what the request says not to do."""
     asked = {kind for one in request.mentions for kind in _kinds(one, here)}
     for one in request.exclusions:
@@ -204,7 +206,7 @@ def _ruled_out(found: Effects, request: Request, here: Collection[str]) -> Itera
             yield Stopped(reason=f"it says not to {deed.verb}", words=(deed.verb,), kind="negated")
 
 
-def _does(found: Effects, deed: SaidDeed, kinds: Collection[str]) -> bool:
+def _does(found: ProgramEffects, deed: SaidDeed, kinds: Collection[str]) -> bool:
     """Return whether a program does a deed to one of some kinds, to any if there are none."""
     every = not kinds
     match deed.deed:
@@ -229,7 +231,7 @@ def _does(found: Effects, deed: SaidDeed, kinds: Collection[str]) -> bool:
             )
 
 
-def _left_out(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
     """Yield what was named and is not done."""
     for deed in request.deeds:
         places = _kinds(deed.place, here)
@@ -261,7 +263,7 @@ def _after(request: Request, deed: SaidDeed, one: Mention) -> list[SaidDeed]:
 
 
 def _done(
-    found: Effects, deed: SaidDeed, kinds: Collection[str], places: Collection[str],
+    found: ProgramEffects, deed: SaidDeed, kinds: Collection[str], places: Collection[str],
     later: Sequence[SaidDeed],
 ) -> bool:  # fmt: skip
     """Return whether a program does what was said to a thing of some kinds."""
@@ -309,7 +311,7 @@ def _momentary(kind: str) -> bool:
     return kind in (MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER)
 
 
-def _not_asked(found: Effects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
     """Yield what a program changes and no word speaks of."""
     request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
     deeds = {deed.deed for deed in request.deeds}
@@ -360,7 +362,7 @@ def _not_asked(found: Effects, request: Request, here: Collection[str]) -> Itera
 
 
 def _misplaced(
-    found: Effects, thing: Thing, place: str, request: Request, here: Collection[str],
+    found: ProgramEffects, thing: Thing, place: str, request: Request, here: Collection[str],
     help_: Collection[str], deeds: Collection[str],
 ) -> Iterator[Stopped]:  # fmt: skip
     """Yield that a named thing comes to a place that nobody spoke of."""

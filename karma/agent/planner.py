@@ -98,7 +98,7 @@ class Planner:
             if not is_last and (again := _asked_again(request, answer)) is not None:
                 refusing, answer = again
             answer, lasting = self._checked(request, answer)
-            if answer.error:
+            if answer.calls or answer.error:
                 reasons.add(lasting)
             answer, held_back = _held_back(request, answer)
             if is_last:

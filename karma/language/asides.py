@@ -10,7 +10,7 @@ from karma.contracts import Condition, Mention, SaidDeed
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
 from karma.language.request_words import request_words
-from karma.language.sentence import Sentence
+from karma.language.sentence import SaidSentence
 from karma.language.times import time_words
 
 _LEAD = re.compile(
@@ -44,7 +44,7 @@ _NOUN_TAGS = ("DT", "PRP$", "NN", "NNS", "NNP")
 class Asides:
     """Reads them, in the order of its methods."""
 
-    s: Sentence
+    s: SaidSentence
     nouns: Nouns
     pairs: Pairs
     times: list[str] = field(default_factory=list)

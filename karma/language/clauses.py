@@ -28,8 +28,19 @@ def clauses_of(request: Request) -> tuple[tuple[str, Request], ...]:
     single = list(_singles(request.deeds))
     if len(single) < 2:
         return ((request.errand or request.text, replace(request, deeds=tuple(single))),)
+    verbs = {deed.verb for deed in single if not deed.deed}
+    others = tuple(word for word in request.unread if word not in verbs)
     return tuple(
-        (said(deed), replace(request, deeds=(deed,), rest=tuple(single))) for deed in single
+        (
+            said(deed, request.whole),
+            replace(
+                request,
+                deeds=(deed,),
+                rest=tuple(single),
+                unread=others if deed.deed else (*others, deed.verb),
+            ),
+        )
+        for deed in single
     )
 
 
@@ -65,8 +76,13 @@ def _singles(deeds: Sequence[SaidDeed]) -> Iterator[SaidDeed]:
         yield deed
 
 
-def said(deed: SaidDeed, *, plain: bool = False) -> str:
-    """Return a deed in few words; plain: things by their types' names.
+def said(deed: SaidDeed, whole: str = "", *, plain: bool = False) -> str:
+    """Return a deed in few words.
+
+    Args:
+        deed: of one thing.
+        whole: the text that it was said in; its own words for things are kept.
+        plain: things by their types' names.
 
     >>> thing = Mention(text="spud", start=0, end=4, types=("Potato",))
     >>> place = Mention(text="icebox", start=0, end=4, types=("Fridge",))
@@ -74,28 +90,30 @@ def said(deed: SaidDeed, *, plain: bool = False) -> str:
     >>> said(deed), said(deed, plain=True)
     ('put the spud in the icebox', 'put the potato in the fridge')
     """
-    thing = _called(deed.things[0], plain=plain) if deed.things else ""
+    thing = _called(deed.things[0], whole, plain=plain) if deed.things else ""
     if deed.deed == "coffee":
         return "make a mug of coffee"
     if deed.deed == "put":
         if deed.place is None:
-            return f"put away the {thing}"
-        place = _called(deed.place, plain=plain)
+            return f"put away {thing}"
+        place = _called(deed.place, whole, plain=plain)
         where = (
             "near" if deed.near else preposition(deed.place.types[0]) if deed.place.types else "on"
         )
-        return f"put the {thing} {where} the {place}"
+        return f"put {thing} {where} {place}"
     if deed.deed == "fill":
-        return f"fill the {thing} with water"
+        return f"fill {thing} with water"
     verb = _PLAIN.get(deed.deed, deed.verb)
     under = " under the lamp" if deed.deed == "look" else ""
-    return f"{verb} the {thing}{under}"
+    return f"{verb} {thing}{under}".rstrip()
 
 
-def _called(one: Mention, *, plain: bool) -> str:
+def _called(one: Mention, whole: str, *, plain: bool) -> str:
+    """Return a thing with its article, as it was said where that is one thing."""
     if one.types and (plain or one.every or one.number is not None):
-        return spoken(one.types[0]).lower()
-    return one.text
+        return f"the {spoken(one.types[0]).lower()}"
+    as_said = whole[one.start : one.end] if 0 <= one.start < one.end <= len(whole) else ""
+    return as_said or f"the {one.text}"
 
 
 def plainly(request: Request) -> str:

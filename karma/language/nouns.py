@@ -6,7 +6,7 @@ from dataclasses import replace
 from karma.contracts import Mention
 from karma.language.hints import singular
 from karma.language.request_words import request_words
-from karma.language.sentence import Sentence
+from karma.language.sentence import SaidSentence
 from karma.language.words import word_lists
 
 _STARTS = frozenset((
@@ -25,7 +25,7 @@ _OWNERS = ("'s", "’s")
 class Nouns:
     """Reads the noun phrases of a sentence."""
 
-    def __init__(self, sentence: Sentence) -> None:
+    def __init__(self, sentence: SaidSentence) -> None:
         self._s = sentence
 
     def mentions(self, body: range) -> list[tuple[int, Mention]]:

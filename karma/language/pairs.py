@@ -7,7 +7,7 @@ from karma.contracts import Mention
 from karma.household.types import object_types
 from karma.language.nouns import Nouns
 from karma.language.request_words import deed_verbs, request_words
-from karma.language.sentence import Sentence
+from karma.language.sentence import SaidSentence
 from karma.language.words import word_lists
 
 _TOOLS = {
@@ -29,7 +29,7 @@ class Pair:
 
 
 @dataclass(slots=True)
-class _Group:
+class _PairGroup:
     """Things, and the places that are named with them."""
 
     things: list[Mention] = field(default_factory=list)
@@ -65,7 +65,7 @@ class _Group:
 class Pairs:
     """Reads what goes with a verb."""
 
-    def __init__(self, sentence: Sentence, nouns: Nouns) -> None:
+    def __init__(self, sentence: SaidSentence, nouns: Nouns) -> None:
         self._s, self._nouns = sentence, nouns
 
     # ------------------------------------------------------------- verbs with particles
@@ -121,7 +121,7 @@ class Pairs:
 
     def read(self, body: range, deed: str) -> list[Pair]:
         """Return what goes with a deed, at least one pair; only the last may lack its place."""
-        found = [_Group()]
+        found = [_PairGroup()]
         for number, one in self._nouns.mentions(body):
             before = self.preposition(number, body.start)
             if not self._is_by_the_way(number, one, before, deed, found[-1]):
@@ -133,7 +133,7 @@ class Pairs:
         return pairs
 
     def _is_by_the_way(
-        self, number: int, one: Mention, before: str, deed: str, group: _Group
+        self, number: int, one: Mention, before: str, deed: str, group: _PairGroup
     ) -> bool:
         """Return whether a phrase is neither thing nor place: "me", "for lunch", "with a knife"."""
         low, words = self._s.low(number), request_words()
@@ -152,7 +152,7 @@ class Pairs:
         return helps and one.text in ("water", "soap") and not one.at
 
     def _take_in(
-        self, number: int, one: Mention, before: str, deed: str, found: list[_Group], least: int
+        self, number: int, one: Mention, before: str, deed: str, found: list[_PairGroup], least: int
     ) -> None:
         group, words = found[-1], request_words()
         nothing = not (one.types or one.vague or one.anything or one.told)
@@ -169,7 +169,7 @@ class Pairs:
         elif not (group.places and deed == "put"):
             group.things.append(one)
         elif self._is_listed(number) and group.things:
-            found.append(_Group([one]))
+            found.append(_PairGroup([one]))
         else:
             self._s.unread.append(one.text)
 
@@ -178,7 +178,7 @@ class Pairs:
         if not (set(one.types) & _TOOLS.get(deed, frozenset()) or one.text in _WITH):
             self._s.unread.append(f"with {one.text}")
 
-    def _somewhere(self, body: range, deed: str, group: _Group) -> None:
+    def _somewhere(self, body: range, deed: str, group: _PairGroup) -> None:
         """Read "there" and "where the newspaper is" as the place of a thing."""
         if group.places or deed not in ("put", "take"):
             return

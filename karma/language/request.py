@@ -16,9 +16,10 @@ from karma.language.lexicon import Lexicon
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
 from karma.language.request_words import base_of_deed, deed_verbs, is_deed, request_words
-from karma.language.said_deeds import Deeds, of_what
-from karma.language.sentence import Sentence
+from karma.language.said_deeds import SentenceDeeds, of_what
+from karma.language.sentence import SaidSentence
 from karma.language.slips import as_meant, in_order, sentences_of, spelt, without_courtesy
+from karma.language.words import closed_words, word_lists
 
 _ENDS = (".", "!", "?", ";", "...")
 _MODALS = ("can", "could", "would", "will", "may", "might", "won't", "ca", "wo")
@@ -44,19 +45,27 @@ class RequestReader:
 
     def __init__(self, parser: Parser, lexicon: Lexicon) -> None:
         self._parser, self._lexicon = parser, lexicon
-        self._kept: dict[str, tuple[Request, ...]] = {}
+        self._kept: dict[tuple[str, tuple[Mention, ...]], tuple[Request, ...]] = {}
 
-    def read(self, text: str) -> tuple[Request, ...]:
-        """Return what each sentence of a text asks; () where nothing is said."""
-        if text not in self._kept:
-            self._kept[text] = tuple(self._sentences(text))
-        return self._kept[text]
+    def read(self, text: str, before: Sequence[Mention] = ()) -> tuple[Request, ...]:
+        """Return what each sentence of a text asks; () where nothing is said.
 
-    def _sentences(self, text: str) -> Iterator[Request]:
-        meant = spelt(as_meant(text), self._is_known, self._vocabulary)
+        Args:
+            text: what is said.
+            before: things that were spoken of earlier, for which "it" may stand.
+        """
+        key = (text, tuple(replace(one, start=-1, end=-1) for one in before))
+        if key not in self._kept:
+            self._kept[key] = tuple(self._sentences(*key))
+        return self._kept[key]
+
+    def _sentences(self, text: str, earlier: Sequence[Mention]) -> Iterator[Request]:
+        meant = as_meant(text)
+        if self._is_english(re.findall(r"[^\W\d_]+", meant)):
+            meant = spelt(meant, self._is_known, self._vocabulary)
         meant = " ".join(self._plainly(one) for one in sentences_of(meant))
         words = self._parser.parse(meant)
-        first, before, last = 0, list[Mention](), list[SaidDeed]()
+        first, before, last = 0, list(earlier), list[SaidDeed]()
         for number, word in enumerate(words):
             if word.text not in _ENDS and number < len(words) - 1:
                 continue
@@ -72,9 +81,26 @@ class RequestReader:
         self, text: str, words: Sequence[Word], first: int, before: Sequence[Mention]
     ) -> Request:
         ends = len(words) - 1
+        if not self._is_english([word.text for word in words]):
+            said = text[words[0].start : words[-1].end]
+            return Request(text=said, form="errand", whole=text, unread=(said,), english=False)
         moved = [replace(word, head=min(max(word.head - first, 0), ends)) for word in words]
         named = [one for one in before if one.types]
-        return _read(Sentence(text, moved, self._lexicon, named))
+        return _read(SaidSentence(text, moved, self._lexicon, named))
+
+    def _is_english(self, words: Sequence[str]) -> bool:
+        """Return whether at least a quarter of some words are ones that requests are made of."""
+        said = [word.lower() for word in words if word[0].isalpha()]
+        return 4 * sum(map(self._is_ours, said)) >= len(said)
+
+    def _is_ours(self, word: str) -> bool:
+        small = word in closed_words() or word in word_lists().determiners
+        return (
+            small
+            or word in self._vocabulary_set
+            or bool(base_of_deed(word))
+            or (word in request_words().asking or word in word_lists().pronouns)
+        )
 
     def _plainly(self, sentence: str) -> str:
         """Return a sentence without courtesy and in the order of its deeds; its own end stays."""
@@ -112,7 +138,7 @@ def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:
 # ----------------------------------------------------------------- one sentence
 
 
-def _read(s: Sentence) -> Request:
+def _read(s: SaidSentence) -> Request:
     said = s.phrase(0, len(s.words))
     form = _question_or_talk(s)
     if form:
@@ -121,7 +147,7 @@ def _read(s: Sentence) -> Request:
     pairs = Pairs(s, nouns)
     asides = Asides(s, nouns, pairs)
     asides.read()
-    form, deeds = Deeds(s, nouns, pairs, asides).read()
+    form, deeds = SentenceDeeds(s, nouns, pairs, asides).read()
     lacking = _lacking(s, deeds) if form == "errand" else ""
     if form == "errand":
         s.unread += _rest(s)
@@ -143,7 +169,7 @@ def _read(s: Sentence) -> Request:
     )
 
 
-def _errand(s: Sentence, about: Mention | None) -> str:
+def _errand(s: SaidSentence, about: Mention | None) -> str:
     """Return the words that are left to plan by."""
     text = ""
     for number, word in enumerate(s.words):
@@ -157,7 +183,7 @@ def _errand(s: Sentence, about: Mention | None) -> str:
     return re.sub(r"\b(?:it|them)\b", f"the {about.text}", text, count=1) if about else text
 
 
-def _question_or_talk(s: Sentence) -> Form | None:
+def _question_or_talk(s: SaidSentence) -> Form | None:
     """Return "question" where it is one; "talk" where it holds nothing to do or know."""
     left = s.left()
     if not left or set(s.lows()) - {".", "!", ",", "?"} <= request_words().talk:
@@ -191,13 +217,13 @@ def _is_negative_order(first: str, second: str, third: str) -> bool:
     return first == "why" and second in ("do", "not") and third in ("n't", "not", "you")
 
 
-def _order_follows(s: Sentence, at: int) -> bool:
+def _order_follows(s: SaidSentence, at: int) -> bool:
     """Return whether an order stands at the very beginning, or behind one of the first commas."""
     commas = [n for n in range(at, len(s.words)) if s.low(n) == ","]
     return s.is_order(at) or any(s.is_order(n + 1) for n in commas[:2])
 
 
-def _lacking(s: Sentence, deeds: Sequence[SaidDeed]) -> str:
+def _lacking(s: SaidSentence, deeds: Sequence[SaidDeed]) -> str:
     """Return what an errand lacks; "" where it is whole."""
     last = [n for n, w in enumerate(s.words) if w.text[0].isalnum() and n not in s.gone]
     if last:
@@ -224,7 +250,7 @@ def _lacks(deed: SaidDeed) -> str:
     return "where" if deed.deed == "put" and bare else ""
 
 
-def _rest(s: Sentence) -> list[str]:
+def _rest(s: SaidSentence) -> list[str]:
     """Return the content words that nothing was made of."""
     words = request_words()
     small = words.never_mind | words.links | words.auxiliaries | words.be | words.small_verbs

@@ -11,7 +11,7 @@ from karma.language.asides import Asides
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pair, Pairs
 from karma.language.request_words import deed_states, request_words
-from karma.language.sentence import Sentence
+from karma.language.sentence import SaidSentence
 
 _LEFT_ALONE = re.compile(
     r"\b(?:alone|as (?:it|they) (?:is|are)|where (?:it|they) (?:is|are)|be|in peace|untouched"
@@ -34,10 +34,10 @@ _NEEDS_OF_A_DEED = {
 
 
 @dataclass(slots=True)
-class Deeds:
+class SentenceDeeds:
     """Reads them; what is no part of a deed was taken before."""
 
-    s: Sentence
+    s: SaidSentence
     nouns: Nouns
     pairs: Pairs
     asides: Asides

@@ -16,7 +16,7 @@ _HARD_SIGNS = frozenset((".", "!", "?", ";", ":"))
 
 
 @dataclass(slots=True)
-class Sentence:
+class SaidSentence:
     """A sentence being read; a word is taken once something is made of it.
 
     Args:

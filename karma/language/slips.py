@@ -6,7 +6,6 @@ out: every letter that stays is the text's own, in its order.
 
 import re
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 
 _SIGNS = str.maketrans(
     {"‘": "'", "’": "'", "“": '"', "”": '"', "…": ".", "–": "-", "—": "-", "\t": " "}
@@ -179,7 +178,7 @@ def without_courtesy(
 
 
 def spelt(text: str, is_known: Callable[[str], bool], words: Sequence[str]) -> str:
-    """Return a text with words that nobody knows spelt as one that is near to them.
+    """Return a text with words that nobody knows spelt as one that is one slip away.
 
     >>> spelt("trun on the lamp", lambda word: word != "trun", ["turn", "tap"])
     'turn on the lamp'
@@ -189,10 +188,21 @@ def spelt(text: str, is_known: Callable[[str], bool], words: Sequence[str]) -> s
         word = found[0]
         if len(word) < 3 or word[0].isupper() or is_known(word.lower()):
             return word
-        near = get_close_matches(word.lower(), words, n=1, cutoff=0.74)
-        return near[0] if near and near[0][0] == word[0].lower() else word
+        return next((one for one in words if _is_a_slip(word.lower(), one)), word)
 
     return re.sub(r"[A-Za-z]+", right, text)
+
+
+def _is_a_slip(word: str, right: str) -> bool:
+    """Return whether a word is another with one letter too many, missing, wrong or out of order."""
+    if abs(len(word) - len(right)) > 1 or word[0] != right[0]:
+        return False
+    same = next((n for n, (a, b) in enumerate(zip(word, right, strict=False)) if a != b), None)
+    if same is None:
+        return len(word) != len(right)
+    rest, wanted = word[same:], right[same:]
+    swapped = rest[1:2] + rest[:1] + rest[2:]
+    return wanted in (swapped, rest[1:]) or rest == wanted[1:] or rest[1:] == wanted[1:]
 
 
 _FIRST, _LATER = r"(?P<first>[^,.;!?]+?)", r"(?P<later>[^,.;!?]+?)"

@@ -146,7 +146,8 @@ def guarded(
             came.nothing_to_do = True
             came.told.append(Check(text=f"{condition.text}: that is not so", found="seen"))
             return
-    subtask = replace(subtask, asked=asked, instruction=asked.errand or subtask.instruction)
+    if subtask.asked is None:  # nobody cut it: it is planned without what is no errand
+        subtask = replace(subtask, asked=asked, instruction=asked.errand or subtask.instruction)
     alone = len(asked.deeds) == 1 and len(asked.deeds[0].things) == 1
     if alone and _is_several(asked.deeds[0].things[0]):
         yield from _each(episode, subtask, asked, skills, came)
@@ -183,6 +184,9 @@ def _the_same(
     kinds = {kind_of(kind) for kind in here_of(thing.types, episode.here(skills))}
     key = (asked.whole or asked.text, thing.start)
     before = episode.chosen.get(key)
+    if before and _holds_already(episode, skills, before, asked.deeds[0]):
+        came.nothing_to_do = True
+        return
     only = {kind_of(before): before} if before and kind_of(before) in kinds else None
     yield from episode.planned(subtask, skills, came, only)
     for result in came.programs[-1].results if came.programs else ():

@@ -27,6 +27,7 @@ from karma.bench.steps import LoggedWorld, StepLog
 from karma.bench.workers import world_maker
 from karma.contracts import (
     Listener,
+    Mention,
     Outcome,
     Plan,
     Request,
@@ -45,6 +46,7 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
+from karma.language.request import RequestReader
 from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.replies import AgentReply, RequestReply
@@ -219,12 +221,19 @@ class Agent:
         reader = self._method.reader
         if reader is None:
             return [(clause, None) for clause in split_instruction(instruction)]
-        requests = reader.read(instruction)
-        if any(one.form == "errand" for one in requests):  # what is only told beside it is context
-            requests = context_left_out(requests)
-        return [clause for request in requests for clause in clauses_of(request)] or [
-            (instruction, None)
+        requests = context_left_out(reader.read(instruction, self._spoken_of(reader)))
+        clauses: list[tuple[str, Request | None]] = [
+            clause for request in requests for clause in clauses_of(request)
         ]
+        return clauses or [(instruction, None)]
+
+    def _spoken_of(self, reader: RequestReader) -> tuple[Mention, ...]:
+        """Return what was spoken of last, for which "it" may stand."""
+        last: tuple[Mention, ...] = ()
+        for reply in self.replies:
+            said = [one for request in reader.read(reply.said, last) for one in request.mentions]
+            last = tuple(one for one in said if one.types) or last
+        return last
 
     def _one(self, clause: str, whole: str, asked: Request | None) -> Iterator[Moment]:
         """Carry out one request."""

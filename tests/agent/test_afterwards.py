@@ -24,7 +24,9 @@ def test_what_was_washed_is_seen_where_it_lies_and_clean_by_the_deed(tmp_path):
 
 
 def test_last_deed_with_a_thing_counts(tmp_path):
-    reply = agent_saying(tmp_path, [TAKE + WASH + STORE]).do("wash the apple and store it")
+    reply = agent_saying(tmp_path, [TAKE + WASH + STORE]).do(
+        "wash the apple and put it in the fridge"
+    )
     assert told(reply) == ["the apple is in the fridge: seen", "the apple is clean: done, not seen"]
 
 

@@ -59,7 +59,7 @@ def test_refused_answers_are_kept_whole_with_their_prompts_and_quoted(tmp_path, 
     for number, one in enumerate((first, second)):
         sent = "".join(message["content"] for message in seen[number][1]["messages"])
         assert one["prompt"] == sent
-        assert "Open the fridge" in sent
+        assert "pen the fridge" in sent
     assert (third["error"], third["prompt"], third["dropped"]) == ("", "", ["Sure!"])
     assert {one["reasoning"] for one in line["answers"]} == {"The fridge."}
     assert {one["constrained"] for one in line["answers"]} == {False}

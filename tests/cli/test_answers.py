@@ -58,7 +58,7 @@ def test_lines_go_to_standard_error_when_they_are_whole_and_nothing_else_changes
 def test_each_answer_has_its_number_and_why_it_was_refused(tmp_path, capsys):
     view = AnswerView()
     agent = agent_saying(tmp_path, ["nothing\n", "refuse('deed')\n"], listen=view.hear)
-    say(agent, "wash the apple, then paint the wall", view)
+    say(agent, "wash the apple, then slice the bread", view)
     err = capsys.readouterr().err
     assert "  refused: line 1" in err
     assert err.count("answer 1,") == 2  # of either request

@@ -162,7 +162,7 @@ def test_rooms_of_a_task_file_lie_beside_it(tmp_path, monkeypatch, where):
 # ----------------------------------------------------------------- stopped
 
 
-SAID = "open the fridge, then close the fridge, then find a mug"
+SAID = "open the fridge, then close the fridge, then slice the bread"
 
 
 def stopped(agent, at, error):

@@ -31,18 +31,18 @@ def told(tmp_path, monkeypatch):
 
 
 def test_big_planner_is_asked_to_refuse_and_its_refusal_ends_with_a_status_of_its_own(told):
-    result, requests = told("refuse('thing')", "hand me the hammer")
+    result, requests = told("refuse('impossible')", "slice the bread")
     assert result.exit_code == 3, result.output
-    assert "refuse('thing')" in json.dumps(requests[0][1])  # told how
-    assert "not done: I know of no such thing in a home." in result.output
+    assert "refuse('impossible')" in json.dumps(requests[0][1])  # told how
+    assert "not done: That cannot be done with these things, or would do harm." in result.output
     assert "?" in result.output.split("not done:")[1].splitlines()[1]
     (kept,) = json.loads(Path("reply.json").read_text())["instructions"]
-    assert kept["refused"] == "I know of no such thing in a home."
+    assert kept["refused"] == "That cannot be done with these things, or would do harm."
     assert kept["calls"] == []
 
 
 def test_big_planner_that_may_not_refuse_is_not_told_how(told):
-    _, requests = told("ToggleOn(robot, 'Faucet')", "water please", "--no-refusing")
+    _, requests = told("ToggleOn(robot, 'Faucet')", "turn the water tap on", "--no-refusing")
     assert "refuse(" not in json.dumps(requests[0][1])
 
 

@@ -79,7 +79,7 @@ def test_thing_of_the_map_that_is_not_there_is_forgotten(tmp_path):
     graph.save(saved)
     agent = Agent(str(room), maps=maps, folder=tmp_path / "second")
     assert "Toaster" in agent.map.types()
-    assert not agent.do("go to the toaster")
+    assert not agent.do("turn on the toaster")
     assert "Toaster" not in agent.map.types()
     assert "Toaster" not in saved.read_text()
 

@@ -34,14 +34,17 @@ def resources(answers, model=None, doubt=None, maps=None, embedder=None):
     )
 
 
-def agent_saying(folder, answers, listen=None, **given):
+def agent_saying(folder, answers, listen=None, guard=True, **given):
     """An agent in the kitchen made by hand, with its run and its maps in a folder."""
     folder.mkdir(exist_ok=True)
     scene = folder / "handmade.json"
     scene.write_bytes(to_json(kitchen()))
     maps = folder / "maps"
     loaded = resources(answers, maps=maps, **given)
-    return Agent(str(scene), resources=loaded, folder=folder / "run", maps=maps, listen=listen)
+    return Agent(
+        str(scene), resources=loaded, folder=folder / "run", maps=maps, listen=listen,
+        options={"guard": guard},
+    )  # fmt: skip
 
 
 class _Alike:

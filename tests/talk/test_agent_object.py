@@ -108,7 +108,7 @@ def test_undo_ends_at_the_beginning(tmp_path):
 
 
 def test_request_that_fails_leaves_all_as_it_was_before_it_and_those_before_stay(tmp_path):
-    agent = agent_saying(tmp_path, [TAKE])  # the script runs out at the second request
+    agent = agent_saying(tmp_path, [TAKE + WASH])  # the script runs out at the second request
     with pytest.raises(KarmaError, match="run out"):
         agent.do("wash the apple, then open the cabinet")
     assert [len(reply.parts) for reply in agent.replies] == [1]
@@ -149,7 +149,7 @@ def test_same_talk_twice_leaves_the_same_bytes(tmp_path):
 
 
 def test_map_and_memory_and_reply_are_sound_html(tmp_path):
-    agent = agent_saying(tmp_path, [STORE])
+    agent = agent_saying(tmp_path, [STORE], guard=False)
     reply = agent.do("put the <b>apple</b> in the fridge & close it")
     drawn = Balanced(agent.map._repr_html_())
     assert drawn.tags[0] == "svg" and "circle" in drawn.tags
