@@ -23,7 +23,8 @@ NODES = {
         "karma", "attempts", "experience", "picture_states", "tour")],
     "planner": [f"agent/{name}.py" for name in (
         "planner", "prompt", "full_profile", "short_names", "program", "several", "recovery",
-        "inspector", "reading", "doubt", "refused_requests", "understood")],
+        "inspector", "reading", "doubt", "refused_requests", "understood",
+        "guard", "effects")],
     "infer": ["infer"],
 }  # a stop of the picture -> where its code is  # fmt: skip
 

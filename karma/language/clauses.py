@@ -15,6 +15,7 @@ _PLAIN = {
 _LINKS = frozenset(
     ("in", "on", "into", "onto", "to", "at", "under", "near", "beside", "next", "from")
 )
+_LOOSE = frozenset(("it", "that", "this", "them", "one"))
 _OPEN = frozenset(("the", "a", "an", "my", "your", "our"))
 _FIRST = ("take", "find", "go")  # are part of what is done next with the thing
 
@@ -142,12 +143,12 @@ def completed(asked: str, answer: str) -> str:
     if last in _LINKS:
         rest = answer.split(maxsplit=1)[-1] if first in _LINKS else answer
         return f"{asked} {rest}"
-    if last in ("there", "here"):
+    loose = next((n for n, word in enumerate(words) if word.lower() in _LOOSE), None)
+    if last in ("there", "here") and loose is None:
         words, last = words[:-1], ""
         return " ".join([*words, *([] if first in _LINKS else ["on"]), answer])
-    for number, word in enumerate(words):
-        if word.lower() in ("it", "that", "this", "them", "one") and first not in _LINKS:
-            skipped = 2 if word.lower() == "that" and words[number + 1 :][:1] == ["thing"] else 1
-            return " ".join([*words[:number], answer, *words[number + skipped :]])
+    if loose is not None and first not in _LINKS:
+        skipped = 1 + (words[loose + 1 : loose + 2] == ["thing"])
+        return " ".join([*words[:loose], answer, *words[loose + skipped :]])
     named = any(word.lower() in _OPEN for word in words)
     return " ".join([asked, *(["on"] if named and first not in _LINKS else []), answer])

@@ -20,6 +20,7 @@ _PARTS = frozenset(("mug", "cup", "bars", "rolls", "couple", "lot", "one", "two"
 _ADJECTIVES = ("JJ", "JJR", "JJS", "VBN", "VBG", "VBD")
 _DETERMINERS = ("DT", "PRP$", "PDT", "POS", "WP", "CD")
 _OWNERS = ("'s", "’s")
+_PIECES = ("slice", "slices", "piece", "pieces", "drink", "half", "halves")
 
 
 class Nouns:
@@ -43,7 +44,7 @@ class Nouns:
             if one is not None:
                 clause = self._done_before(end, body.stop)
                 if clause > end:
-                    one = replace(one, told=one.vague or one.told, vague=False)
+                    one = replace(one, told=True, vague=False)
                     self._s.taken.update(range(number, clause))
                 found.append((number, one))
                 end = clause
@@ -57,6 +58,9 @@ class Nouns:
     def _done_before(self, number: int, stop: int) -> int:
         """Return where a clause like "(that) you just washed" ends; the same number if none is."""
         at = number + (self._s.low(number) in ("that", "which"))
+        if self._s.low(number) == "to" and self._s.tag(number + 1) == "VB":  # "a thing to read"
+            vague = self._s.low(number - 1) in request_words().vague
+            return number + 2 if vague and self._s.low(number + 2) not in ("the", "a") else number
         if self._s.low(at) not in ("you", "i", "we"):
             return number
         for end in range(at + 1, min(at + 5, stop)):
@@ -87,12 +91,12 @@ class Nouns:
         if low in request_words().elsewhere or (low in ("then", "that", "which") and at > begin):
             return "no"
         if low in _STARTS or tag in ("DT", "PRP$", "PDT", "CD", "WP"):
-            if head > begin:
+            if head > begin and not self._of_before(at):
                 return "no"
             return "head" if low in _ALONE and self._stands_alone(low, at, stop) else "inner"
         if tag == "PRP":
             person = low in request_words().me or low in _PERSONS
-            return "no" if person or head > begin else "last"
+            return "no" if person or (head > begin and not self._of_before(at)) else "last"
         if tag in ("NN", "NNS", "NNP", "NNPS", "FW"):
             return "no" if low in request_words().me or low in _PERSONS else "head"
         if tag == "POS" or low in _OWNERS or (low == "-" and head == at):
@@ -104,6 +108,10 @@ class Nouns:
         named = tag.startswith(("VB", "JJ", "RP")) and head == at
         known = named and self._s.lexicon.named(self._s.phrase(begin, at + 1).lower())
         return "head" if known else "no"
+
+    def _of_before(self, at: int) -> bool:
+        """Return whether a word stands behind "of": "a slice of the bread"."""
+        return self._s.low(at - 1) == "of"
 
     def _stands_alone(self, low: str, at: int, stop: int) -> bool:
         """Return whether "all", "that" or "one" is a phrase by itself."""
@@ -218,6 +226,10 @@ class Nouns:
         if not words:
             return None
         lists, text, head = request_words(), " ".join(words), words[-1]
+        if self._s.low(end - 2) == "its" and len(words) == 1:  # its lid, its door
+            return replace(bare, text="it", vague=True)
+        if (head in _PIECES or text == "coffee") and not self._types(words, start):
+            return replace(bare, text=text, told=True)
         if head in lists.anything and len(words) <= 2:
             all_ = bare.every or head in ("everything", "all", "whatever", "lot")
             return replace(bare, text=text, anything=all_, vague=not all_, every=all_)

@@ -142,14 +142,22 @@ class Pairs:
         if low in ("you", "i", "we"):
             return True
         if before in words.tools:
-            self._read_tool(one, deed)
+            if not self._holds(group, deed):
+                self._read_tool(one, deed)
             return True
         if before in words.passed_over and before != "of" and group.things:
             if before in ("as", "like", "than"):
                 self._s.unread.append(one.text)
             return True
+        if deed == "slice" and group.things and before in ("into", "in") and one.told:
+            return True  # "into slices"
         helps = deed in ("wash", "fill") and bool(group.things)
         return helps and one.text in ("water", "soap") and not one.at
+
+    def _holds(self, group: _PairGroup, deed: str) -> bool:
+        """Return whether "with" tells what is in a thing: "carry the plate with the potato"."""
+        kinds = [object_types()[kind] for one in group.things[-1:] for kind in one.types]
+        return deed in ("put", "take", "throw") and any(kind.can("receptacle") for kind in kinds)
 
     def _take_in(
         self, number: int, one: Mention, before: str, deed: str, found: list[_PairGroup], least: int

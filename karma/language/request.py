@@ -61,6 +61,8 @@ class RequestReader:
 
     def _sentences(self, text: str, earlier: Sequence[Mention]) -> Iterator[Request]:
         meant = as_meant(text)
+        if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
+            yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
             meant = spelt(meant, self._is_known, self._vocabulary)
         meant = " ".join(self._plainly(one) for one in sentences_of(meant))
@@ -89,9 +91,9 @@ class RequestReader:
         return _read(SaidSentence(text, moved, self._lexicon, named))
 
     def _is_english(self, words: Sequence[str]) -> bool:
-        """Return whether at least a quarter of some words are ones that requests are made of."""
+        """Return whether more than a quarter of some words are ones that requests are made of."""
         said = [word.lower() for word in words if word[0].isalpha()]
-        return 4 * sum(map(self._is_ours, said)) >= len(said)
+        return not said or 4 * sum(map(self._is_ours, said)) > len(said)
 
     def _is_ours(self, word: str) -> bool:
         small = word in closed_words() or word in word_lists().determiners

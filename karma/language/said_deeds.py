@@ -139,6 +139,8 @@ class SentenceDeeds:
     ) -> tuple[str, list[Pair]]:
         """Return the deed that a verb means with what goes with it."""
         first = pairs[0]
+        if deed in ("put", "take") and first.place is not None:
+            return _carried(deed, pairs, first.place, me=me)
         match deed:
             case "make" | "fill" if coffee:
                 return "coffee", pairs
@@ -153,11 +155,6 @@ class SentenceDeeds:
                 return "put", [replace(first, things=(every,))]
             case "go":
                 return "go", [Pair(things=(first.place,))] if first.place else pairs
-            case "take" if me and first.place is not None:
-                things = tuple(replace(one, at=first.place.types) for one in first.things)
-                return "take", [Pair(things=things)]
-            case "take" if first.place is not None:
-                return "put", pairs
             case "take" if text in _FINDS:
                 return "find", pairs
             case "water":
@@ -174,6 +171,11 @@ class SentenceDeeds:
         if lemma in ("leave", "keep", "let") and found:
             placed = self.pairs.has_place(range(number + 1, end))
             alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma == "leave" and not placed)
+            others = any(self.s.is_order(n) for n in range(len(self.s.words)) if n != number)
+            if state and not others and lemma != "let":
+                self.s.taken.update(range(number, end))
+                pair = Pair(things=tuple(found[:1]))
+                return [_said(f"{lemma} {tail[-1]}", state, self.s.words[number].start, pair)]
             if alone or state:
                 self.asides.exclusions += [one for one in found if one.types]
                 joined = self.s.low(number - 1) in ("and", "but", ",")
@@ -308,6 +310,16 @@ def _said(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
     return SaidDeed(
         verb=verb, deed=deed, start=start, things=pair.things, place=pair.place, near=pair.near
     )
+
+
+def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple[str, list[Pair]]:
+    """Return what is meant by a thing that goes somewhere: under the tap it is washed."""
+    things = pairs[0].things
+    if "Faucet" in place.types:
+        return "wash", [Pair(things=things)]
+    if deed == "take" and me:
+        return "take", [Pair(things=tuple(replace(one, at=place.types) for one in things))]
+    return "put", pairs
 
 
 # ----------------------------------------------------------------- what "it" stands for

@@ -69,8 +69,11 @@ class SaidSentence:
 
     def subject(self, verb: int) -> int | None:
         """Return the number of a verb's subject, None if it has none."""
-        found = (n for n, w in enumerate(self.words) if w.head == verb and n != verb
-                 and w.dep.startswith(("nsubj", "csubj", "expl")))  # fmt: skip
+        found = (
+            n for n, w in enumerate(self.words)
+            if w.head == verb and n not in {verb, *self.gone}
+            and w.dep.startswith(("nsubj", "csubj", "expl"))
+        )  # fmt: skip
         return next(found, None)
 
     def helpers(self, verb: int) -> set[str]:

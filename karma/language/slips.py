@@ -32,6 +32,10 @@ _SPOKEN = (
     (r"\b(?:do not|don't|dont|never) (?:you )?forget (?:to )?(?=\w)", ""),
     (r"\bdo me a (?:favou?r|kindness) and\b", ""),
     (r"\b(?:first|before (?:doing )?anything else),? though,?", ""),
+    (r"\bgive (?P<what>(?:the|a|my|that|this|every) [\w ]+?) a (?:good |quick |proper )?"
+     r"(?P<deed>wash|rinse|scrub|clean|polish)\b", r"\g<deed> \g<what>"),
+    (r"\b(?:until|till) (?:it|they)(?: is| are|'s|'re) (?:done|hot|warm|cold|clean|cooked|ready)\b",
+     ""),
     (r",\s*(?:love|darling|sweetie|honey|my friend)\b", ""),
     (r"\bwould you mind (?:\w+ly )?(?=\w+ing\b)", ""),
     (r"\buse (the [\w ]+?) (?:and|to) (?=\w+ the)", ""),

@@ -25,7 +25,9 @@ _TIME = re.compile(  # a time's noun after what makes it a time ("the morning pa
     r"|recently|lately|\d{1,2}[:.]\d{2}|(?:later|ago)(?: on)?"
     rf"|(?:at|by|until|till|before|after) (?:\d{{1,2}}|{'|'.join(NUMBERS)})"
     r"(?: ?(?:am|pm|a\.m\.|p\.m\.|o'clock)\b|(?![:.]?\d| ?\w))"
-    r"|(?:until|till|ago)\b.*|since (?:yesterday|then|\d+))\b",
+    r"|(?:until|till)\b(?! (?:it|they)(?: is| are|'s|'re)"
+    r" (?:done|hot|warm|cold|clean|cooked|ready))"
+    r".*|ago\b.*|since (?:yesterday|then|\d+))\b",
     re.IGNORECASE,
 )
 

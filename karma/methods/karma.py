@@ -17,6 +17,7 @@ from karma.contracts import (
     Experience,
     Known,
     MemoryUnit,
+    Mention,
     Outcome,
     Plan,
     PlanRequest,
@@ -152,6 +153,7 @@ class KarmaEpisode:
         self._maps, self._learn = method.maps, method.learn
         self._reader = method.reader
         self._beliefs = _Beliefs(world, None, ())
+        self._spoken: tuple[Mention, ...] = ()  # of the last instruction that was read here
         self.chosen: dict[tuple[str, int], str] = {}  # what a word of a text was found to mean
         self._world, self._folder, self._seed = world, folder, seed
         self._perception = Perception(self.settings.perception, method.vision, method.detector)
@@ -213,7 +215,10 @@ class KarmaEpisode:
         """Return what an instruction asks, for a guard; None without one."""
         if self._reader is None or subtask.asked is not None:
             return subtask.asked
-        return joined(self._reader.read(subtask.instruction))
+        asked = joined(self._reader.read(subtask.instruction, self._spoken))
+        if asked is not None:
+            self._spoken = tuple(one for one in asked.mentions if one.types) or self._spoken
+        return asked
 
     def planned(
         self, subtask: SubTask, skills: Skills, came: Came, only: Mapping[str, str] | None = None
