@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from karma.agent.effects import ProgramEffects, Thing, effects_of
 from karma.agent.reading import kind_of
 from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
+from karma.household.pieces import EGG
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
 from karma.household.saying import spoken
 from karma.household.types import object_types
@@ -238,7 +239,8 @@ def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) ->
         for one in deed.things:
             kinds = _kinds(one, here)
             if one.told or one.anything or not kinds:
-                kinds = frozenset(kind_of(thing[0]) for thing in found.at) | frozenset(found.doors)
+                moved = {kind_of(thing[0]) for thing in found.at}
+                kinds = frozenset((*moved, *found.doors, *found.switched))
             if deed.deed == "coffee":
                 kinds = frozenset((COFFEE_CUP, "Cup"))
             if not _done(found, deed, kinds, places, _after(request, deed, one)):
@@ -303,6 +305,12 @@ def _done(
             return found.did(deed.deed, kinds)
 
 
+def _speaks_of_pieces(request: Request) -> bool:
+    """Return whether a piece of a thing is meant: "a slice of bread"."""
+    text = request.text.lower()
+    return any(word in text for word in ("slice", "piece", "half", "halves"))
+
+
 def _switch_of(kind: str) -> str:
     return TAPS[0] if kind in (SINK, "Bathtub", *TAPS) else kind
 
@@ -340,9 +348,12 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             for d in request.deeds
             if loose or not d.things or any(kind in _kinds(one, here) for one in d.things)
         }
+        cut = deed == "slice" and _speaks_of_pieces(request)
+        cracked = deed == "break" and kind == EGG and "cook" in own
         if (
             deed in _FOR_GOOD
             and deed not in own
+            and not (cut or cracked)
             and not (deed == "throw" and BIN in places and kind in things)
         ):
             yield Stopped(reason=f"nobody asked to {deed} the {spoken(kind)}")
@@ -357,7 +368,8 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     for kind in sorted(found.switched):
         if kind not in runs | switched and not (loose and deeds & {"on", "off"}):
             word = found.switched[kind]
-            if not (word == "off" and kind not in found.ran and deeds & {"close", "open"}):
+            harmless = _momentary(kind) or bool(deeds & {"close", "open"})
+            if not (word == "off" and kind not in found.ran and harmless):
                 yield Stopped(reason=f"nobody asked to switch {word} the {spoken(kind)}")
 
 

@@ -228,12 +228,16 @@ class Nouns:
         lists, text, head = request_words(), " ".join(words), words[-1]
         if self._s.low(end - 2) == "its" and len(words) == 1:  # its lid, its door
             return replace(bare, text="it", vague=True)
+        if head in _PIECES and len(words) > 1 and self._types(words[:-1], start):
+            words = words[:-1]  # "the bread slices"
         if (head in _PIECES or text == "coffee") and not self._types(words, start):
             return replace(bare, text=text, told=True)
         if head in lists.anything and len(words) <= 2:
             all_ = bare.every or head in ("everything", "all", "whatever", "lot")
             return replace(bare, text=text, anything=all_, vague=not all_, every=all_)
         types = self._types(words, start)
+        if bare.every and types:  # "all lights": of every kind that is called a light
+            types = tuple(dict.fromkeys((*types, *self._s.lexicon.named(singular(text)))))
         if not types and (head in lists.vague or text in lists.vague):
             return replace(bare, text=text, vague=True)
         if not types and head in lists.rooms:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
-from karma.contracts import Form, Mention, Parser, Request, SaidDeed, Word
+from karma.contracts import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 from karma.language.asides import Asides
 from karma.language.lexicon import Lexicon
 from karma.language.nouns import Nouns
@@ -150,6 +150,7 @@ def _read(s: SaidSentence) -> Request:
     asides = Asides(s, nouns, pairs)
     asides.read()
     form, deeds = SentenceDeeds(s, nouns, pairs, asides).read()
+    asides.conditions = [_about(one, deeds) for one in asides.conditions]
     lacking = _lacking(s, deeds) if form == "errand" else ""
     if form == "errand":
         s.unread += _rest(s)
@@ -169,6 +170,14 @@ def _read(s: SaidSentence) -> Request:
         alone=tuple(s.alone) if form != "errand" else (),
         whole=s.text,
     )
+
+
+def _about(condition: Condition, deeds: Sequence[SaidDeed]) -> Condition:
+    """Return a condition whose "it" stands for what the first deed is about."""
+    things = deeds[0].things if deeds else ()
+    if condition.thing is not None or not condition.state or not things:
+        return condition
+    return replace(condition, thing=things[0])
 
 
 def _errand(s: SaidSentence, about: Mention | None) -> str:

@@ -171,7 +171,7 @@ class SentenceDeeds:
         if lemma in ("leave", "keep", "let") and found:
             placed = self.pairs.has_place(range(number + 1, end))
             alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma == "leave" and not placed)
-            others = any(self.s.is_order(n) for n in range(len(self.s.words)) if n != number)
+            others = any(self.s.is_order(n) for n in range(number))
             if state and not others and lemma != "let":
                 self.s.taken.update(range(number, end))
                 pair = Pair(things=tuple(found[:1]))
@@ -328,6 +328,9 @@ def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple
 def sharing(deeds: Sequence[SaidDeed]) -> list[SaidDeed]:
     """Return deeds of which one without a thing shares that of the next: "slice and heat it"."""
     found = list(deeds)
+    for number in range(1, len(found)):  # "cook the potato and put on the plate"
+        if found[number].deed == "put" and found[number].place and not found[number].things:
+            found[number] = replace(found[number], things=found[number - 1].things)
     for number in range(len(found) - 2, -1, -1):
         one = found[number]
         if not one.things and one.deed not in ("", "go", "coffee", "wait"):
@@ -390,7 +393,8 @@ def _meant_by(
     """Return what a pronoun stands for; anything else is itself."""
     if one.vague and one.text in ("them", "both", "these", "they") and last:
         return [replace(thing, at=()) for thing in last]
-    if not (one.vague and one.text in ("it", "this", "that", "one") and named) or one.at:
+    pronoun = one.vague and one.text in ("it", "this", "that", "one")
+    if not (pronoun and named) or (one.text == "one" and one.at):
         return [one]
     wanted = _NEEDS_OF_A_DEED.get(deed.deed)
     able = [

@@ -304,6 +304,9 @@ def _another(
     """Search for one more thing of some kinds; returns its id, None if there is none."""
     came.searched = True
     for kind in kinds:
+        known = any(kind_of(one) == kind for one in tried)
+        if known and not object_types()[kind].can("pickupable"):
+            continue  # a tour has shown what stands or hangs free
         result = skills.find_another(kind, tried)
         yield result
         fresh = [one for one in result.object_ids if kind_of(one) == kind and one not in tried]
@@ -370,19 +373,18 @@ def _looked_at(
             for sight in episode.sights(skills).values()
         )
         return found == condition.holds
+    states: list[bool] = []
     for kind in kinds:
         result = skills.run(SkillCall(skill="Explore", objects=(kind,)))
         yield result
-        if not result.ok:
-            continue
         ids = [one for one in result.object_ids if kind_of(one) == kind]
-        sight = episode.sights(skills).get(ids[-1]) if ids else None
-        if condition.state == "there":
-            return condition.holds
-        if sight is not None:
+        sights = episode.sights(skills)
+        sight = sights.get(ids[-1]) if ids else next(iter(_of_kinds(episode, skills, {kind})), None)
+        if result.ok and sight is not None:
             opposite = _OPPOSITES.get(condition.state)
-            so = opposite not in sight.states if opposite else condition.state in sight.states
-            return so == condition.holds
+            states.append(
+                opposite not in sight.states if opposite else condition.state in sight.states
+            )
     if condition.state == "there":
-        return not condition.holds
-    return None
+        return bool(states) == condition.holds
+    return any(states) == condition.holds if states else None
