@@ -254,6 +254,8 @@ class SentenceDeeds:
         words = self.s.lows(after.start, after.stop)
         if "water" in words and any("HousePlant" in one.types for one in about):
             return "fill"
+        if {"wash", "rinse", "scrub", "clean", "washing"} & set(words):  # "needs a wash"
+            return "wash"
         verbs = (self.pairs.deed_at(n)[0] for n in after if self.s.tag(n) in ("VBG", "VBN", "VB"))
         done = next(filter(None, verbs), "")
         if place.place is not None:

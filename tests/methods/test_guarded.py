@@ -1,0 +1,217 @@
+"""No false "done", whatever the planner: requests carried out as they were said, or told of."""
+
+import subprocess
+import sys
+
+import msgspec
+import pytest
+from support.needs import need_models
+from support.paths import ROOT
+from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
+
+from karma.agent.effects import effects_of
+from karma.agent.guard import cannot_serve, here_of, stopped
+from karma.agent.program import parse_program
+from karma.cli.conversation import CODES
+from karma.methods.guarded import reader_of
+from karma.tasks.asked import AskedRequest, verdict
+
+HERE = ("Apple", "Bowl", "CounterTop", "Fridge", "Mug", "Sink", "Faucet", "Microwave", "Toaster")
+CUT = "PickupObject(robot, 'Knife')\nSliceObject(robot, 'Apple')\n"
+
+
+@pytest.fixture(scope="module")
+def reader():
+    return reader_of(None)
+
+
+def objection(reader, text, program):
+    (request,) = reader.read(text)
+    found = stopped(parse_program(program), request, HERE)
+    return found.reason if found else ""
+
+
+# ----------------------------------------------------------------- a program against the words
+
+
+@pytest.mark.parametrize(
+    ("text", "program"),
+    [
+        ("put the apple in the fridge", STORE),
+        ("wash the apple", TAKE + WASH),
+        ("take the apple", TAKE),
+        ("slice the apple", CUT),
+        ("put the apple in the fridge but don't slice it", STORE),
+        ("chill the apple", STORE),
+        ("open the fridge", "OpenObject(robot, 'Fridge')\n"),
+        ("turn the tap on", "ToggleOn(robot, 'Faucet')\n"),
+        ("throw the apple away", TAKE + "PutObject(robot, 'Apple', 'GarbageCan')\n"),
+    ],
+)
+def test_right_programs_pass(reader, text, program):
+    assert objection(reader, text, program) == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "program", "reason"),
+    [
+        ("put the apple in the fridge", TAKE, "does not put the apple"),
+        ("put the mug in the fridge", STORE, "does not put the mug"),
+        ("put the apple in the sink", STORE, "does not put the apple"),
+        ("put the apple in the fridge", STORE + CUT, "nobody asked"),
+        ("put the apple in the fridge", STORE.replace("Apple", "Mug") + STORE, "mug to be moved"),
+        ("put the apple in the fridge", STORE + TAKE, "does not put the apple"),
+        ("wash the apple", TAKE + WASH.replace("ToggleOn(robot, 'Faucet')\n", ""), "not wash"),
+        ("put the apple in the sink but don't wash it", TAKE + WASH, "says not to wash"),
+        ("chill the apple", STORE.replace("CloseObject(robot, 'Fridge')\n", ""), "not chill"),
+        ("open the fridge", "OpenObject(robot, 'Fridge')\nCloseObject(robot, 'Fridge')\n", "open"),
+        ("put the apple in the fridge instead of the sink",
+         TAKE + "PutObject(robot, 'Apple', 'Sink')\n" + STORE, "not to use the sink"),
+        ("take the apple", TAKE + "ThrowObject(robot, 'Apple')\n", "does not take"),
+        ("turn the tap on", "ToggleOn(robot, 'Toaster')\nToggleOn(robot, 'Faucet')\n", "toaster"),
+    ],
+)  # fmt: skip
+def test_wrong_programs_are_stopped_with_the_reason(reader, text, program, reason):
+    assert reason in objection(reader, text, program)
+
+
+def test_effects_follow_what_is_carried_in_something():
+    program = parse_program(
+        "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'Bowl')\n"
+        "PickupObject(robot, 'Bowl')\nPutObject(robot, 'Bowl', 'Fridge')\n"
+        "CloseObject(robot, 'Fridge')\n"
+    )
+    found = effects_of(program)
+    assert found.places(("Apple", 0)) == {"Bowl", "Fridge"}
+    assert found.did("cool", ("Apple",))
+
+
+def test_what_is_nowhere_here_is_no_candidate():
+    assert here_of(("DeskLamp", "FloorLamp"), ("DeskLamp",)) == ("DeskLamp",)
+    assert here_of(("Curtains",), HERE) == ()
+    assert here_of(("Apple",), ()) == ("Apple",)
+    assert here_of(("Spoon",), HERE) == ("Spoon",)  # it may lie in something
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("is the fridge open?", "question"),
+        ("my uncle put the apple in the fridge", "statement"),
+        ("put the apple in", "incomplete"),
+        ("put the apple in the fridge at noon", "time"),
+        ("put the walnut in the fridge", "thing"),
+        ("put the apple in the wardrobe", "place"),
+        ("put the fridge in the sink", "impossible"),
+        ("knit the apple", "deed"),
+        ("don't touch the apple", "negated"),
+        ("coupe la pomme en deux", "language"),
+    ],
+)
+def test_what_no_planner_can_serve_is_refused_before_one_is_asked(reader, tmp_path, text, kind):
+    requests = reader.read(text)
+    refused = cannot_serve(requests[0], HERE)
+    assert refused is not None and refused.kind == kind
+    agent = agent_saying(tmp_path, [])  # a script that has run out: nobody may ask it
+    before = agent._world.last_event.metadata["objects"]
+    reply = agent.do(text)
+    assert reply.status in ("refused", "asked") and not reply
+    assert agent._world.last_event.metadata["objects"] == before
+
+
+# ----------------------------------------------------------------- what is said at the end
+
+
+@pytest.mark.parametrize(
+    ("text", "status", "code"),
+    [
+        ("put the apple in the fridge", "done", 0),
+        ("put the apple in", "asked", 5),
+        ("put the walnut in the fridge", "refused", 3),
+    ],
+)
+def test_statuses_and_codes(tmp_path, text, status, code):
+    reply = agent_saying(tmp_path, [STORE]).do(text)
+    assert (reply.status, CODES[reply.status]) == (status, code)
+    if status == "asked":
+        assert reply.unclear is not None and reply.unclear.question
+
+
+def test_a_stubborn_planner_is_not_followed(tmp_path):
+    agent = agent_saying(tmp_path, [STORE])
+    reply = agent.do("put the bowl in the fridge")
+    assert reply.status == "refused"
+    assert "does not put the bowl" in repr(reply)
+    assert not reply.parts[0].results
+
+
+def test_the_guard_can_be_left_out(tmp_path):
+    assert agent_saying(tmp_path, [STORE], guard=False).do("put the bowl in the fridge")
+
+
+def test_what_was_done_already_is_not_done_again(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE + WASH + STORE])
+    reply = agent.do("wash the apple and put it in the fridge")
+    assert [part.status for part in reply.parts] == ["done", "done"]
+
+
+def test_it_stands_for_what_was_spoken_of_before(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE + WASH, TAKE + AWAY])
+    assert agent.do("wash the apple")
+    assert agent.do("put it in the fridge")
+
+
+@pytest.mark.parametrize(
+    ("scene", "text", "status", "told"),
+    [
+        ("kitchen_3", "wash all three forks", "partly", "2 of 3: forks; I found no more: no"),
+        ("living_1", "all lights off", "done", "3 of 3: lights: seen"),
+        ("bedroom_3", "put everything on the dresser on the desk", "done", "3 of 3"),
+        ("kitchen_2", "wash the pan if it is dirty", "done", "that is not so"),
+        ("living_1", "close the laptop and switch the lamps off", None, ""),
+    ],
+)
+def test_plurals_and_conditions_belong_to_the_agent(tmp_path, scene, text, status, told):
+    need_models("karma-nano")
+    from karma.talk.agent import Agent
+
+    reply = Agent(scene, folder=tmp_path / "run", maps=tmp_path / "maps").do(text)
+    if status is not None:
+        assert reply.status == status
+        assert told in repr(reply)
+    assert reply.status != "done" or all(check.found != "otherwise" for check in reply.checks)
+
+
+def test_the_adversary_gets_no_false_done():
+    need_models("karma-nano")
+    done = subprocess.run(
+        [sys.executable, "scripts/check_guard.py", "--requests", "4"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert "wrong programs 36" in done.stdout
+    assert "false done with the guard: 0" in done.stdout
+    assert "right programs carried out: 4 of 4" in done.stdout
+    bare = int(done.stdout.split("false done without it: ")[1].split()[0])
+    assert bare > 0  # the control: the same programs, believed
+
+
+# ----------------------------------------------------------------- the judge
+
+
+def test_the_judge_tells_what_was_said_from_what_is_so():
+    do = AskedRequest(id="a", kind="x", scene="s", text="t", act="do")
+    assert verdict(do, "done", met=True, changed=True) == "right"
+    assert verdict(do, "done", met=False, changed=True) == "wrong and said done"
+    assert verdict(do, "unfinished", met=False, changed=True) == "wrong and said so"
+    assert verdict(do, "refused", met=False, changed=False) == "refused or asked wrongly"
+    ask = replace_act(do, "ask")
+    assert verdict(ask, "asked", met=False, changed=False) == "asked rightly"
+    assert verdict(ask, "done", met=True, changed=False) == "wrong and said done"
+    assert verdict(ask, "refused", met=False, changed=True) == "wrong and said so"
+    partly = replace_act(do, "partly")
+    assert verdict(partly, "partly", met=True, changed=True) == "right"
+    assert verdict(partly, "done", met=True, changed=True) == "wrong and said done"
+
+
+def replace_act(one, act):
+    return msgspec.structs.replace(one, act=act)
