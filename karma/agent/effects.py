@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from karma.agent.program import PUTS
 from karma.agent.reading import kind_of
 from karma.contracts import SkillCall
-from karma.household.places import HAND
+from karma.household.places import FLOOR, HAND
 from karma.household.uses import (
     BIN,
     BURNER,
@@ -98,8 +98,8 @@ def _add(found: ProgramEffects, call: SkillCall) -> None:
     elif call.skill in PUTS:
         _put(found, call, kind)
     elif call.skill == "ThrowObject":
-        found.at[thing], found.inside[thing] = BIN, BIN
-        found.deeds.add(("throw", thing))
+        found.at[thing], found.inside[thing] = FLOOR, FLOOR  # wherever it flies, into no bin
+        found.deeds.add(("fling", thing))
         found.held = None
     elif call.skill in _CHANGES:
         found.deeds.add((_CHANGES[call.skill], thing))

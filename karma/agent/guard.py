@@ -47,7 +47,7 @@ _ALONG: dict[str, frozenset[str]] = {
     "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
     "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
 }  # deed -> what may be moved for it  # fmt: skip
-_FOR_GOOD = ("throw", "break", "slice", "empty")  # deeds that nothing takes back
+_FOR_GOOD = ("throw", "fling", "break", "slice", "empty")  # deeds that nothing takes back
 _NEEDS = {
     "open": "openable", "close": "openable", "on": "toggleable", "off": "toggleable",
     "slice": "sliceable", "break": "breakable", "put": "pickupable", "take": "pickupable",
