@@ -24,6 +24,7 @@ class Lexicon:
         self._embedder = embedder
         self._words = kept_words(TYPE_WORDS, embedder) if embedder is not None else None
         self._vectors: dict[str, Vectors] = {}
+        self._found: dict[str, tuple[str, ...]] = {}  # phrase -> its types
 
     @cached_property
     def _file(self) -> WordFile:
@@ -36,6 +37,11 @@ class Lexicon:
         (('Potato',), ('SprayBottle',))
         """
         phrase = " ".join(phrase.lower().replace("-", " ").split())
+        if phrase not in self._found:
+            self._found[phrase] = self._named(phrase)
+        return self._found[phrase]
+
+    def _named(self, phrase: str) -> tuple[str, ...]:
         for said in dict.fromkeys((phrase, singular(phrase))):
             if said in self._by_text:
                 return self._by_text[said]

@@ -257,7 +257,7 @@ class Agent:
             else:
                 plans.append(moment)
                 if moment.refused is not None or (moment.calls and not moment.error):
-                    taken.append(self._understood(clause, moment))
+                    taken.append(self._understood(clause, moment, asked))
                     yield taken[-1]
             yield moment
         self._done.append(record)
@@ -284,9 +284,15 @@ class Agent:
             tours=self._tours,
         )
 
-    def _understood(self, clause: str, plan: Plan) -> Understanding:
+    def _understood(self, clause: str, plan: Plan, asked: Request | None) -> Understanding:
         here = {*self.map.types(), *(unit.object_type for unit in self.memory)}
-        return understood(clause, plan, self._episode.where, self._lexicon, sorted(here))
+        taken = understood(clause, plan, self._episode.where, self._lexicon, sorted(here))
+        if asked is None or taken.refused:
+            return taken
+        verbs = [deed.verb for deed in asked.forbidden]
+        return replace(
+            taken, forbidden=(*verbs, *(f"use the {one.text}" for one in asked.exclusions))
+        )
 
     def undo(self) -> str | None:
         """Go back to before the last thing that was said: room, memory and records.

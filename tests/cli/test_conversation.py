@@ -9,7 +9,7 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.cli import app, conversation
-from karma.cli.conversation import converse, say
+from karma.cli.conversation import _whole, converse, say
 from karma.cli.shared import console
 from karma.infer.scripted import ScriptedModel
 
@@ -57,6 +57,19 @@ def test_refusal_is_told_with_a_question(talk):
     assert any("I understand English only" in row for row in rows)
     assert any("Say it in English" in row for row in rows)
     assert not any(row.startswith("  done") for row in rows)
+
+
+def test_an_answer_to_what_was_asked_back_goes_on_with_the_errand(tmp_path, capsys):
+    agent = agent_saying(tmp_path, [STORE, STORE])
+    asked = agent.do("put the apple in").unclear
+    assert asked is not None
+    assert _whole(agent, "the fridge", asked) == "put the apple in the fridge"
+    assert "so: put the apple in the fridge" in capsys.readouterr().out
+    assert agent.do(_whole(agent, "the fridge", asked))
+    other = "take the apple"
+    assert _whole(agent, other, asked) == other
+    assert "in place of: put the apple in" in capsys.readouterr().out
+    assert _whole(agent, "/map", asked) == "/map" and _whole(agent, other, None) == other
 
 
 def test_undo_and_why_and_map_and_help_answer(talk):
