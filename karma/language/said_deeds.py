@@ -75,6 +75,8 @@ class SentenceDeeds:
             return False
         starts, subject = s.starts_clause(number), s.subject(number)
         verb = word.tag.startswith("VB") and word.dep not in ("amod", "aux", "auxpass", "compound")
+        if low in lists.be and self._is_part(number):
+            return False
         if low in lists.auxiliaries | lists.be:
             whole = word.dep in ("ROOT", "ccomp", "conj", "advcl") and low in lists.be | {"have"}
             return whole and verb and subject is not None
@@ -99,6 +101,8 @@ class SentenceDeeds:
         wished = s.words[word.head].lemma in needs and s.subject(word.head) is not None
         if word.dep in ("ccomp", "xcomp") and word.head != number and wished:
             return True
+        if s.low(number - 1) in ("whatever", "what", "that", "which"):
+            return True  # "whatever is on the table"
         just = s.low(number - 2) in ("you", "we") and s.low(number - 1) in ("just", "have", "first")
         return (just or s.low(number - 1) in ("you", "we")) and not s.starts_clause(number)
 
@@ -229,7 +233,7 @@ class SentenceDeeds:
         """Read "the pan needs washing", "the vase should go on the desk"."""
         s, word, who = self.s, self.s.words[number], self.s.low(subject)
         begin, helpers = s.phrase_begin(subject), s.helpers(number)
-        about = self.nouns.all_of(range(begin, number))
+        about = self._subjects(begin, number)
         habit = request_words().habits & set(s.lows())
         needed = word.lemma in ("need", "want", "require")
         if needed:
@@ -248,6 +252,18 @@ class SentenceDeeds:
         s.taken.update(after)
         pair = replace(place, things=tuple(about[:3]))
         return [_said(text, deed, word.start, pair)]
+
+    def _subjects(self, begin: int, end: int) -> list[Mention]:
+        """Return what a sentence is about; a place only says which: "the mug on the desk"."""
+        found: list[Mention] = []
+        for number, one in self.nouns.mentions(range(begin, end)):
+            words = request_words()
+            told = self.pairs.preposition(number, begin) in words.destinations | words.sources
+            if told and found:
+                found[-1] = replace(found[-1], at=one.types)
+            else:
+                found.append(one)
+        return found
 
     def _needed(self, after: range, place: Pair, about: Sequence[Mention]) -> str:
         """Return what has to be done, by the words behind "needs" and "should be"."""
@@ -370,7 +386,7 @@ def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> li
         named, ahead = [*named, *fresh], [one for one in ahead if one not in fresh]
         last = tuple(fresh[-1:]) or last
         if found and _is_cleared(found[-1], deed):
-            found[-1] = replace(found[-1], place=deed.place)
+            found[-1] = replace(found[-1], deed="put", place=deed.place)
             continue
         things = tuple(thing for one in deed.things for thing in _meant_by(one, deed, named, last))
         place = deed.place
@@ -385,7 +401,8 @@ def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> li
 def _is_cleared(before: SaidDeed, deed: SaidDeed) -> bool:
     """Return whether a deed only says where what was cleared goes."""
     loose = all(one.vague or one.anything for one in deed.things)
-    cleared = before.verb.startswith("clear") and before.place is None
+    emptied = before.deed == "take" and any(one.anything for one in before.things)
+    cleared = (before.verb.startswith("clear") or emptied) and before.place is None
     return cleared and deed.deed == "put" and loose and deed.place is not None
 
 

@@ -37,7 +37,7 @@ from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.methods.attempts import Programs
 
-_PLACES = 4  # of a kind that are looked over
+_PLACES = 12  # of a kind that are looked over
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
 _OPPOSITES = {"clean": "dirty", "off": "on", "closed": "opened", "empty": "filled"}
@@ -55,6 +55,9 @@ class Carrier(Protocol):
 
     def here(self, skills: Skills) -> frozenset[str]:
         """Return the types that the agent knows of in this room."""
+
+    def places(self, kinds: Collection[str]) -> list[str]:
+        """Return the ids of the furniture of some kinds, by the map."""
 
     def sights(self, skills: Skills) -> dict[str, SeenObject]:
         """Return the latest sight of all that was seen in this room."""
@@ -330,12 +333,9 @@ def _whatever(
         return kinds, there
     came.searched = True
     places = {kind_of(kind) for kind in here_of(thing.at, episode.here(skills))}
-    shown = _of_kinds(episode, skills, places)
-    if not shown:
-        for place in sorted(places)[:1]:
-            yield skills.run(SkillCall(skill="GoToObject", objects=(place,)))
-        shown = _of_kinds(episode, skills, places)
-    for sight in shown[:_PLACES]:
+    for name in episode.places(places)[:_PLACES] or sorted(places)[:1]:
+        yield skills.run(SkillCall(skill="GoToObject", objects=(name,)))
+    for sight in _of_kinds(episode, skills, places)[:_PLACES]:
         yield skills.look_over(sight)
     there = [
         sight.object_id for sight in episode.sights(skills).values()

@@ -1,6 +1,6 @@
 """KARMA: both memories in the prompt; without one of them it is the paper's ablation (Table 2)."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from msgspec import Meta
 
 from karma.agent.planner import Planner
+from karma.agent.reading import kind_of
 from karma.agent.short_names import furniture
 from karma.agent.skills import Skills
 from karma.contracts import (
@@ -302,6 +303,11 @@ class KarmaEpisode:
         kinds = {kind for area in areas for kind in area.contains}
         kinds |= {unit.object_type for unit in self.short_term.units(self._scene)}
         return frozenset(kinds | {one.object_type for one in self.sights(skills).values()})
+
+    def places(self, kinds: Collection[str]) -> list[str]:
+        """Return the ids of the furniture of some kinds, by the map."""
+        nodes = self.graph.objects() if self.graph else ()
+        return sorted(one.id for one in nodes if kind_of(one.type) in kinds)
 
     def sights(self, skills: Skills) -> dict[str, SeenObject]:
         """Return the latest sight of all that was seen in this room."""
