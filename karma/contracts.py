@@ -915,7 +915,7 @@ class Parser(Protocol):
         """Return the words of a text, without blanks."""
 
     def knows(self, word: str) -> bool:
-        """Return whether a word, in small letters, is one that it has ever met."""
+        """Return whether a word, in small letters, is one of the language."""
 
 
 @runtime_checkable

@@ -64,7 +64,8 @@ class RequestReader:
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
-            meant = spelt(meant, self._is_known, self._vocabulary)
+            verbs = sorted({text.split()[0] for text in deed_verbs()})
+            meant = spelt(meant, self._is_known, self._vocabulary, verbs)
         meant = " ".join(self._plainly(one) for one in sentences_of(meant))
         words = self._parser.parse(meant)
         first, before, last = 0, list(earlier), list[SaidDeed]()
@@ -116,12 +117,13 @@ class RequestReader:
         return any(self._lexicon.named(part) or is_deed(part) for part in parts)
 
     def _is_known(self, word: str) -> bool:
-        return self._parser.knows(word) or word in self._vocabulary_set
+        return self._is_ours(word) or self._parser.knows(word)
 
     @cached_property
     def _vocabulary(self) -> list[str]:
         verbs = {word for text in deed_verbs() for word in text.split()}
-        return sorted({*self._lexicon.words, *verbs, "the", "with", "from", "into", "onto"})
+        small = (word for word in closed_words() if len(word) > 3)
+        return sorted({*self._lexicon.words, *verbs, "the", *small})
 
     @cached_property
     def _vocabulary_set(self) -> frozenset[str]:

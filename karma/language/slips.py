@@ -181,8 +181,16 @@ def without_courtesy(
     return sentence
 
 
-def spelt(text: str, is_known: Callable[[str], bool], words: Sequence[str]) -> str:
+def spelt(
+    text: str, is_known: Callable[[str], bool], words: Sequence[str], verbs: Sequence[str] = ()
+) -> str:
     """Return a text with words that nobody knows spelt as one that is one slip away.
+
+    Args:
+        text: what is said.
+        is_known: whether a word, in small letters, is one of the language.
+        words: that may be meant.
+        verbs: of them, those that a sentence may begin with; they are meant rather there.
 
     >>> spelt("trun on the lamp", lambda word: word != "trun", ["turn", "tap"])
     'turn on the lamp'
@@ -192,7 +200,9 @@ def spelt(text: str, is_known: Callable[[str], bool], words: Sequence[str]) -> s
         word = found[0]
         if len(word) < 3 or word[0].isupper() or is_known(word.lower()):
             return word
-        return next((one for one in words if _is_a_slip(word.lower(), one)), word)
+        begins = re.search(r"(?:^|[.;!?,]\s*)$", text[: found.start()]) is not None
+        likely = [*verbs, *words] if begins else words
+        return next((one for one in likely if _is_a_slip(word.lower(), one)), word)
 
     return re.sub(r"[A-Za-z]+", right, text)
 

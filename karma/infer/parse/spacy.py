@@ -11,6 +11,7 @@ from karma.infer.manifest.manifest import resolve_folder
 
 NAME = "en-core-web-sm"
 _UNUSED = ("ner", "senter")
+_ENDINGS = ("s", "es", "ed", "d", "ing", "er", "ly", "'s")
 
 
 class SpacyParser:
@@ -46,8 +47,22 @@ class SpacyParser:
         ]  # fmt: skip
 
     def knows(self, word: str) -> bool:
-        """Return whether a word, in small letters, is one that it has ever met."""
-        return word in self._pipeline.vocab.strings
+        """Return whether a word, in small letters, is English, by WordNet's index and endings."""
+        stems = {word, *(word.removesuffix(end) for end in _ENDINGS)}
+        stems |= {f"{stem}e" for stem in stems} | {stem[:-1] for stem in stems if len(stem) > 3}
+        return not self._index.isdisjoint(stems) or word in self._forms
+
+    @cached_property
+    def _index(self) -> frozenset[str]:
+        """Base forms."""
+        table = self._pipeline.get_pipe("lemmatizer").lookups.get_table("lemma_index")
+        return frozenset(word for words in table.values() for word in words)
+
+    @cached_property
+    def _forms(self) -> frozenset[str]:
+        """Forms that follow no rule."""
+        table = self._pipeline.get_pipe("lemmatizer").lookups.get_table("lemma_exc")
+        return frozenset(word for words in table.values() for word in words)
 
 
 @contextmanager
