@@ -146,6 +146,8 @@ class SentenceDeeds:
         if deed in ("put", "take") and first.place is not None:
             return _carried(deed, pairs, first.place, me=me)
         match deed:
+            case "put" if text == "dump" and first.place is None:
+                return "throw", pairs
             case "make" | "fill" if coffee:
                 return "coffee", pairs
             case "make":
