@@ -321,6 +321,7 @@ def _momentary(kind: str) -> bool:
 
 def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
     """Yield what a program changes and no word speaks of."""
+    own_only = request
     request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
     deeds = {deed.deed for deed in request.deeds}
     named = {kind for one in request.mentions for kind in _kinds(one, here)}
@@ -340,7 +341,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             if not (kind in named and place == HAND):
                 yield Stopped(reason=f"nobody asked for the {spoken(kind)} to be moved")
         elif kind in things and kind not in along and not loose:
-            yield from _misplaced(found, thing, place, request, here, help_, deeds)
+            yield from _misplaced(found, thing, own_only, request, here, help_)
     for deed, thing in sorted(found.deeds):
         kind = kind_of(thing[0])
         own = {
@@ -374,28 +375,34 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
 
 
 def _misplaced(
-    found: ProgramEffects, thing: Thing, place: str, request: Request, here: Collection[str],
-    help_: Collection[str], deeds: Collection[str],
+    found: ProgramEffects, thing: Thing, own: Request, whole: Request, here: Collection[str],
+    help_: Collection[str],
 ) -> Iterator[Stopped]:  # fmt: skip
-    """Yield that a named thing comes to a place that nobody spoke of."""
-    kind = kind_of(thing[0])
-    wanted = {
-        k
-        for d in request.deeds
-        if d.place
-        for one in d.things
-        if kind in _kinds(one, here)
-        for k in _kinds(d.place, here)
-    }
-    puts = [
-        d
-        for d in request.deeds
-        if d.deed == "put" and any(kind in _kinds(one, here) for one in d.things)
-    ]
-    if wanted:
-        if not found.places(thing) & wanted:
-            yield Stopped(reason=f"the {spoken(kind)} is to be elsewhere", words=(kind,))
-    elif puts or place == HAND or place in help_:
+    """Yield that a named thing comes to a place that nobody spoke of.
+
+    Args:
+        found: what the program brings about.
+        thing: that it moves.
+        own: what is to be done now.
+        whole: the same with what the sentence asks besides, which may be done as well.
+        here: types that the agent knows of in this room.
+        help_: where things may be put on the way.
+    """
+    kind, place = kind_of(thing[0]), found.at[thing]
+    wanted, besides = _goes_to(kind, own, here), _goes_to(kind, whole, here)
+    places = found.places(thing)
+    if places & (besides or set()):
         return
-    elif place not in SURFACES:
+    if wanted:
+        yield Stopped(reason=f"the {spoken(kind)} is to be elsewhere", words=(kind,))
+    elif wanted is None and place != HAND and place not in (*help_, *SURFACES):
         yield Stopped(reason=f"nobody asked for the {spoken(kind)} to be put {spoken(place)}")
+
+
+def _goes_to(kind: str, request: Request, here: Collection[str]) -> set[str] | None:
+    """Return where a thing is to be put: kinds, none where any will do; None: nowhere."""
+    puts = [
+        deed for deed in request.deeds
+        if deed.deed == "put" and any(kind in _kinds(one, here) for one in deed.things)
+    ]  # fmt: skip
+    return {place for deed in puts for place in _kinds(deed.place, here)} if puts else None

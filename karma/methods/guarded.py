@@ -189,6 +189,7 @@ def _the_same(
     before = episode.chosen.get(key)
     if before and _holds_already(episode, skills, before, asked.deeds[0]):
         came.nothing_to_do = True
+        came.told.append(Check(text=f"the {name_of(before)}: that is so already", found="seen"))
         return
     only = {kind_of(before): before} if before and kind_of(before) in kinds else None
     yield from episode.planned(subtask, skills, came, only)
