@@ -10,6 +10,7 @@ from karma.household.saying import spoken
 from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
 
 LEAST_LETTERS, SLIP = 5, 0.87  # of a word that may be misspelt, and how alike it has to be
+DESCRIBED = 3  # types that a description may mean
 ALIKE = 0.5  # cosine from which on a phrase may speak of a type
 
 
@@ -59,6 +60,16 @@ class Lexicon:
                 found.setdefault(text.replace("-", " "), []).append(kind)
         own = {spoken(kind).lower(): (kind,) for kind in self._file.types}
         return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own
+
+    def described(self, phrase: str) -> tuple[str, ...]:
+        """Return the types that a description comes nearest to: "something to write with".
+
+        None without an embedder, unless it is one of our texts.
+        """
+        named = self.named(phrase)
+        if named or self._words is None:
+            return named
+        return self.nearest(phrase, list(self._file.types), DESCRIBED)
 
     @cached_property
     def words(self) -> list[str]:

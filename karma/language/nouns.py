@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from karma.contracts import Mention
 from karma.language.hints import singular
+from karma.language.phrases import phrases_of
 from karma.language.request_words import request_words
 from karma.language.sentence import SaidSentence
 from karma.language.words import word_lists
@@ -15,6 +16,8 @@ _STARTS = frozenset((
 _ALONE = frozenset((
     "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one",
 ))  # fmt: skip
+_DESCRIBED = frozenset(("something", "anything", "thing", "things", "what", "item", "object"))
+_LEAST_DESCRIBED = 3  # words
 _PERSONS = frozenset(("i", "you", "we", "u", "he", "she"))
 _PARTS = frozenset(("mug", "cup", "bars", "rolls", "couple", "lot", "one", "two", "three"))  # "of"
 _ADJECTIVES = ("JJ", "JJR", "JJS", "VBN", "VBG", "VBD")
@@ -34,6 +37,12 @@ class Nouns:
         found: list[tuple[int, Mention]] = []
         number = body.start
         while number < body.stop:
+            told = self._described(number, body.stop)
+            if told is not None:
+                self._s.taken.update(range(number, told[1]))
+                found.append((number, told[0]))
+                number = told[1]
+                continue
             end = number if number in self._s.gone else self.end(number, body.stop)
             if end == number:
                 number += 1
@@ -54,6 +63,24 @@ class Nouns:
     def all_of(self, body: range) -> list[Mention]:
         """Return the noun phrases of some words."""
         return [one for _, one in self.mentions(body)]
+
+    def _described(self, number: int, stop: int) -> tuple[Mention, int] | None:
+        """Return a thing that is told by what it is for, and where that ends; None if none is."""
+        head = number + (self._s.tag(number) in ("DT", "PRP$"))
+        if number in self._s.gone or self._s.low(head) not in _DESCRIBED:
+            return None
+        starts = (self._s.words[number].start, self._s.words[head].start)
+        said = next((one for one in phrases_of(self._s.text).nouns if one.start in starts), None)
+        if said is None or len(said.text.split()) < _LEAST_DESCRIBED:
+            return None
+        inside = [n for n in range(head, stop) if self._s.words[n].start < said.end]
+        end = max(inside, default=head) + 1
+        if any(self._s.low(n) in ("you", "we") for n in inside[:3]):  # "the thing you closed"
+            return None
+        types = self._s.lexicon.described(said.text)
+        begin, last = self._s.words[number].start, self._s.words[end - 1].end
+        found = Mention(text=said.text, start=begin, end=last, types=types, told=not types)
+        return found, end
 
     def _done_before(self, number: int, stop: int) -> int:
         """Return where a clause like "(that) you just washed" ends; the same number if none is."""

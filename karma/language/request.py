@@ -239,7 +239,7 @@ def _order_follows(s: SaidSentence, at: int) -> bool:
 def _lacking(s: SaidSentence, deeds: Sequence[SaidDeed]) -> str:
     """Return what an errand lacks; "" where it is whole."""
     last = [n for n, w in enumerate(s.words) if w.text[0].isalnum() and n not in s.gone]
-    if last:
+    if last and last[-1] not in s.taken:
         tag, low = s.tag(last[-1]), s.low(last[-1])
         if tag in ("DT", "PRP$", "PDT", "CC", "TO") or low in _OPEN_ENDS:
             return "what"

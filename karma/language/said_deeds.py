@@ -103,6 +103,8 @@ class SentenceDeeds:
             return True
         if s.low(number - 1) in ("whatever", "what", "that", "which"):
             return True  # "whatever is on the table"
+        if s.low(number - 1) == "to" and s.low(number - 2) in request_words().vague:
+            return True  # "the thing to read"
         just = s.low(number - 2) in ("you", "we") and s.low(number - 1) in ("just", "have", "first")
         return (just or s.low(number - 1) in ("you", "we")) and not s.starts_clause(number)
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from karma.infer.embed.minilm import MiniLm
 from karma.infer.parse.spacy import SpacyParser
 from karma.language.clauses import clauses_of, completed, context_left_out, plainly
 from karma.language.lexicon import Lexicon
@@ -276,6 +277,18 @@ def test_it_may_stand_for_what_was_said_before(reader):
     assert deeds(request) == ["put Apple > Fridge"]
     (alone,) = reader.read("put it in the fridge")
     assert alone.form == "incomplete"
+
+
+def test_things_may_be_told_by_what_they_are_for():
+    reader = RequestReader(SpacyParser(), Lexicon(MiniLm()))
+    for text, kind in (
+        ("bring me something to write with", "Pen"),
+        ("throw the thing to read in the bin", "Book"),
+        ("find the thing that tells the time", "AlarmClock"),
+    ):
+        (request,) = reader.read(text)
+        assert kind in request.deeds[0].things[0].types
+        assert len(request.deeds) == 1 and not request.unread
 
 
 def test_plain_words_name_types(reader):
