@@ -16,6 +16,8 @@ from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
 from karma.household.saying import spoken
 from karma.household.types import object_types
 from karma.household.uses import (
+    BASIN_OF,
+    BASINS,
     BIN,
     BURNER,
     COFFEE_CUP,
@@ -25,9 +27,9 @@ from karma.household.uses import (
     LAMPS,
     MICROWAVE,
     SINK,
+    SWITCHED_BY_A_PART,
     TAPS,
     TOASTER,
-    without_basin,
 )
 
 _HELP: dict[str, frozenset[str]] = {
@@ -54,7 +56,6 @@ _NEEDS = {
     "throw": "pickupable", "wash": "pickupable", "heat": "pickupable", "cool": "pickupable",
     "cook": "pickupable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
 }  # deed -> what one of its thing's types has to be  # fmt: skip
-_WHOLE_NAMES = {"Stove": BURNER, "StoveKnob": BURNER}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,9 +135,9 @@ def _unknown_place(deed: SaidDeed, place: Mention, here: Collection[str]) -> Ref
 def _able(kind: str, need: str) -> bool:
     known = object_types()[kind]
     if need == "toggleable":
-        return known.can("toggleable") or kind in (BURNER, "Sink", "SinkBasin", "Bathtub")
+        return known.can("toggleable") or kind in SWITCHED_BY_A_PART
     if need == "receptacle":
-        return known.can("receptacle") or without_basin(kind) != kind or kind in ("Sink", "Bathtub")
+        return known.can("receptacle") or kind in (*BASIN_OF, *BASINS)
     return known.can(need)  # type: ignore[arg-type]
 
 
@@ -184,9 +185,7 @@ def stopped(
 def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
     if one is None:
         return frozenset()
-    return frozenset(
-        _WHOLE_NAMES.get(kind, kind_of(kind)) for kind in here_of(one.types, here) or one.types
-    )
+    return frozenset(kind_of(kind) for kind in here_of(one.types, here) or one.types)
 
 
 def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[Stopped]:

@@ -4,17 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from karma.contracts import Mention
+from karma.household.places import HAND
 from karma.household.types import object_types
+from karma.household.uses import FAUCET, KNIVES, WASHED_WITH
 from karma.language.nouns import Nouns
 from karma.language.request_words import deed_verbs, request_words
 from karma.language.sentence import SaidSentence
 from karma.language.words import word_lists
 
 _TOOLS = {
-    "slice": frozenset(("Knife", "ButterKnife")),
-    "wash": frozenset(("DishSponge", "SoapBottle", "SoapBar", "Cloth", "ScrubBrush", "Faucet")),
+    "slice": frozenset(KNIVES),
+    "wash": frozenset((*WASHED_WITH, FAUCET)),
 }  # deed -> what it may be done with
-_WITH = ("water", "soap", "coffee", "care", "hand", "hands")  # that need no reading
+_WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no reading
 _OF = {"out": "out", "off": "off", "top": "on", "front": "near", "inside": "in"}  # "out of"
 _LIES = ("is", "are", "'s", "lies", "lie", "lying", "stands", "sits", "was", "were", "sitting")
 

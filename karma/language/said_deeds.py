@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.types import object_types
-from karma.household.uses import BIN
+from karma.household.uses import BIN, FAUCET
 from karma.language.asides import Asides
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pair, Pairs
@@ -337,7 +337,7 @@ def _said(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
 def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple[str, list[Pair]]:
     """Return what is meant by a thing that goes somewhere: under the tap it is washed."""
     things = pairs[0].things
-    if "Faucet" in place.types:
+    if FAUCET in place.types:
         return "wash", [Pair(things=things)]
     if deed == "take" and me:
         return "take", [Pair(things=tuple(replace(one, at=place.types) for one in things))]

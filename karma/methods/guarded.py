@@ -29,6 +29,7 @@ from karma.contracts import (
     SubTask,
 )
 from karma.household.saying import name_of, spoken
+from karma.household.states import OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import BASINS, LAMPS
 from karma.infer.parse.spacy import SpacyParser
@@ -40,7 +41,8 @@ from karma.methods.attempts import Programs
 _PLACES = 12  # of a kind that are looked over
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
-_OPPOSITES = {"clean": "dirty", "off": "on", "closed": "opened", "empty": "filled"}
+_SHOWN_BY = {"clean": "dirty", "empty": "filled"}  # a look shows the other; so with "off"
+_AFTER = {"on": "on", "open": "opened", "slice": "sliced", "off": "off", "close": "closed"}
 
 
 class Carrier(Protocol):
@@ -292,14 +294,14 @@ def _holds_already(episode: Carrier, skills: Skills, object_id: str, deed: SaidD
     if deed.deed == "put" and deed.place is not None and not deed.near:
         kinds = {kind_of(kind) for kind in deed.place.types}
         return any(kind_of(parent) in kinds for parent in sight.parent_ids)
-    words = {"on": "on", "open": "opened", "slice": "sliced"}
-    if deed.deed in words:
-        return words[deed.deed] in sight.states
-    return (
-        deed.deed in ("off", "close")
-        and bool(sight.states)
-        and ({"off": "on", "close": "opened"}[deed.deed] not in sight.states)
-    )
+    after = _AFTER.get(deed.deed)
+    return after is not None and bool(sight.states) and _is_so(after, sight)
+
+
+def _is_so(state: str, sight: SeenObject) -> bool:
+    """Return whether a look shows a thing in a state."""
+    shown = _SHOWN_BY.get(state) or (OPPOSITES.get(state) if state in ("off", "closed") else None)
+    return state in sight.states or (shown is not None and shown not in sight.states)
 
 
 def _another(
@@ -382,10 +384,7 @@ def _looked_at(
         sights = episode.sights(skills)
         sight = sights.get(ids[-1]) if ids else next(iter(_of_kinds(episode, skills, {kind})), None)
         if result.ok and sight is not None:
-            opposite = _OPPOSITES.get(condition.state)
-            states.append(
-                opposite not in sight.states if opposite else condition.state in sight.states
-            )
+            states.append(_is_so(condition.state, sight))
     if condition.state == "there":
         return bool(states) == condition.holds
     return any(states) == condition.holds if states else None

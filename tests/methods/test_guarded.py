@@ -168,6 +168,9 @@ def test_it_stands_for_what_was_spoken_of_before(tmp_path):
         ("living_1", "all lights off", "done", "3 of 3: lights: seen"),
         ("bedroom_3", "put everything on the dresser on the desk", "done", "3 of 3"),
         ("kitchen_2", "wash the pan if it is dirty", "done", "that is not so"),
+        ("kitchen_2", "if the pan is clean, put it in the sink", "done", "pan is in the sink"),
+        ("kitchen_1", "if the plate is clean, put it in the sink", "done", "that is not so"),
+        ("living_1", "if the floor lamp is off, close the laptop", "done", "that is not so"),
         ("living_1", "close the laptop and switch the lamps off", None, ""),
     ],
 )
