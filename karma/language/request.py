@@ -242,7 +242,8 @@ def _lacking(s: SaidSentence, deeds: Sequence[SaidDeed]) -> str:
     if last and last[-1] not in s.taken:
         tag, low = s.tag(last[-1]), s.low(last[-1])
         if tag in ("DT", "PRP$", "PDT", "CC", "TO") or low in _OPEN_ENDS:
-            return "what"
+            to = request_words().destinations
+            return "where" if {low, *s.lows(last[-1] - 1, last[-1])} & to else "what"
         particle = low in ("on", "off", "in", "out", "up", "down", "away", "over", "back")
         if tag == "IN" and not particle and low not in request_words().never_mind:
             return "where"
