@@ -27,7 +27,10 @@ def test_last_deed_with_a_thing_counts(tmp_path):
     reply = agent_saying(tmp_path, [TAKE + WASH + STORE]).do(
         "wash the apple and put it in the fridge"
     )
-    assert told(reply) == ["the apple is in the fridge: seen", "the apple is clean: done, not seen"]
+    assert told(reply) == [
+        "the apple is in the fridge: seen", "the apple is clean: done, not seen",
+        "the apple: that is so already: seen",  # of the second request
+    ]  # fmt: skip
 
 
 def test_what_was_not_come_to_is_not_seen(tmp_path):
