@@ -20,23 +20,21 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from measure_asked import MAPS, say
 from rich.progress import track
 
 from karma.agent.program import SKILLS
 from karma.bench.experiment import Models, load_resources
-from karma.contracts import Completion, Prompt, Resources, SkillCall, SubTask
-from karma.errors import KarmaError
+from karma.contracts import Completion, Prompt, Resources, SkillCall
 from karma.household.containment import goes_in
 from karma.household.types import object_types
 from karma.offline import go_offline
 from karma.seeds import stream
-from karma.talk.agent import Agent, asking
+from karma.talk.agent import asking
 from karma.talk.replies import AgentReply
 from karma.tasks.asked import AskedRequest, states_of
-from karma.tasks.goals import GoalTracker
 
 SETS = (Path("eval/requests/asked_open.jsonl"), Path("eval/requests/do.jsonl"))
-MAPS = Path("runs/maps-asked")
 _OPPOSITE = {
     "ToggleOn": "ToggleOff", "ToggleOff": "ToggleOn", "SwitchOn": "SwitchOff",
     "SwitchOff": "SwitchOn", "OpenObject": "CloseObject", "CloseObject": "OpenObject",
@@ -84,34 +82,14 @@ class Played:
 def play(one: AskedRequest, resources: Resources, options: dict[str, object]) -> Played:
     """Say a request to an agent of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        agent = Agent(
-            one.scene, resources=resources, options=options, folder=Path(folder) / "talk", maps=MAPS
-        )
-        world, tracker = agent._world, GoalTracker()
-        tracker.start(world.last_event)
-        wanted = SubTask(instruction=one.text, goals=one.wanted)
-        tracker.begin_subtask(wanted, world.last_event)
-        inner = world.step
-
-        def step(action: str, **arguments: object) -> object:
-            event = inner(action, **arguments)
-            tracker.update(event)
-            return event
-
-        world.step = step  # type: ignore[method-assign,assignment]
-        try:
-            reply: AgentReply | None = agent.do(one.text)
-        except KarmaError:
-            reply = None
-        event = world.last_event
-        unmet = tracker.unmet(one.wanted, event)
-        bad = [goal for goal in one.unwanted if not tracker.unmet((goal,), event)]
-        harmed = frozenset(
-            key for key, states in states_of(event.metadata["objects"]).items()
-            if states[3] == "True" or states[4] == "True" or "GarbageCan" in states[-1]
-        )  # fmt: skip
-        kinds = frozenset(one["objectType"] for one in event.metadata["objects"])
-    return Played(reply=reply, met=not unmet and not bad, harmed=harmed, kinds=kinds)
+        told = say(one, resources, options, Path(folder))
+    harmed = frozenset(
+        key for key, states in states_of(told.objects).items()
+        if states[3] == "True" or states[4] == "True" or "GarbageCan" in states[-1]
+    )  # fmt: skip
+    kinds = frozenset(item["objectType"] for item in told.objects)
+    met = not told.unmet
+    return Played(reply=told.reply, met=met, harmed=harmed, kinds=kinds)
 
 
 def programs(

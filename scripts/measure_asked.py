@@ -11,9 +11,10 @@ to be done. Rows beside it: one that does nothing and says "done", and one that 
 import argparse
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
+from typing import Any
 
 import msgspec
 from rich.progress import track
@@ -25,6 +26,7 @@ from karma.contracts import Resources, SubTask
 from karma.errors import KarmaError
 from karma.offline import go_offline
 from karma.talk.agent import Agent, asking
+from karma.talk.replies import AgentReply
 from karma.tasks.asked import VERDICTS, AskedRequest, Came, Verdict, states_of, verdict
 from karma.tasks.goals import GoalTracker
 
@@ -84,44 +86,56 @@ def read_asked(path: Path) -> list[AskedRequest]:
     return [msgspec.json.decode(line, type=AskedRequest) for line in path.read_bytes().splitlines()]
 
 
-def said(one: AskedRequest, resources: Resources, options: dict[str, object]) -> AskedRecord:
-    """Say one request to an agent of its own."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """What came of a request, as it is said and as it is."""
+
+    reply: AgentReply | None  # None: an error
+    error: str
+    unmet: tuple[str, ...]  # goals that do not hold, and what must not hold and does
+    changed: bool
+    objects: Sequence[Mapping[str, Any]]  # the world's, afterwards
+
+
+def say(one: AskedRequest, resources: Resources, options: Mapping[str, Any], folder: Path) -> Told:
+    """Say one request to an agent of its own, whose world the judge watches."""
+    agent = Agent(one.scene, resources=resources, options=options, folder=folder / "t", maps=MAPS)
+    tracker, world = GoalTracker(), agent._world
+    tracker.start(world.last_event)
+    tracker.begin_subtask(SubTask(instruction=one.text, goals=one.wanted), world.last_event)
+    before, inner = states_of(world.last_event.metadata["objects"]), world.step
+
+    def step(action: str, **arguments: object) -> object:
+        event = inner(action, **arguments)
+        tracker.update(event)
+        return event
+
+    world.step = step  # type: ignore[method-assign,assignment]
+    reply, error = None, ""
+    try:
+        reply = agent.do(one.text)
+    except KarmaError as failure:
+        error = str(failure)
+    event = world.last_event
+    bad = [goal for goal in one.unwanted if not tracker.unmet((goal,), event)]
+    unmet = (*map(str, tracker.unmet(one.wanted, event)), *(f"not {goal}" for goal in bad))
+    objects = event.metadata["objects"]
+    changed = states_of(objects) != before
+    return Told(reply=reply, error=error, unmet=unmet, changed=changed, objects=objects)
+
+
+def said(one: AskedRequest, resources: Resources, options: Mapping[str, Any]) -> AskedRecord:
+    """Say one request, and judge what came of it."""
     with tempfile.TemporaryDirectory() as folder:
-        agent = Agent(
-            one.scene, resources=resources, options=options, folder=Path(folder) / "talk", maps=MAPS
-        )
-        tracker, world = GoalTracker(), agent._world
-        tracker.start(world.last_event)
-        wanted = SubTask(instruction=one.text, goals=one.wanted)
-        tracker.begin_subtask(wanted, world.last_event)
-        before, inner = states_of(world.last_event.metadata["objects"]), world.step
-
-        def step(action: str, **arguments: object) -> object:
-            event = inner(action, **arguments)
-            tracker.update(event)
-            return event
-
-        world.step = step  # type: ignore[method-assign,assignment]
-        lines: tuple[str, ...] = ()
-        try:
-            reply = agent.do(one.text)
-            came: Came = reply.status if reply.status in get_args(Came) else "unfinished"
-            lines = tuple(str(reply).splitlines())
-        except KarmaError as error:
-            came, lines = "refused", (str(error),)
-        event = world.last_event
-        unmet = tuple(map(str, tracker.unmet(one.wanted, event)))
-        bad = [goal for goal in one.unwanted if not tracker.unmet((goal,), event)]
-        changed = states_of(event.metadata["objects"]) != before
-        found = verdict(one, came, met=not unmet and not bad, changed=changed)
-        steps = (
-            sum(result.actions for part in agent.replies[-1].parts for result in part.results)
-            if agent.replies
-            else 0
-        )
+        told = say(one, resources, options, Path(folder))
+    came: Came = told.reply.status if told.reply is not None else "refused"
+    parts = told.reply.parts if told.reply is not None else ()
     return AskedRecord(
-        id=one.id, kind=one.kind, text=one.text, act=one.act, came=came, verdict=found, steps=steps,
-        unmet=(*unmet, *(f"not {goal}" for goal in bad)), said=lines,
+        id=one.id, kind=one.kind, text=one.text, act=one.act, came=came,
+        verdict=verdict(one, came, met=not told.unmet, changed=told.changed),
+        steps=sum(result.actions for part in parts for result in part.results),
+        unmet=told.unmet,
+        said=tuple(str(told.error if told.reply is None else told.reply).splitlines()),
     )  # fmt: skip
 
 

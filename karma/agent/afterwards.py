@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from karma.agent.perceive import place_of
+from karma.agent.program import SWITCH_AFTER
 from karma.contracts import Check, Experience, Found, SeenObject, SkillCall, SkillResult
 from karma.household.ids import is_part, root_id, type_of
 from karma.household.pieces import goes_by
@@ -26,7 +27,6 @@ from karma.household.uses import (
     covers,
 )
 
-_SWITCH = {"SwitchOn": "on", "ToggleOn": "on", "SwitchOff": "off", "ToggleOff": "off"}
 _DOOR = {"OpenObject": "open", "CloseObject": "closed"}
 _STATE_OF_DOOR = {"open": "opened", "closed": "closed"}
 
@@ -76,8 +76,8 @@ class _Ends:
         ok = result is not None and result.ok
         ids = result.object_ids if result is not None else ()
         thing = _id_of(call.objects[0], ids)
-        if call.skill in _SWITCH:
-            self._switch(call.objects[-1], ids, _SWITCH[call.skill], ok)
+        if call.skill in SWITCH_AFTER:
+            self._switch(call.objects[-1], ids, SWITCH_AFTER[call.skill], ok)
         elif call.skill in _DOOR:
             self.doors[thing] = _End(thing, _DOOR[call.skill], happened=ok)
             if type_of(thing) == FRIDGE and call.skill == "CloseObject":

@@ -6,7 +6,7 @@ Not what the agent knows afterwards: that is in `afterwards`, by its own eyes.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from karma.agent.program import PUTS
+from karma.agent.program import DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER
 from karma.agent.reading import kind_of
 from karma.contracts import SkillCall
 from karma.household.places import FLOOR, HAND
@@ -21,9 +21,7 @@ from karma.household.uses import (
     TOASTER,
 )
 
-_SWITCH = {"SwitchOn": "on", "ToggleOn": "on", "SwitchOff": "off", "ToggleOff": "off"}
-_DOOR = {"OpenObject": "open", "CloseObject": "close"}
-_CHANGES = {"SliceObject": "slice", "BreakObject": "break", "EmptyObject": "empty"}
+_CHANGES = ("SliceObject", "BreakObject", "EmptyObject")
 _BY_RUNNING: Mapping[str, tuple[str, ...]] = {
     MICROWAVE: ("heat", "cook"), BURNER: ("heat", "cook"), TOASTER: ("toast", "heat", "cook"),
     COFFEE_MACHINE: ("coffee", "fill"),
@@ -102,16 +100,16 @@ def _add(found: ProgramEffects, call: SkillCall) -> None:
         found.deeds.add(("fling", thing))
         found.held = None
     elif call.skill in _CHANGES:
-        found.deeds.add((_CHANGES[call.skill], thing))
-    elif call.skill in _SWITCH:
-        _switch(found, kind, _SWITCH[call.skill])
-    elif call.skill in _DOOR:
-        found.doors[kind] = _DOOR[call.skill]
-        if kind == FRIDGE and _DOOR[call.skill] == "close":
+        found.deeds.add((DEEDS[call.skill], thing))
+    elif call.skill in SWITCH_AFTER:
+        _switch(found, kind, SWITCH_AFTER[call.skill])
+    elif call.skill in DOOR_AFTER:
+        found.doors[kind] = DEEDS[call.skill]
+        if kind == FRIDGE and call.skill == "CloseObject":
             cooled = [one for one in found.at if FRIDGE in found.places(one)]
             found.deeds |= {("cool", one) for one in cooled}
             found.deeds -= {("heat", one) for one in cooled}
-        if _DOOR[call.skill] == "open":
+        if call.skill == "OpenObject":
             found.opened.add(kind)
 
 

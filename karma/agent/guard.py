@@ -6,7 +6,7 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 """
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from karma.agent.effects import ProgramEffects, Thing, effects_of
 from karma.agent.reading import kind_of
@@ -56,15 +56,6 @@ _NEEDS = {
     "throw": "pickupable", "wash": "pickupable", "heat": "pickupable", "cool": "pickupable",
     "cook": "pickupable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
 }  # deed -> what one of its thing's types has to be  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stopped:
-    """Why a program is not carried out."""
-
-    reason: str
-    kind: RefusalKind = "unclear"
-    words: tuple[str, ...] = ()  # of the request, that it does not serve
 
 
 # ----------------------------------------------------------------- before any planner
@@ -165,8 +156,8 @@ def _cannot_hide(kind: str) -> bool:
 
 def stopped(
     calls: Sequence[SkillCall], request: Request, here: Collection[str], held: str | None = None
-) -> Stopped | None:
-    """Return why a program is not what was asked; None where it is.
+) -> str:
+    """Return why a program is not what was asked; "" where it is.
 
     Args:
         calls: of the program, with names or ids.
@@ -176,10 +167,10 @@ def stopped(
     """
     found = effects_of(calls, held)
     for check in (_ruled_out, _left_out, _not_asked):
-        reason = next(check(found, request, here), None)
-        if reason is not None:
+        reason = next(check(found, request, here), "")
+        if reason:
             return reason
-    return None
+    return ""
 
 
 def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
@@ -188,7 +179,7 @@ def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
     return frozenset(kind_of(kind) for kind in here_of(one.types, here) or one.types)
 
 
-def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
     """Yield what the request says not to do."""
     asked = {kind for one in request.mentions for kind in _kinds(one, here)}
     for one in request.exclusions:
@@ -197,13 +188,11 @@ def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -
                 kind in (*places, found.at.get(thing)) for thing, places in found.passed.items()
             ) or any(kind_of(thing[0]) == kind for _, thing in found.deeds)  # fmt: skip
             if used:
-                yield Stopped(
-                    reason=f"it says not to use the {one.text}", words=(one.text,), kind="negated"
-                )
+                yield f"it says not to use the {one.text}"
     for deed in request.forbidden:
         kinds = {kind for one in deed.things for kind in _kinds(one, here)}
         if _does(found, deed, kinds):
-            yield Stopped(reason=f"it says not to {deed.verb}", words=(deed.verb,), kind="negated")
+            yield f"it says not to {deed.verb}"
 
 
 def _does(found: ProgramEffects, deed: SaidDeed, kinds: Collection[str]) -> bool:
@@ -231,7 +220,7 @@ def _does(found: ProgramEffects, deed: SaidDeed, kinds: Collection[str]) -> bool
             )
 
 
-def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
     """Yield what was named and is not done."""
     for deed in request.deeds:
         places = _kinds(deed.place, here)
@@ -244,15 +233,13 @@ def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) ->
                 kinds = frozenset((COFFEE_CUP, "Cup"))
             if not _done(found, deed, kinds, places, _after(request, deed, one)):
                 place = f" {deed.place.text}" if deed.place else ""
-                yield Stopped(
-                    reason=f"it does not {deed.verb} the {one.text}{place}", words=(one.text,)
-                )
+                yield f"it does not {deed.verb} the {one.text}{place}"
         if (
             deed.deed == "coffee"
             and not deed.things
             and not found.did("coffee", (COFFEE_CUP, "Cup"))
         ):
-            yield Stopped(reason="it makes no coffee", words=("coffee",))
+            yield "it makes no coffee"
 
 
 def _after(request: Request, deed: SaidDeed, one: Mention) -> list[SaidDeed]:
@@ -318,7 +305,7 @@ def _momentary(kind: str) -> bool:
     return kind in (MICROWAVE, TOASTER, COFFEE_MACHINE, BURNER)
 
 
-def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[Stopped]:
+def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
     """Yield what a program changes and no word speaks of."""
     own_only = request
     request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
@@ -338,7 +325,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             or (thing == found.began and (place == HAND or place in SURFACES))
         ):
             if not (kind in named and place == HAND):
-                yield Stopped(reason=f"nobody asked for the {spoken(kind)} to be moved")
+                yield f"nobody asked for the {spoken(kind)} to be moved"
         elif kind in things and kind not in along and not loose:
             yield from _misplaced(found, thing, own_only, request, here, help_)
     for deed, thing in sorted(found.deeds):
@@ -356,7 +343,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             and not (cut or cracked)
             and not (deed == "throw" and BIN in places and kind in things)
         ):
-            yield Stopped(reason=f"nobody asked to {deed} the {spoken(kind)}")
+            yield f"nobody asked to {deed} the {spoken(kind)}"
     runs = {kind for deed in deeds for kind in _RUNS.get(deed, ())}
     switched = {
         _switch_of(kind)
@@ -370,13 +357,13 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             word = found.switched[kind]
             harmless = _momentary(kind) or bool(deeds & {"close", "open"})
             if not (word == "off" and kind not in found.ran and harmless):
-                yield Stopped(reason=f"nobody asked to switch {word} the {spoken(kind)}")
+                yield f"nobody asked to switch {word} the {spoken(kind)}"
 
 
 def _misplaced(
     found: ProgramEffects, thing: Thing, own: Request, whole: Request, here: Collection[str],
     help_: Collection[str],
-) -> Iterator[Stopped]:  # fmt: skip
+) -> Iterator[str]:  # fmt: skip
     """Yield that a named thing comes to a place that nobody spoke of.
 
     Args:
@@ -393,9 +380,9 @@ def _misplaced(
     if places & (besides or set()):
         return
     if wanted:
-        yield Stopped(reason=f"the {spoken(kind)} is to be elsewhere", words=(kind,))
+        yield f"the {spoken(kind)} is to be elsewhere"
     elif wanted is None and place != HAND and place not in (*help_, *SURFACES):
-        yield Stopped(reason=f"nobody asked for the {spoken(kind)} to be put {spoken(place)}")
+        yield f"nobody asked for the {spoken(kind)} to be put {spoken(place)}"
 
 
 def _goes_to(kind: str, request: Request, here: Collection[str]) -> set[str] | None:

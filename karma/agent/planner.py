@@ -4,7 +4,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
-from karma.agent.guard import Stopped, stopped
+from karma.agent.guard import stopped
 from karma.agent.inspector import Objection, mend, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
@@ -110,9 +110,9 @@ class Planner:
             said = request.plain or request.instruction
             request = replace(request, error=answer.error, failures=failures, instruction=said)
 
-    def _last(self, answer: Plan, held_back: Stopped | None, reasons: set[str]) -> Plan:
+    def _last(self, answer: Plan, held_back: str, reasons: set[str]) -> Plan:
         """Return the last answer as it stands: carried out, or the request refused."""
-        if held_back is not None:
+        if held_back:
             return _refused_by_guard(answer, held_back)
         if not answer.calls:
             return answer
@@ -230,18 +230,18 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     return replace(answer, calls=calls, error=str(found), failure=failure), found
 
 
-def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, Stopped | None]:
+def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
     """Return an answer without its program where that is not what was asked, and why."""
     if request.asked is None or not answer.calls or request.done:
-        return answer, None
+        return answer, ""
     calls = grounded(answer.calls, answer.names)
     why = stopped(calls, request.asked, known_here(request), request.held_id)
-    if why is None:
-        return answer, None
+    if not why:
+        return answer, ""
     failure = FailedProgram(
-        lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why.reason
+        lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why
     )
-    return replace(answer, calls=(), error=why.reason, failure=failure), why
+    return replace(answer, calls=(), error=why, failure=failure), why
 
 
 def _contradicted(refused: RefusedRequest, asked: Request) -> bool:
@@ -288,8 +288,8 @@ def known_here(request: PlanRequest) -> frozenset[str]:
     return frozenset(kinds)
 
 
-def _refused_by_guard(answer: Plan, why: Stopped) -> Plan:
-    refused = RefusedRequest(kind="astray", by="guard", words=(why.reason,))
+def _refused_by_guard(answer: Plan, why: str) -> Plan:
+    refused = RefusedRequest(kind="astray", by="guard", words=(why,))
     return replace(answer, error="", failure=None, refused=refused)
 
 

@@ -79,6 +79,7 @@ OUR_SKILLS: tuple[Skill, ...] = (
 """Two more of ours: nothing in Listing 2 gets the water out of a mug, or one thing near another."""
 
 DEEDS = {one.name: one.deed for one in (*SKILLS, *OUR_SKILLS) if one.deed}
+SWITCH_AFTER = {one.name: one.does for one in SKILLS if one.does in ("on", "off")}
 DOOR_AFTER = {one.name: one.does for one in SKILLS if one.does in ("opened", "closed")}
 PUTS = ("PutObject", "PutNear")  # skills that empty the hand, by what they say first
 

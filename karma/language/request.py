@@ -64,8 +64,7 @@ class RequestReader:
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
-            verbs = sorted({text.split()[0] for text in deed_verbs()})
-            meant = spelt(meant, self._is_known, self._vocabulary, verbs)
+            meant = spelt(meant, self._is_known, self._vocabulary, self._verbs)
         meant = " ".join(self._plainly(one) for one in sentences_of(meant))
         words = self._parser.parse(meant)
         first, before, last = 0, list(earlier), list[SaidDeed]()
@@ -124,6 +123,10 @@ class RequestReader:
         verbs = {word for text in deed_verbs() for word in text.split()}
         small = (word for word in closed_words() if len(word) > 3)
         return sorted({*self._lexicon.words, *verbs, "the", *small})
+
+    @cached_property
+    def _verbs(self) -> list[str]:
+        return sorted({text.split()[0] for text in deed_verbs()})
 
     @cached_property
     def _vocabulary_set(self) -> frozenset[str]:

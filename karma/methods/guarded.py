@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Protocol
 
+from karma import registry
 from karma.agent.guard import cannot_serve, here_of
 from karma.agent.reading import kind_of
 from karma.agent.skills import Skills
@@ -18,6 +19,7 @@ from karma.contracts import (
     Embedder,
     Experience,
     Mention,
+    Parser,
     Plan,
     Prompt,
     RefusedRequest,
@@ -32,7 +34,6 @@ from karma.household.saying import name_of, spoken
 from karma.household.states import OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import BASINS, LAMPS
-from karma.infer.parse.spacy import SpacyParser
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
@@ -96,8 +97,9 @@ class Came:
 
 
 @cache
-def _parser() -> SpacyParser:
-    return SpacyParser()
+def _parser() -> Parser:
+    parser: Parser = registry.load("parsers", "spacy")()
+    return parser
 
 
 def reader_of(embedder: Embedder | None) -> RequestReader:
