@@ -26,6 +26,12 @@ LLAMA_BPE_REGEX = (
     r"|[^\r\n\p{L}\p{N}]?\p{L}+|\p{N}{1,3}| ?[^\s\p{L}\p{N}]+[\r\n]*|\s*[\r\n]+|\s+(?!\S)|\s+"
 )
 
+SPLITS = {
+    "llama-bpe": LLAMA_BPE_REGEX,
+    "qwen2": LLAMA_BPE_REGEX.replace("{1,3}", ""),  # each digit for itself
+    "smollm": "",  # digits for themselves, then as GPT-2 does
+}
+
 
 def new_tokenizer(corpus: Iterable[str], vocab_size: int, special_tokens: Sequence[str]) -> Any:
     """Train a byte-level BPE `tokenizers.Tokenizer` that llama.cpp reproduces token for token.
@@ -51,25 +57,42 @@ def new_tokenizer(corpus: Iterable[str], vocab_size: int, special_tokens: Sequen
 
 
 def bare_tokenizer(
-    vocabulary: Mapping[str, int] | None = None, merges: Sequence[tuple[str, str]] = ()
+    vocabulary: Mapping[str, int] | None = None,
+    merges: Sequence[tuple[str, str]] = (),
+    pre: str = "llama-bpe",
 ) -> Any:
-    """Return a `tokenizers.Tokenizer` of these pieces that splits and joins as "llama-bpe" does."""
-    from tokenizers import Regex, Tokenizer, decoders, models, pre_tokenizers
+    """Return a `tokenizers.Tokenizer` of these pieces that splits and joins as llama.cpp does.
 
+    Raises:
+        ModelError: `pre`, llama.cpp's name for how a text is split, is none of `SPLITS`.
+    """
+    from tokenizers import Tokenizer, decoders, models, pre_tokenizers
+
+    if pre not in SPLITS:
+        raise ModelError(f"texts are split in the way {pre!r}; known are: {', '.join(SPLITS)}")
     pieces = None if vocabulary is None else dict(vocabulary)
     tokenizer = Tokenizer(
         models.BPE(
-            vocab=pieces, merges=None if pieces is None else list(merges), ignore_merges=True
+            vocab=pieces,
+            merges=None if pieces is None else list(merges),
+            ignore_merges=pre == "llama-bpe",
         )
     )
-    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(
-        [
-            pre_tokenizers.Split(Regex(LLAMA_BPE_REGEX), behavior="isolated"),
-            pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=False),
-        ]
-    )
+    tokenizer.pre_tokenizer = pre_tokenizers.Sequence(_splitters(pre))
     tokenizer.decoder = decoders.ByteLevel()
     return tokenizer
+
+
+def _splitters(pre: str) -> list[Any]:
+    from tokenizers import Regex, pre_tokenizers
+
+    if pre == "smollm":
+        digits = pre_tokenizers.Digits(individual_digits=True)
+        return [digits, pre_tokenizers.ByteLevel(add_prefix_space=False)]
+    return [
+        pre_tokenizers.Split(Regex(SPLITS[pre]), behavior="isolated"),
+        pre_tokenizers.ByteLevel(add_prefix_space=False, use_regex=False),
+    ]
 
 
 def export_llama_gguf(
@@ -129,7 +152,7 @@ def export_llama_gguf(
         for tensor, array in _tensors(state, config):
             _add_tensor(writer, tensor, array, dtype)
 
-    _write(Path(path), fill)
+    write_gguf(Path(path), fill)
 
 
 def _check_config(config: Any) -> None:
@@ -249,10 +272,10 @@ def _tensors(state: Mapping[str, Any], config: Any) -> Iterator[tuple[str, NDArr
             continue
         array = np.ascontiguousarray(tensor.detach().cpu().float().numpy())
         part = name.split(".")[-2]
-        yield name, _interleave(array, heads[part]) if part in heads else array
+        yield name, interleave(array, heads[part]) if part in heads else array
 
 
-def _interleave(array: NDArray[np.float32], heads: int) -> NDArray[np.float32]:
+def interleave(array: NDArray[np.float32], heads: int) -> NDArray[np.float32]:
     """Reorder rotary rows from transformers' half-split to llama.cpp's interleaved pairs."""
     rows, columns = array.shape
     halves = array.reshape(heads, 2, rows // heads // 2, columns)
@@ -275,14 +298,14 @@ def _add_tensor(writer: Any, name: str, array: NDArray[np.float32], dtype: DType
         writer.add_tensor(name, data, raw_dtype=kind)
 
 
-def _write(path: Path, fill: Any) -> None:
+def write_gguf(path: Path, fill: Any, architecture: str = "llama") -> None:
     """Let `fill` build the file elsewhere, then put it in its place."""
     import gguf
 
     try:
         with tempfile.TemporaryDirectory() as folder:
             made = Path(folder) / "made.gguf"
-            writer = gguf.GGUFWriter(made, "llama")
+            writer = gguf.GGUFWriter(made, architecture)
             fill(writer)
             writer.write_header_to_file()
             writer.write_kv_data_to_file()

@@ -19,11 +19,11 @@ def read_gguf_tokenizer(path: Path) -> Any:
     import gguf
     from tokenizers import AddedToken
 
-    fields = _reader(path).fields
+    fields = gguf_reader(path).fields
     try:
-        tokens, kinds, merges = (
+        tokens, kinds, merges, pre = (
             fields[f"tokenizer.ggml.{name}"].contents()
-            for name in ("tokens", "token_type", "merges")
+            for name in ("tokens", "token_type", "merges", "pre")
         )
     except KeyError as error:
         raise FileError(path, f"no {error.args[0]} in it") from error
@@ -33,7 +33,7 @@ def read_gguf_tokenizer(path: Path) -> Any:
         for place, (text, kind) in enumerate(zip(tokens, kinds, strict=True))
         if kind != own
     }
-    tokenizer = bare_tokenizer(vocabulary, [_pair(merge) for merge in merges])
+    tokenizer = bare_tokenizer(vocabulary, [_pair(merge) for merge in merges], pre)
     for text, kind in zip(tokens, kinds, strict=True):
         if kind in (gguf.TokenType.CONTROL, own):
             special = kind == gguf.TokenType.CONTROL
@@ -55,7 +55,7 @@ def fill_from_gguf(model: Any, path: Path) -> None:
 
     config = model.config
     names = gguf.get_tensor_name_map(gguf.MODEL_ARCH.LLAMA, config.num_hidden_layers)
-    found = {tensor.name: tensor for tensor in _reader(path).tensors}
+    found = {tensor.name: tensor for tensor in gguf_reader(path).tensors}
     heads = {"attn_q": config.num_attention_heads, "attn_k": config.num_key_value_heads}
     with torch.no_grad():
         for key, value in model.named_parameters():
@@ -85,7 +85,7 @@ def _half_split(array: NDArray[np.float32], heads: int) -> NDArray[np.float32]:
     return np.ascontiguousarray(pairs.swapaxes(1, 2).reshape(rows, columns))
 
 
-def _reader(path: Path) -> Any:
+def gguf_reader(path: Path) -> Any:
     import gguf
 
     if not path.is_file():

@@ -20,10 +20,12 @@ from karma.seeds import stream
 from karma.tasks.drawing.alfred import Sentence, StepSentence
 from karma.tasks.drawing.memories import KnownRoom, Rng, pick
 from karma.tasks.drawing.phrases import Book
+from karma.tasks.requests import SaidRequest
 from karma.training.planner.held_out import Unseen
 from karma.training.planner.hinted import DrawnHints
 from karma.training.planner.refusals import draw_near_miss, draw_refusal
 from karma.training.planner.samples import TrainingExample, draw, draw_alfred, draw_step
+from karma.training.planner.written import draw_written
 
 END = "<|end|>"
 PAD = "<|pad|>"
@@ -65,6 +67,7 @@ class PlannerRecipe:
     plans: float = 0.4  # share of packs with long-term memory in rooms where ALFRED was recorded
     refused: float = 0.13  # share of requests that are refused
     near_misses: float = 0.08  # share of those that only sound like it
+    written: float = 0.0  # share of what was written by hand, `eval/requests/written.jsonl`
     half: bool = False  # matrices in bfloat16, where the processor has instructions for it
 
 
@@ -77,6 +80,7 @@ class Data:
     unseen: Unseen = field(default_factory=Unseen)
     alfred: Sequence[Sentence] = ()
     steps: Sequence[StepSentence] = ()
+    written: Sequence[SaidRequest] = ()
     hints: DrawnHints | None = None  # what is told of words that are not known
 
     @cached_property
@@ -115,6 +119,8 @@ def _draw_one(
     rng: Rng, recipe: PlannerRecipe, data: Data, room: KnownRoom, *, mapped: bool
 ) -> TrainingExample | None:
     """Draw one example in a room, None where what was drawn cannot be."""
+    if data.written and rng.random() < recipe.written:
+        return draw_written(rng, room, data.written, mapped=mapped)
     if (roll := rng.random()) < recipe.refused:
         return draw_refusal(rng, room, data.book, mapped=mapped)
     if roll < recipe.refused + recipe.near_misses:

@@ -88,7 +88,7 @@ def draw(
         about = frozenset(base_type(short_type(name)) for g in ask.goals for name in g.arguments)
         failure = draw_failure(rng, scene, calls, wanted=about)
         facts = replace(facts, instruction=text, error=failure.error)
-        return example_of(ask.kind, facts, _program(failure.calls))
+        return example_of(ask.kind, facts, program_text(failure.calls))
 
 
 def _recalled(rng: Rng, scene: Situation, ask: Ask) -> PlanRequest:
@@ -146,7 +146,7 @@ def draw_step(rng: Rng, room: KnownRoom, steps: Sequence[StepSentence]) -> Train
         held_type=held.object_type if held else None,
     )
     calls = plain_program(step.goals, ExpertView())
-    return example_of("step", facts, _program(calls)) if calls else None
+    return example_of("step", facts, program_text(calls)) if calls else None
 
 
 def _in_hand(object_type: str) -> MemoryUnit:
@@ -189,10 +189,11 @@ def draw_alfred(
     if not calls or len(calls) > LONGEST:
         return None
     text = misspelt(rng, sentence.text) if rng.random() < TYPOS else sentence.text
-    return example_of("alfred", replace(facts, instruction=text), _program(calls))
+    return example_of("alfred", replace(facts, instruction=text), program_text(calls))
 
 
-def _program(calls: Sequence[SkillCall]) -> str:
+def program_text(calls: Sequence[SkillCall]) -> str:
+    """Return a program, a line per call."""
     return "".join(f"{call}\n" for call in calls)
 
 

@@ -1,0 +1,247 @@
+"""Tune the weights of a GGUF on examples: a LoRA adapter, which `gguf_merge` puts back into a GGUF.
+
+One recipe for karma-mini and for a lab's own sentences. Training is transformers' Trainer, the
+adapter peft's (Hu et al. 2021); ours is only what goes in: the tokens are those that llama.cpp will
+make of the same prompt, and the loss counts the answer's alone.
+"""
+
+import json
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from karma.errors import FileError, ModelError
+from karma.files import read_bytes, to_json, write_atomic
+
+_MATRICES = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj")
+_IGNORED = -100  # a label that the loss leaves out
+ADAPTER, ADAPTER_CONFIG = "adapter_model.safetensors", "adapter_config.json"  # peft's own names
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TuningRecipe:
+    """All that decides the adapter, besides weights and examples."""
+
+    seed: int = 0
+    rank: int = 24  # of the update of each matrix; 24 of SmolLM2-135M are 14.7 MB
+    alpha: int = 48  # the update counts alpha / rank times
+    rate: float = 1e-3  # learning rate, falling to zero
+    warmup: int = 60  # steps in which it rises
+    steps: int = 0  # 0: once over the examples
+    tokens: int = 24_576  # a step, padding counted
+    every: int = 500  # steps between checkpoints
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncodedExample:
+    """One example as tokens: prompt, answer, and what ends it."""
+
+    tokens: tuple[int, ...]
+    prompt: int  # so many of them are the prompt
+
+
+def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
+    """Yield what stays the same in a room, what changes, and the answer, of a JSONL file.
+
+    A line is `{"prompt": [STABLE, CHANGING], "answer": TEXT}`; other keys are left alone.
+
+    Raises:
+        FileError: it is missing, or a line is not so; names the line.
+    """
+    for number, line in enumerate(read_bytes(path).splitlines(), start=1):
+        try:
+            found = json.loads(line)
+            (stable, changing), answer = found["prompt"], found["answer"]
+        except (ValueError, KeyError, TypeError) as error:
+            shape = '{"prompt": [STABLE, CHANGING], "answer": TEXT}'
+            raise FileError(path, f"line {number} is no {shape}: {error!r}") from error
+        yield stable, changing, answer
+
+
+def encode(
+    examples: Iterator[tuple[str, str, str]], tokenizer: Any, end: int
+) -> list[EncodedExample]:
+    """Return examples as tokens, each part split for itself, as `LlamaModel` does.
+
+    Args:
+        examples: of `read_examples`.
+        tokenizer: of `read_gguf_tokenizer`.
+        end: the token that ends an answer.
+    """
+    found = []
+    rooms: dict[str, list[int]] = {}
+    for stable, changing, answer in examples:
+        if stable not in rooms:
+            rooms[stable] = tokenizer.encode(stable).ids
+        prompt = [*rooms[stable], *tokenizer.encode(changing).ids]
+        tokens = (*prompt, *tokenizer.encode(answer).ids, end)
+        found.append(EncodedExample(tokens=tokens, prompt=len(prompt)))
+    return found
+
+
+def batches_of(
+    examples: Sequence[EncodedExample], tokens: int, seed: int
+) -> list[Sequence[EncodedExample]]:
+    """Return examples in batches of like length, padded to at most so many tokens, shuffled."""
+    draw = random.Random(seed)
+    ordered = sorted(examples, key=lambda one: (len(one.tokens), draw.random()))
+    batches: list[Sequence[EncodedExample]] = []
+    batch: list[EncodedExample] = []
+    for one in ordered:
+        if batch and (len(batch) + 1) * len(one.tokens) > tokens:
+            batches.append(batch)
+            batch = []
+        batch.append(one)
+    batches.append(batch)
+    draw.shuffle(batches)
+    return batches
+
+
+def collate(batch: Sequence[EncodedExample]) -> dict[str, Any]:
+    """Return one batch as tensors, padded on the right, where nothing looks at what comes after."""
+    import torch
+
+    width = max(len(one.tokens) for one in batch)
+    tokens = np.zeros((len(batch), width), np.int64)
+    labels = np.full((len(batch), width), _IGNORED, np.int64)
+    for row, one in enumerate(batch):
+        tokens[row, : len(one.tokens)] = one.tokens
+        labels[row, one.prompt : len(one.tokens)] = one.tokens[one.prompt :]
+    return {"input_ids": torch.from_numpy(tokens), "labels": torch.from_numpy(labels)}
+
+
+def base_model(path: Path) -> Any:
+    """Return a GGUF's weights as a transformers model in float32; llama and qwen2.
+
+    Raises:
+        ModelError: transformers cannot read it.
+    """
+    import torch
+    from transformers import AutoModelForCausalLM
+
+    try:
+        read = AutoModelForCausalLM.from_pretrained(
+            path.parent, gguf_file=path.name, dtype=torch.float32
+        )
+    except (OSError, ValueError, KeyError) as error:
+        raise ModelError(f"{path}: transformers cannot read it: {error}") from error
+    config = {k: v for k, v in read.config.to_dict().items() if k != "quantization_config"}
+    model = type(read)(type(read.config).from_dict(config))  # a plain one, which can be trained
+    model.load_state_dict(read.state_dict())
+    model.tie_weights()
+    return model
+
+
+def tune(
+    model: Any,
+    batches: Sequence[Sequence[EncodedExample]],
+    folder: Path,
+    recipe: TuningRecipe,
+    *,
+    watched: Sequence[Sequence[EncodedExample]] = (),
+) -> dict[str, float]:
+    """Train an adapter, or go on from the last checkpoint in the folder, and write it there.
+
+    Args:
+        model: of `base_model`; the adapter is put into it.
+        batches: of `batches_of`.
+        folder: takes the adapter in half precision, checkpoints and the log.
+        recipe: what decides it.
+        watched: batches that are not trained on.
+
+    Returns:
+        Loss and share of answers right to the letter, of what is watched.
+    """
+    import torch
+    from peft import LoraConfig, get_peft_model
+    from transformers import Trainer, TrainingArguments
+    from transformers.trainer_utils import get_last_checkpoint
+
+    gpu = torch.cuda.is_available()
+    torch.manual_seed(recipe.seed)
+    adapted = get_peft_model(
+        model,
+        LoraConfig(r=recipe.rank, lora_alpha=recipe.alpha, target_modules=list(_MATRICES)),
+    )
+    adapted.config.use_cache = False
+    folder.mkdir(parents=True, exist_ok=True)
+    arguments = TrainingArguments(
+        output_dir=str(folder),
+        per_device_train_batch_size=1,  # each is a whole batch already
+        max_steps=recipe.steps or len(batches),
+        learning_rate=recipe.rate,
+        lr_scheduler_type="cosine",
+        warmup_steps=recipe.warmup,
+        adam_beta2=0.98,
+        max_grad_norm=1.0,
+        bf16=gpu,
+        tf32=gpu or None,
+        use_cpu=not gpu,
+        optim="adamw_torch_fused" if gpu else "adamw_torch",
+        logging_steps=20,
+        save_steps=recipe.every,
+        save_total_limit=1,
+        save_only_model=False,
+        dataloader_num_workers=4 if gpu else 0,
+        remove_unused_columns=False,
+        report_to=[],
+        seed=recipe.seed,
+    )
+    trainer = Trainer(
+        model=adapted, args=arguments, train_dataset=list(batches), data_collator=_only
+    )
+    trainer.train(resume_from_checkpoint=get_last_checkpoint(str(folder)))
+    found = score(adapted, watched, half=gpu) if watched else {}
+    _write_adapter(adapted, folder)
+    write_atomic(folder / "tuning.json", to_json(trainer.state.log_history, indent=1))
+    return found
+
+
+def _only(batch: Sequence[Sequence[EncodedExample]]) -> dict[str, Any]:
+    return collate(batch[0])
+
+
+def score(
+    model: Any, batches: Sequence[Sequence[EncodedExample]], *, half: bool
+) -> dict[str, float]:
+    """Return the mean loss of answers' tokens, and the share of answers whose every token leads."""
+    import torch
+
+    model.eval()
+    loss, tokens, right, total = 0.0, 0, 0, 0
+    for batch in batches:
+        given = {name: value.to(model.device) for name, value in collate(batch).items()}
+        with torch.no_grad(), torch.autocast(model.device.type, torch.bfloat16, enabled=half):
+            logits = model(input_ids=given["input_ids"]).logits[:, :-1].float()
+        labels = given["labels"][:, 1:]
+        counted = labels != _IGNORED
+        loss += float(
+            torch.nn.functional.cross_entropy(logits[counted], labels[counted], reduction="sum")
+        )
+        tokens += int(counted.sum())
+        right += int(((logits.argmax(-1) == labels) | ~counted).all(-1).sum())
+        total += len(batch)
+    return {"loss": loss / tokens, "exact": right / total, "examples": float(total)}
+
+
+def _write_adapter(adapted: Any, folder: Path) -> None:
+    """Write the adapter as peft reads it, in half precision."""
+    import torch
+    from peft import get_peft_model_state_dict
+    from safetensors.torch import save
+
+    state = get_peft_model_state_dict(adapted)
+    halves = {
+        name: value.detach().cpu().to(torch.float16).contiguous() for name, value in state.items()
+    }
+    write_atomic(folder / ADAPTER, save(halves))
+    config = adapted.peft_config["default"]
+    config.base_model_name_or_path = None  # no hub id is ever resolved
+    kept = {"peft_type": "LORA", "task_type": "CAUSAL_LM", "r": config.r,
+            "lora_alpha": config.lora_alpha, "target_modules": sorted(_MATRICES),
+            "base_model_name_or_path": None}  # fmt: skip
+    write_atomic(folder / ADAPTER_CONFIG, to_json(kept, indent=2))
