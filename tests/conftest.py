@@ -1,5 +1,6 @@
 """What every test gets: no network, the same examples each time, reference data if it exists."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -7,13 +8,15 @@ from hypothesis import settings
 from support.paths import SHARED
 
 from karma import offline
-from karma.infer.manifest.manifest import find_model, is_present, verify
+from karma.infer.manifest.manifest import PLANNER, find_model, is_present, verify
 
 pytest_plugins = ("support.eb_alfred_experiment",)  # the fixture `experiment`
 
 # The same examples in every run, and no deadline: two cores are shared with other work.
 settings.register_profile("karma", derandomize=True, deadline=None, max_examples=100)
 settings.load_profile("karma")
+
+os.environ.setdefault(PLANNER, "karma-nano")  # small weights; who tests others names them
 
 offline.go_offline()  # before torch and transformers are imported, who read the switches then
 
@@ -38,6 +41,15 @@ def smollm() -> Path:
     entry = find_model("smollm2-135m")
     if not is_present(entry):
         pytest.skip(f"needs real weights, which set-up could not have: {entry.fix}")
+    return verify(entry)[0]
+
+
+@pytest.fixture(scope="session")
+def mini() -> Path:
+    """The tuned planner; skips where set-up could not make it."""
+    entry = find_model("karma-mini")
+    if not is_present(entry):
+        pytest.skip(f"needs karma-mini, which set-up could not make: {entry.fix}")
     return verify(entry)[0]
 
 

@@ -273,7 +273,7 @@ def _try_out(contents: Contents, programs: _Programs, smoke: bool) -> None:
     if contents.models:
         say(f"karma models verify {' '.join(contents.models)}")
         programs.run([karma, "models", "verify", *contents.models])
-    if smoke and "karma-nano" in contents.models:
+    if smoke and {"karma-nano", "karma-mini"} & set(contents.models):
         say('karma run "Open the fridge."')
         programs.run([karma, "run", "Open the fridge."])
     elif smoke:

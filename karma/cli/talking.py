@@ -53,7 +53,10 @@ def run_command(
         typer.Argument(hidden=True, metavar="", help="None: a request stands in quotes."),
     ] = None,
     scene: Annotated[str, typer.Option(help="A scene's name or file.")] = "kitchen_1",
-    planner: Annotated[str, typer.Option(help="Name in the manifest, or a GGUF.")] = "karma-nano",
+    planner: Annotated[
+        str,
+        typer.Option(help="Name in the manifest, or a GGUF; default karma-mini, else karma-nano."),
+    ] = "",
     profile: Annotated[str, typer.Option(help='"compact" or "full".')] = "",
     chat: Annotated[
         bool | None,
@@ -121,6 +124,7 @@ def run_command(
     from karma.bench.experiment import Models
     from karma.infer.hosted.session import Session
     from karma.infer.llama.room_states import StateOptions
+    from karma.infer.manifest.manifest import default_planner
     from karma.talk.agent import ANSWER_SECONDS, Agent
 
     if instruction is not None and more:
@@ -128,6 +132,7 @@ def run_command(
         raise typer.BadParameter(f'one request stands in quotes: karma run "{whole}"')
     if instruction is not None and not instruction.strip():
         raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
+    planner = planner or default_planner()
     hosted = hosted_of(planner, base_url, model, api=api, dialect=dialect)
     chosen = _preset(preset)
     options = {

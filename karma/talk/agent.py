@@ -43,7 +43,7 @@ from karma.infer.hosted.cost import Spent
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest.manifest import resolve_planner
+from karma.infer.manifest.manifest import default_planner, resolve_planner
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
@@ -80,7 +80,8 @@ class Agent:
 
     Args:
         scene: a scene's name or file.
-        planner: a name of the manifest or a GGUF's path; for more, `models`.
+        planner: a name of the manifest or a GGUF's path; "": karma-mini where set-up could make it,
+            else karma-nano. For more, `models`.
         models: which models fill the roles, in place of `planner`.
         options: of the agent, as in a row of an experiment, e.g. `{"policy": "fifo-merge[10]"}`.
         preset: "paper": recall, K and query as in the paper.
@@ -104,7 +105,7 @@ class Agent:
         self,
         scene: str = "kitchen_1",
         *,
-        planner: str = "karma-nano",
+        planner: str = "",
         models: Models | None = None,
         options: Mapping[str, Any] | None = None,
         preset: str = "",
@@ -387,6 +388,7 @@ def _row(preset: str, options: Mapping[str, Any], answer_seconds: float | None) 
 
 def _models(planner: str, preset: str) -> Models:
     chosen = preset_of(preset)
+    planner = planner or default_planner()
     return Models(planner=planner, recall=chosen.recall, recall_text=chosen.recall_text)
 
 

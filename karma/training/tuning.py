@@ -9,13 +9,15 @@ import json
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from karma.errors import FileError, ModelError
-from karma.files import read_bytes, to_json, write_atomic
+from karma.files import LARGEST_LOG, read_bytes, to_json, unpack, write_atomic
+from karma.infer.llama.gguf_import import gguf_reader, read_gguf_tokenizer
 
 _MATRICES = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj")
 _IGNORED = -100  # a label that the loss leaves out
@@ -29,10 +31,10 @@ class TuningRecipe:
     seed: int = 0
     rank: int = 24  # of the update of each matrix; 24 of SmolLM2-135M are 14.7 MB
     alpha: int = 48  # the update counts alpha / rank times
-    rate: float = 1e-3  # learning rate, falling to zero
+    rate: float = 2e-3  # learning rate at its highest; it falls to zero
     warmup: int = 60  # steps in which it rises
     steps: int = 0  # 0: once over the examples
-    tokens: int = 24_576  # a step, padding counted
+    tokens: int = 32_768  # a step, padding counted
     every: int = 500  # steps between checkpoints
 
 
@@ -44,6 +46,40 @@ class EncodedExample:
     prompt: int  # so many of them are the prompt
 
 
+def tune_file(
+    weights: Path,
+    examples: Path,
+    folder: Path,
+    recipe: TuningRecipe,
+    *,
+    watched: Path | None = None,
+) -> dict[str, float]:
+    """Tune a GGUF on a file of examples; see `tune`.
+
+    Raises:
+        FileError: a file cannot be read, or a line is no example.
+        ModelError: transformers cannot read the weights, or peft is not installed.
+    """
+    if find_spec("peft") is None:
+        fix = 'pip install "karma-offline[tune]", or `make setup`'
+        raise ModelError(f"tuning needs peft, which is not installed\n  To fix: {fix}")
+    tokenizer, end = read_gguf_tokenizer(weights), end_token(weights)
+    given = encode(read_examples(examples), tokenizer, end)
+    kept = encode(read_examples(watched), tokenizer, end) if watched is not None else []
+    return tune(
+        base_model(weights),
+        batches_of(given, recipe.tokens, recipe.seed),
+        folder,
+        recipe,
+        watched=batches_of(kept, recipe.tokens // 4, 0) if kept else (),
+    )
+
+
+def end_token(weights: Path) -> int:
+    """Return the token that ends an answer of a GGUF."""
+    return int(gguf_reader(weights).fields["tokenizer.ggml.eos_token_id"].contents())
+
+
 def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
     """Yield what stays the same in a room, what changes, and the answer, of a JSONL file.
 
@@ -52,7 +88,10 @@ def read_examples(path: Path) -> Iterator[tuple[str, str, str]]:
     Raises:
         FileError: it is missing, or a line is not so; names the line.
     """
-    for number, line in enumerate(read_bytes(path).splitlines(), start=1):
+    data = read_bytes(path, most=LARGEST_LOG)
+    if path.suffix == ".gz":
+        data = unpack(data, path=path, most=LARGEST_LOG)
+    for number, line in enumerate(data.splitlines(), start=1):
         try:
             found = json.loads(line)
             (stable, changing), answer = found["prompt"], found["answer"]

@@ -24,6 +24,9 @@ from karma.infer.manifest.manifest import (
     verify,
 )
 
+_TEMPLATE = (
+    "tokenizer.chat_template"  # of the base: who is tuned is asked in the way of its examples
+)
 _PREFIX = "base_model.model."  # of peft's names
 _A, _B = ".lora_A.weight", ".lora_B.weight"
 Floats = NDArray[np.float32]
@@ -161,10 +164,10 @@ def _added(rows: Floats, wide: Floats, low: Floats) -> Floats:
 
 
 def _copy_fields(writer: Any, reader: Any, name: str) -> None:
-    """Copy what the base says of itself, with another name."""
+    """Copy what the base says of itself, with another name and without its chat template."""
     import gguf
 
-    left = ("GGUF.", "general.architecture", "general.name", "general.file_type")
+    left = ("GGUF.", "general.architecture", "general.name", "general.file_type", _TEMPLATE)
     for field in reader.fields.values():
         if not field.name.startswith(left):
             kind = field.types[0]

@@ -23,6 +23,9 @@ from karma.places import repair, shipped
 Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "detector", "parser"]
 State = Literal["ok", "absent", "open", "wrong"]
 
+PLANNERS = ("karma-mini", "karma-nano")  # of these the first that is here plans, if none is named
+PLANNER = "KARMA_PLANNER"  # names another
+
 _VERIFY = "karma models verify"
 _CHUNK = 1 << 22
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -331,6 +334,12 @@ def is_gguf_path(text: str) -> bool:
 
 def _is_listed(name: str) -> bool:
     return any(entry.name == name for entry in read_manifest().models)
+
+
+def default_planner() -> str:
+    """Return the planner of who names none: $KARMA_PLANNER, else the best that is here."""
+    named = os.environ.get(PLANNER)
+    return named or next((one for one in PLANNERS if is_present(find_model(one))), PLANNERS[-1])
 
 
 def resolve_planner(text: str, path: str | Path | None = None) -> PlannerFile:
