@@ -412,6 +412,8 @@ class Skill:
     deed: str = ""  # as people are told of it; "" for ways to get somewhere
     does: str = ""  # the state of a thing afterwards; its opposite has ended
     undone_by: str = ""  # the skill that takes it back; "" where none does
+    takes: str = ""  # what AI2-THOR calls a thing that it can be done with; "": any
+    cannot: str = ""  # what is said of other things
 
 
 RefusalKind = Literal[
@@ -443,6 +445,7 @@ class ProgramSpec:
     positions: tuple[str, ...] = ()  # area nodes, e.g. "node_3"
     max_calls: int = 40
     refusals: tuple[RefusalKind, ...] = ()  # for which one line may stand, in place of any call
+    narrowed: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = ()  # skill, names by argument
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -481,11 +484,15 @@ class SkillCall:
         return f"{self.skill}({', '.join(parts)})"
 
 
+Constraint = Literal["syntax", "types"]  # any names; only those that a skill can be done with
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decoding:
     """How a planner's answers are drawn."""
 
     constrained: bool = True  # only programs that parse
+    constraint: Constraint = "types"  # what these may say
     temperature: float = 0.0
     retry_temperature: float = 0.6  # once a program has failed, the same again will not help
     seed: int = 0
@@ -1009,6 +1016,7 @@ class Knowledge(Protocol):
 
 
 Hints = Callable[[str], Sequence[Hint]]  # of an instruction, for one planner
+Examples = Callable[[str], Sequence[WorkedExample]]  # for an instruction, the nearest last
 
 
 class HomeMemory(Protocol):
@@ -1055,6 +1063,7 @@ class Resources:
     decoding: Decoding = Decoding()
     listen: Listener | None = None  # hears the planner's answers as they come
     hints: Hints | None = None  # where the planner has learnt to read them
+    examples: Examples | None = None  # for a planner that is told of some
     doubt: Doubt | None = None  # where it has been fitted for the planner
     recall: Recall
     vision: VisionModel

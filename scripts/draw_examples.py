@@ -42,6 +42,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--elsewhere", type=float, default=0.25, help="see PlannerRecipe")
     parser.add_argument("--packs", type=int, default=90_000)
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()

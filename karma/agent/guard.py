@@ -31,6 +31,7 @@ from karma.household.uses import (
     TAPS,
     TOASTER,
 )
+from karma.language.said_deeds import NEEDS
 
 _HELP: dict[str, frozenset[str]] = {
     "wash": frozenset((SINK, "Bathtub")), "fill": frozenset((SINK, "Bathtub")),
@@ -50,12 +51,6 @@ _ALONG: dict[str, frozenset[str]] = {
     "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
 }  # deed -> what may be moved for it  # fmt: skip
 _FOR_GOOD = ("throw", "fling", "break", "slice", "empty")  # deeds that nothing takes back
-_NEEDS = {
-    "open": "openable", "close": "openable", "on": "toggleable", "off": "toggleable",
-    "slice": "sliceable", "break": "breakable", "put": "pickupable", "take": "pickupable",
-    "throw": "pickupable", "wash": "pickupable", "heat": "pickupable", "cool": "pickupable",
-    "cook": "pickupable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
-}  # deed -> what one of its thing's types has to be  # fmt: skip
 
 
 # ----------------------------------------------------------------- before any planner
@@ -105,7 +100,7 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
         kinds = here_of(one.types, here)
         if not kinds:
             return _refused("place" if one.types else "thing", (one.text,))
-        need = _NEEDS.get(deed.deed, "")
+        need = NEEDS.get(deed.deed, "")
         if need and not any(_able(kind, need) for kind in kinds):
             return _refused("impossible", (f"{deed.verb} the {one.text}",))
     return _unknown_place(deed, deed.place, here) if deed.place is not None else None

@@ -10,26 +10,14 @@ Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.program import PUTS
-from karma.contracts import Area, SkillCall
+from karma.agent.program import PUTS, SKILL_OF
+from karma.contracts import Area, Skill, SkillCall
 from karma.household.containment import fits_whole_or_cut, goes_in, vessels
 from karma.household.ids import short_type, type_of
 from karma.household.places import FLOOR, LIKELY, SURFACES
 from karma.household.types import WIDEST, ObjectType, object_types
 from karma.household.uses import KNIVES, SWITCHED_BY_A_PART
 
-_NEEDS = {
-    "OpenObject": ("openable", "cannot be opened"),
-    "CloseObject": ("openable", "cannot be closed"),
-    "SliceObject": ("sliceable", "cannot be sliced"),
-    "BreakObject": ("breakable", "cannot be broken"),
-    "ToggleOn": ("toggleable", "cannot be switched"),
-    "ToggleOff": ("toggleable", "cannot be switched"),
-    "SwitchOn": ("toggleable", "cannot be switched"),
-    "SwitchOff": ("toggleable", "cannot be switched"),
-    "PickupObject": ("pickupable", "cannot be picked up"),
-    "EmptyObject": ("canFillWithLiquid", "holds no liquid"),
-}
 TOLD = 12  # receptacles in one sentence: as many types as a room has
 _PLACES = tuple(dict.fromkeys((*SURFACES, *LIKELY, *sorted(object_types()))))
 
@@ -220,10 +208,39 @@ def _put(call: SkillCall, hand: _Hand) -> str:
 def _incapable(call: SkillCall) -> str:
     """Return why no thing of this type takes part in such a deed."""
     name = call.objects[-1]
-    capability, words = _NEEDS.get(call.skill, ("", ""))
+    skill = SKILL_OF.get(call.skill)
+    return f"{name} {skill.cannot}" if skill is not None and not _may_take(skill, name) else ""
+
+
+def _may_take(skill: Skill, name: str) -> bool:
+    """Return whether a skill can be done with what goes by a name; what is unknown may be."""
     kind = object_types().get(short_type(name))
-    refused = capability and kind is not None and not _can(kind, capability)
-    return f"{name} {words}" if refused else ""
+    return not skill.takes or kind is None or _can(kind, skill.takes)
+
+
+def narrowed(
+    skills: Iterable[Skill], names: Sequence[str]
+) -> tuple[tuple[str, tuple[tuple[str, ...], ...]], ...]:
+    """Return for each skill the names that may stand in it, argument by argument, by their types.
+
+    Skills that take anything are left out.
+    """
+    held = tuple(name for name in names if _can_be(name, "pickupable"))
+    places = tuple(name for name in names if _can_be(name, "receptacle"))
+    found: list[tuple[str, tuple[tuple[str, ...], ...]]] = []
+    for skill in skills:
+        if skill.name == "PutObject":
+            found.append((skill.name, (held, places)))
+        elif skill.name == "PutNear":
+            found.append((skill.name, (held, tuple(names))))
+        elif skill.takes:
+            found.append((skill.name, (tuple(one for one in names if _may_take(skill, one)),)))
+    return tuple(found)
+
+
+def _can_be(name: str, capability: str) -> bool:
+    kind = object_types().get(short_type(name))
+    return kind is None or capability in kind.capabilities
 
 
 def _misplaced(call: SkillCall) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from karma.agent.guard import stopped
-from karma.agent.inspector import Objection, mend, objection
+from karma.agent.inspector import Objection, mend, narrowed, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
 from karma.agent.reading import astray
@@ -17,6 +17,7 @@ from karma.contracts import (
     Completion,
     Decoding,
     Doubt,
+    Examples,
     FailedProgram,
     Hints,
     LanguageModel,
@@ -45,6 +46,7 @@ class Planner:
         profile: "compact" or "full".
         decoding: how answers are drawn.
         hints: of an instruction; None: the planner reads none.
+        examples: for an instruction; None: the prompt has none but its own.
         doubt: decides by the first answer whether a request is refused; None: the answer does.
         listen: hears answers as they come.
     """
@@ -57,6 +59,7 @@ class Planner:
         hints: Hints | None = None,
         doubt: Doubt | None = None,
         listen: Listener | None = None,
+        examples: Examples | None = None,
     ) -> None:
         self.model = model
         self.profile = profile
@@ -64,18 +67,22 @@ class Planner:
         self.hints = hints
         self.doubt = doubt
         self.listen = listen
+        self.examples = examples
 
     @classmethod
     def of(cls, resources: Resources) -> Self:
         """Return the planner that a run has loaded."""
         given = resources
         return cls(
-            given.model, given.profile, given.decoding, given.hints, given.doubt, given.listen
-        )
+            given.model, given.profile, given.decoding, given.hints, given.doubt, given.listen,
+            given.examples,
+        )  # fmt: skip
 
     def drawn_by(self, decoding: Decoding) -> "Planner":
         """Return the same planner with its answers drawn otherwise."""
-        return Planner(self.model, self.profile, decoding, self.hints, self.doubt, self.listen)
+        return Planner(
+            self.model, self.profile, decoding, self.hints, self.doubt, self.listen, self.examples
+        )
 
     def plan(self, request: PlanRequest) -> Iterator[Plan]:
         """Ask until an answer parses and could work, at most `attempts` times; yields every answer.
@@ -86,6 +93,8 @@ class Planner:
         """
         if self.hints is not None:
             request = replace(request, hints=self.hints(request.instruction))
+        if self.examples is not None and not request.examples:
+            request = replace(request, examples=self.examples(request.instruction))
         refusing: bool | None = None  # not again where it was refused for what is known
         reasons: set[str] = set()  # why the answers could not work; "" for one that is not lasting
         for attempt in range(self.decoding.attempts):
@@ -152,6 +161,8 @@ class Planner:
         rendered = render(self.profile, request, refusing=refusing)
         skills = skills_of(self.profile)
         spec = program_spec(request, rendered.names, skills, refusing=refusing)
+        if self.decoding.constraint == "types":
+            spec = replace(spec, narrowed=narrowed(skills, spec.objects))
         completion = self.model.complete(
             rendered.prompt,
             spec=spec if self.decoding.constrained else None,

@@ -22,17 +22,32 @@ MAX_POSITIONS = 100
 MAX_METRES = 1000.0
 
 
-def _skill(name: str, doc: str, deed: str = "", does: str = "", undone_by: str = "") -> Skill:
+_PICKUP, _OPEN, _SWITCH = (
+    ("pickupable", "cannot be picked up"),
+    ("openable", "cannot be opened"),
+    ("toggleable", "cannot be switched"),
+)  # what a thing must be, and what is said of others
+
+
+def _skill(
+    name: str,
+    doc: str,
+    deed: str = "",
+    does: str = "",
+    undone_by: str = "",
+    takes: tuple[str, str] = ("", ""),
+) -> Skill:
     return Skill(
-        name=name, arguments=("object",), doc=doc, deed=deed, does=does, undone_by=undone_by
-    )
+        name=name, arguments=("object",), doc=doc, deed=deed, does=does, undone_by=undone_by,
+        takes=takes[0], cannot=takes[1],
+    )  # fmt: skip
 
 
 SKILLS: tuple[Skill, ...] = (
     _skill("GoToObject", "Navigate to an object whose place is known."),
     _skill(
         "PickupObject", "Pick up the object; it must be in view and the hand empty.", "take",
-        undone_by="PutObject",
+        undone_by="PutObject", takes=_PICKUP,
     ),
     Skill(
         name="PutObject",
@@ -42,15 +57,28 @@ SKILLS: tuple[Skill, ...] = (
         deed="put",
         undone_by="PickupObject",
     ),
-    _skill("SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "on", "SwitchOff"),
-    _skill("SwitchOff", "Turn off a switch, lamp or tap.", "switch off", "off", "SwitchOn"),
+    _skill(
+        "SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "on", "SwitchOff", _SWITCH
+    ),
+    _skill(
+        "SwitchOff", "Turn off a switch, lamp or tap.", "switch off", "off", "SwitchOn", _SWITCH
+    ),
     _skill(
         "OpenObject", "Open a fridge, cabinet, drawer, microwave or box that is closed.",
-        "open", "opened", "CloseObject",
+        "open", "opened", "CloseObject", _OPEN,
     ),
-    _skill("CloseObject", "Close an object that is open.", "close", "closed", "OpenObject"),
-    _skill("BreakObject", "Break the object.", "break", "broken"),
-    _skill("SliceObject", "Slice the object, e.g. an apple, tomato or bread.", "slice", "sliced"),
+    _skill(
+        "CloseObject", "Close an object that is open.", "close", "closed", "OpenObject",
+        ("openable", "cannot be closed"),
+    ),
+    _skill(
+        "BreakObject", "Break the object.", "break", "broken",
+        takes=("breakable", "cannot be broken"),
+    ),
+    _skill(
+        "SliceObject", "Slice the object, e.g. an apple, tomato or bread.", "slice", "sliced",
+        takes=("sliceable", "cannot be sliced"),
+    ),
     _skill("ThrowObject", "Throw away the held object.", "throw", undone_by="PickupObject"),
     Skill(
         name="Explore",
@@ -60,14 +88,17 @@ SKILLS: tuple[Skill, ...] = (
     ),
     _skill(
         "ToggleOn", "Toggle on a lamp, stove, microwave, toaster or tap.",
-        "switch on", "on", "ToggleOff",
+        "switch on", "on", "ToggleOff", _SWITCH,
     ),
-    _skill("ToggleOff", "Toggle off the object.", "switch off", "off", "ToggleOn"),
+    _skill("ToggleOff", "Toggle off the object.", "switch off", "off", "ToggleOn", _SWITCH),
 )  # fmt: skip
 """The 13 functions of Listing 2. `PutObject` with one object means the receptacle."""
 
 OUR_SKILLS: tuple[Skill, ...] = (
-    _skill("EmptyObject", "Pour out what the object is filled with.", "empty"),
+    _skill(
+        "EmptyObject", "Pour out what the object is filled with.", "empty",
+        takes=("canFillWithLiquid", "holds no liquid"),
+    ),
     Skill(
         name="PutNear",
         arguments=("object", "object"),
@@ -75,9 +106,10 @@ OUR_SKILLS: tuple[Skill, ...] = (
         deed="put near",
         undone_by="PickupObject",
     ),
-)
+)  # fmt: skip
 """Two more of ours: nothing in Listing 2 gets the water out of a mug, or one thing near another."""
 
+SKILL_OF = {one.name: one for one in (*SKILLS, *OUR_SKILLS)}
 DEEDS = {one.name: one.deed for one in (*SKILLS, *OUR_SKILLS) if one.deed}
 SWITCH_AFTER = {one.name: one.does for one in SKILLS if one.does in ("on", "off")}
 DOOR_AFTER = {one.name: one.does for one in SKILLS if one.does in ("opened", "closed")}

@@ -15,10 +15,12 @@ from karma.agent.prompt import render
 from karma.bench.alfred_tasks import AlfredTasks
 from karma.bench.names import MODELS, check_models, whole_name
 from karma.bench.planner_doubt import doubt_of, may_refuse
+from karma.bench.planner_examples import EXAMPLES, examples_for
 from karma.bench.planner_words import NO_WORDS, hints_for
 from karma.bench.precision import MAX_SEEDS, Precision
 from karma.bench.presets import PRESETS, preset
 from karma.contracts import (
+    Constraint,
     Decoding,
     Embedder,
     LanguageModel,
@@ -86,6 +88,11 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     vision: str = "metadata"
     detector: str = ""  # "grounded-sam:BOXES+MASKS", for rows with boxes = "detector"
     constrained: bool = True  # answers are held to programs; a server must prove that it does
+    constraint: Constraint = "types"  # what programs may say, where they are held to them
+    examples: int | None = (
+        None  # told to the planner, 0 to 8; None: 4 if local, with the full prompt
+    )
+    examples_from: str = ""  # a file of sentences; "": those that were written for it
     max_tokens: int = 512  # of an answer, a thought not counted
     temperature: float = 0.0
     threads: int = 1
@@ -104,6 +111,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         for key, usual in (("embedder", "minilm"), ("vision", "metadata"), ("detector", "")):
             if getattr(self, key) != usual:
                 force_setattr(self, key, whole_name(key, getattr(self, key)))
+        if self.examples is not None and not 0 <= self.examples <= 8:
+            raise ValueError(f"examples = {self.examples}: 0 to 8")
         for role in ("planner", "vision", "embedder"):
             hosted = getattr(self, role).partition(":")[0] == OPENAI
             if hosted != (getattr(self.hosted, role) is not None):
@@ -247,6 +256,7 @@ def load_resources(
     decoding = Decoding(
         refusing=refusing,
         constrained=models.constrained,
+        constraint=models.constraint,
         temperature=models.temperature,
         seed=seed,
         max_tokens=models.max_tokens,
@@ -258,6 +268,7 @@ def load_resources(
         profile=profile,
         decoding=decoding,
         hints=hints_for(models.planner, models.words or hosted, embedder),
+        examples=examples_for(_count(models, profile), models.examples_from, embedder),
         doubt=doubt_of(models.planner) if refusing and not hosted else None,
         recall=_recall(models.recall, models.recall_text, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),
@@ -268,6 +279,17 @@ def load_resources(
         else None,
         embedder=embedder,
     )
+
+
+def _count(models: Models, profile: str) -> int:
+    """Return how many examples a planner is told; the compact prompt has no room for any.
+
+    Hosted ones are told none unless asked: what was recorded of them is found by its prompt.
+    """
+    if profile == "compact":
+        return 0
+    usual = 0 if models.hosted.planner is not None else EXAMPLES
+    return usual if models.examples is None else models.examples
 
 
 def for_row(

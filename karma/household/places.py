@@ -1,6 +1,6 @@
 """Where things are: in the hand, put down, found; and the furniture worth a word."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cache
 
 from karma.household.types import object_types
@@ -33,6 +33,21 @@ SURFACES = (
     "CounterTop", "DiningTable", "SideTable", "Desk", "Dresser", "CoffeeTable", "TVStand",
     "Shelf", "ShelvingUnit", "Bed", "Sofa", "ArmChair", "Toilet", "Bathtub",
 )  # where to put something down, the best first  # fmt: skip
+_LIKE = (
+    ("Desk", "DiningTable", "SideTable", "CoffeeTable", "CounterTop", "Dresser", "TVStand"),
+    ("Dresser", "Desk", "SideTable", "TVStand", "Shelf"),
+    ("DiningTable", "CoffeeTable", "SideTable", "CounterTop", "Desk"),
+    ("SideTable", "CoffeeTable", "DiningTable", "Desk", "Dresser", "CounterTop"),
+    ("CoffeeTable", "SideTable", "DiningTable", "Desk", "CounterTop"),
+    ("CounterTop", "DiningTable", "SideTable", "CoffeeTable", "Desk"),
+    ("TVStand", "Dresser", "SideTable", "Shelf", "CoffeeTable"),
+    ("Shelf", "ShelvingUnit", "Dresser", "SideTable", "Cabinet"),
+    ("ShelvingUnit", "Shelf", "Cabinet", "Dresser"),
+    ("Cabinet", "Drawer", "Shelf"), ("Drawer", "Cabinet", "Dresser"),
+    ("Sofa", "ArmChair", "Ottoman", "Bed"), ("ArmChair", "Sofa", "Ottoman", "Bed"),
+    ("Ottoman", "ArmChair", "Sofa", "Bed"), ("Bed", "Sofa", "ArmChair"),
+    ("DeskLamp", "FloorLamp"), ("FloorLamp", "DeskLamp"),
+)  # furniture, and what is taken in its place where there is none, the likest first  # fmt: skip
 LIKELY = (
     "CounterTop", "DiningTable", "Desk", "CoffeeTable", "Dresser", "SideTable", "TVStand", "Bed",
     "Sofa", "ArmChair", "Shelf", FRIDGE, SINK, "Cabinet", "Drawer", "Bathtub", "Toilet", BIN,
@@ -88,3 +103,13 @@ def landmark_types() -> frozenset[str]:
         and "pickupable" not in kind.capabilities
         and name not in _NOT_WORTH_A_WORD
     )
+
+
+def likest(name: str, here: Collection[str]) -> str | None:
+    """Return the furniture of a room that is likest to what it lacks; None where nothing is.
+
+    >>> likest("Desk", ("Bed", "SideTable")), likest("Fridge", ("Bed",))
+    ('SideTable', None)
+    """
+    others = next((others for first, *others in _LIKE if first == name), [])
+    return next((other for other in others if other in here), None)

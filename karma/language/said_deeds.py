@@ -1,7 +1,7 @@
 """The deeds of a sentence: orders, wishes, what needs doing; or that it only tells something."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.contracts import Form, Mention, SaidDeed
@@ -25,12 +25,12 @@ _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
 _MOVED = ("moved", "put", "placed", "brought", "set", "to", "be")
-_NEEDS_OF_A_DEED = {
+NEEDS: Mapping[str, str] = {
     "open": "openable", "close": "openable", "on": "toggleable", "off": "toggleable",
-    "slice": "sliceable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
-    "put": "pickupable", "take": "pickupable", "throw": "pickupable", "wash": "pickupable",
-    "heat": "pickupable", "cool": "pickupable",
-}  # fmt: skip
+    "slice": "sliceable", "break": "breakable", "put": "pickupable", "take": "pickupable",
+    "throw": "pickupable", "wash": "pickupable", "heat": "pickupable", "cool": "pickupable",
+    "cook": "pickupable", "fill": "canFillWithLiquid", "empty": "canFillWithLiquid",
+}  # deed -> what one of its thing's types has to be  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -419,7 +419,7 @@ def _meant_by(
     pronoun = one.vague and one.text in ("it", "this", "that", "one")
     if not (pronoun and named) or (one.text == "one" and one.at):
         return [one]
-    wanted = _NEEDS_OF_A_DEED.get(deed.deed)
+    wanted = NEEDS.get(deed.deed)
     able = [
         thing for thing in named
         if wanted and any(object_types()[kind].can(wanted) for kind in thing.types)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ The chance of a token is that among all tokens, not only those that a grammar ad
 would rather have said what no program can say is not sure either. It costs one sum per token.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -39,6 +40,10 @@ class CertaintyLog:
             part = np.exp(logits[begin] - np.float32(top)).sum(dtype=np.float64)
             self._refusing = round(float(part) / whole, _DIGITS)
         self._logprobs.append(float(logits[token]) - top - float(np.log(whole)))
+
+    def replace(self, kept: int, logprobs: Sequence[float]) -> None:
+        """Put other tokens' logarithms in place of all but the first so many."""
+        self._logprobs[kept:] = logprobs
 
     def certainty(self) -> Certainty | None:
         """Return how sure the answer was; None where nothing was said."""

@@ -254,6 +254,15 @@ class GgufModel:
         except RuntimeError as error:
             raise ModelError(f"{self.name}: llama.cpp cannot decode: {error}") from error
 
+    @property
+    def decoded(self) -> int:
+        """How many tokens were decoded, the prompt's included."""
+        return int(self.llama.n_tokens)
+
+    def rewind(self, tokens: int) -> None:
+        """Forget what was decoded behind the first so many tokens; there are no logits then."""
+        self.llama.n_tokens = tokens
+
     def logits(self) -> Logits:
         """Return the logits after the last token, shape (vocabulary,), valid until the next."""
         import llama_cpp

@@ -31,6 +31,7 @@ from karma.infer.llama.room_states import StateOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.llama.thinking import Thought, closing_tokens, think, told_apart
 from karma.infer.llama.under_way import UnderWay
+from karma.infer.llama.whole_names import NameWatch
 from karma.infer.programs.automaton import ProgramAutomaton, State, without_closing
 from karma.language.whole import cut_off, cycle, going_round
 from karma.seeds import stream
@@ -244,14 +245,21 @@ class LlamaModel:
         table = self.gguf.table
         state = automaton.start() if automaton is not None else None
         pieces: list[bytes] = []
+        told = 0  # pieces: a name is told of when it is whole
+        names = NameWatch(self.gguf, automaton, log) if automaton and rng is None else None
         while len(pieces) < room:
+            if names and state:
+                state = names.seen(state, pieces)
             chosen, state = self._next(automaton, state, temperature, rng, log)
             answer.begins()
             if chosen[0] in table.end_tokens:
                 return _Decoded(b"".join(pieces), "stop", len(pieces))
             new = [table.pieces[token] for token in chosen[: room - len(pieces)]]
             pieces += new
-            answer.came(b"".join(new), len(new))
+            under_way = len(pieces) < room and not answer.is_late
+            if not (names and state and state.frame.names and under_way):
+                answer.came(b"".join(pieces[told:]), len(pieces) - told)
+                told = len(pieces)
             if automaton is not None and state is not None and not automaton.next_bytes(state):
                 return _Decoded(b"".join(pieces), "stop", len(pieces))
             if automaton is not None and b"\n" in new[-1] and _circles(pieces):

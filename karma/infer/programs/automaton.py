@@ -59,9 +59,11 @@ def forms(spec: ProgramSpec) -> tuple[LineForm, ...]:
         "positions": Argument(names=positions, most=min(len(positions), _MAX_POSITIONS)),
     }
     found: dict[tuple[tuple[Argument, ...], int], list[str]] = {}
+    narrowed = dict(spec.narrowed)
     for skill in spec.skills:
-        arguments = [kinds[kind] for kind in skill.arguments]
-        needed = len(arguments) - skill.optional
+        lists = [Argument(names=tuple(dict.fromkeys(one))) for one in narrowed.get(skill.name, ())]
+        arguments = [*lists, *(kinds[kind] for kind in skill.arguments[len(lists) :])]
+        needed = len(arguments) - (0 if lists else skill.optional)
         possible = next((n for n, one in enumerate(arguments) if not one.names), len(arguments))
         if possible >= needed:
             found.setdefault((tuple(arguments[:possible]), needed), []).append(skill.name)
@@ -206,7 +208,7 @@ class ProgramAutomaton:
                 words[")"] = lambda: self._said
             if done < len(form.arguments):
                 argument, then = form.arguments[done], self._after(form, done + 1)
-                names = trie([f"{name}'" for name in argument.names])
+                names = trie([f"{name}'" for name in argument.names])._replace(names=True)
                 if argument.most:
                     words[", ['"] = self._list(names, argument.most, then)
                 else:

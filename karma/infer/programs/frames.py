@@ -13,6 +13,7 @@ class Frame(NamedTuple):
     nodes: list[dict[int, int]]
     words: tuple[str, ...]
     follow: tuple[Callable[[], "Frame"], ...]
+    names: bool = False  # its words are names, with the quote that ends them
     line_start: bool = False
     line_end: bool = False  # a call is whole, its newline may follow
     ends: bool = False  # nothing has to follow

@@ -27,7 +27,8 @@ from karma.contracts import (
 from karma.errors import KarmaError
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.budget import Budget
-from karma.methods.helper.examples import ExampleMemory, seed_examples
+from karma.methods.example_memory import ExampleMemory
+from karma.methods.helper.examples import seed_examples
 from karma.methods.helper.memory import ObjectMemory
 from karma.methods.helper.run import Executor
 from karma.methods.options import settings_of

@@ -8,6 +8,7 @@ like any other: its answer is a program, and `facts_of` reads the facts off any 
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from karma.household.ids import short_type, type_of
 from karma.household.pieces import is_piece
 from karma.household.types import object_types
 from karma.tasks.demonstrations import read_demonstrations
+from karma.tasks.drawing.lexicon import every_word
 from karma.tasks.drawing.programs import plain_program
 from karma.tasks.expert import ExpertView
 
@@ -75,6 +77,22 @@ def read_sentences(path: Path) -> tuple[Sentence, ...]:
         for trial in read_demonstrations(path, dict[str, Any])
         for annotation in trial["turk_annotations"]
     )
+
+
+def names_its_place(sentence: Sentence) -> bool:
+    """Return whether a sentence says where: of one in ten, as "wash a pan", only its trial tells.
+
+    Who learns from these puts what is to be washed somewhere else, too.
+    """
+    return _place_words(sentence.facts.place).search(sentence.text.lower()) is not None
+
+
+@cache
+def _place_words(place: str) -> re.Pattern[str]:
+    entry = every_word().get(place)
+    names = (*entry.names, *entry.kinds) if entry else (place.lower(),)
+    words = sorted({word for name in names for word in (name, name.split()[-1])})
+    return re.compile(rf"\b(?:{'|'.join(map(re.escape, words))})(?:s|es)?\b")
 
 
 def read_steps(path: Path) -> tuple[StepSentence, ...]:

@@ -63,6 +63,7 @@ class PlannerRecipe:
     weight_decay: float = 0.05
     mapped: float = 0.6  # share of packs with long-term memory
     alfred: tuple[float, float] = (0.4, 0.5)  # share of ALFRED's goals without and with it
+    elsewhere: float = 0.0  # share of ALFRED's goals with memory that were said in other rooms
     steps_said: float = 0.2  # share of what ALFRED's annotators said of single steps, without it
     plans: float = 0.4  # share of packs with long-term memory in rooms where ALFRED was recorded
     refused: float = 0.13  # share of requests that are refused
@@ -125,7 +126,8 @@ def _draw_one(
         return draw_refusal(rng, room, data.book, mapped=mapped)
     if roll < recipe.refused + recipe.near_misses:
         return draw_near_miss(rng, room, data.book, mapped=mapped)
-    said, roll = data.said(room) if mapped else data.alfred, rng.random()
+    here = mapped and rng.random() > recipe.elsewhere
+    said, roll = data.said(room) if here else data.alfred, rng.random()
     if said and roll < recipe.alfred[mapped]:
         return draw_alfred(rng, room, said, mapped=mapped)
     if data.steps and not mapped and roll > 1 - recipe.steps_said:

@@ -11,7 +11,7 @@ from karma.agent.prompt import compact
 from karma.contracts import MemoryUnit, PlanRequest, SkillCall
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
-from karma.household.places import HAND
+from karma.household.places import HAND, likest
 from karma.household.types import object_types
 from karma.tasks.drawing.alfred import Sentence, StepSentence, program_of
 from karma.tasks.drawing.memories import KnownRoom, Rng, draw_units, pick, place_type
@@ -176,7 +176,11 @@ def draw_alfred(
     sentence = pick(rng, sentences)
     wanted = sentence.facts
     if mapped and wanted.place not in room.landmarks:
-        return None
+        place = likest(wanted.place, room.landmarks)
+        if place is None:
+            return None
+        wanted = replace(wanted, place=place)
+        sentence = replace(sentence, facts=wanted)
     facts, held = draw_facts(rng, room, mapped=mapped)
     if rng.random() < 0.8:
         facts, held = replace(facts, units=(), held_id=None, held_type=None), None

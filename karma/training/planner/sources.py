@@ -16,7 +16,13 @@ from karma.bench.planner_words import WORDS
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
 from karma.tasks.drawing import rooms
-from karma.tasks.drawing.alfred import Sentence, StepSentence, read_sentences, read_steps
+from karma.tasks.drawing.alfred import (
+    Sentence,
+    StepSentence,
+    names_its_place,
+    read_sentences,
+    read_steps,
+)
 from karma.tasks.drawing.lexicon import lexicon
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book, our_book, with_alfred
@@ -143,7 +149,7 @@ class Sources:
         """Return ALFRED's goal sentences of one side; () where they are missing."""
         if not self.demonstrations.exists():
             return ()
-        every = read_sentences(self.demonstrations)
+        every = filter(names_its_place, read_sentences(self.demonstrations))
         return tuple(s for n, s in enumerate(every) if (n // 3 % WATCHED == 0) == held_out)
 
     def steps(self) -> tuple[StepSentence, ...]:

@@ -13,7 +13,7 @@ from functools import cache
 from karma.contracts import Goal, MemoryUnit, PlanRequest, RefusedRequest
 from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
-from karma.household.places import HAND, landmark_types
+from karma.household.places import HAND, landmark_types, likest
 from karma.household.states import deed_for
 from karma.household.types import object_types
 from karma.tasks.drawing.lexicon import lexicon, pick_common
@@ -55,9 +55,11 @@ def draw_written(
     text, goals = said.text, said.wanted
     if goals and rng.random() < OTHER_THINGS:
         text, goals = with_other_things(rng, text, goals, room.landmarks if mapped else ())
-    about = frozenset(base_type(name) for goal in goals for name in goal.arguments)
-    if mapped and not (about & landmark_types()) <= set(room.landmarks):
+    if mapped and (here := _in_room(goals, room.landmarks)) is not None:
+        goals = here
+    elif mapped:
         return None
+    about = frozenset(base_type(name) for goal in goals for name in goal.arguments)
     facts = _without(rng, draw_facts(rng, room, mapped=mapped)[0], about)
     text = misspelt(rng, text) if rng.random() < TYPOS else text
     facts = replace(facts, instruction=text)
@@ -77,6 +79,25 @@ def _without(rng: Rng, facts: PlanRequest, about: frozenset[str]) -> PlanRequest
         return base_type(unit.object_type) not in about and unit.place_id != HAND
 
     return replace(facts, units=tuple(filter(kept, facts.units)), held_id=None, held_type=None)
+
+
+def _in_room(goals: Sequence[Goal], landmarks: Sequence[str]) -> tuple[Goal, ...] | None:
+    """Return goals with what a room has in place of what it lacks; None where nothing is like it.
+
+    Who is asked for a desk where there is none uses the likest thing.
+    """
+    here: dict[str, str | None] = {
+        name: likest(name, landmarks)
+        for goal in goals
+        for name in goal.arguments
+        if name in landmark_types() and name not in landmarks
+    }
+    if None in here.values():
+        return None
+    return tuple(
+        replace(goal, arguments=tuple(here.get(name) or name for name in goal.arguments))
+        for goal in goals
+    )
 
 
 def with_other_things(
