@@ -47,11 +47,10 @@ format: setup ## write what `check` asks for where ruff can
 scenes: setup ## draw the rooms in karma/world/scenes again; equal seeds give equal bytes
 	@$(PY) scripts/make_scenes.py --seed $(SEED)
 
-planner: setup ## train the nano planner again, some hours on 2 cores; resumes
-	@$(PY) scripts/train_planner.py train --half --seed 10
-	@$(PY) scripts/train_planner.py export models/nano/planner.gguf
-	@$(PY) scripts/calibrate_doubt.py models/nano/planner.gguf --out models/nano/doubt.json --plot docs/pictures/doubt.png
-	@echo "planner: now put sizes and SHA-256 of its four files in models/nano into models/manifest.toml"
+planner: setup ## draw what karma-mini was tuned on, tune, merge; many hours without a GPU; resumes
+	@$(PY) scripts/planner_data.py examples --folder runs/planner
+	@.venv/bin/karma models tune runs/planner/examples.jsonl.gz runs/planner/tuned --watch runs/planner/watched.jsonl.gz --seed 37
+	@echo "planner: what trained karma-nano from nothing went; its card names the commit that still has it"
 
 paper: setup ## every table and figure of the paper with the nano models; resumes
 	@bash scripts/reproduce.sh

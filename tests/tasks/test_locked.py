@@ -90,21 +90,21 @@ def test_no_subtask_is_met_when_it_begins_and_the_expert_does_each(task, tmp_pat
 
 
 def test_the_training_command_keeps_the_sentences_out(tmp_path):
-    sources = runpy.run_path(str(ROOT / "scripts" / "train_planner.py"))["sources"](tmp_path)
+    sources = runpy.run_path(str(ROOT / "scripts" / "planner_data.py"))["sources"](tmp_path)
     assert not SAID - sources.unseen().sentences
 
 
 def test_a_locked_sentence_that_training_would_say_is_drawn_again(tmp_path):
     """The sampler's own sentences, put into a locked file, are in no pack that it draws."""
     recipe = PlannerRecipe()
-    free = Sources(folder=tmp_path, models=tmp_path, shared=tmp_path, tests=(), generated=8)
+    free = Sources(folder=tmp_path, shared=tmp_path, tests=(), generated=8)
     data = free.material(recipe)
     said = [one.sentence for n in range(20) for one in draw_pack(recipe, data, "t", str(n))]
     line = json.loads((FOLDER / "tasks.jsonl").read_text().splitlines()[0])
     line["subtasks"] = [{"instruction": text, "goals": ["OPEN(Fridge)"]} for text in said]
     path = tmp_path / "locked.jsonl"
     path.write_text(json.dumps(line))
-    kept = Sources(folder=tmp_path, models=tmp_path, shared=tmp_path, tests=(path,), generated=8)
+    kept = Sources(folder=tmp_path, shared=tmp_path, tests=(path,), generated=8)
     data = kept.material(recipe)
     again = [plain(one.sentence) for n in range(20) for one in draw_pack(recipe, data, "t", str(n))]
     assert not {plain(text) for text in said} & set(again)

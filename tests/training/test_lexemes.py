@@ -74,7 +74,7 @@ def test_held_out_lexemes_are_about_a_fifth_of_all():
 @pytest.mark.shared
 def test_held_out_lexemes_are_those_that_the_rule_chooses(shared, tmp_path):
     """Neither our words then nor ALFRED's annotators had them; of such words a third."""
-    sources = Sources(folder=tmp_path, models=tmp_path, shared=shared, tests=())
+    sources = Sources(folder=tmp_path, shared=shared, tests=())
     if not sources.demonstrations.exists():
         pytest.skip(f"needs {sources.demonstrations}")
     git = ["git", "cat-file", "-e", f"{START}:karma"]

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from karma import registry
 from karma.bench.planner_words import WORDS
@@ -26,6 +25,7 @@ from karma.tasks.drawing.alfred import (
 from karma.tasks.drawing.lexicon import lexicon
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import Book, our_book, with_alfred
+from karma.tasks.requests import load_said
 from karma.training.planner.held_out import TRAINED_ROOMS, WATCHED_ROOMS, Unseen, unseen_of
 from karma.training.planner.hinted import (
     DrawnHints,
@@ -34,10 +34,8 @@ from karma.training.planner.hinted import (
     phrases_to_embed,
     words_file,
 )
-from karma.training.planner.network import first_embeddings, new_model
-from karma.training.planner.packs import Data, PlannerRecipe, draw_pack, make_tokenizer
+from karma.training.planner.packs import Data, PlannerRecipe, draw_pack
 from karma.training.planner.samples import TrainingExample
-from karma.training.planner.start import extended_tokenizer, started_model
 from karma.world.importing.scenes import import_dump
 
 SAMPLED = 1500  # packs whose sentences say which words are known
@@ -50,20 +48,20 @@ class Sources:
     """Folders that are read, and the one that keeps what is made once.
 
     Args:
-        folder: keeps rooms, tokenizer, known words and, of new weights, first embeddings.
-        models: where a recipe's `start` lies.
+        folder: keeps rooms and known words.
         shared: the reference data; what is missing there is done without.
         tests: task files of which training must not say a sentence.
         said: files of requests, one or several in each, of which it must not say one either.
         generated: rooms to make.
+        written: the sentences that were written by hand.
         say: takes a line about what is being made or is missing.
     """
 
     folder: Path
-    models: Path
     shared: Path
     tests: tuple[Path, ...]
     said: tuple[Path, ...] = ()
+    written: Path | None = None
     generated: int = 300
     say: Callable[[str], None] = lambda line: None
 
@@ -89,6 +87,7 @@ class Sources:
             rooms=self.rooms(recipe),
             book=self.book().part(held_out=False),
             unseen=self.unseen(),
+            written=load_said(self.written) if self.written else (),
             alfred=self.sentences(held_out=False),
             steps=self.steps(),
         )
@@ -165,42 +164,6 @@ class Sources:
         dumps, layouts = self.floor_plans
         scenes = import_dump(dumps, layouts=layouts)
         return {scene.name: rooms.room_of(scene, scene.name, keep=1.0) for scene in scenes}
-
-    def tokenizer(self, recipe: PlannerRecipe, data: Data) -> Any:
-        """Return the tokenizer, trained once, or that of the recipe's start."""
-        from tokenizers import Tokenizer
-
-        path = self.folder / "tokenizer.json"
-        if not path.exists():
-            if recipe.start:
-                made = extended_tokenizer(self.models / recipe.start)
-            else:
-                self.say("training the tokenizer ...")
-                made = make_tokenizer(recipe, data, 1500)
-            write_atomic(path, made.to_str().encode())
-        return Tokenizer.from_file(str(path))
-
-    def first_model(self, recipe: PlannerRecipe, tokenizer: Any) -> Any:
-        """Return the weights to begin with.
-
-        Args:
-            recipe: with the vocabulary's size.
-            tokenizer: of `self`.
-        """
-        if recipe.start:
-            return started_model(recipe, tokenizer, self.models / recipe.start)
-        return new_model(recipe, self._embeddings(recipe, tokenizer))
-
-    def _embeddings(self, recipe: PlannerRecipe, tokenizer: Any) -> Any:
-        """Return the token embeddings of new weights, made once."""
-        from safetensors.numpy import load, save
-
-        path = self.folder / "embeddings.safetensors"
-        if not path.exists():
-            self.say("embedding the vocabulary ...")
-            found = first_embeddings(recipe, tokenizer, registry.load("embedders", "minilm")())
-            write_atomic(path, save({"tokens": found}))
-        return load(path.read_bytes())["tokens"]
 
 
 def held_out_packs(

@@ -6,7 +6,7 @@ up, cooked, heated, cut or broken is so by lot; the agent stands near something 
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -103,22 +103,6 @@ def samples(event: WorldEvent, least: int = LEAST_PIXELS) -> list[Sample]:
 def thinned(found: Sequence[Sample], rng: _Lot) -> list[Sample]:
     """Leave out most of the objects of types that never show a state; they are everywhere."""
     return [one for one in found if one.states != ("none",) or rng.random() < _BARE]
-
-
-def lessons(event: WorldEvent, rng: _Lot) -> list[Sample]:
-    """Return what is taught about a frame: also to say "none" of what it does not show.
-
-    Every twelfth object that AI2-THOR calls visible is hidden in the picture, mostly by an open
-    door; a model that only knows what shows enough makes up states for it.
-    """
-    found = []
-    for one in samples(event, 0):
-        if one.pixels >= LEAST_PIXELS:
-            found.append(one)
-        elif one.pixels >= UNSEEN_PIXELS or rng.random() < 0.5:
-            hidden = one.pixels < UNSEEN_PIXELS
-            found.append(replace(one, states=("none",)) if hidden else one)
-    return thinned(found, rng)
 
 
 # ------------------------------------------------------------------ states by lot

@@ -1,41 +1,45 @@
-"""Train the nano planner: tokenizer, weights, GGUF and held-out figures; resumes where it stopped.
+"""What planners are tuned on and measured with: examples, drawn tasks, held-out words.
 
-    python scripts/train_planner.py train                # some hours on 2 cores, less with --half
-    python scripts/train_planner.py export models/nano/planner.gguf
-    python scripts/train_planner.py evaluate
+    python scripts/planner_data.py examples      # then `karma models tune` with what it wrote
+    python scripts/planner_data.py evaluate ../shared/data/alfred/valid_seen.jsonl.gz
+    python scripts/planner_data.py tasks runs/drawn --seed 1
 
 What it reads, and what stays out, says `karma.training.planner.sources`.
 """
 
+import gzip
+import multiprocessing
 import os
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.progress import track
 
 from karma import registry
-from karma.bench.planner_words import WORDS, hints_for
-from karma.files import read_json, write_atomic
+from karma.bench.planner_words import hints_for
+from karma.files import to_json
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
 from karma.offline import go_offline
+from karma.seeds import stream
 from karma.tasks.drawing.alfred import read_sentences
 from karma.tasks.drawing.lexicon import HELD_OUT, every_word
 from karma.tasks.drawing.phrases import disjoint_book, our_book
 from karma.tasks.drawing.requests import KINDS, WITH_PAIRS
 from karma.tasks.drawing.rooms import is_authors_plan
 from karma.tasks.drawing.several import SEVERAL
-from karma.training.planner.checkpoints import export_gguf, load_weights
 from karma.training.planner.choosing import candidates, choose, trained_on_before, write_held_out
 from karma.training.planner.held_out import DEVELOPMENT
-from karma.training.planner.packs import PlannerRecipe
-from karma.training.planner.processes import train_in_processes
+from karma.training.planner.packs import Data, PlannerRecipe, draw_pack
 from karma.training.planner.reading import read_goals, tell
+from karma.training.planner.samples import TrainingExample, draw_alfred
 from karma.training.planner.sources import Sources, held_out_packs
 from karma.training.planner.task_files import draw_tasks, fresh_rooms
-from karma.training.planner.train import exact_by_kind
 from karma.world.core.scene import Scene
 from karma.world.importing.dump import read_layouts
 from karma.world.importing.scenes import import_dump
@@ -43,15 +47,17 @@ from karma.world.importing.scenes import import_dump
 ROOT = Path(__file__).parents[1]
 SHARED = Path(os.environ.get("KARMA_SHARED", ROOT.parent / "shared"))
 LOCKED = ROOT / "eval" / "locked" / "tasks.jsonl"
-SAID = tuple(ROOT / "eval" / "requests" / f"{name}.jsonl" for name in ("refuse", "do", "several"))
+REQUESTS = ROOT / "eval" / "requests"
+SETS = ("refuse", "do", "several", "asked_open", "asked_locked")
+SAID = tuple(REQUESTS / f"{name}.jsonl" for name in SETS)
 FOLDER = ROOT / "runs" / "planner"
-START = "nano/start.gguf"
-Folder = Annotated[Path, typer.Option(help="Checkpoints, tokenizer and rooms.")]
+AT_ONCE = 500  # packs that a worker draws at a time
+WATCHED = 200  # packs, and sentences of ALFRED's, to watch
+Folder = Annotated[Path, typer.Option(help="Rooms, words and examples.")]
 Disjoint = Annotated[
     bool,
     typer.Option(help="Ask in forms and words that training has not, not in held-out templates."),
 ]
-Average = Annotated[bool, typer.Option(help="The averaged weights, not the last.")]
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 console = Console()
@@ -64,97 +70,90 @@ def say(line: str) -> None:
 
 def sources(folder: Path, generated: int = 300) -> Sources:
     """Return what training reads, beside the project."""
-    models = ROOT / "models"
     return Sources(
         folder=folder,
-        models=models,
         shared=SHARED,
         tests=(ROOT / DEVELOPMENT, LOCKED),
         said=SAID,
+        written=REQUESTS / "written.jsonl",
         generated=generated,
         say=say,
     )
 
 
 @app.command()
-def train(
+def examples(
     folder: Folder = FOLDER,
-    steps: int = PlannerRecipe().steps,
-    seed: int = 0,
-    device: str = "cpu",
-    workers: Annotated[int, typer.Option(help="Processes of one thread each.")] = 2,
-    generated: int = 300,
-    half: Annotated[bool, typer.Option(help="bfloat16, where the processor has it.")] = False,
-    rate: Annotated[float, typer.Option(help="Learning rate.")] = PlannerRecipe().learning_rate,
-    decay: Annotated[
-        int, typer.Option(help="Last steps, in which it falls to zero.")
-    ] = PlannerRecipe().decay,
-    packs: Annotated[int, typer.Option(help="Packs per step.")] = PlannerRecipe().packs,
-    start: Annotated[
-        str, typer.Option(help="GGUF below models/ to begin with; '' for new weights.")
-    ] = START,
+    packs: Annotated[int, typer.Option(help="Of some five examples.")] = 95_000,
+    seed: int = 37,
+    workers: int = 2,
 ) -> None:
-    """Train, or go on training from the last checkpoint.
+    """Draw what a planner is tuned on: examples.jsonl.gz; then `karma models tune`.
 
-    Until the rate falls nothing depends on --steps: begin with more steps than there is time for,
-    stop, and end with --steps and --decay as far as the run has come.
+    watched.jsonl.gz beside it has forms and words that training has not, and sentences of ALFRED's
+    training trials that are kept out.
     """
-    recipe = PlannerRecipe(
-        seed=seed,
-        steps=steps,
-        half=half,
-        learning_rate=rate,
-        decay=decay,
-        packs=packs,
-        start=start,
-    )
-    train_in_processes(sources(folder, generated), recipe, device=device, workers=workers)
+    folder.mkdir(parents=True, exist_ok=True)
+    recipe = PlannerRecipe(seed=seed)
+    _write(folder / "watched.jsonl.gz", map(_line, _watched(folder, recipe)))
+    parts = [(folder, recipe, first) for first in range(0, packs, AT_ONCE)]
+    with multiprocessing.get_context("fork").Pool(workers) as pool:
+        drawn = track(pool.imap(_drawn, parts), "drawing", total=len(parts))
+        _write(folder / "examples.jsonl.gz", (line for part in drawn for line in part))
 
 
-@app.command()
-def export(
-    path: Path, folder: Folder = FOLDER, dtype: str = "Q8_0", average: Average = False
-) -> None:
-    """Write the last checkpoint as GGUF, mixed with its start, and the words file beside it."""
-    export_gguf(folder, path, dtype, models=ROOT / "models", average=average)
-    for kept in folder.glob(f"{Path(WORDS).stem}.*"):
-        write_atomic(path.with_name(kept.name), kept.read_bytes())
-    say(f"{path}  {path.stat().st_size / 1e6:.1f} MB")
+@cache
+def _material(folder: Path, recipe: PlannerRecipe) -> Data:
+    return sources(folder).data(recipe)
+
+
+def _drawn(part: tuple[Path, PlannerRecipe, int]) -> list[bytes]:
+    folder, recipe, first = part
+    data = _material(folder, recipe)
+    packs = (draw_pack(recipe, data, "train", str(n)) for n in range(first, first + AT_ONCE))
+    return [_line(example) for pack in packs for example in pack]
+
+
+def _watched(folder: Path, recipe: PlannerRecipe) -> Iterator[TrainingExample]:
+    data = _material(folder, recipe)
+    plain = replace(recipe, written=0.0)
+    for pack in held_out_packs(plain, our_book().part(held_out=True), WATCHED, data.hints):
+        yield from pack
+    kept_out, rng = sources(folder).sentences(held_out=True), stream(recipe.seed, "watched")
+    for number in range(WATCHED if kept_out else 0):
+        room = data.rooms[number % len(data.rooms)]
+        example = draw_alfred(rng, room, kept_out, mapped=False)
+        if example is not None:
+            yield example
+
+
+def _line(example: TrainingExample) -> bytes:
+    prompt = [example.stable, example.changing]
+    return to_json({"kind": example.kind, "prompt": prompt, "answer": example.program})
+
+
+def _write(path: Path, lines: Iterable[bytes]) -> None:
+    with gzip.open(path, "wb", compresslevel=4) as file:
+        for line in lines:
+            file.write(line)
 
 
 @app.command()
 def evaluate(
-    folder: Folder = FOLDER,
-    packs: int = 100,
-    seed: int = 1,
-    disjoint: Disjoint = False,
-    average: Average = False,
-    alfred: Annotated[
-        Path | None, typer.Option(help="Demonstrations whose goal sentences to read instead.")
-    ] = None,
-    planner: Annotated[str, typer.Option(help="With --alfred: a model or GGUF.")] = "karma-nano",
+    alfred: Annotated[Path, typer.Argument(help="Demonstrations whose goal sentences to read.")],
+    planner: Annotated[str, typer.Option(help="A model or GGUF.")] = "karma-mini",
     mapped: Annotated[
-        bool, typer.Option(help="With --alfred: the room's long-term memory is in the prompt.")
+        bool, typer.Option(help="The room's long-term memory is in the prompt.")
     ] = False,
-    wrong: Annotated[int, typer.Option(help="With --alfred: show so many misread ones.")] = 0,
+    wrong: Annotated[int, typer.Option(help="Show so many misread ones.")] = 0,
+    folder: Folder = FOLDER,
 ) -> None:
-    """Print held-out figures of the last checkpoint by kind of request, teacher-forced.
+    """Print the share of human goal sentences whose five facts a GGUF's program has right.
 
-    With --alfred: the share of human goal sentences whose five facts a GGUF's program has right,
-    read alone, or with --mapped by an agent that knows the room from an earlier exploration; of
+    Read alone, or with --mapped by an agent that knows the room from an earlier exploration; of
     all of them, and (to go by) of those that do not stand word for word in the training split.
     """
-    if alfred is not None:
-        _evaluate_alfred(alfred, planner, wrong, sources(folder), mapped=mapped)
-        return
-    recipe = replace(read_json(folder / "recipe.json", PlannerRecipe), seed=seed)
-    book = disjoint_book() if disjoint else our_book().part(held_out=True)
-    hints = sources(folder).data(recipe).hints
-    drawn = held_out_packs(recipe, book, packs, hints)
-    examples = [example for pack in drawn for example in pack]
-    weights = load_weights(folder, recipe, average=average)
-    for kind, count, share in exact_by_kind(folder, weights, examples):
-        say(f"{kind:12} {count:4}  exact {share:.3f}")
+    _evaluate_alfred(alfred, planner, wrong, sources(folder), mapped=mapped)
 
 
 def _evaluate_alfred(path: Path, planner: str, wrong: int, read: Sources, *, mapped: bool) -> None:
