@@ -21,8 +21,8 @@ def shipped() -> Iterator[Path]:
         yield from (manifest, models / "README.md", *sorted(models.glob("cards/*.md")))
         for model in tomllib.loads(manifest.read_text(encoding="utf-8"))["models"]:
             named = [models / file["path"] for file in model["files"]]
-            own = "package" not in model and not any("weights" in file.parts for file in named)
-            yield from (named if own else ())
+            own = [file for file in named if "weights" not in file.parts]
+            yield from (own if "package" not in model else ())
     for path in sorted(Path("eval").rglob("*")):
         if path.is_file() and "results" not in path.parts:
             yield path

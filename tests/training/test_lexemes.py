@@ -139,7 +139,7 @@ def test_no_text_that_hints_come_from_has_a_held_out_lexeme():
 def sources_in(folder, shared):
     """Return sources with a few rooms of our own: what is said does not hang on where."""
     write_atomic(folder / "rooms.json", to_json(list(generated_rooms(8, 0))))
-    return Sources(folder=folder, models=ROOT / "models", shared=shared, tests=())
+    return Sources(folder=folder, shared=shared, tests=())
 
 
 def said_by(sources, packs):

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from karma.agent.program import SWITCH_AFTER
 from karma.contracts import SkillCall
 from karma.household.ids import short_type
 from karma.household.types import object_types
@@ -28,8 +29,6 @@ Action = Literal["Pickup", "Put", "Clean", "Cool", "Heat", "Slice", "ToggleOn", 
 _APPLIANCES: dict[str, tuple[Action, str]] = {
     SINK: ("Clean", FAUCET), MICROWAVE: ("Heat", MICROWAVE),
 }  # receptacle -> what it does, and what must be switched on for it  # fmt: skip
-_SWITCH = {"SwitchOn": "ToggleOn", "ToggleOn": "ToggleOn", "SwitchOff": "ToggleOff",
-           "ToggleOff": "ToggleOff"}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +94,7 @@ class _ProgramReader:
                 if not self._wraps(thing):
                     self.unsupported.append(call)
                 self.open = thing if call.skill == "OpenObject" else ""
-            case skill if skill in _SWITCH:
+            case skill if skill in SWITCH_AFTER:
                 self._switch(thing, skill)
             case _:
                 self.unsupported.append(call)
@@ -131,7 +130,7 @@ class _ProgramReader:
         for call in rest:
             if call.skill in ("PickupObject", "PutObject"):
                 break
-            if _SWITCH.get(call.skill) == "ToggleOn" and _kind(call.objects[0]) in (switch, place):
+            if SWITCH_AFTER.get(call.skill) == "on" and _kind(call.objects[0]) in (switch, place):
                 return action
         return "Put"
 
@@ -162,7 +161,7 @@ class _ProgramReader:
         if self.running == FAUCET and thing == SINK:
             return
         self._leave()
-        action: Action = "ToggleOn" if _SWITCH[skill] == "ToggleOn" else "ToggleOff"
+        action: Action = "ToggleOn" if SWITCH_AFTER[skill] == "on" else "ToggleOff"
         self.frames.append(SubGoal(action=action, thing=thing))
 
     def _wraps(self, place: str) -> bool:
