@@ -63,8 +63,8 @@ def front_page() -> Iterator[Claim]:
 
     on, off = demo("KARMA"), demo("without memory")
     yield "KARMA {} of {} {} {} without memory {} of {} {} {}", [*on, *off]
-    fewer = Figure(text=str(int(off[0].text) - int(on[0].text)), record="demo.json")
-    yield "Memory saves ways here and solves {} task fewer", [fewer]
+    more = Figure(text=str(int(on[0].text) - int(off[0].text)), record="demo.json")
+    yield "Memory saves ways here and solves {} task more", [more]
     yield "five days | {} / {} / {} | Memory off: {} / {} / {}.", [
         *kinds("table1", "KARMA", "success"), *kinds("table1", "memory off", "success"),
     ]  # fmt: skip

@@ -169,9 +169,7 @@ def test_sentences_of_rooms_without_a_map_are_left_out_and_never_put_to_the_mode
 
 def test_what_requests_say_is_kept_out_of_training(tmp_path):
     said = [ROOT / "eval" / "requests" / f"{name}.jsonl" for name in ("do", "refuse", "several")]
-    sources = Sources(
-        folder=tmp_path, shared=tmp_path, tests=(TASKS,), said=tuple(said)
-    )
+    sources = Sources(folder=tmp_path, shared=tmp_path, tests=(TASKS,), said=tuple(said))
     forbidden = sources.unseen().sentences
     for path in said:
         assert {plain(text) for text in load_texts(path)} - {""} <= forbidden
