@@ -21,10 +21,7 @@ setup: ## make .venv: pinned packages, llama.cpp built from source once, this pa
 
 demo: setup ## run the small evaluation of eval/demo.toml
 	@echo "demo: karma eval eval/demo.toml --fresh"
-	@if .venv/bin/karma models verify karma-mini >/dev/null 2>&1; \
-	then .venv/bin/karma eval eval/demo.toml --fresh; \
-	else echo "demo: karma-mini is not here, so karma-nano plans; to have it: .venv/bin/karma models bring karma-mini"; \
-	.venv/bin/karma eval eval/demo.toml --fresh --set models.planner=karma-nano; fi
+	@.venv/bin/karma eval eval/demo.toml --fresh
 
 test: check ## check, then all tests; those of the reference data last, where it is
 	@echo "test: what has golden answers, under another hash seed"

