@@ -177,6 +177,7 @@ STARTERS = {
     "karma/bundle/install.py": "a file of Python's own modules, in a temporary folder",
     "karma/bundle/wheels.py": "-I: pip",
     "karma/training/planner/choosing.py": "git",
+    "karma/infer/manifest/brought.py": "pip, where it is asked to bring a model",
 }
 
 

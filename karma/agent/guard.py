@@ -13,7 +13,7 @@ from karma.agent.reading import kind_of
 from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
 from karma.household.pieces import EGG
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
-from karma.household.saying import spoken
+from karma.household.saying import preposition, spoken
 from karma.household.types import object_types
 from karma.household.uses import (
     BASIN_OF,
@@ -215,6 +215,14 @@ def _does(found: ProgramEffects, deed: SaidDeed, kinds: Collection[str]) -> bool
             )
 
 
+def _told_place(deed: SaidDeed) -> str:
+    """Return where a deed was to put something, in words: " in the fridge"; "" for nowhere."""
+    if deed.place is None:
+        return ""
+    word = preposition(deed.place.types[0]) if deed.place.types and not deed.near else "near"
+    return f" {word} the {deed.place.text}"
+
+
 def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
     """Yield what was named and is not done."""
     for deed in request.deeds:
@@ -227,8 +235,7 @@ def _left_out(found: ProgramEffects, request: Request, here: Collection[str]) ->
             if deed.deed == "coffee":
                 kinds = frozenset((COFFEE_CUP, "Cup"))
             if not _done(found, deed, kinds, places, _after(request, deed, one)):
-                place = f" {deed.place.text}" if deed.place else ""
-                yield f"it does not {deed.verb} the {one.text}{place}"
+                yield f"it does not {deed.verb} the {one.text}{_told_place(deed)}"
         if (
             deed.deed == "coffee"
             and not deed.things

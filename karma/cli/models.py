@@ -239,7 +239,7 @@ def models_tune(
     rate: Annotated[float, typer.Option(help="Learning rate at its highest.")] = 2e-3,
     steps: Annotated[int, typer.Option(min=0, help="0: once over the examples.")] = 0,
     tokens: Annotated[int, typer.Option(min=64, help="Tokens a step.")] = 32_768,
-    seed: int = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of order and adapter.")] = 0,
 ) -> None:
     """Tune a GGUF on examples of your own; called again, it goes on from its last checkpoint.
 

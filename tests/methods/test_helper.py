@@ -22,7 +22,8 @@ from karma.contracts import (
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
-from karma.methods.helper.examples import ExampleMemory, seed_examples
+from karma.methods.example_memory import ExampleMemory
+from karma.methods.helper.examples import seed_examples
 from karma.methods.helper.inspector import (
     ends_there,
     idle,
