@@ -38,18 +38,19 @@ def shared() -> Path:
 @pytest.fixture(scope="session")
 def smollm() -> Path:
     """Real weights of somebody else's, SmolLM2-135M as a GGUF; skips where set-up had none."""
-    entry = find_model("smollm2-135m")
-    if not is_present(entry):
-        pytest.skip(f"needs real weights, which set-up could not have: {entry.fix}")
-    return verify(entry)[0]
+    return _brought("smollm2-135m")
 
 
 @pytest.fixture(scope="session")
 def mini() -> Path:
     """The tuned planner; skips where set-up could not make it."""
-    entry = find_model("karma-mini")
+    return _brought("karma-mini")
+
+
+def _brought(name: str) -> Path:
+    entry = find_model(name)
     if not is_present(entry):
-        pytest.skip(f"needs karma-mini, which set-up could not make: {entry.fix}")
+        pytest.skip(f"needs real weights, which set-up could not have: {entry.fix}")
     return verify(entry)[0]
 
 

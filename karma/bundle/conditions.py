@@ -15,7 +15,7 @@ from karma.errors import KarmaError
 from karma.infer.manifest.manifest import check, find_model, read_manifest
 from karma.offline import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
 
-NEEDED = ("karma-nano", "minilm")  # what `karma run` takes when nothing else is asked for
+NEEDED = ("karma-nano", "minilm")  # what `karma run` can do with, where karma-mini is not here
 _PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy")
 _KEYS = ("HF_TOKEN", "HUGGING_FACE_HUB_TOKEN", "OPENAI_API_KEY", "ANTHROPIC_API_KEY")
 _OURS, _GROUP = "karma-offline", "karma."  # our package, and how the groups of roles begin
