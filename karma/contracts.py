@@ -110,6 +110,21 @@ class Detection:
     mask: NDArray[np.bool_] | None = field(default=None, compare=False, repr=False)  # (H, W)
 
 
+ReasonKind = Literal[
+    "open", "on", "closed", "held", "broken", "empty", "full", "misplaced", "unreached", "other",
+    "pickupable", "openable", "toggleable", "breakable", "sliceable", "canFillWithLiquid",
+]  # how a thing is that must not be so; or the capability that it lacks  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reason:
+    """Why the world refused an action."""
+
+    words: str  # the world's, without what no planner can use (stack, asset hashes)
+    kind: ReasonKind
+    elsewhere: bool = False  # standing elsewhere may help
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
     """What the agent knows after one action: what is in view or was touched, never more."""
@@ -119,8 +134,7 @@ class Observation:
     seen: tuple[SeenObject, ...]  # in view, without what is held
     held: SeenObject | None
     reachable: frozenset[str]  # ids in view that an arm can get at: not behind glass
-    ok: bool  # the last action happened
-    error: str  # else why not, in the world's words
+    reason: Reason | None = None  # why the last action did not happen; None: it did
     touched: tuple[SeenObject, ...] = ()  # out of view, but just acted on
     pieces: tuple[SeenObject, ...] = ()  # what a touched thing was just cut into
     washed: frozenset[str] = frozenset()  # known ids that a tap just turned on has washed
@@ -414,6 +428,8 @@ class Skill:
     undone_by: str = ""  # the skill that takes it back; "" where none does
     takes: str = ""  # what AI2-THOR calls a thing that it can be done with; "": any
     cannot: str = ""  # what is said of other things
+    needs: str = ""  # what it does and needs, for who reads whole prompts; household facts in {}
+    action: str = ""  # AI2-THOR's, that does it; "" where several do
 
 
 RefusalKind = Literal[

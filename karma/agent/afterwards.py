@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from karma.agent.perceive import place_of
-from karma.agent.program import SWITCH_AFTER
+from karma.agent.program import CHANGES, DOOR_AFTER, PUTS, SWITCH_AFTER
 from karma.contracts import Check, Experience, Found, SeenObject, SkillCall, SkillResult
 from karma.household.ids import is_part, root_id, type_of
 from karma.household.pieces import goes_by
@@ -26,9 +26,6 @@ from karma.household.uses import (
     TAPS,
     covers,
 )
-
-_DOOR = {"OpenObject": "open", "CloseObject": "closed"}
-_STATE_OF_DOOR = {"open": "opened", "closed": "closed"}
 
 
 def checked(
@@ -78,18 +75,18 @@ class _Ends:
         thing = _id_of(call.objects[0], ids)
         if call.skill in SWITCH_AFTER:
             self._switch(call.objects[-1], ids, SWITCH_AFTER[call.skill], ok)
-        elif call.skill in _DOOR:
-            self.doors[thing] = _End(thing, _DOOR[call.skill], happened=ok)
+        elif call.skill in DOOR_AFTER:
+            self.doors[thing] = _End(thing, DOOR_AFTER[call.skill], happened=ok)
             if type_of(thing) == FRIDGE and call.skill == "CloseObject":
                 self._turn("heated", "cooled", FRIDGE, ok)
-        elif call.skill in ("SliceObject", "BreakObject", "EmptyObject"):
-            word = {"S": "sliced", "B": "broken", "E": "empty"}[call.skill[0]]
+        elif call.skill in CHANGES:
+            word = CHANGES[call.skill]
             self.changed[thing, word] = _End(thing, word, happened=ok)
         elif call.skill in ("PickupObject", "ThrowObject"):
-            word = HAND if call.skill[0] == "P" else "away"
+            word = HAND if call.skill == "PickupObject" else "away"
             self.moved.pop(thing, None)
             self.moved[thing] = _End(thing, word, happened=ok)
-        elif call.skill in ("PutObject", "PutNear"):
+        elif call.skill in PUTS:
             self._put(call, ids, ok)
 
     def _put(self, call: SkillCall, ids: Sequence[str], ok: bool) -> None:
@@ -214,8 +211,8 @@ def _switched(end: _End, eyes: _Eyes) -> Check:
 
 
 def _door(end: _End, eyes: _Eyes) -> Check:
-    text = f"the {name_of(end.thing)} is {end.word}"
-    return _check(text, eyes.judged(end, lambda one: _STATE_OF_DOOR[end.word] in one.states)[0])
+    text = f"the {name_of(end.thing)} is {_SAID.get(end.word, end.word)}"
+    return _check(text, eyes.judged(end, lambda one: end.word in one.states)[0])
 
 
 def _check(text: str, found: Found, note: str = "") -> Check:
@@ -224,7 +221,7 @@ def _check(text: str, found: Found, note: str = "") -> Check:
 
 # ----------------------------------------------------------------- what a name means
 
-_SAID = {"cleaned": "clean", "heated": "hot", "cooled": "cold"}
+_SAID = {"cleaned": "clean", "heated": "hot", "cooled": "cold", "opened": "open"}
 
 
 def _lies_in(sight: SeenObject, place: str) -> bool:

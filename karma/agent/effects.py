@@ -6,7 +6,7 @@ Not what the agent knows afterwards: that is in `afterwards`, by its own eyes.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from karma.agent.program import DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER
+from karma.agent.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER
 from karma.agent.reading import kind_of
 from karma.contracts import SkillCall
 from karma.household.places import FLOOR, HAND
@@ -21,7 +21,6 @@ from karma.household.uses import (
     TOASTER,
 )
 
-_CHANGES = ("SliceObject", "BreakObject", "EmptyObject")
 _BY_RUNNING: Mapping[str, tuple[str, ...]] = {
     MICROWAVE: ("heat", "cook"), BURNER: ("heat", "cook"), TOASTER: ("toast", "heat", "cook"),
     COFFEE_MACHINE: ("coffee", "fill"),
@@ -99,7 +98,7 @@ def _add(found: ProgramEffects, call: SkillCall) -> None:
         found.at[thing], found.inside[thing] = FLOOR, FLOOR  # wherever it flies, into no bin
         found.deeds.add(("fling", thing))
         found.held = None
-    elif call.skill in _CHANGES:
+    elif call.skill in CHANGES:
         found.deeds.add((DEEDS[call.skill], thing))
     elif call.skill in SWITCH_AFTER:
         _switch(found, kind, SWITCH_AFTER[call.skill])

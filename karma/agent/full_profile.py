@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from karma.agent.perceive import place_of
+from karma.agent.program import SKILL_OF
 from karma.agent.short_names import in_names, name_for
 from karma.contracts import Area, FailedProgram, Fixture, PlanRequest, SeenObject, Vec3
 from karma.household.pieces import EGG
@@ -175,28 +176,15 @@ def skill_needs() -> Mapping[str, str]:
     shut = [kind.name for kind in kinds if kind.must_be_open and not kind.can("pickupable")]
     picky = [k for k in kinds if k.accepts_only and not k.name.startswith(k.accepts_only)]
     only = [f"{kind.name} {_or(kind.accepts_only)}" for kind in picky]
-    return {
-        "GoToObject": "Go to a known thing.",
-        "PickupObject": "The hand must be empty, and open what the thing is in.",
-        "PutObject": "Put what is held (first) into or onto a receptacle (second). Open a "
-        f"{_or(shut)} first. These take nothing else: {'; '.join(only)}.",
-        "SwitchOn": "As ToggleOn.",
-        "SwitchOff": "As ToggleOff.",
-        "OpenObject": "A Microwave must be off.",
-        "CloseObject": "Close what is open.",
-        "BreakObject": f"A broken {EGG} is cracked, and still named {EGG}.",
-        "SliceObject": f"Hold a {_or(KNIVES)}. Cuts {_or(sorted(types_with('sliceable')))}; "
-        "then its name means a slice.",
-        "ThrowObject": "Throw what is held across the room. To throw a thing away, put it into the "
-        "GarbageCan.",
-        "Explore": "Go to a thing if its place is known; else search these positions, then all "
-        "others. What it opens stays open.",
-        "ToggleOn": "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.",
-        "ToggleOff": "Switch off what is on.",
-        "EmptyObject": "Pour out what is in it.",
-        "PutNear": f"Put what is held (first) within {NEAR_M} m of a thing or '(x, y, z)' "
-        "(second).",
+    facts = {
+        "shut": _or(shut),
+        "picky": "; ".join(only),
+        "egg": EGG,
+        "knives": _or(KNIVES),
+        "sliceable": _or(sorted(types_with("sliceable"))),
+        "near_m": NEAR_M,
     }
+    return {name: skill.needs.format(**facts) for name, skill in SKILL_OF.items()}
 
 
 def _or(words: Sequence[str]) -> str:

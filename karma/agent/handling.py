@@ -3,7 +3,7 @@
 import math
 from contextlib import suppress
 
-from karma.agent.program import DOOR_AFTER
+from karma.agent.program import DOOR_AFTER, SKILL_OF
 from karma.agent.reach import Reach
 from karma.agent.refusals import RefusedError, hand_full, put_refused
 from karma.agent.sightings import known, means
@@ -58,14 +58,14 @@ class Handling:
             self._put_into(held, target)
         except RefusedError as refusal:
             others = self._reach.names.others(target)
-            if "No valid position" in str(refusal) and not exact and _is_one_of(name, target):
+            if refusal.is_for("full") and not exact and _is_one_of(name, target):
                 for other in others[:_OTHER_RECEPTACLES]:
                     with suppress(RefusedError):
                         self._put_into(held, other)
                         return f"the nearest {target.object_type} is full, another one was taken"
             others, types = self._reach.others(target), self._reach.known_types()
-            detail = put_refused(str(refusal), held, target, others, self._log, types)
-            raise RefusedError(str(refusal), detail or refusal.detail) from None
+            detail = put_refused(refusal, held, target, others, self._log, types)
+            raise RefusedError(str(refusal), detail or refusal.detail, refusal.why) from None
         return ""
 
     def put_near(self, thing: str, name: str) -> str:
@@ -139,9 +139,9 @@ class Handling:
         """Pour out what a vessel holds; one that is empty is left as it is."""
         target = self._reach.resolve(name)
         try:
-            self._reach.act(target, "EmptyLiquidFromObject")
+            self._reach.act(target, SKILL_OF["EmptyObject"].action)
         except RefusedError as refusal:
-            if "already empty" not in str(refusal):
+            if not refusal.is_for("empty"):
                 raise
             return "it is empty already"
         self._log.end(target.object_id, "filled")

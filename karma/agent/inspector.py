@@ -10,7 +10,7 @@ Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.program import PUTS, SKILL_OF
+from karma.agent.program import PUTS, SKILL_OF, WAYS
 from karma.contracts import Area, Skill, SkillCall
 from karma.household.containment import fits_whole_or_cut, goes_in, vessels
 from karma.household.ids import short_type, type_of
@@ -86,7 +86,7 @@ def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[
         return kept
     put = {c.objects[0] for c in kept if c.skill in PUTS}
     idle = {name for name in KNIVES if name not in put}
-    fetching = ("Explore", "GoToObject", "PickupObject")
+    fetching = (*WAYS, "PickupObject")
     return [c for c in kept if c.skill not in fetching or short_type(c.objects[0]) not in idle]
 
 

@@ -8,12 +8,14 @@ for the judge of goals, the expert and the benchmark. After this module there ar
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from karma.agent.reasons import reason_of
 from karma.contracts import (
     CameraPose,
     Capture,
     Event,
     Observation,
     Pose,
+    Reason,
     SeenObject,
     TrueObject,
     Truth,
@@ -73,8 +75,7 @@ def observe(
         seen=tuple(seen),
         held=held,
         reachable=frozenset(reachable),
-        ok=bool(event.metadata["lastActionSuccess"]),
-        error=refusal(event),
+        reason=refusal(event),
         touched=tuple(at_hand),
         pieces=_pieces(event, touched) if done(event, "SliceObject") else (),
         washed=washed,
@@ -165,9 +166,9 @@ def cells_of(event: Event) -> list[Vec3]:
     return [_vector(cell) for cell in event.metadata["actionReturn"] or ()]
 
 
-def refusal(event: Event) -> str:
-    """Return why the last action did not happen, in the world's words; "" if it did."""
-    return "" if event else str(event.metadata["errorMessage"] or "the world refused")
+def refusal(event: Event) -> Reason | None:
+    """Return why the last action did not happen, None if it did."""
+    return None if event else reason_of(str(event.metadata["errorMessage"] or ""))
 
 
 def sight_of(thing: _Object) -> SeenObject:

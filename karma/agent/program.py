@@ -36,18 +36,23 @@ def _skill(
     does: str = "",
     undone_by: str = "",
     takes: tuple[str, str] = ("", ""),
+    needs: str = "",
+    action: str = "",
 ) -> Skill:
     return Skill(
         name=name, arguments=("object",), doc=doc, deed=deed, does=does, undone_by=undone_by,
-        takes=takes[0], cannot=takes[1],
+        takes=takes[0], cannot=takes[1], needs=needs, action=action or name,
     )  # fmt: skip
 
 
 SKILLS: tuple[Skill, ...] = (
-    _skill("GoToObject", "Navigate to an object whose place is known."),
+    _skill(
+        "GoToObject", "Navigate to an object whose place is known.", needs="Go to a known thing."
+    ),
     _skill(
         "PickupObject", "Pick up the object; it must be in view and the hand empty.", "take",
         undone_by="PutObject", takes=_PICKUP,
+        needs="The hand must be empty, and open what the thing is in.",
     ),
     Skill(
         name="PutObject",
@@ -56,48 +61,67 @@ SKILLS: tuple[Skill, ...] = (
         doc="Put the held object (first) into or onto the receptacle (second).",
         deed="put",
         undone_by="PickupObject",
+        needs="Put what is held (first) into or onto a receptacle (second). Open a {shut} first. "
+        "These take nothing else: {picky}.",
+        action="PutObject",
     ),
     _skill(
-        "SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "on", "SwitchOff", _SWITCH
+        "SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "on", "SwitchOff", _SWITCH,
+        "As ToggleOn.", "ToggleObjectOn",
     ),
     _skill(
-        "SwitchOff", "Turn off a switch, lamp or tap.", "switch off", "off", "SwitchOn", _SWITCH
+        "SwitchOff", "Turn off a switch, lamp or tap.", "switch off", "off", "SwitchOn", _SWITCH,
+        "As ToggleOff.", "ToggleObjectOff",
     ),
     _skill(
         "OpenObject", "Open a fridge, cabinet, drawer, microwave or box that is closed.",
-        "open", "opened", "CloseObject", _OPEN,
+        "open", "opened", "CloseObject", _OPEN, "A Microwave must be off.",
     ),
     _skill(
         "CloseObject", "Close an object that is open.", "close", "closed", "OpenObject",
-        ("openable", "cannot be closed"),
+        ("openable", "cannot be closed"), "Close what is open.",
     ),
     _skill(
         "BreakObject", "Break the object.", "break", "broken",
         takes=("breakable", "cannot be broken"),
+        needs="A broken {egg} is cracked, and still named {egg}.",
     ),
     _skill(
         "SliceObject", "Slice the object, e.g. an apple, tomato or bread.", "slice", "sliced",
         takes=("sliceable", "cannot be sliced"),
+        needs="Hold a {knives}. Cuts {sliceable}; then its name means a slice.",
     ),
-    _skill("ThrowObject", "Throw away the held object.", "throw", undone_by="PickupObject"),
+    _skill(
+        "ThrowObject", "Throw away the held object.", "throw", undone_by="PickupObject",
+        needs="Throw what is held across the room. To throw a thing away, put it into the "
+        "GarbageCan.",
+    ),
     Skill(
         name="Explore",
         arguments=("object", "positions"),
         optional=1,
         doc="Search the positions in the given order until the object is visible.",
+        needs="Go to a thing if its place is known; else search these positions, then all "
+        "others. What it opens stays open.",
     ),
     _skill(
         "ToggleOn", "Toggle on a lamp, stove, microwave, toaster or tap.",
         "switch on", "on", "ToggleOff", _SWITCH,
+        "Switch on a lamp, tap, StoveBurner, Microwave (closed) ...; Sink is its tap.",
+        "ToggleObjectOn",
     ),
-    _skill("ToggleOff", "Toggle off the object.", "switch off", "off", "ToggleOn", _SWITCH),
+    _skill(
+        "ToggleOff", "Toggle off the object.", "switch off", "off", "ToggleOn", _SWITCH,
+        "Switch off what is on.", "ToggleObjectOff",
+    ),
 )  # fmt: skip
 """The 13 functions of Listing 2. `PutObject` with one object means the receptacle."""
 
 OUR_SKILLS: tuple[Skill, ...] = (
     _skill(
-        "EmptyObject", "Pour out what the object is filled with.", "empty",
-        takes=("canFillWithLiquid", "holds no liquid"),
+        "EmptyObject", "Pour out what the object is filled with.", "empty", "empty",
+        takes=("canFillWithLiquid", "holds no liquid"), needs="Pour out what is in it.",
+        action="EmptyLiquidFromObject",
     ),
     Skill(
         name="PutNear",
@@ -105,6 +129,8 @@ OUR_SKILLS: tuple[Skill, ...] = (
         doc="Put the held object (first) near another thing (second), on what that lies on.",
         deed="put near",
         undone_by="PickupObject",
+        needs="Put what is held (first) within {near_m} m of a thing or '(x, y, z)' (second).",
+        action="PutObject",
     ),
 )  # fmt: skip
 """Two more of ours: nothing in Listing 2 gets the water out of a mug, or one thing near another."""
@@ -113,6 +139,10 @@ SKILL_OF = {one.name: one for one in (*SKILLS, *OUR_SKILLS)}
 DEEDS = {one.name: one.deed for one in (*SKILLS, *OUR_SKILLS) if one.deed}
 SWITCH_AFTER = {one.name: one.does for one in SKILLS if one.does in ("on", "off")}
 DOOR_AFTER = {one.name: one.does for one in SKILLS if one.does in ("opened", "closed")}
+CHANGES = {
+    one.name: one.does for one in SKILL_OF.values() if one.does in ("sliced", "broken", "empty")
+}
+WAYS = tuple(one.name for one in SKILL_OF.values() if not one.deed)  # only get somewhere
 PUTS = ("PutObject", "PutNear")  # skills that empty the hand, by what they say first
 
 _NAME = re.compile(r"[\w|+\-.,()/& ]+")

@@ -1,7 +1,6 @@
 """Getting a known thing within reach and acting on it, with the world's refusals as words."""
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -17,13 +16,7 @@ from karma.household.pieces import base_type
 from karma.household.types import object_types, types_with
 from karma.household.uses import BASIN_OF, without_basin
 
-_ROOM_MATTERS = re.compile(
-    r"block|collid|collision|in the way|no valid position|not found within|visib|interact|reach",
-    re.IGNORECASE,
-)  # refusals that standing elsewhere may cure
-_CURES = (
-    ("must be closed", "CloseObject"), ("must be off", "ToggleOff"), ("is closed", "OpenObject"),
-)  # what a refusal says -> what would help  # fmt: skip
+_CURES = {"open": "CloseObject", "on": "ToggleOff", "closed": "OpenObject"}  # what would help
 _ON_TOP_M = 0.01  # a thing whose height is no lower than that below the top stands on it
 _ASIDE_DEG = 20.0  # seen from so much more to one side, a thing hides other things
 
@@ -320,13 +313,13 @@ class Reach:
             from_here: it is within reach, and the agent stays where it is.
 
         Raises:
-            RefusedError: the world's own words.
+            RefusedError: with the world's reason.
         """
         self.approach(target)
         event = self.walker.do(action, **self._eyes.aim(target.object_id))
         tried: list[Stance] = []
         opens = action in ("OpenObject", "CloseObject")
-        while not from_here and _ROOM_MATTERS.search(_plain(refusal(event))):
+        while not from_here and (why := refusal(event)) is not None and why.elsewhere:
             if len(tried) == self.limits.retries:
                 break
             if not self.next_stance(target, tried, least_gap_m=0.75 if opens else 0.0):
@@ -341,11 +334,12 @@ class Reach:
         """Take note of an action on a thing, or refuse with the world's words."""
         touched = [target.object_id] if also is None else [also, target.object_id]
         observation = self._observe(event, touched)
-        if not observation.ok:
-            words = _plain(observation.error)
+        if (why := observation.reason) is not None:
             others = [one.object_id for one in self.others(target)]
-            detail = explained(words, target, others, self.known_types())
-            raise RefusedError(_advice(words, target.object_type), detail)
+            detail = explained(why, target, others, self.known_types())
+            cure = _CURES.get(why.kind)
+            advice = f" Do {cure}(robot, '{target.object_type}') first." if cure else ""
+            raise RefusedError(f"{why.words}{advice}", detail, why)
         if not in_passing:
             self.log.changed(target.object_id, target.position_m)
             self.log.handled.extend(touched)
@@ -357,21 +351,6 @@ class Reach:
         """Note that a name meant this thing."""
         self.used.append(target.object_id)
         self.log.focus[target.object_type] = target.object_id
-
-
-def _plain(words: str) -> str:
-    """Return the world's refusal without what a planner cannot use (stack, asset hashes)."""
-    text = words.split(". trace:")[0].strip()
-    text = re.sub(r"^\w+Exception: ", "", text)
-    return re.sub(r"\b([A-Z][A-Za-z]+)_[0-9a-f]{8}\b", r"\1", text)
-
-
-def _advice(words: str, kind: str) -> str:
-    """Return the world's words and the skill that would help."""
-    for sign, skill in _CURES:
-        if sign in words.lower():
-            return f"{words} Do {skill}(robot, '{kind}') first."
-    return words
 
 
 def _is_round(container: SeenObject, point: Vec3) -> bool:

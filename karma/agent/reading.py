@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from karma.agent.program import PUTS
+from karma.agent.program import CHANGES, DEEDS, DOOR_AFTER, PUTS, SWITCH_AFTER, WAYS
 from karma.contracts import SkillCall
 from karma.household.containment import fits_whole_or_cut
 from karma.household.ids import short_type, type_of
@@ -24,13 +24,8 @@ from karma.language.hints import bare_words
 from karma.language.lexicon import Lexicon
 from karma.language.phrases import phrases_of
 
-_DEEDS: Mapping[str, str] = {
-    "SliceObject": "slice", "BreakObject": "break", "EmptyObject": "empty",
-    "SwitchOn": "switch on", "ToggleOn": "switch on",
-    "SwitchOff": "switch off", "ToggleOff": "switch off",
-}  # fmt: skip
-_DOORS = ("OpenObject", "CloseObject")
-_FIND, _WAYS = "find", ("GoToObject", "Explore")
+_DEEDS = {name: DEEDS[name] for name in (*CHANGES, *SWITCH_AFTER)}
+_FIND = "find"
 _CHOICE = re.compile(r"\b(?:or|else|otherwise|instead|if)\b", re.IGNORECASE)
 
 
@@ -86,12 +81,12 @@ def kind_of(name: str) -> str:
 
 
 def _doors(calls: Iterable[SkillCall]) -> set[tuple[str, str]]:
-    return {(call.skill, kind_of(call.objects[-1])) for call in calls if call.skill in _DOORS}
+    return {(call.skill, kind_of(call.objects[-1])) for call in calls if call.skill in DOOR_AFTER}
 
 
 def _sought(calls: Iterable[SkillCall]) -> set[tuple[str, str]]:
     """Return what a program only looks for or goes to last, if that can be carried."""
-    names = [call.objects[-1] for call in calls if call.skill in _WAYS]
+    names = [call.objects[-1] for call in calls if call.skill in WAYS]
     carried = {*map(kind_of, names[-1:])} & types_with("pickupable")
     return {(_FIND, thing) for thing in carried}
 

@@ -7,26 +7,21 @@ planners that can read. In it ids stand for things, until the prompt puts its na
 from collections.abc import Sequence
 
 from karma.agent.inspector import TOLD, goes_where, takers
+from karma.agent.program import SKILL_OF
 from karma.agent.short_names import stand_ins
 from karma.agent.sightings import Sightings
-from karma.contracts import Known, SeenObject
+from karma.contracts import Known, Reason, ReasonKind, SeenObject
 from karma.household.ids import type_of, whole_id
 from karma.household.places import SURFACES
 from karma.household.uses import BASINS
 
 NOT_FOUND = "could not find"  # how a search that left nothing out begins its refusal
-_DO_FIRST = (
-    ("must be closed", "is open and has to be closed before; do CloseObject(robot, '{it}') first"),
-    ("must be off", "is on and has to be off before; do ToggleOff(robot, '{it}') first"),
-    ("is closed", "is closed; do OpenObject(robot, '{it}') first"),
-)  # what the world says -> what it means
-_CANNOT = (
-    ("property pickupable", "cannot be picked up"), ("property sliceable", "cannot be sliced"),
-    ("property breakable", "cannot be broken"), ("property canfill", "holds no liquid"),
-    ("not an openable", "cannot be opened"), ("not a toggleable", "cannot be switched"),
-)  # fmt: skip
-_ONE_AS_GOOD = ("is broken", "already broken")
-_UNREACHED = ("not found within", "not interactable", "visib", "block", "collid", "in the way")
+_DO_FIRST = {
+    "open": "is open and has to be closed before; do CloseObject(robot, '{it}') first",
+    "on": "is on and has to be off before; do ToggleOff(robot, '{it}') first",
+    "closed": "is closed; do OpenObject(robot, '{it}') first",
+}  # kind of reason -> what it means
+_CANNOT = {one.takes: one.cannot for one in reversed(SKILL_OF.values()) if one.takes}
 
 
 class RefusedError(Exception):
@@ -35,40 +30,43 @@ class RefusedError(Exception):
     Args:
         reason: in short.
         detail: in full, with ids; the reason where there is no more to say.
+        why: the world's reason, where it is the world's.
     """
 
-    def __init__(self, reason: str, detail: str = "") -> None:
+    def __init__(self, reason: str, detail: str = "", why: Reason | None = None) -> None:
         super().__init__(reason)
-        self.detail = detail or reason
+        self.detail, self.why = detail or reason, why
+
+    def is_for(self, *kinds: ReasonKind) -> bool:
+        """Return whether the world refused for such a reason."""
+        return self.why is not None and self.why.kind in kinds
 
 
 def explained(
-    words: str, target: Known, others: Sequence[str] = (), places: Sequence[str] = ()
+    why: Reason, target: Known, others: Sequence[str] = (), places: Sequence[str] = ()
 ) -> str:
     """Return the world's refusal of an action on a thing as a planner can use it.
 
     Args:
-        words: the world's.
+        why: the world's reason.
         target: the thing.
         others: ids of more of its type, the nearest first.
         places: types of what the agent knows of, the nearest first.
     """
-    it, said = target.object_id, words.lower()
-    if "if it is in the agent's hand" in said:
+    it = target.object_id
+    if why.kind == "held":
         down = _put_down(it, target.object_type, places)
         return f"{it} is in the hand; put it down first{down}, then PickupObject(robot, 'Knife')"
-    for sign, meaning in _DO_FIRST:
-        if sign in said:
-            return f"{it} {meaning.format(it=it)}"
-    for sign, meaning in _CANNOT:
-        if sign in said:
-            return f"{it} {meaning}"
-    if any(sign in said for sign in _ONE_AS_GOOD):
+    if why.kind in _DO_FIRST:
+        return f"{it} {_DO_FIRST[why.kind].format(it=it)}"
+    if why.kind in _CANNOT:
+        return f"{it} {_CANNOT[why.kind]}"
+    if why.kind == "broken":
         return f"{it} is broken{of_its_kind(others)}"
-    if any(sign in said for sign in _UNREACHED):
+    if why.kind == "unreached":
         blocked = "something is in the way, or it is shut in"
         return f"{it} could not be got at: {blocked}{of_its_kind(others)}"
-    return f"{it}: {words}"
+    return f"{it}: {why.words}"
 
 
 def of_its_kind(others: Sequence[str]) -> str:
@@ -77,7 +75,7 @@ def of_its_kind(others: Sequence[str]) -> str:
 
 
 def put_refused(
-    words: str,
+    refusal: RefusedError,
     held: SeenObject,
     target: Known,
     others: Sequence[Known],
@@ -87,7 +85,7 @@ def put_refused(
     """Return why a receptacle did not take a thing, what is in it, and where the thing would go.
 
     Args:
-        words: the world's.
+        refusal: of putting it there.
         held: the thing.
         target: the receptacle.
         others: more of its type, the nearest first.
@@ -98,9 +96,9 @@ def put_refused(
         "" where the receptacle is not to blame.
     """
     it, thing, kind = target.object_id, held.object_id, held.object_type
-    if "cannot be placed" in words or "NOT a receptacle" in words:
+    if refusal.is_for("misplaced"):
         return f"{thing} cannot be placed in or on {it}; {goes_where(kind, it, places)}"
-    if "No valid position" not in words:
+    if not refusal.is_for("full"):
         return ""
     inside = contents(it, log)
     holds = f"there is {_listed(inside)} in or on it" if inside else "there is no room in or on it"

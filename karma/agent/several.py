@@ -10,8 +10,6 @@ from dataclasses import dataclass, field, replace
 from karma.contracts import SkillCall
 from karma.household.ids import short_type
 
-_FETCHING = ("GoToObject", "Explore", "PickupObject")
-
 
 @dataclass(slots=True)
 class _Chain:

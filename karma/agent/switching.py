@@ -3,6 +3,7 @@
 import math
 from typing import Literal
 
+from karma.agent.program import SKILL_OF
 from karma.agent.reach import Reach
 from karma.agent.search import Search
 from karma.agent.sightings import known
@@ -11,7 +12,7 @@ from karma.household.ids import type_of
 from karma.household.states import OPPOSITES
 from karma.household.uses import BURNER, KNOB, STOVE, TAP_OF, TAPS
 
-_ACTIONS = {"on": "ToggleObjectOn", "off": "ToggleObjectOff"}
+_ON, _OFF = SKILL_OF["ToggleOn"].action, SKILL_OF["ToggleOff"].action
 _TAP_OVER_M = 1.0  # a tap this near to what was put down last is the one that is meant
 
 
@@ -39,8 +40,8 @@ class Switching:
         if word in self._log.states(sight):
             if word == "off" or sight.object_type not in TAPS:
                 return f"it is {word} already"
-            self._reach.act(target, _ACTIONS["off"])  # and on again: what lies there gets water
-        observation = self._reach.act(target, _ACTIONS[word])
+            self._reach.act(target, _OFF)  # and on again: what lies there gets water
+        observation = self._reach.act(target, _ON if word == "on" else _OFF)
         if word == "on":
             self._log.switched(observation)
         return ""

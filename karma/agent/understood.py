@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from karma.agent.planner import grounded
-from karma.agent.program import DEEDS
+from karma.agent.program import DEEDS, WAYS
 from karma.agent.refused_requests import sentence
 from karma.contracts import Known, Plan, RefusedRequest, SkillCall
 from karma.household.ids import is_id, type_of
@@ -24,7 +24,6 @@ from karma.language.lexicon import ALIKE, Lexicon
 from karma.language.phrases import phrases_of
 
 Where = Callable[[str], Known | None]  # of a type or id: where the agent believes it to be
-_WAYS = ("GoToObject", "Explore")  # said only where a program has nothing else
 _ABILITIES = {
     "on": "switch on", "off": "switch off", "throw": "throw away", "look": "look at under a lamp",
 }  # deeds of `karma.language`, in words  # fmt: skip
@@ -172,9 +171,9 @@ def _told(name: str, where: Where) -> str:
 
 def _deeds(calls: Sequence[SkillCall]) -> Iterator[str]:
     """Yield the deeds of a program in few words."""
-    chosen = [call for call in calls if call.skill not in _WAYS] or calls[-1:]
+    chosen = [call for call in calls if call.skill not in WAYS] or calls[-1:]
     for call in chosen:
-        if call.skill in _WAYS:
+        if call.skill in WAYS:
             yield f"go to {_said(call.objects[0])}"
         elif call.skill == "PutObject" and call.objects[1:]:
             yield f"put {_said(call.objects[0])} {told_place(call.objects[-1])}"

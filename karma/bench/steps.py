@@ -240,7 +240,7 @@ class LoggedWorld:
                 action=action,
                 arguments=_plain(arguments),
                 ok=ok,
-                error=refusal(event),
+                error=why.words if (why := refusal(event)) is not None else "",
             )
         )
         return event

@@ -44,14 +44,17 @@ def test_observe_returns_only_what_is_visible_and_the_pose(world):
     assert 0 < len(visible) < len(metadata["objects"])
     assert {sight.object_id for sight in observation.seen} == visible
     assert observation.held is None
-    assert (observation.ok, observation.error) == (True, "")
+    assert observation.reason is None
     assert observation.pose.position_m == tuple(metadata["agent"]["position"][k] for k in "xyz")
 
 
 def test_observe_after_a_refusal_tells_it(world):
     event = world.step("PickupObject", objectId=first(world, "Fridge"))
-    assert observe(event).ok is False
-    assert observe(event).error == refusal(event) == event.metadata["errorMessage"] != ""
+    why = observe(event).reason
+    assert why is not None
+    assert why == refusal(event)
+    assert why.words == event.metadata["errorMessage"] != ""
+    assert why.kind == "unreached"
 
 
 def test_observe_out_of_view_knows_only_of_what_was_touched_and_of_its_pieces(world):

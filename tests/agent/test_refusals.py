@@ -7,6 +7,7 @@ import pytest
 from support.household import kitchen, look, on, thing
 
 from karma.agent.reach import SkillLimits
+from karma.agent.reasons import reason_of
 from karma.agent.refusals import contents, explained
 from karma.agent.sightings import Sightings
 from karma.agent.skills import Skills
@@ -37,7 +38,7 @@ MICROWAVE = Known(
     ],
 )
 def test_world_s_words_become_blocker_and_remedy(words, meaning):
-    told = explained(words, MICROWAVE)
+    told = explained(reason_of(words), MICROWAVE)
     assert told.startswith(MICROWAVE.object_id)
     assert meaning in told
 

@@ -88,6 +88,26 @@ def test_the_loss_counts_answers_alone():
     given = collate(batch)
     assert given["input_ids"].tolist() == [[5, 6, 7, 2], [8, 2, 0, 0]]
     assert given["labels"].tolist() == [[-100, -100, 7, 2], [-100, 2, -100, -100]]
+    later = collate([EncodedExample(tokens=(5, 6, 7, 8, 2), prompt=3)])
+    assert later["labels"].tolist() == [[-100, 8, 2]]
+    assert later["logits_to_keep"].tolist() == [2, 3, 4]
+
+
+def test_leaving_out_the_prompts_logits_changes_no_loss(smollm):
+    import torch
+
+    batch = [
+        EncodedExample(tokens=tuple(range(100, 112)), prompt=6),
+        EncodedExample(tokens=(*range(50, 58), 2), prompt=7),
+    ]
+    given, model = collate(batch), base_model(smollm).eval()
+    labels = torch.full(given["input_ids"].shape, -100)
+    labels[:, -given["labels"].shape[1] :] = given["labels"]
+    with torch.no_grad():
+        short = model(**given)
+        whole = model(input_ids=given["input_ids"], labels=labels)
+    assert short.logits.shape[1] == 7 < whole.logits.shape[1]
+    assert abs(float(short.loss) - float(whole.loss)) < 1e-5
 
 
 @pytest.fixture(scope="module")
