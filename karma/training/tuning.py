@@ -226,9 +226,6 @@ def tune(
         if (layer := _LAYER.search(name)) and int(layer[1]) < recipe.lowest:
             value.requires_grad_(False)
     adapted.config.use_cache = False
-    if gpu:
-        for block in adapted.get_base_model().model.layers:
-            block.compile(dynamic=True)  # one graph for all layers and lengths
     folder.mkdir(parents=True, exist_ok=True)
     arguments = TrainingArguments(
         output_dir=str(folder),
