@@ -430,6 +430,7 @@ class Skill:
     cannot: str = ""  # what is said of other things
     needs: str = ""  # what it does and needs, for who reads whole prompts; household facts in {}
     action: str = ""  # AI2-THOR's, that does it; "" where several do
+    hand: Literal["", "fills", "empties"] = ""  # the first argument comes into it, or leaves it
 
 
 RefusalKind = Literal[
@@ -453,6 +454,14 @@ class RefusedRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HandSpec:
+    """How hand and doors are before a program, which follows them line by line."""
+
+    held: str | None = None  # the name of what is in the hand
+    shut: tuple[str, ...] = ()  # names that nothing is put into before they are opened
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ProgramSpec:
     """What a program may say: the language that constrained decoding admits."""
 
@@ -462,6 +471,7 @@ class ProgramSpec:
     max_calls: int = 40
     refusals: tuple[RefusalKind, ...] = ()  # for which one line may stand, in place of any call
     narrowed: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = ()  # skill, names by argument
+    hand: "HandSpec | None" = None  # what is held decides what may come next
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -500,7 +510,8 @@ class SkillCall:
         return f"{self.skill}({', '.join(parts)})"
 
 
-Constraint = Literal["syntax", "types"]  # any names; only those that a skill can be done with
+Constraint = Literal["syntax", "types", "hand"]
+"""Any names; those that a skill can be done with; of those, what hand and doors allow by then."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from karma.agent.guard import stopped
-from karma.agent.inspector import Objection, mend, narrowed, objection
+from karma.agent.inspector import Objection, hand_of, mend, narrowed, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
 from karma.agent.reading import astray
@@ -161,8 +161,10 @@ class Planner:
         rendered = render(self.profile, request, refusing=refusing)
         skills = skills_of(self.profile)
         spec = program_spec(request, rendered.names, skills, refusing=refusing)
-        if self.decoding.constraint == "types":
+        if self.decoding.constraint != "syntax":
             spec = replace(spec, narrowed=narrowed(skills, spec.objects))
+        if self.decoding.constraint == "hand":
+            spec = replace(spec, hand=hand_of(request, rendered.names, spec.objects))
         completion = self.model.complete(
             rendered.prompt,
             spec=spec if self.decoding.constrained else None,

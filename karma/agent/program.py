@@ -11,6 +11,7 @@ import textwrap
 import warnings
 from collections.abc import Sequence
 from difflib import get_close_matches
+from typing import Literal
 
 from karma.contracts import REFUSAL_KINDS, RefusedRequest, Skill, SkillCall, Vec3
 from karma.errors import ProgramError
@@ -38,10 +39,12 @@ def _skill(
     takes: tuple[str, str] = ("", ""),
     needs: str = "",
     action: str = "",
+    hand: Literal["", "fills", "empties"] = "",
 ) -> Skill:
     return Skill(
         name=name, arguments=("object",), doc=doc, deed=deed, does=does, undone_by=undone_by,
         takes=takes[0], cannot=takes[1], needs=needs, action=action or name,
+        hand=hand,
     )  # fmt: skip
 
 
@@ -52,7 +55,7 @@ SKILLS: tuple[Skill, ...] = (
     _skill(
         "PickupObject", "Pick up the object; it must be in view and the hand empty.", "take",
         undone_by="PutObject", takes=_PICKUP,
-        needs="The hand must be empty, and open what the thing is in.",
+        needs="The hand must be empty, and open what the thing is in.", hand="fills",
     ),
     Skill(
         name="PutObject",
@@ -64,6 +67,7 @@ SKILLS: tuple[Skill, ...] = (
         needs="Put what is held (first) into or onto a receptacle (second). Open a {shut} first. "
         "These take nothing else: {picky}.",
         action="PutObject",
+        hand="empties",
     ),
     _skill(
         "SwitchOn", "Turn on a switch, lamp or tap.", "switch on", "on", "SwitchOff", _SWITCH,
@@ -95,6 +99,7 @@ SKILLS: tuple[Skill, ...] = (
         "ThrowObject", "Throw away the held object.", "throw", undone_by="PickupObject",
         needs="Throw what is held across the room. To throw a thing away, put it into the "
         "GarbageCan.",
+        hand="empties",
     ),
     Skill(
         name="Explore",
@@ -131,6 +136,7 @@ OUR_SKILLS: tuple[Skill, ...] = (
         undone_by="PickupObject",
         needs="Put what is held (first) within {near_m} m of a thing or '(x, y, z)' (second).",
         action="PutObject",
+        hand="empties",
     ),
 )  # fmt: skip
 """Two more of ours: nothing in Listing 2 gets the water out of a mug, or one thing near another."""

@@ -9,15 +9,15 @@ in short; the automaton, and the grammars that servers take (`gbnf`, `regex`, `s
 it. A `PlanSpec` admits one JSON text, see `plans`.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
 
-from karma.contracts import AnswerSpec, PlanSpec, ProgramSpec, RefusedRequest
+from karma.contracts import AnswerSpec, HandSpec, PlanSpec, ProgramSpec, RefusedRequest, Skill
 from karma.infer.programs.frames import END, Frame, followed, trie
 from karma.infer.programs.plans import plan_frame
 
@@ -40,10 +40,13 @@ class LineForm:
     skills: tuple[str, ...]
     arguments: tuple[Argument, ...]
     needed: int  # how many arguments no line leaves out
+    does: str = ""  # to hand or doors: "fills", "empties", "opened", "closed"
 
 
 def forms(spec: ProgramSpec) -> tuple[LineForm, ...]:
-    """Return the kinds of lines that a spec admits, those of equal arguments together.
+    """Return the kinds of lines that a spec admits at first, those of equal arguments together.
+
+    A grammar of these for all lines admits more, where the spec follows the hand.
 
     Raises:
         ValueError: a name cannot be quoted, a skill is named twice, or no line is possible.
@@ -58,21 +61,61 @@ def forms(spec: ProgramSpec) -> tuple[LineForm, ...]:
         "object": Argument(names=tuple(dict.fromkeys(spec.objects))),
         "positions": Argument(names=positions, most=min(len(positions), _MAX_POSITIONS)),
     }
-    found: dict[tuple[tuple[Argument, ...], int], list[str]] = {}
+    found: dict[tuple[tuple[Argument, ...], int, str], list[str]] = {}
     narrowed = dict(spec.narrowed)
     for skill in spec.skills:
-        lists = [Argument(names=tuple(dict.fromkeys(one))) for one in narrowed.get(skill.name, ())]
+        allowed = _by_hand(skill, narrowed.get(skill.name, ()), spec)
+        if allowed is None:
+            continue
+        lists = [Argument(names=tuple(dict.fromkeys(one))) for one in allowed]
         arguments = [*lists, *(kinds[kind] for kind in skill.arguments[len(lists) :])]
         needed = len(arguments) - (0 if lists else skill.optional)
         possible = next((n for n, one in enumerate(arguments) if not one.names), len(arguments))
         if possible >= needed:
-            found.setdefault((tuple(arguments[:possible]), needed), []).append(skill.name)
+            does = "" if spec.hand is None else skill.hand or _door(skill)
+            found.setdefault((tuple(arguments[:possible]), needed, does), []).append(skill.name)
     if not found or spec.max_calls < 1:
         raise ValueError("this spec admits no program: no skill, no object or no call")
     return tuple(
-        LineForm(skills=tuple(skills), arguments=arguments, needed=needed)
-        for (arguments, needed), skills in found.items()
+        LineForm(skills=tuple(skills), arguments=arguments, needed=needed, does=does)
+        for (arguments, needed, does), skills in found.items()
     )
+
+
+def _by_hand(
+    skill: Skill, lists: tuple[tuple[str, ...], ...], spec: ProgramSpec
+) -> tuple[tuple[str, ...], ...] | None:
+    """Return the names that a skill may have as hand and doors are now, None where it cannot be.
+
+    A put names what is held and its place.
+    """
+    now = spec.hand
+    if now is None or not skill.hand:
+        return lists
+    if (now.held is None) == (skill.hand == "empties"):
+        return None
+    if now.held is None:
+        return lists
+    places = [
+        tuple(one for one in (lists[1] if lists[1:] else spec.objects) if one not in now.shut)
+        for _ in skill.arguments[1:]
+    ]
+    return ((now.held,), *places)
+
+
+def _door(skill: Skill) -> str:
+    return skill.does if skill.does in ("opened", "closed") else ""
+
+
+def _after_deed(now: HandSpec, does: str, name: str) -> HandSpec:
+    """Return hand and doors after a deed on a name."""
+    if does == "fills":
+        return replace(now, held=name)
+    if does == "empties":
+        return replace(now, held=None)
+    if does == "opened":
+        return replace(now, shut=tuple(one for one in now.shut if one != name))
+    return now
 
 
 def refusal_lines(spec: ProgramSpec) -> tuple[str, ...]:
@@ -91,6 +134,11 @@ def without_closing(text: str) -> str:
 
 def _is_call(line: str) -> bool:
     return not line.startswith(CLOSINGS)
+
+
+def _choice(words: Mapping[str, Callable[[], Frame]]) -> Frame:
+    """Return the frame of words, and of what follows each."""
+    return trie(list(words))._replace(follow=tuple(words.values()))
 
 
 _CLOSED = END._replace()  # a frame of its own: nothing of the program follows
@@ -114,25 +162,32 @@ class ProgramAutomaton:
 
     def __init__(self, spec: AnswerSpec) -> None:
         self._max_lines, self._calls = 0, frozenset[int]()
+        self._lines: dict[HandSpec | None, Frame] = {}
         self._jumps = isinstance(spec, PlanSpec)  # programs are decoded token by token
         if isinstance(spec, PlanSpec):
             self._start = self._line = plan_frame(spec)
             return
-        self._max_lines = spec.max_calls
-        frame_of = {form: self._after(form) for form in forms(spec)}
-        after = {name: frame_of[form] for form in frame_of for name in form.skills}
-        names = [skill.name for skill in spec.skills if skill.name in after]
-        begins = [f"{name}(robot" for name in names]
-        self._calls = frozenset(name.encode()[0] for name in names)
-        follow = tuple(after[name] for name in names)
-        self._line = trie([*begins, *CLOSINGS])._replace(
-            follow=(*follow, *((lambda: _CLOSED,) * len(CLOSINGS))), line_start=True
-        )
-        self._said = trie(["\n"])._replace(follow=(lambda: self._line,), line_end=True)
-        refusals = refusal_lines(spec)
-        self._start = trie([*begins, *refusals])._replace(
-            follow=(*follow, *((lambda: _REFUSED,) * len(refusals)))
-        )
+        self._max_lines, self._spec = spec.max_calls, spec
+        self._calls = frozenset(skill.name.encode()[0] for skill in spec.skills)
+        begins = self._begins(spec.hand)
+        refusals = {line: lambda: _REFUSED for line in refusal_lines(spec)}
+        self._start = _choice({**begins, **refusals})
+        self._line = self._line_of(spec.hand)
+
+    def _begins(self, now: HandSpec | None) -> dict[str, Callable[[], Frame]]:
+        """Return how calls begin as hand and doors are, and what follows."""
+        kinds = forms(replace(self._spec, hand=now))
+        after = {name: self._after(form, now) for form in kinds for name in form.skills}
+        names = (skill.name for skill in self._spec.skills)
+        return {f"{name}(robot": after[name] for name in names if name in after}
+
+    def _line_of(self, now: HandSpec | None) -> Frame:
+        """Return the frame of a line's beginning, but the first line's."""
+        if now not in self._lines:
+            closings = {one: lambda: _CLOSED for one in CLOSINGS}
+            frame = _choice({**self._begins(now), **closings})
+            self._lines[now] = frame._replace(line_start=True)
+        return self._lines[now]
 
     def start(self) -> State:
         """Return the state before the first character."""
@@ -198,22 +253,33 @@ class ProgramAutomaton:
             done += frame.line_end
         return "".join([*text, "\n"])
 
-    def _after(self, form: LineForm, done: int = 0) -> Callable[[], Frame]:
-        """Return the frame after `done` arguments: end of line, or one argument more."""
+    def _after(self, form: LineForm, now: HandSpec | None, done: int = 0) -> Callable[[], Frame]:
+        """Return the frame after `done` arguments: end of line, or one argument more.
+
+        Args:
+            form: of the line.
+            now: hand and doors when the line is done.
+            done: arguments before.
+        """
 
         @cache
         def build() -> Frame:
             words: dict[str, Callable[[], Frame]] = {}
             if done >= form.needed:
-                words[")"] = lambda: self._said
+                end = trie(["\n"])._replace(follow=(lambda: self._line_of(now),), line_end=True)
+                words[")"] = lambda: end
             if done < len(form.arguments):
-                argument, then = form.arguments[done], self._after(form, done + 1)
+                argument, then = form.arguments[done], self._after(form, now, done + 1)
                 names = trie([f"{name}'" for name in argument.names])._replace(names=True)
                 if argument.most:
                     words[", ['"] = self._list(names, argument.most, then)
+                elif now is not None and form.does and not done:
+                    hands = (_after_deed(now, form.does, name) for name in argument.names)
+                    follow = tuple(self._after(form, hand, 1) for hand in hands)
+                    words[", '"] = lambda: names._replace(follow=follow)
                 else:
                     words[", '"] = followed(names, then)
-            return trie(list(words))._replace(follow=tuple(words.values()))
+            return _choice(words)
 
         return build
 
@@ -225,7 +291,7 @@ class ProgramAutomaton:
             words = {"]": then}
             if left > 1:
                 words[", '"] = self._list(names, left - 1, then)
-            after = trie(list(words))._replace(follow=tuple(words.values()))
+            after = _choice(words)
             return followed(names, lambda: after)()
 
         return build

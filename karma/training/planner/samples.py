@@ -78,7 +78,7 @@ def draw(
         if rng.random() < RECALLED:
             facts = _recalled(rng, scene, ask)
             scene = replace(scene, facts=facts)
-        view = _view(scene, held)
+        view = view_of(scene, held)
         parts = ask.parts or (ask.goals,)
         calls = tuple(call for part in parts for call in plain_program(part, view))
         if not calls or len(calls) > LONGEST:
@@ -189,7 +189,7 @@ def draw_alfred(
     known = {base_type(unit.object_type) for unit in facts.units}
     if known & {wanted.thing, wanted.movable} and (wanted.task == "two" or wanted.sliced):
         return None
-    calls = program_of(sentence, _view(scene, held))
+    calls = program_of(sentence, view_of(scene, held))
     if not calls or len(calls) > LONGEST:
         return None
     text = misspelt(rng, sentence.text) if rng.random() < TYPOS else sentence.text
@@ -278,7 +278,7 @@ def _draw_ask(rng: Rng, scene: Situation) -> Ask | None:
     return replace(ask, text=wrapped(rng, scene.book, ask.text)) if ask is not None else None
 
 
-def _view(scene: Situation, held: MemoryUnit | None) -> ExpertView:
+def view_of(scene: Situation, held: MemoryUnit | None) -> ExpertView:
     """Return the expert's view of the same knowledge that the prompt states."""
     things = tuple(_thing(scene, unit) for unit in reversed(scene.units))
     return ExpertView(
