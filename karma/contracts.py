@@ -221,6 +221,20 @@ class Experience:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MemoryChange:
+    """What one instruction leaves in memory: learnt again, it makes the same memory."""
+
+    scene: str  # name of the room
+    at_s: float  # of the home's clock
+    corrected: tuple[MemoryUnit, ...] = ()  # lines written anew, which is no use of them
+    forgotten: tuple[str, ...] = ()  # ids
+    remembered: tuple[MemoryUnit, ...] = ()  # in the order of use
+    seen: tuple[SeenObject, ...] = ()  # the latest sight of each id
+    in_view: tuple[str, ...] = ()  # ids
+    gone: tuple[str, ...] = ()  # ids that are no more where they were, or no more at all
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Recalled:
     """A unit that recall chose, with its cosine similarity in [-1, 1]."""
 

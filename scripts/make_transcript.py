@@ -54,6 +54,7 @@ def printed(talk: Talk, options: Sequence[str]) -> list[str]:
     command = [
         str(Path(sys.executable).with_name("karma")),
         "chat",
+        "--fresh",
         "--scene",
         talk.scene,
         *options,
@@ -96,7 +97,7 @@ def page(talks: Sequence[Talk], options: Sequence[str], planner: str) -> str:
         for (kind, _), what in zip(talk.said, answers(lines), strict=True):
             counts[kind][what] += 1
         shown = "\n".join(line.rstrip() for line in lines)
-        parts.append(f"## {talk.scene}\n\n```\n$ karma chat --scene {talk.scene}\n{shown}\n```\n")
+        parts.append(f"## {talk.scene}\n\n```\n$ karma chat --fresh --scene {talk.scene}\n{shown}\n```\n")
     rows = "".join(
         f"| {KINDS[kind]} | {sum(found.values())} | {' | '.join(map(str, found.values()))} |\n"
         for kind, found in counts.items()

@@ -124,7 +124,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="ou
 Step = Start | Enter | Instruction | Map | Planned | Action | SkillStep | Ended
 
 
-_ASK_ONLY = frozenset(("GetReachablePositions", "GetInteractablePoses", "GetShortestPath"))
+ASK_ONLY = frozenset(("GetReachablePositions", "GetInteractablePoses", "GetShortestPath"))
 
 
 class StepLog:
@@ -150,7 +150,7 @@ class StepLog:
 
     def add(self, step: Step) -> None:
         """Write one step."""
-        asks = isinstance(step, Action) and step.action in _ASK_ONLY
+        asks = isinstance(step, Action) and step.action in ASK_ONLY
         if self._open or not asks:  # what is asked of a room depends on whether it is known
             self._steps.append(step)
 
@@ -238,7 +238,7 @@ class LoggedWorld:
         self._log.add(
             Action(
                 action=action,
-                arguments=_plain(arguments),
+                arguments=plain(arguments),
                 ok=ok,
                 error=why.words if (why := refusal(event)) is not None else "",
             )
@@ -250,19 +250,19 @@ class LoggedWorld:
         self._world.stop()
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return an argument as JSON has it; numpy's numbers are numbers."""
     match value:
         case str() | bool() | None:
             return value
         case Mapping():
-            return {str(name): _plain(one) for name, one in value.items()}
+            return {str(name): plain(one) for name, one in value.items()}
         case Integral():
             return int(value)
         case Real():
             return float(value)
         case Sequence():
-            return [_plain(one) for one in value]
+            return [plain(one) for one in value]
         case _:
             return value.tolist() if hasattr(value, "tolist") else str(value)
 

@@ -14,6 +14,7 @@ from karma.cli import (
     bundle,
     compare,
     doctor,
+    homes,
     models,
     reading,
     report,
@@ -35,6 +36,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 talking.add_to(app)
+homes.add_to(app)
 reading.add_to(app)
 agents.add_to(app)
 compare.add_to(app)

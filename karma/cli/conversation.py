@@ -29,18 +29,21 @@ _ALL = 10_000  # rows of an answer where no screen ends
 ROWS = 22  # of an answer: with the line that is typed it fits a screen of 24
 CODES: Mapping[str, int] = {
     "done": DONE, "partly": UNFINISHED, "unfinished": UNFINISHED, "refused": REFUSED,
-    "asked": ASKED,
+    "asked": ASKED, "answered": DONE,
 }  # fmt: skip
 _WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests the first of these
+_LOOK = ("/look", "go and see", "go and look", "look for it", "yes, look")
 _STYLES = {
     "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",
     "failed": "red", "seen": "green", "not seen": "yellow",
 }  # fmt: skip
 _HELP = (
-    "Say what to do, in plain words. Or:",
+    "Say what to do, in plain words, or ask: where is the mug? is the fridge open? how many",
+    "apples are there? what is in the fridge? did you wash the mug? what did you do? Or:",
+    "  /look     look for what I was asked and have not seen",
     "  /memory   what I remember of things (short-term memory)",
     "  /map      what I know of the room (long-term memory)",
-    "  /undo     go back to before the last thing you said: room, memory and records",
+    "  /undo     go back to before the last thing I did: room, memory and records",
     "  /why      what I went by: memory, program, what came of each step",
     "  /help     this",
     "  /quit     end; Ctrl-D does the same, Ctrl-C stops what I am doing",
@@ -146,6 +149,21 @@ def show_folder(agent: "Agent") -> None:
 # ----------------------------------------------------------------- the conversation
 
 
+def home_lines(agent: "Agent") -> list[str]:
+    """Return what is said of a home that lasts; nothing of another."""
+    from karma.talk.questions import age
+
+    home = agent.home
+    if home.folder is None:
+        return []
+    if not home.past:
+        return [f"a new home, kept in {home.folder}"]
+    last, count = home.past[-1], len(home.past)
+    when = age(home.clock_s - last.at_s)
+    some = "1 request" if count == 1 else f"{count} requests"
+    return [f"home: {home.folder}, {some} so far; the last, {when}: {last.said}"]
+
+
 def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     """Take what is typed, or piped in, until it ends; `view` as in `say`.
 
@@ -154,11 +172,13 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     """
     codes: list[int] = []
     asked: Unclear | None = None  # what was asked back about, where somebody can answer
-    console.print(escape(f"{agent.map.lines()[0]}. Say what to do, or /help."), soft_wrap=True)
+    for line in (*home_lines(agent), f"{agent.map.lines()[0]}. Say what to do, or /help."):
+        console.print(escape(line), soft_wrap=True)
     try:
         for typed in _typed():
             if typed.split()[0] == "/quit":
                 break
+            typed = _looking(agent) if typed.lower().rstrip(".!") in _LOOK else typed
             codes.append(_answered(agent, _whole(agent, typed, asked), view))
             asked = agent.replies[-1].unclear if agent.replies and sys.stdin.isatty() else None
             if codes[-1] == STOPPED and not sys.stdin.isatty():
@@ -170,6 +190,12 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     if sys.stdin.isatty():
         return DONE
     return next((one for one in _WORST if one in codes), DONE)
+
+
+def _looking(agent: "Agent") -> str:
+    """Return the errand that finds out what was asked last and not known; else "/look"."""
+    answers = (part.answer for reply in agent.replies[-1:] for part in reply.parts)
+    return next((one.look for one in answers if one is not None and one.look), "/look")
 
 
 def _whole(agent: "Agent", typed: str, asked: "Unclear | None") -> str:
@@ -237,7 +263,14 @@ def _typed() -> Iterator[str]:
 
 
 def _commands() -> Mapping[str, Callable[["Agent"], None]]:
-    return {"/memory": _memory, "/map": _map, "/undo": _undo, "/why": _why, "/help": _help}
+    return {
+        "/memory": _memory, "/map": _map, "/undo": _undo, "/why": _why, "/help": _help,
+        "/look": _nothing_to_look_for,
+    }  # fmt: skip
+
+
+def _nothing_to_look_for(_: "Agent") -> None:
+    console.print("you have asked for nothing that I have not seen")
 
 
 def _plain(lines: Sequence[str]) -> None:

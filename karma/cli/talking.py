@@ -1,6 +1,7 @@
 """`karma run` and `karma chat`: an agent that carries out what it is told, in view."""
 
 import inspect
+import sys
 from collections.abc import Callable, Mapping
 from functools import wraps
 from pathlib import Path
@@ -29,11 +30,15 @@ from karma.cli.shared import (
     readable,
     write_json,
 )
+from karma.contracts import SceneRef
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
     from karma.bench.presets import Preset
     from karma.talk.agent import Agent
+
+
+_UNITS_S = {"m": 60.0, "h": 3600.0, "d": 86_400.0}
 
 
 def add_to(app: typer.Typer) -> None:
@@ -52,7 +57,16 @@ def run_command(
         list[str] | None,
         typer.Argument(hidden=True, metavar="", help="None: a request stands in quotes."),
     ] = None,
-    scene: Annotated[str, typer.Option(help="A scene's name or file.")] = "kitchen_1",
+    scene: Annotated[
+        str, typer.Option(help="A scene's name or file; default the home's, else kitchen_1.")
+    ] = "",
+    home: Annotated[
+        str, typer.Option(help="A name or folder: the same home tomorrow. In chat the scene's own.")
+    ] = "",
+    later: Annotated[str, typer.Option(help='Time that has passed there, "8h", "2d".')] = "",
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="In chat: no home, nothing lasts.")
+    ] = False,
     planner: Annotated[
         str,
         typer.Option(help="Name in the manifest, or a GGUF; default karma-mini, else karma-nano."),
@@ -117,21 +131,26 @@ def run_command(
 
     It says what it understood before it acts, and afterwards what is so by its own eyes.
 
-    Exit code 0: all was done; 1: an error; 2: misuse; 3: the rest was done, and something refused;
-    4: something was not done, or in part; 130: stopped. Of requests that are piped into a
-    conversation the first that occurs of 130, 1, 4, 3.
+    Exit code 0: all was done or answered; 1: an error; 2: misuse; 3: the rest was done, and
+    something refused; 4: something was not done, or in part; 130: stopped. Of requests that are
+    piped into a conversation the first that occurs of 130, 1, 4, 3.
     """
     from karma.bench.experiment import Models
     from karma.infer.hosted.session import Session
     from karma.infer.llama.room_states import StateOptions
     from karma.infer.manifest.manifest import default_planner
     from karma.talk.agent import ANSWER_SECONDS, Agent
+    from karma.talk.home import SCENE
 
     if instruction is not None and more:
         whole = " ".join((instruction, *more))
         raise typer.BadParameter(f'one request stands in quotes: karma run "{whole}"')
     if instruction is not None and not instruction.strip():
         raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
+    if fresh and home:
+        raise typer.BadParameter("--fresh keeps nothing, --home keeps a home: one of them")
+    if instruction is None and not fresh:
+        home = home or SceneRef.of(scene or SCENE).name
     planner = planner or default_planner()
     hosted = hosted_of(planner, base_url, model, api=api, dialect=dialect)
     chosen = _preset(preset)
@@ -164,7 +183,7 @@ def run_command(
         }
     )
     view = AnswerView()
-    with console.status(escape(f"loading models, getting to know {scene} ...")):
+    with console.status(escape(f"loading models, getting to know {home or scene or SCENE} ...")):
         agent = Agent(
             scene,
             models=models,
@@ -176,6 +195,8 @@ def run_command(
             states=StateOptions(folder=states),
             listen=view.hear,
             answer_seconds=ANSWER_SECONDS if answer_seconds is None else answer_seconds or None,
+            home=home or None,
+            later_s=_later_s(later, home),
         )
     if agent.manner:
         console.print(escape(f"planner: {planner}, {agent.manner}"), style="dim", soft_wrap=True)
@@ -207,6 +228,18 @@ def chat_command() -> Callable[..., None]:
     chat.__annotations__ = {one.name: one.annotation for one in kept}
     chat.__doc__ = "Talk with an agent in a room: it remembers what was said and done before."
     return chat
+
+
+def _later_s(later: str, home: str) -> float:
+    """Return how much time has passed in a home: as said, else by the clock at a terminal."""
+    from karma.talk.home import home_folder, left_s
+
+    if not later:
+        return left_s(home_folder(home)) if home and sys.stdin.isatty() else 0.0
+    number, unit = later[:-1], later[-1:]
+    if not home or unit not in _UNITS_S or not number.replace(".", "", 1).isdecimal():
+        raise typer.BadParameter('--later takes "30m", "8h" or "2d", of a --home')
+    return float(number) * _UNITS_S[unit]
 
 
 def _close(agent: "Agent") -> None:

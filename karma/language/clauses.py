@@ -1,6 +1,7 @@
 """A request as the single errands that a planner is told one by one, in words that it knows."""
 
 from collections.abc import Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
 from karma.contracts import Mention, Request, SaidDeed
@@ -56,8 +57,13 @@ def context_left_out(requests: Sequence[Request]) -> tuple[Request, ...]:
     return tuple(
         one for one in requests
         if one.form not in ("statement", "talk")
-        and not (one.alone and all(about & set(thing.types) for thing in one.alone))
+        and not (one.form == "incomplete" and _speaks_only_of(one, about))
     )  # fmt: skip
+
+
+def _speaks_only_of(request: Request, kinds: AbstractSet[str]) -> bool:
+    things = request.alone
+    return bool(things) and all(kinds & set(thing.types) for thing in things)
 
 
 def _singles(deeds: Sequence[SaidDeed]) -> Iterator[SaidDeed]:

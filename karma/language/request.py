@@ -148,9 +148,10 @@ def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:
 def _read(s: SaidSentence) -> Request:
     said = s.phrase(0, len(s.words))
     form = _question_or_talk(s)
-    if form:
-        return Request(text=said, form=form, whole=s.text)
     nouns = Nouns(s)
+    if form:
+        about = tuple(nouns.all_of(range(len(s.words)))) if form == "question" else ()
+        return Request(text=said, form=form, whole=s.text, alone=about)
     pairs = Pairs(s, nouns)
     asides = Asides(s, nouns, pairs)
     asides.read()

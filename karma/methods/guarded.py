@@ -10,6 +10,7 @@ from typing import Protocol
 
 from karma import registry
 from karma.agent.guard import cannot_serve, here_of
+from karma.agent.perceive import place_of
 from karma.agent.reading import kind_of
 from karma.agent.skills import Skills
 from karma.contracts import (
@@ -30,7 +31,7 @@ from karma.contracts import (
     SkillResult,
     SubTask,
 )
-from karma.household.saying import name_of, spoken
+from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import OPPOSITES
 from karma.household.types import object_types
 from karma.household.uses import BASINS, LAMPS
@@ -156,7 +157,9 @@ def guarded(
     if subtask.asked is None:  # nobody cut it: it is planned without what is no errand
         subtask = replace(subtask, asked=asked, instruction=asked.errand or subtask.instruction)
     alone = len(asked.deeds) == 1 and len(asked.deeds[0].things) == 1
-    if alone and _is_several(asked.deeds[0].things[0]):
+    if alone and asked.deeds[0].deed == "find" and asked.deeds[0].place is None:
+        yield from _find(episode, asked.deeds[0].things[0], skills, came)
+    elif alone and _is_several(asked.deeds[0].things[0]):
         yield from _each(episode, subtask, asked, skills, came)
     elif alone:
         yield from _the_same(episode, subtask, asked, skills, came)
@@ -181,6 +184,25 @@ def refusal(refused: RefusedRequest) -> Plan:
 
 def _is_several(one: Mention) -> bool:
     return one.anything or one.every or (one.number or 1) > 1
+
+
+def _find(
+    episode: Carrier, thing: Mention, skills: Skills, came: Came
+) -> Iterator[Plan | SkillResult]:
+    """Look for a thing, which takes no planner: go to it, or search for it."""
+    came.searched = True
+    for kind in dict.fromkeys(map(kind_of, here_of(thing.types, episode.here(skills)))):
+        result = skills.run(SkillCall(skill="Explore", objects=(kind,)))
+        yield result
+        ids = [one for one in result.object_ids if kind_of(one) == kind]
+        sight = episode.sights(skills).get(ids[-1]) if ids else None
+        if result.ok and sight is not None:
+            where = told_place(place_of(sight)) if sight.pickupable else "here"
+            came.nothing_to_do = True
+            came.told.append(Check(text=f"the {name_of(ids[-1])} is {where}", found="seen"))
+            return
+    came.short = True
+    came.told.append(Check(text=f"I found no {thing.text}", found="otherwise"))
 
 
 def _the_same(
@@ -297,10 +319,10 @@ def _holds_already(episode: Carrier, skills: Skills, object_id: str, deed: SaidD
         kinds = {kind_of(kind) for kind in deed.place.types}
         return any(kind_of(parent) in kinds for parent in sight.parent_ids)
     after = _AFTER.get(deed.deed)
-    return after is not None and bool(sight.states) and _is_so(after, sight)
+    return after is not None and bool(sight.states) and is_so(after, sight)
 
 
-def _is_so(state: str, sight: SeenObject) -> bool:
+def is_so(state: str, sight: SeenObject) -> bool:
     """Return whether a look shows a thing in a state."""
     shown = _SHOWN_BY.get(state) or (OPPOSITES.get(state) if state in ("off", "closed") else None)
     return state in sight.states or (shown is not None and shown not in sight.states)
@@ -386,7 +408,7 @@ def _looked_at(
         sights = episode.sights(skills)
         sight = sights.get(ids[-1]) if ids else next(iter(_of_kinds(episode, skills, {kind})), None)
         if result.ok and sight is not None:
-            states.append(_is_so(condition.state, sight))
+            states.append(is_so(condition.state, sight))
     if condition.state == "there":
         return bool(states) == condition.holds
     return any(states) == condition.holds if states else None

@@ -17,6 +17,7 @@ from karma.contracts import (
     Detector,
     Experience,
     Known,
+    MemoryChange,
     MemoryUnit,
     Mention,
     Outcome,
@@ -160,6 +161,9 @@ class KarmaEpisode:
         self._perception = Perception(self.settings.perception, method.vision, method.detector)
         self._graphs: dict[str, SceneGraph] = {}  # by the room's name
         self._seen: dict[str, dict[str, SeenObject]] = {}  # the latest sights, by the room's name
+        self._seen_s: dict[str, dict[str, float]] = {}  # when each was in view last
+        self.clock_s = 0.0  # of the home, set by who keeps it
+        self.changes: list[MemoryChange] = []  # of memory, for who keeps it
         self._named: dict[str, dict[str, str]] = {}  # furniture's names -> ids, by the room's name
         self._scene = scene.name  # of the room that the agent is in
         self.enter(scene)
@@ -202,7 +206,7 @@ class KarmaEpisode:
             yield from guarded(self, subtask, asked, skills, came)
         experience = skills.experience
         if came.tried:  # what is refused before a step changes nothing
-            self._remember(experience, subtask.instruction)
+            self._remember(experience, subtask.instruction, self.clock_s + skills.actions)
         yield Outcome(
             finished=came.finished,
             resident=resident,
@@ -257,14 +261,22 @@ class KarmaEpisode:
 
     def remembered(self) -> "Remembered":
         """Return all that is remembered now, apart from what comes later."""
-        return Remembered(self._scene, *deepcopy((self.short_term, self._graphs, self._seen)))
+        kept = deepcopy((self.short_term, self._graphs, self._seen, self._seen_s))
+        return Remembered(self._scene, *kept)
 
     def go_back(self, before: "Remembered") -> None:
         """Remember what was remembered then, and nothing since."""
         self._scene = before.scene
-        kept = deepcopy((before.short_term, before.graphs, before.seen))
-        self.short_term, self._graphs, self._seen = kept
+        kept = deepcopy((before.short_term, before.graphs, before.seen, before.seen_s))
+        self.short_term, self._graphs, self._seen, self._seen_s = kept
+        self.changes.clear()
         self._keep_map()
+
+    def last_seen(self) -> Mapping[str, tuple[SeenObject, float]]:
+        """Return the latest sight of each thing of this room, and when it was in view last."""
+        when = self._seen_s.get(self._scene, {})
+        seen = self._seen.get(self._scene, {})
+        return {name: (one, when.get(name, 0.0)) for name, one in seen.items()}
 
     # ------------------------------------------------------------- memory into the prompt
 
@@ -355,25 +367,45 @@ class KarmaEpisode:
 
     # ------------------------------------------------------------- experience into memory
 
-    def _remember(self, experience: Experience, instruction: str) -> None:
+    def _remember(self, experience: Experience, instruction: str, at_s: float) -> None:
         """Write what was seen, then what was handled in the order of use; forget what is gone."""
-        away = lost(self.short_term.units(self._scene), experience)
-        before = as_left(self.short_term.units(self._scene), experience)
-        for unit in before:
-            self.short_term.correct(unit)
-        self._seen[self._scene] = self._sights(experience)
-        for unit in away:
-            self._seen[self._scene].pop(unit.object_id, None)
-            self.short_term.forget(unit.object_id, self._scene)
+        remembered = self.short_term.units(self._scene)
+        away, before = lost(remembered, experience), as_left(remembered, experience)
         kept, folder = self.settings.seen_kept, self._folder
         units = self._units(experience, away, instruction, seen_kept=kept, folder=folder)
+        change = MemoryChange(
+            scene=self._scene,
+            at_s=at_s,
+            corrected=tuple(unit for unit in before if unit not in remembered),
+            forgotten=tuple(unit.object_id for unit in away),
+            remembered=tuple(units),
+            seen=tuple(experience.seen.values()),
+            in_view=tuple(experience.views),
+            gone=tuple(sorted(experience.gone)),
+        )
+        self.learn(change)
+        self.changes.append(change)
+
+    def learn(self, change: MemoryChange) -> None:
+        """Put into memory what an instruction has left."""
+        for unit in change.corrected:
+            self.short_term.correct(unit)
+        seen = self._seen.setdefault(change.scene, {})
+        seen.update((one.object_id, one) for one in change.seen)
+        for object_id in (*change.gone, *change.forgotten):
+            seen.pop(object_id, None)
+        for object_id in change.forgotten:
+            self.short_term.forget(object_id, change.scene)
+        when = dict.fromkeys(change.in_view, change.at_s)
+        self._seen_s.setdefault(change.scene, {}).update(when)
         if self.settings.short_term:
-            for unit in units:
+            for unit in change.remembered:
                 self.short_term.remember(unit)
-        if self.graph is not None:
-            self.graph.observe(experience.seen.values())
-            for object_id in experience.gone:
-                self.graph.forget(object_id)
+        graph = self._graphs.get(change.scene)
+        if graph is not None:
+            graph.observe(change.seen)
+            for object_id in change.gone:
+                graph.forget(object_id)
             self._keep_map()
 
     def _keep_map(self) -> None:
@@ -409,6 +441,7 @@ class Remembered:
     short_term: ShortTermMemory
     graphs: dict[str, SceneGraph]
     seen: dict[str, dict[str, SeenObject]]
+    seen_s: dict[str, dict[str, float]]
 
 
 class _Beliefs:

@@ -7,7 +7,8 @@
     agent.map
 
 It is the agent of the tables and of `karma run`: the same method, models, world and records. What
-it learns of a room lasts in `maps`; what it has handled is remembered as long as the agent lives.
+it learns of a room lasts in `maps`; what it has handled is remembered as long as the agent lives,
+and in a `home` for good.
 """
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -48,7 +49,9 @@ from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.methods.karma import KarmaMethod, Remembered
+from karma.talk.home import Home, KeptWorld, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
+from karma.talk.questions import Remembering, answered
 from karma.talk.replies import AgentReply, RequestReply
 from karma.talk.views import Memory, RoomMap
 from karma.tasks.goals import GoalTracker
@@ -73,13 +76,14 @@ class _Before:
     times: TimeLog
     tours: dict[str, Tour]
     done: int
+    kept: int  # errands of the home
 
 
 class Agent:
     """An agent in a room.
 
     Args:
-        scene: a scene's name or file.
+        scene: a scene's name or file; "": the home's, or kitchen_1.
         planner: a name of the manifest or a GGUF's path; "": karma-mini where set-up could make it,
             else karma-nano. For more, `models`.
         models: which models fill the roles, in place of `planner`.
@@ -95,6 +99,8 @@ class Agent:
         answer_seconds: an answer of the planner takes at most; one that is cut is asked for again,
             never carried out. None: no bound.
         listen: hears the planner's answers as they come.
+        home: a name or folder: it is the same home tomorrow. None: nothing lasts.
+        later_s: so much time has passed there since it was left.
 
     Raises:
         KarmaError: a model, scene or option is not there or not as it should be; or the folder
@@ -103,7 +109,7 @@ class Agent:
 
     def __init__(
         self,
-        scene: str = "kitchen_1",
+        scene: str = "",
         *,
         planner: str = "",
         models: Models | None = None,
@@ -117,8 +123,12 @@ class Agent:
         resources: Resources | None = None,
         answer_seconds: float | None = ANSWER_SECONDS,
         listen: Listener | None = None,
+        home: str | Path | None = None,
+        later_s: float = 0.0,
     ) -> None:
-        self.scene = SceneRef.of(scene)
+        self.home = Home(None if home is None else home_folder(home), scene)
+        self.scene = SceneRef.of(self.home.scene)
+        maps = Path(maps) if self.home.folder is None else self.home.folder / "maps"
         self.session = session or Session()
         named = None if resources else asking(models or _models(planner, preset))
         row = _row(preset, {"guard": True, **(options or {})}, answer_seconds)
@@ -129,7 +139,7 @@ class Agent:
         place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
         loaded = resources or load_resources(
             named or Models(),
-            maps=Path(maps),
+            maps=maps,
             seed=seed,
             learn=True,
             session=self.session,
@@ -141,18 +151,25 @@ class Agent:
         self._method = KarmaMethod.build(loaded, row.all_options)
         self._lexicon = Lexicon(loaded.embedder)
         self._keeper = Keeper(place, self.scene, row, named, loaded)
-        self._maps = Path(maps)
+        self._maps = maps
         self._begin(seed)
+        self.home.wait(later_s)
 
     def _begin(self, seed: int) -> None:
         """Get to know the room, and be at its start."""
         self._steps, self._times = StepLog(), TimeLog()
         self._tours: dict[str, Tour] = {}
-        world = LoggedWorld(self._world, self._steps)
+        self._kept = KeptWorld(self._world)
+        world = LoggedWorld(self._kept, self._steps)
         world.reset(self.scene.source)
         self._episode = self._method.begin(world, self.scene, seed=seed, folder=self.folder)
         self._steps.start(self.scene.name, seed)
         self._logged = world
+        self.home.restore(world)
+        for errand in self.home.past:
+            for change in errand.changes:
+                self._episode.learn(change)
+        self._kept.taken()
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
         self.replies: list[AgentReply] = []
@@ -206,7 +223,8 @@ class Agent:
     ) -> None:
         self._before.append(before)
         self.replies.append(AgentReply(said=said, parts=tuple(parts), stopped=stopped))
-        self.save()
+        if self._done:
+            self.save()
 
     def clauses(self, instruction: str) -> list[str]:
         """Return what is said, errand by errand, as it will be carried out."""
@@ -237,7 +255,13 @@ class Agent:
         return last
 
     def _one(self, clause: str, whole: str, asked: Request | None) -> Iterator[Moment]:
-        """Carry out one request."""
+        """Carry out one request, or answer it."""
+        if asked is not None and asked.form == "question":
+            answer = answered(asked, self._remembering(), self._method.reader)
+            if answer is not None:
+                yield RequestReply(instruction=clause, answer=answer)
+                return
+        self._episode.clock_s = self.home.clock_s
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []
@@ -262,7 +286,7 @@ class Agent:
                     yield taken[-1]
             yield moment
         self._done.append(record)
-        yield RequestReply(
+        reply = RequestReply(
             instruction=clause,
             understood=tuple(taken),
             plans=tuple(plans),
@@ -270,6 +294,20 @@ class Agent:
             checks=outcome.checks if outcome else (),
             finished=record.finished,
             record=record,
+        )
+        changes, self._episode.changes = self._episode.changes, []
+        if actions := self._kept.taken():
+            self.home.add(clause, reply.status, actions, changes, self._world.last_event)
+        yield reply
+
+    def _remembering(self) -> Remembering:
+        """Return what questions are answered from."""
+        return Remembering(
+            sights=self._episode.last_seen(),
+            units={unit.object_id: unit for unit in self.memory},
+            furniture=self.map.types(),
+            past=self.home.past,
+            now_s=self.home.clock_s,
         )
 
     def _share(self) -> EpisodePart:
@@ -298,13 +336,18 @@ class Agent:
     def undo(self) -> str | None:
         """Go back to before the last thing that was said: room, memory and records.
 
+        A question changes nothing, and is passed over.
+
         Returns:
-            What was undone; None where nothing was said.
+            What was undone; None where nothing was done.
         """
-        if not self._before:
+        deeds = (n for n, reply in enumerate(self.replies) if reply.status != "answered")
+        last = max(deeds, default=None)
+        if last is None:
             return None
-        self._return(self._before.pop())
-        undone = self.replies.pop().said
+        self._return(self._before[last])
+        undone = self.replies[last].said
+        del self._before[last], self.replies[last]
         self.save()
         return undone
 
@@ -314,6 +357,7 @@ class Agent:
             self._episode.remembered(),
             *deepcopy((self._steps, self._times, self._tours)),
             len(self._done),
+            len(self.home.past),
         )
 
     def _return(self, before: _Before) -> None:
@@ -322,6 +366,8 @@ class Agent:
         self._steps.go_back(before.steps)
         self._times, self._tours = before.times, before.tours
         del self._done[before.done :]
+        self._kept.taken()
+        self.home.go_back(before.kept)
 
     # ------------------------------------------------------------- what it knows
 

@@ -14,8 +14,9 @@ from karma.agent.understood import Understanding
 from karma.bench.records import SubTaskRecord
 from karma.contracts import Check, Found, Plan, SkillResult
 from karma.infer.hosted.cost import Spent
+from karma.talk.questions import Answer
 
-Status = Literal["done", "partly", "unfinished", "refused", "asked"]
+Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]
 _MARKS: Mapping[Found, Mark] = {
     "seen": "seen", "done": "seen", "otherwise": "not seen", "unseen": "not seen",
@@ -44,6 +45,7 @@ class RequestReply:
     checks: tuple[Check, ...] = ()
     finished: bool = False
     record: SubTaskRecord | None = None
+    answer: Answer | None = None  # to a question; nothing was done for it
 
     @property
     def refused(self) -> str:
@@ -53,6 +55,8 @@ class RequestReply:
     @property
     def status(self) -> Status:
         """Whether it was done, done in part, tried in vain, refused, or asked back about."""
+        if self.answer is not None:
+            return "answered"
         if self.refused:
             return "asked" if self.asks else "refused"
         said_no = any(check.found == "otherwise" for check in self.checks)
@@ -95,10 +99,13 @@ class AgentReply:
 
     @property
     def status(self) -> Status:
-        """The worst of the parts: unfinished, done in part, asked back about, refused, done."""
+        """The worst of the parts: unfinished, done in part, asked back about, refused, done.
+
+        "answered" where nothing but questions was asked.
+        """
         every = {part.status for part in self.parts} | ({"unfinished"} if self.stopped else set())
-        order: tuple[Status, ...] = ("unfinished", "partly", "asked", "refused")
-        return next((s for s in order if s in every), "done")
+        order: tuple[Status, ...] = ("unfinished", "partly", "asked", "refused", "done")
+        return next((s for s in order if s in every), "answered")
 
     @property
     def unclear(self) -> Unclear | None:
@@ -115,8 +122,8 @@ class AgentReply:
         return tuple(check for part in self.parts for check in part.checks)
 
     def __bool__(self) -> bool:
-        """Return whether all was done."""
-        return self.status == "done"
+        """Return whether all was done, or answered."""
+        return self.status in ("done", "answered")
 
     def __repr__(self) -> str:
         most = rows_for(len(self.parts))
@@ -172,6 +179,9 @@ def lines_again(one: Understanding) -> list[Line]:
 
 def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
     """Return what came of a request, and what is so by the agent's own eyes."""
+    if part.answer is not None:
+        mark: Mark = "seen" if part.answer.known else "not seen"
+        return _cut([Line(mark, f"  {text}") for text in part.answer.lines], most)
     if part.refused and not part.results:
         return []
     steps = sum(result.actions for result in part.results)

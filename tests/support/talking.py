@@ -1,5 +1,7 @@
 """Agents that are told what to say, in a kitchen made by hand."""
 
+from itertools import count
+
 import numpy as np
 
 from karma.contracts import Decoding, Resources
@@ -10,6 +12,7 @@ from karma.memory.recall import CosineRecall
 from karma.talk.agent import Agent
 from support.household import kitchen
 
+_numbers = count()  # of runs in kept homes
 TAKE = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
 AWAY = (
     "OpenObject(robot, 'Fridge')\nPutObject(robot, 'Apple', 'Fridge')\n"
@@ -34,17 +37,22 @@ def resources(answers, model=None, doubt=None, maps=None, embedder=None):
     )
 
 
-def agent_saying(folder, answers, listen=None, guard=True, **given):
+def agent_saying(folder, answers, listen=None, guard=True, home=None, later_s=0.0, **given):
     """An agent in the kitchen made by hand, with its run and its maps in a folder."""
     folder.mkdir(exist_ok=True)
     scene = folder / "handmade.json"
-    scene.write_bytes(to_json(kitchen()))
+    if not scene.exists():
+        scene.write_bytes(to_json(kitchen()))
     maps = folder / "maps"
     loaded = resources(answers, maps=maps, **given)
     return Agent(
-        str(scene), resources=loaded, folder=folder / "run", maps=maps, listen=listen,
-        options={"guard": guard},
+        str(scene), resources=loaded, folder=folder / ("run" if home is None else _run(folder)),
+        maps=maps, listen=listen, options={"guard": guard}, home=home, later_s=later_s,
     )  # fmt: skip
+
+
+def _run(folder):
+    return f"run-{next(_numbers)}"
 
 
 class _Alike:

@@ -1,0 +1,56 @@
+"""`karma home`: the homes that are kept, and what was done in each."""
+
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from karma.cli.shared import ACTING, clear_errors, console
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the group to the top level."""
+    group = typer.Typer(help="Homes that last between sessions.", no_args_is_help=True)
+    group.command("list")(home_list)
+    group.command("show")(home_show)
+    group.command("forget")(home_forget)
+    app.add_typer(group, name="home", rich_help_panel=ACTING)
+
+
+Name = Annotated[str, typer.Argument(help="A home's name or folder.")]
+
+
+@clear_errors
+def home_list() -> None:
+    """List the homes that are kept here."""
+    from karma.talk.home import HOMES, homes
+
+    for folder in homes():
+        _say(folder.name)
+    if not homes():
+        _say(f"no home in {HOMES}; karma chat makes one")
+
+
+@clear_errors
+def home_show(name: Name) -> None:
+    """Say what was done in a home, the last ten requests."""
+    from karma.talk.home import opened
+    from karma.talk.questions import age
+
+    home = opened(name)
+    _say(f"{home.folder}: {home.scene}, {len(home.past)} requests")
+    for one in home.past[-10:]:
+        _say(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
+
+
+@clear_errors
+def home_forget(name: Name) -> None:
+    """Remove a home and all that was remembered there."""
+    from karma.talk.home import forget_home, home_folder
+
+    forget_home(home_folder(name))
+    _say(f"forgotten: {home_folder(name)}")
+
+
+def _say(text: str) -> None:
+    console.print(escape(text), soft_wrap=True, highlight=False)

@@ -1,0 +1,270 @@
+"""A home that is kept between sessions: what was done in it, line by line, and its map.
+
+A line is on the disk before anything is said of it. Opened again, the actions are done again in
+the world, which ends as it was left, and memory learns again what each line left in it.
+"""
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from hashlib import sha256
+from pathlib import Path
+from time import time
+from typing import Any
+from weakref import finalize
+
+import msgspec
+
+from karma.bench.folder import locked
+from karma.bench.steps import ASK_ONLY, plain
+from karma.contracts import Event, MemoryChange, World
+from karma.errors import FileError, KarmaError
+from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
+
+HOMES = Path("runs/homes")
+SCENE = "kitchen_1"  # where none is said
+ACTION_S = 1.0  # that an action takes by the home's clock
+_CARD, _LOG = "home.json", "log.jsonl"
+
+
+class HomeCard(msgspec.Struct, frozen=True, kw_only=True):
+    """What stands at the door."""
+
+    scene: str  # what the world is reset to
+    version: int = 1
+
+
+class PastErrand(msgspec.Struct, frozen=True, kw_only=True):
+    """One request that was carried out or tried, and all that it changed."""
+
+    said: str
+    status: str
+    at_s: float  # when it ended, by the home's clock
+    room: str  # SHA-256 of how the world was then
+    actions: tuple[tuple[str, dict[str, Any]], ...] = ()
+    changes: tuple[MemoryChange, ...] = ()
+    undone: int = 0  # so many errands before it never happened; it is none itself
+    waited_s: float = 0.0  # it is none itself: so much time has passed
+
+
+def home_folder(name: str | Path) -> Path:
+    """Return where a home lies: a name's place among all homes, or a folder as it is given."""
+    path = Path(name)
+    return path if path.is_absolute() or len(path.parts) > 1 else HOMES / path
+
+
+def left_s(folder: Path) -> float:
+    """Return the seconds by the clock since a home was left; 0 where there is none."""
+    try:
+        return max(time() - (folder / _LOG).stat().st_mtime, 0.0)
+    except OSError:
+        return 0.0
+
+
+def homes() -> list[Path]:
+    """Return all homes that go by a name, in the order of their names."""
+    return sorted(one.parent for one in HOMES.glob(f"*/{_CARD}"))
+
+
+def forget_home(folder: Path) -> None:
+    """Remove a home and all that was remembered there.
+
+    Raises:
+        KarmaError: it is no home, or somebody is in it.
+    """
+    opened(folder).leave()
+    shutil.rmtree(folder)
+
+
+def opened(name: str | Path) -> "Home":
+    """Return a home that is there.
+
+    Raises:
+        KarmaError: there is none of this name, or somebody is in it.
+    """
+    folder = home_folder(name)
+    if not (folder / _CARD).is_file():
+        raise KarmaError(f"{folder}: there is no home\n  To fix: karma home list")
+    return Home(folder)
+
+
+class Home:
+    """A home that one agent has for itself, as long as it lives.
+
+    Args:
+        folder: made where it is not there; None: nothing of it lasts.
+        scene: what the world is reset to; of a home that is there it must be the same, "" for its
+            own.
+
+    Raises:
+        FileError: it cannot be made, or a file in it is damaged: names the line.
+        KarmaError: somebody is in it, it is of another scene, or the scene is not said.
+    """
+
+    def __init__(self, folder: Path | None, scene: str = "") -> None:
+        self.folder = folder
+        self.scene, self.past, self.clock_s = scene or SCENE, list[PastErrand](), 0.0
+        if folder is not None:
+            self._open(folder, scene)
+
+    def _open(self, folder: Path, scene: str) -> None:
+        held = ExitStack()
+        held.enter_context(locked(folder))
+        self.leave = finalize(self, held.close)
+        try:
+            self.scene = _scene_of(folder, scene)
+            self.past = list(_read(folder / _LOG))
+        except BaseException:
+            self.leave()
+            raise
+        self.clock_s = _clock(self.past)
+        self.past = [one for one in self.past if not one.waited_s]
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        if seconds > 0:
+            self._write(PastErrand(said="", status="", at_s=0.0, room="", waited_s=seconds))
+            self.clock_s += seconds
+
+    def restore(self, world: World) -> None:
+        """Do again what was done, in a world that was just reset to the scene.
+
+        Raises:
+            KarmaError: it ends otherwise than it was left.
+        """
+        for errand in self.past:
+            for action, arguments in errand.actions:
+                world.step(action, **arguments)
+        if self.past and room_of(world.last_event) != self.past[-1].room:
+            raise KarmaError(
+                f"{self.folder}: the home cannot be made again as it was left: its scene was "
+                f"edited, or other code kept it\n  To fix: karma home forget {self.folder}"
+            )
+
+    def add(
+        self,
+        said: str,
+        status: str,
+        actions: Sequence[tuple[str, dict[str, Any]]],
+        changes: Sequence[MemoryChange],
+        event: Event,
+    ) -> None:
+        """Keep an errand; it is on the disk when this returns."""
+        self.clock_s += len(actions) * ACTION_S
+        errand = PastErrand(
+            said=said,
+            status=status,
+            at_s=self.clock_s,
+            room=room_of(event),
+            actions=tuple(actions),
+            changes=tuple(changes),
+        )
+        self._write(errand)
+        self.past.append(errand)
+
+    def go_back(self, count: int) -> None:
+        """Keep only the first so many errands."""
+        if undone := len(self.past) - count:
+            self._write(PastErrand(said="", status="", at_s=0.0, room="", undone=undone))
+            self.clock_s -= sum(len(one.actions) for one in self.past[count:]) * ACTION_S
+            del self.past[count:]
+
+    def _write(self, errand: PastErrand) -> None:
+        if self.folder is not None:
+            append_line(self.folder / _LOG, to_json(errand))
+
+
+def _scene_of(folder: Path, scene: str) -> str:
+    card = folder / _CARD
+    if not card.exists():
+        write_atomic(card, to_json(HomeCard(scene=scene or SCENE)))
+        return scene or SCENE
+    found = read_json(card, HomeCard, fix=f"karma home forget {folder}")
+    if scene and scene != found.scene:
+        raise KarmaError(
+            f"{folder} is a home in {found.scene}, not in {scene}\n"
+            f"  To fix: --scene {found.scene}, or another --home"
+        )
+    return found.scene
+
+
+def _read(path: Path) -> Iterator[PastErrand]:
+    """Yield what happened and was not undone; a torn last line is dropped, as nobody heard of it.
+
+    Raises:
+        FileError: another line is damaged.
+    """
+    if not path.exists():
+        return
+    data = read_bytes(path, most=LARGEST_LOG)
+    whole, newline, torn = data.rpartition(b"\n")
+    if torn:
+        write_atomic(path, whole + newline)
+    found: list[PastErrand] = []
+    for number, line in enumerate(whole.splitlines(), start=1):
+        try:
+            one = msgspec.json.decode(line, type=PastErrand)
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            fix = f"karma home forget {path.parent}"
+            raise FileError(path, f"line {number}: {error}", fix=fix) from error
+        if one.undone:
+            errands = [at for at, past in enumerate(found) if not past.waited_s]
+            for at in reversed(errands[-one.undone :]):
+                del found[at]
+        else:
+            found.append(one)
+    yield from found
+
+
+def _clock(past: Sequence[PastErrand]) -> float:
+    """Return the home's time after all that happened."""
+    return sum(one.waited_s or len(one.actions) * ACTION_S for one in past)
+
+
+def room_of(event: Event) -> str:
+    """Return a SHA-256 of how things lie and are: two equal worlds have the same."""
+    things = [
+        [thing["objectId"], thing["parentReceptacles"], thing["isPickedUp"], thing["isOpen"],
+         thing["isToggled"], thing["isBroken"], thing["isSliced"], thing["isDirty"],
+         thing["isFilledWithLiquid"],
+         [round(thing["position"][axis], 3) for axis in "xyz"]]
+        for thing in event.metadata["objects"]
+    ]  # fmt: skip
+    return sha256(to_json(things)).hexdigest()
+
+
+class KeptWorld:
+    """A world whose actions are kept until they are taken; it changes nothing.
+
+    Args:
+        world: any.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._kept: list[tuple[str, dict[str, Any]]] = []
+
+    @property
+    def last_event(self) -> Event:
+        """The world's own."""
+        return self._world.last_event
+
+    def reset(self, scene: str) -> Event:
+        """Load a scene."""
+        self._kept.clear()
+        return self._world.reset(scene)
+
+    def step(self, action: str, **arguments: Any) -> Event:
+        """Do one action and keep it."""
+        if action not in ASK_ONLY:
+            self._kept.append((action, plain(arguments)))
+        return self._world.step(action, **arguments)
+
+    def stop(self) -> None:
+        """Release what the world holds."""
+        self._world.stop()
+
+    def taken(self) -> list[tuple[str, dict[str, Any]]]:
+        """Return what was done since this was asked last."""
+        kept, self._kept = self._kept, []
+        return kept

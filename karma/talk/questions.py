@@ -1,0 +1,340 @@
+"""Questions answered from memory: where, whether, how many, when, what lies there, what was done.
+
+What was seen is told with its age; what was not seen is not guessed, and the answer offers to look.
+Nothing is done for a question.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from karma.agent.perceive import place_of
+from karma.contracts import MemoryUnit, Mention, Request, SeenObject
+from karma.household.containment import has_door
+from karma.household.ids import type_of
+from karma.household.pieces import base_type
+from karma.household.places import HAND
+from karma.household.saying import name_of, told_place
+from karma.household.types import object_types
+from karma.household.uses import without_basin
+from karma.language.request import RequestReader
+from karma.language.request_words import base_of_deed, request_words
+from karma.methods.guarded import is_so
+from karma.talk.home import PastErrand
+
+_ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
+_MOST = 6  # things or errands in one answer
+_OLD_S = 3600.0  # what was seen so long ago may have been moved
+_OFFER = 'Say "go and see", or /look, and I look for it.'
+_TELLING = re.compile(r"^(?:and |so |hey )?(?:(?:can|could|would) you )?tell me |^do you know ")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What is said to a question."""
+
+    lines: tuple[str, ...]
+    known: bool = True
+    look: str = ""  # the errand that would find it out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remembering:
+    """What questions are answered from."""
+
+    sights: Mapping[str, tuple[SeenObject, float]]  # id -> the latest sight, when it was in view
+    units: Mapping[str, MemoryUnit]  # short-term memory
+    furniture: Sequence[str]  # types on the map
+    past: Sequence[PastErrand]
+    now_s: float
+
+    def of(self, thing: Mention) -> list[tuple[SeenObject, float]]:
+        """Return the sights of what a mention may mean, the last seen first."""
+        kinds = {*thing.types, *map(without_basin, thing.types)}
+        found = [
+            (replace(sight, states=self._states(sight)), when)
+            for sight, when in self.sights.values()
+            if kinds & {sight.object_type, base_type(sight.object_type)}
+        ]
+        return sorted(found, key=lambda one: (-one[1], one[0].object_id))
+
+    def _states(self, sight: SeenObject) -> tuple[str, ...]:
+        unit = self.units.get(sight.object_id)
+        return tuple(dict.fromkeys((*sight.states, *(unit.states if unit else ()))))
+
+    def ago(self, when_s: float) -> str:
+        """Return how long ago something was."""
+        return age(self.now_s - when_s)
+
+    def is_old(self, when_s: float) -> bool:
+        """Return whether what was seen then may be otherwise by now."""
+        return self.now_s - when_s > _OLD_S
+
+    def seen(self, when_s: float) -> str:
+        """Return when something was seen, and whether that may not be so any more."""
+        doubt = "; that may have changed since" if self.is_old(when_s) else ""
+        return f"seen {self.ago(when_s)}{doubt}"
+
+
+def age(seconds: float) -> str:
+    """Return a time that has passed, in words.
+
+    >>> age(5), age(200), age(7300), age(200_000)
+    ('just now', '3 minutes ago', '2 hours ago', '2 days ago')
+    """
+    for size, unit in ((86_400, "day"), (3600, "hour"), (60, "minute")):
+        if (count := int(seconds // size)) > 0:
+            return f"{count} {unit}{'s' * (count > 1)} ago"
+    return "just now"
+
+
+def answered(request: Request, knows: Remembering, reader: RequestReader | None) -> Answer | None:
+    """Return the answer to a question, None where it is not understood.
+
+    Args:
+        request: whose form is "question".
+        knows: what is remembered.
+        reader: reads what was asked for earlier.
+    """
+    asked = _Question(request, knows, reader)
+    found = next((found for kind in _KINDS if (found := kind(asked)) is not None), None)
+    if found is None or found.look or not asked.things:
+        return found
+    old = any(knows.is_old(when) for _, when in knows.of(asked.things[0])[:1])
+    return replace(found, look=_looking(asked.things[0])) if old else found
+
+
+class _Question:
+    """A question's words, and the things in it."""
+
+    def __init__(self, request: Request, knows: Remembering, reader: RequestReader | None) -> None:
+        text = _TELLING.sub("", request.text.lower().replace("’", "'"))
+        self.words = re.findall(r"[a-z]+|'[a-z]+", text)
+        self.things = [one for one in request.alone if one.types]
+        self.unknown = [one for one in request.alone if not one.types and not one.vague]
+        self.knows, self.reader = knows, reader
+        self.asks = next((word for word in self.words[:4] if word in _ASKING), "")
+        self.first = self.words[0] if self.words else ""
+
+    def has(self, *words: str) -> bool:
+        """Return whether one of these words stands in it."""
+        return any(word in self.words for word in words)
+
+    @property
+    def state(self) -> str:
+        """The state that it asks about, "" where it asks about none."""
+        seen = request_words().seen
+        said = next((one for one in reversed(self.words) if one in seen), "")
+        as_said = said in ("clean", "off", "empty")
+        return said if as_said else seen.get(said, "")
+
+
+# ----------------------------------------------------------------- what was done
+
+
+def _what_was_done(q: _Question) -> Answer | None:
+    if not (q.asks == "what" and q.has("do", "done", "did") and q.has("you", "i", "we")):
+        return None
+    if q.things:
+        return None
+    past = [f"{q.knows.ago(one.at_s)}: {one.said} ({one.status})" for one in q.knows.past]
+    if not past:
+        return Answer(lines=("Nothing yet.",))
+    left = len(past) - _MOST
+    more = (f"and {left} before that",) if left > 0 else ()
+    return Answer(lines=(*reversed(past[-_MOST:]), *more))
+
+
+def _whether_it_was_done(q: _Question) -> Answer | None:
+    if q.asks not in ("", "when") or not q.has("did", "have", "has") or q.has("see", "seen"):
+        return None
+    if q.reader is None or not (q.things or q.unknown):
+        return None
+    at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), -1)
+    rest = [word for word in q.words[at + 1 :] if word not in ("last", "ever", "already", "yet")]
+    if at < 0 or not rest:
+        return None
+    order = " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])
+    asked = list(_deeds(q.reader, order))
+    if not asked:
+        return None
+    for past in reversed(q.knows.past):
+        for deed, kinds in _deeds(q.reader, past.said):
+            if any(deed == one and (kinds & types or not types) for one, types in asked):
+                when = q.knows.ago(past.at_s)
+                if past.status == "done":
+                    return Answer(lines=(f"Yes, {when}: {past.said}.",))
+                return Answer(
+                    lines=(f"I tried {when}, and it came out {past.status}: {past.said}.",)
+                )
+    return Answer(lines=("No, not that I remember.",))
+
+
+def _deeds(reader: RequestReader, text: str) -> Iterator[tuple[str, frozenset[str]]]:
+    for request in reader.read(text):
+        for deed in request.deeds:
+            kinds = (kind for thing in deed.things for kind in thing.types)
+            yield deed.deed or deed.verb, frozenset(kinds)
+
+
+# ----------------------------------------------------------------- how things are
+
+
+def _how_many(q: _Question) -> Answer | None:
+    if not (q.asks == "how" and q.has("many")):
+        return None
+    if not q.things:
+        return _not_seen(q)
+    found = [one for one in q.knows.of(q.things[0]) if _is_at(one[0], q.things[1:])]
+    if q.state:
+        found = [one for one in found if is_so(q.state, one[0])]
+    if not found:
+        return Answer(lines=("None that I have seen.",), known=False, look=_looking(q.things[0]))
+    places = ", ".join(f"{_told(sight)} ({q.knows.seen(when)})" for sight, when in found[:_MOST])
+    return Answer(lines=(f"{len(found)} that I have seen: {places}.",))
+
+
+def _what_lies_there(q: _Question) -> Answer | None:
+    if q.asks not in ("what", "which", "who") or not q.has("in", "on", "inside", "under"):
+        return None
+    if not q.things or q.has("state", "done", "do"):
+        return None
+    place = q.things[-1]
+    lying = [
+        (sight, when)
+        for sight, when in q.knows.sights.values()
+        if sight.pickupable and _is_at(sight, [place])
+    ]
+    where = told_place(q.knows.of(place)[0][0].object_id if q.knows.of(place) else place.types[0])
+    if not lying:
+        shut = " I have not looked into it." if has_door(place.types[0]) else ""
+        return Answer(lines=(f"I have seen nothing {where}.{shut}",), known=False)
+    lying.sort(key=lambda one: (-one[1], one[0].object_id))
+    told = [f"the {name_of(sight.object_id)} ({q.knows.seen(when)})" for sight, when in lying]
+    more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
+    return Answer(lines=(f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}.",))
+
+
+def _whether(q: _Question) -> Answer | None:
+    about = q.first in ("is", "are", "was", "were") or q.has("whether", "if")
+    if not about or q.asks or not (q.things or q.unknown):
+        return None
+    if not q.things:
+        return _not_seen(q)
+    thing, places = q.things[0], q.things[1:]
+    found = q.knows.of(thing)
+    if not found:
+        return _not_seen(q)
+    if q.state and not places:
+        return _state_told(q, thing, found)
+    if "there" in q.words[:3] or places:
+        there = [one for one in found if _is_at(one[0], places)]
+        sight, when = (there or found)[0]
+        yes = "Yes" if there else "No, not that I saw"
+        return Answer(lines=(f"{yes}: the {name_of(sight.object_id)} is {_told(sight)}, "
+                             f"{q.knows.seen(when)}.",))  # fmt: skip
+    return None
+
+
+def _state_told(q: _Question, thing: Mention, found: Sequence[tuple[SeenObject, float]]) -> Answer:
+    """Return whether what was seen of a thing shows a state; of several, which do."""
+    several = (thing.every or (thing.number or 0) > 1) and len(found) > 1
+    some = found if several else found[:1]
+    so = [one for one in some if is_so(q.state, one[0])]
+    yes = len(so) == len(some)
+    word = next(w for w in reversed(q.words) if w in request_words().seen)
+    sight, when = (so if yes else [one for one in some if one not in so])[0]
+    name = name_of(sight.object_id)
+    if yes:
+        whole = f"all {len(some)} that I have seen are" if several else f"the {name} is"
+        return Answer(lines=(f"Yes, {whole} {word}; {q.knows.seen(when)}.",))
+    where = f" {_told(sight)}" if several and place_of(sight) else ""
+    return Answer(lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(when)}.",))
+
+
+def _how_it_is(q: _Question) -> Answer | None:
+    if not (q.asks in ("how", "what") and q.things and q.has("state", "is", "are", "'s")):
+        return None
+    if q.asks == "what" and not q.has("state"):
+        return None
+    thing = q.things[-1]
+    if not (found := q.knows.of(thing)):
+        return _not_seen(q)
+    sight, when = found[0]
+    states = ", ".join(sight.states) or "as it was: I have seen nothing special about it"
+    return Answer(lines=(f"The {name_of(sight.object_id)}: {states}; {q.knows.seen(when)}.",))
+
+
+# ----------------------------------------------------------------- where things are
+
+
+def _when(q: _Question) -> Answer | None:
+    if q.asks != "when" or not q.things or not q.has("see", "seen"):
+        return None
+    if not (found := q.knows.of(q.things[0])):
+        return _not_seen(q)
+    sight, when = found[0]
+    told = q.knows.ago(when)
+    return Answer(lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight)}.",))
+
+
+def _where(q: _Question) -> Answer | None:
+    if q.asks != "where" and not q.has("seen", "see"):
+        return None
+    if not q.things:
+        return _not_seen(q) if q.unknown else None
+    lines: list[str] = []
+    for thing in q.things[:1]:
+        found = q.knows.of(thing)
+        several = thing.every or (thing.number or 0) > 1
+        for sight, when in found[: _MOST if several else 2]:
+            name = name_of(sight.object_id)
+            lines.append(f"The {name} is {_told(sight)}, {q.knows.seen(when)}.")
+        on_map = [kind for kind in thing.types if kind in q.knows.furniture]
+        if not found and on_map:
+            lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")
+    return Answer(lines=tuple(lines)) if lines else _not_seen(q)
+
+
+def _not_seen(q: _Question) -> Answer | None:
+    thing = next(iter([*q.things, *q.unknown]), None)
+    if thing is None:
+        return None
+    if not thing.types:
+        return Answer(lines=(f"I know nothing that is called {thing.text}.",), known=False)
+    return Answer(
+        lines=(f"I have not seen any {thing.text} here. {_OFFER}",),
+        known=False,
+        look=_looking(thing),
+    )
+
+
+def _looking(thing: Mention) -> str:
+    return f"find the {thing.text}"
+
+
+def _is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:
+    """Return whether a thing lies in or on one of some places; of none it always does."""
+    kinds = {without_basin(kind) for place in places for kind in place.types}
+    return not kinds or any(without_basin(type_of(one)) in kinds for one in sight.parent_ids)
+
+
+def _told(sight: SeenObject) -> str:
+    place = place_of(sight)
+    kind = object_types().get(sight.object_type)
+    fixed = not sight.pickupable and (kind is None or not kind.can("pickupable"))
+    if place != HAND and (fixed or place is None):
+        return "in this room"
+    return told_place(place)
+
+
+_KINDS: tuple[Callable[[_Question], Answer | None], ...] = (
+    _what_was_done,
+    _how_many,
+    _when,
+    _whether_it_was_done,
+    _where,
+    _what_lies_there,
+    _whether,
+    _how_it_is,
+)

@@ -1,0 +1,87 @@
+"""Questions are answered from what was seen and done; nothing is done for one."""
+
+import pytest
+from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
+
+from karma.talk.questions import age
+
+
+@pytest.fixture(scope="module")
+def agent(tmp_path_factory):
+    """It has washed the apple and put it into the fridge, an hour and a half ago."""
+    folder = tmp_path_factory.mktemp("asked")
+    agent = agent_saying(folder, [TAKE + WASH, STORE], home=folder / "home")
+    assert agent.do("wash the apple")
+    assert agent.do("put it in the fridge")
+    agent.home.wait(5400.0)
+    return agent
+
+
+@pytest.mark.parametrize(
+    ("question", "answer"),
+    [
+        ("where is the apple?", "The apple is in the fridge, seen 1 hour ago"),
+        ("have you seen my apple", "The apple is in the fridge, seen 1 hour ago"),
+        ("do you know where the apple is?", "The apple is in the fridge"),
+        ("can you tell me where the apple is?", "The apple is in the fridge"),
+        ("is the fridge open?", "No, the fridge is not open; seen 1 hour ago; that may have"),
+        ("is the fridge closed?", "Yes, the fridge is closed"),
+        ("is the apple clean?", "Yes, the apple is clean"),
+        ("is the apple in the fridge?", "Yes: the apple is in the fridge"),
+        ("is the apple in the sink?", "No, not that I saw: the apple is in the fridge"),
+        ("is there an apple in the fridge?", "Yes: the apple is in the fridge"),
+        ("how many apples are there?", "1 that I have seen: in the fridge"),
+        ("how many apples are in the sink?", "None that I have seen."),
+        ("what is in the fridge?", "In the fridge: the apple"),
+        ("what's in the sink?", "I have seen nothing in the sink."),
+        ("when did you last see the apple?", "I saw the apple 1 hour ago, in the fridge."),
+        ("did you wash the apple?", "Yes, 1 hour ago: wash the apple."),
+        ("have you washed the apple?", "Yes, 1 hour ago: wash the apple."),
+        ("did you slice the apple?", "No, not that I remember."),
+        ("what did you do?", "1 hour ago: put it in the fridge (done)"),
+        ("what have you done so far?", "1 hour ago: put it in the fridge (done)"),
+        ("what state is the apple in?", "The apple: cleaned"),
+        ("where is the vase?", "I have not seen any vase here."),
+        ("is the kettle full?", "I have not seen any kettle here."),
+        ("where is the banana?", "I know nothing that is called banana."),
+    ],
+)
+def test_answer(agent, question, answer):
+    before, past = agent._world.last_event, len(agent.home.past)
+    reply = agent.do(question)
+    assert reply.status == "answered"
+    assert reply.parts[0].answer.lines[0].startswith(answer)
+    assert agent._world.last_event is before, "something was done for a question"
+    assert len(agent.home.past) == past
+
+
+@pytest.mark.parametrize("question", ["who made the world?", "why is the apple round?"])
+def test_what_is_not_understood_is_refused_and_nothing_is_done(agent, question):
+    before = agent._world.last_event
+    assert agent.do(question).status == "refused"
+    assert agent._world.last_event is before
+
+
+def test_an_errand_after_a_question_is_still_done(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE, AWAY])
+    reply = agent.do("where is the apple? take the apple")
+    assert [part.status for part in reply.parts] == ["answered", "done"]
+    assert reply.status == "done"
+
+
+def test_what_was_not_seen_can_be_looked_for_and_is_known_then(tmp_path):
+    agent = agent_saying(tmp_path, [])
+    first = agent.do("where is the apple?").parts[0].answer
+    assert (first.known, first.look) == (False, "find the apple")
+    assert agent.do(first.look)
+    again = agent.do("where is the apple?").parts[0].answer
+    assert again.known
+    assert "just now" in again.lines[0]
+
+
+def test_ages():
+    told = [age(seconds) for seconds in (0, 59, 60, 3599, 3600, 86_400, 172_800)]
+    assert told == [
+        "just now", "just now", "1 minute ago", "59 minutes ago", "1 hour ago", "1 day ago",
+        "2 days ago",
+    ]  # fmt: skip
