@@ -97,7 +97,8 @@ def page(talks: Sequence[Talk], options: Sequence[str], planner: str) -> str:
         for (kind, _), what in zip(talk.said, answers(lines), strict=True):
             counts[kind][what] += 1
         shown = "\n".join(line.rstrip() for line in lines)
-        parts.append(f"## {talk.scene}\n\n```\n$ karma chat --fresh --scene {talk.scene}\n{shown}\n```\n")
+        command = f"karma chat --fresh --scene {talk.scene}"
+        parts.append(f"## {talk.scene}\n\n```\n$ {command}\n{shown}\n```\n")
     rows = "".join(
         f"| {KINDS[kind]} | {sum(found.values())} | {' | '.join(map(str, found.values()))} |\n"
         for kind, found in counts.items()

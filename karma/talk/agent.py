@@ -51,8 +51,9 @@ from karma.language.request import RequestReader
 from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.home import Home, KeptWorld, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
-from karma.talk.questions import Remembering, answered
+from karma.talk.questions import Answer, Remembering, answered
 from karma.talk.replies import AgentReply, RequestReply
+from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap
 from karma.tasks.goals import GoalTracker
 from karma.tasks.sentences import split_instruction
@@ -256,11 +257,9 @@ class Agent:
 
     def _one(self, clause: str, whole: str, asked: Request | None) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
-        if asked is not None and asked.form == "question":
-            answer = answered(asked, self._remembering(), self._method.reader)
-            if answer is not None:
-                yield RequestReply(instruction=clause, answer=answer)
-                return
+        if asked is not None and (answer := self._answer(clause, asked)) is not None:
+            yield RequestReply(instruction=clause, answer=answer)
+            return
         self._episode.clock_s = self.home.clock_s
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
@@ -299,6 +298,19 @@ class Agent:
         if actions := self._kept.taken():
             self.home.add(clause, reply.status, actions, changes, self._world.last_event)
         yield reply
+
+    def _answer(self, clause: str, asked: Request) -> Answer | None:
+        """Answer a question, or learn what is told; None where it is neither."""
+        if asked.form == "question":
+            return answered(asked, self._remembering(), self._method.reader)
+        if asked.form not in ("statement", "teaching"):
+            return None
+        told = told_of(asked, self._remembering(), self.scene.name)
+        if told is None:
+            return None
+        self._episode.learn(told.change)
+        self.home.add(clause, "told", (), [told.change], self._world.last_event)
+        return told.answer
 
     def _remembering(self) -> Remembering:
         """Return what questions are answered from."""

@@ -137,7 +137,11 @@ def _what_was_done(q: _Question) -> Answer | None:
         return None
     if q.things:
         return None
-    past = [f"{q.knows.ago(one.at_s)}: {one.said} ({one.status})" for one in q.knows.past]
+    past = [
+        f"{q.knows.ago(one.at_s)}: {one.said} ({one.status})"
+        for one in q.knows.past
+        if one.status != "told"
+    ]
     if not past:
         return Answer(lines=("Nothing yet.",))
     left = len(past) - _MOST
@@ -287,6 +291,10 @@ def _where(q: _Question) -> Answer | None:
     for thing in q.things[:1]:
         found = q.knows.of(thing)
         several = thing.every or (thing.number or 0) > 1
+        seen_s = max((when for _, when in found), default=0.0)
+        if (told := _told_last(q, thing, seen_s)) is not None:
+            lines.append(f"You told me {q.knows.ago(told.at_s)}: {told.said.rstrip('.!')}.")
+            continue
         for sight, when in found[: _MOST if several else 2]:
             name = name_of(sight.object_id)
             lines.append(f"The {name} is {_told(sight)}, {q.knows.seen(when)}.")
@@ -294,6 +302,16 @@ def _where(q: _Question) -> Answer | None:
         if not found and on_map:
             lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")
     return Answer(lines=tuple(lines)) if lines else _not_seen(q)
+
+
+def _told_last(q: _Question, thing: Mention, since_s: float) -> PastErrand | None:
+    """Return what a person told of a thing after it was seen."""
+    for past in reversed(q.knows.past):
+        if past.status == "told" and past.at_s >= since_s and q.reader is not None:
+            about = (one for request in q.reader.read(past.said) for one in request.alone[:2])
+            if any({*thing.types} & {*one.types} for one in about):
+                return past
+    return None
 
 
 def _not_seen(q: _Question) -> Answer | None:

@@ -20,7 +20,7 @@ def agent(mini, tmp_path_factory):
     [
         ("put the apple in the fridge", "done"),
         ("rinse the mug for me, would you", "done"),
-        ("is the fridge open?", "refused"),
+        ("is the fridge open?", "answered"),
         ("put the banana in the bowl", "refused"),
     ],
 )

@@ -85,3 +85,47 @@ def test_ages():
         "just now", "just now", "1 minute ago", "59 minutes ago", "1 hour ago", "1 day ago",
         "2 days ago",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "told",
+    ["the apple is in the fridge", "my uncle put the apple in the fridge",
+     "Remember that the apple is in the fridge."],
+)  # fmt: skip
+def test_what_a_person_tells_is_remembered_with_its_source_and_used(tmp_path, told):
+    agent = agent_saying(tmp_path, [TAKE], home=tmp_path / "home")
+    agent.do("find the fridge")
+    agent.do("find the apple")
+    before = agent._world.last_event
+    agent.home.wait(120.0)
+    reply = agent.do(told)
+    assert reply.status == "answered"
+    assert agent._world.last_event is before
+    assert agent.do("where is the apple?").parts[0].answer.lines == (
+        f"You told me just now: {told.rstrip('.')}.",
+    )
+    believed = agent._episode.where("Apple")
+    assert believed is not None
+    assert believed.place_id.startswith("Fridge")
+    agent.home.leave()
+    again = agent_saying(tmp_path, [], home=tmp_path / "home")
+    assert again.do("where is the apple?").parts[0].answer.lines[0].startswith("You told me")
+
+
+def test_eyes_count_more_than_what_was_told_before(tmp_path):
+    agent = agent_saying(tmp_path, [])
+    agent.do("the apple is in the fridge")
+    agent.home.wait(60.0)
+    agent.do("find the apple")
+    assert agent.do("where is the apple?").parts[0].answer.lines[0].startswith("The apple is on")
+
+
+@pytest.mark.parametrize(
+    "said",
+    ["the apple is not in the fridge", "the apple was in the fridge", "dinner was great",
+     "the apple always goes in the fridge", "the fridge is in the apple"],
+)  # fmt: skip
+def test_what_says_no_place_is_not_learnt(tmp_path, said):
+    agent = agent_saying(tmp_path, [])
+    assert agent.do(said).status == "refused"
+    assert agent.home.past == []

@@ -1,0 +1,70 @@
+"""What a person tells the agent: where a thing is. It is believed until eyes say otherwise."""
+
+from dataclasses import dataclass, replace
+
+from karma.contracts import MemoryChange, Mention, Request, SeenObject
+from karma.household.saying import name_of, told_place
+from karma.household.types import object_types
+from karma.methods.experience import unit_of
+from karma.talk.questions import Answer, Remembering
+
+_NOT_NOW = frozenset(
+    ("not", "n't", "never", "no", "was", "were", "used", "always", "usually", "should", "belongs",
+     "belong", "goes", "go", "will", "or", "maybe", "if")
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """Where a thing is, by a person's words, and what that leaves in memory."""
+
+    answer: Answer
+    change: MemoryChange
+
+
+def told_of(request: Request, knows: Remembering, scene: str) -> Told | None:
+    """Return what a statement says of a thing's place; None where it says no such thing.
+
+    Of a thing that was seen the believed place moves there, if one such place is known.
+
+    Args:
+        request: whose form is "statement" or "teaching".
+        knows: what is remembered.
+        scene: name of the room.
+    """
+    thing, place = _thing_and_place(request)
+    if thing is None or place is None:
+        return None
+    change = MemoryChange(scene=scene, at_s=knows.now_s)
+    found, places = knows.of(thing), knows.of(place)
+    where = told_place(place.types[0])
+    if found and len(places) == 1:
+        sight, there = found[0][0], places[0][0]
+        moved = _moved(sight, there)
+        line = unit_of(moved, (), handled=False, image=None, scene=scene)
+        change = replace(change, seen=(moved,), remembered=(line,))
+    name = name_of(thing.types[0])
+    return Told(answer=Answer(lines=(f"I will remember: the {name} is {where}.",)), change=change)
+
+
+def _thing_and_place(request: Request) -> tuple[Mention | None, Mention | None]:
+    words = request.text.lower().replace("n't", " n't").split()
+    named = [one for one in request.alone if one.types]
+    if len(named) != 2 or _NOT_NOW & {word.strip(".,!") for word in words}:
+        return None, None
+    thing, place = named
+    kinds = object_types()
+    carried = any(kinds[one].can("pickupable") for one in thing.types if one in kinds)
+    holds = any(kinds[one].can("receptacle") for one in place.types if one in kinds)
+    return (thing, place) if carried and holds else (None, None)
+
+
+def _moved(sight: SeenObject, there: SeenObject) -> SeenObject:
+    return replace(
+        sight,
+        parent_ids=(there.object_id,),
+        position_m=there.position_m,
+        box_center_m=there.box_center_m,
+        region=None,
+        silhouette=(),
+    )
