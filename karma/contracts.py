@@ -485,7 +485,7 @@ class ProgramSpec:
     max_calls: int = 40
     refusals: tuple[RefusalKind, ...] = ()  # for which one line may stand, in place of any call
     narrowed: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = ()  # skill, names by argument
-    hand: "HandSpec | None" = None  # what is held decides what may come next
+    hand: HandSpec | None = None  # what is held decides what may come next
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

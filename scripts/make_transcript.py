@@ -23,8 +23,8 @@ What `karma chat` printed, all of it, 80 columns wide, with the planner `{planne
 `python scripts/make_transcript.py` from [the list](../eval/talk/said.txt); nothing is left out or
 put right. "Done" and "seen" are the agent's own words, not a judge's.
 
-| the request | number | done, by its own account | not finished | refused |
-|---|---|---|---|---|
+| the request | number | done, by its own account | not finished, or in part | refused | answered |
+|---|---|---|---|---|---|
 """
 KINDS = {"+": "can be done there", "-": "cannot be done, or should not"}
 
@@ -69,7 +69,7 @@ def printed(talk: Talk, options: Sequence[str]) -> list[str]:
             text=True,
             check=False,
         )
-    if done.returncode not in (0, 3, 4):  # what came of the requests
+    if done.returncode not in (0, 3, 4, 5):  # what came of the requests
         sys.exit(done.stdout + done.stderr)
     return done.stdout.splitlines()
 
@@ -85,12 +85,18 @@ def answers(lines: Sequence[str]) -> Iterator[str]:
     for block in blocks:
         text = "\n".join(block)
         unfinished = "  not finished:" in text or "error:" in text
-        yield "not finished" if unfinished else "refused" if "  not done:" in text else "done"
+        if unfinished or "  partly:" in text:
+            yield "not finished"
+        elif "  not done:" in text:
+            yield "refused"
+        else:
+            yield "done" if "  done:" in text else "answered"
 
 
 def page(talks: Sequence[Talk], options: Sequence[str], planner: str) -> str:
     """Return the whole page."""
-    counts = {kind: dict.fromkeys(("done", "not finished", "refused"), 0) for kind in KINDS}
+    outcomes = ("done", "not finished", "refused", "answered")
+    counts = {kind: dict.fromkeys(outcomes, 0) for kind in KINDS}
     parts = []
     for talk in talks:
         lines = printed(talk, options)

@@ -6,6 +6,7 @@ for the judge of goals, the expert and the benchmark. After this module there ar
 """
 
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
+from hashlib import sha256
 from typing import Any
 
 from karma.agent.reasons import reason_of
@@ -159,6 +160,18 @@ def fixed_of(event: Event) -> Iterator[tuple[str, Vec3]]:
         if not one["pickupable"]:
             place = one["position"]
             yield one["objectId"], (place["x"], place["y"], place["z"])
+
+
+def digest_of(event: Event) -> str:
+    """Return a SHA-256 of how all things lie and are: it tells whether a home is as it was left."""
+    things = [
+        [thing["objectId"], thing["parentReceptacles"], thing["isPickedUp"], thing["isOpen"],
+         thing["isToggled"], thing["isBroken"], thing["isSliced"], thing["isDirty"],
+         thing["isFilledWithLiquid"],
+         [round(thing["position"][axis], 3) for axis in "xyz"]]
+        for thing in event.metadata["objects"]
+    ]  # fmt: skip
+    return sha256(repr(things).encode()).hexdigest()
 
 
 def cells_of(event: Event) -> list[Vec3]:

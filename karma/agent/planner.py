@@ -163,7 +163,7 @@ class Planner:
         spec = program_spec(request, rendered.names, skills, refusing=refusing)
         if self.decoding.constraint != "syntax":
             spec = replace(spec, narrowed=narrowed(skills, spec.objects))
-        if self.decoding.constraint == "hand":
+        if self.decoding.constraint not in ("syntax", "types"):
             spec = replace(spec, hand=hand_of(request, rendered.names, spec.objects))
         completion = self.model.complete(
             rendered.prompt,

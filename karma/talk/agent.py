@@ -49,9 +49,9 @@ from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.methods.karma import KarmaMethod, Remembered
-from karma.talk.home import Home, KeptWorld, home_folder
+from karma.talk.home import KeptHome, KeptWorld, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
-from karma.talk.questions import Answer, Remembering, answered
+from karma.talk.questions import MemoryAnswer, Remembering, answered
 from karma.talk.replies import AgentReply, RequestReply
 from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap
@@ -127,7 +127,7 @@ class Agent:
         home: str | Path | None = None,
         later_s: float = 0.0,
     ) -> None:
-        self.home = Home(None if home is None else home_folder(home), scene)
+        self.home = KeptHome(None if home is None else home_folder(home), scene)
         self.scene = SceneRef.of(self.home.scene)
         maps = Path(maps) if self.home.folder is None else self.home.folder / "maps"
         self.session = session or Session()
@@ -299,7 +299,7 @@ class Agent:
             self.home.add(clause, reply.status, actions, changes, self._world.last_event)
         yield reply
 
-    def _answer(self, clause: str, asked: Request) -> Answer | None:
+    def _answer(self, clause: str, asked: Request) -> MemoryAnswer | None:
         """Answer a question, or learn what is told; None where it is neither."""
         if asked.form == "question":
             return answered(asked, self._remembering(), self._method.reader)

@@ -7,7 +7,6 @@ the world, which ends as it was left, and memory learns again what each line lef
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from hashlib import sha256
 from pathlib import Path
 from time import time
 from typing import Any
@@ -15,6 +14,7 @@ from weakref import finalize
 
 import msgspec
 
+from karma.agent.perceive import digest_of
 from karma.bench.folder import locked
 from karma.bench.steps import ASK_ONLY, plain
 from karma.contracts import Event, MemoryChange, World
@@ -76,7 +76,7 @@ def forget_home(folder: Path) -> None:
     shutil.rmtree(folder)
 
 
-def opened(name: str | Path) -> "Home":
+def opened(name: str | Path) -> "KeptHome":
     """Return a home that is there.
 
     Raises:
@@ -85,10 +85,10 @@ def opened(name: str | Path) -> "Home":
     folder = home_folder(name)
     if not (folder / _CARD).is_file():
         raise KarmaError(f"{folder}: there is no home\n  To fix: karma home list")
-    return Home(folder)
+    return KeptHome(folder)
 
 
-class Home:
+class KeptHome:
     """A home that one agent has for itself, as long as it lives.
 
     Args:
@@ -135,7 +135,7 @@ class Home:
         for errand in self.past:
             for action, arguments in errand.actions:
                 world.step(action, **arguments)
-        if self.past and room_of(world.last_event) != self.past[-1].room:
+        if self.past and digest_of(world.last_event) != self.past[-1].room:
             raise KarmaError(
                 f"{self.folder}: the home cannot be made again as it was left: its scene was "
                 f"edited, or other code kept it\n  To fix: karma home forget {self.folder}"
@@ -155,7 +155,7 @@ class Home:
             said=said,
             status=status,
             at_s=self.clock_s,
-            room=room_of(event),
+            room=digest_of(event),
             actions=tuple(actions),
             changes=tuple(changes),
         )
@@ -219,18 +219,6 @@ def _read(path: Path) -> Iterator[PastErrand]:
 def _clock(past: Sequence[PastErrand]) -> float:
     """Return the home's time after all that happened."""
     return sum(one.waited_s or len(one.actions) * ACTION_S for one in past)
-
-
-def room_of(event: Event) -> str:
-    """Return a SHA-256 of how things lie and are: two equal worlds have the same."""
-    things = [
-        [thing["objectId"], thing["parentReceptacles"], thing["isPickedUp"], thing["isOpen"],
-         thing["isToggled"], thing["isBroken"], thing["isSliced"], thing["isDirty"],
-         thing["isFilledWithLiquid"],
-         [round(thing["position"][axis], 3) for axis in "xyz"]]
-        for thing in event.metadata["objects"]
-    ]  # fmt: skip
-    return sha256(to_json(things)).hexdigest()
 
 
 class KeptWorld:

@@ -30,7 +30,7 @@ _TELLING = re.compile(r"^(?:and |so |hey )?(?:(?:can|could|would) you )?tell me 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class MemoryAnswer:
     """What is said to a question."""
 
     lines: tuple[str, ...]
@@ -88,7 +88,9 @@ def age(seconds: float) -> str:
     return "just now"
 
 
-def answered(request: Request, knows: Remembering, reader: RequestReader | None) -> Answer | None:
+def answered(
+    request: Request, knows: Remembering, reader: RequestReader | None
+) -> MemoryAnswer | None:
     """Return the answer to a question, None where it is not understood.
 
     Args:
@@ -132,7 +134,7 @@ class _Question:
 # ----------------------------------------------------------------- what was done
 
 
-def _what_was_done(q: _Question) -> Answer | None:
+def _what_was_done(q: _Question) -> MemoryAnswer | None:
     if not (q.asks == "what" and q.has("do", "done", "did") and q.has("you", "i", "we")):
         return None
     if q.things:
@@ -143,13 +145,13 @@ def _what_was_done(q: _Question) -> Answer | None:
         if one.status != "told"
     ]
     if not past:
-        return Answer(lines=("Nothing yet.",))
+        return MemoryAnswer(lines=("Nothing yet.",))
     left = len(past) - _MOST
     more = (f"and {left} before that",) if left > 0 else ()
-    return Answer(lines=(*reversed(past[-_MOST:]), *more))
+    return MemoryAnswer(lines=(*reversed(past[-_MOST:]), *more))
 
 
-def _whether_it_was_done(q: _Question) -> Answer | None:
+def _whether_it_was_done(q: _Question) -> MemoryAnswer | None:
     if q.asks not in ("", "when") or not q.has("did", "have", "has") or q.has("see", "seen"):
         return None
     if q.reader is None or not (q.things or q.unknown):
@@ -167,11 +169,11 @@ def _whether_it_was_done(q: _Question) -> Answer | None:
             if any(deed == one and (kinds & types or not types) for one, types in asked):
                 when = q.knows.ago(past.at_s)
                 if past.status == "done":
-                    return Answer(lines=(f"Yes, {when}: {past.said}.",))
-                return Answer(
+                    return MemoryAnswer(lines=(f"Yes, {when}: {past.said}.",))
+                return MemoryAnswer(
                     lines=(f"I tried {when}, and it came out {past.status}: {past.said}.",)
                 )
-    return Answer(lines=("No, not that I remember.",))
+    return MemoryAnswer(lines=("No, not that I remember.",))
 
 
 def _deeds(reader: RequestReader, text: str) -> Iterator[tuple[str, frozenset[str]]]:
@@ -184,7 +186,7 @@ def _deeds(reader: RequestReader, text: str) -> Iterator[tuple[str, frozenset[st
 # ----------------------------------------------------------------- how things are
 
 
-def _how_many(q: _Question) -> Answer | None:
+def _how_many(q: _Question) -> MemoryAnswer | None:
     if not (q.asks == "how" and q.has("many")):
         return None
     if not q.things:
@@ -193,12 +195,14 @@ def _how_many(q: _Question) -> Answer | None:
     if q.state:
         found = [one for one in found if is_so(q.state, one[0])]
     if not found:
-        return Answer(lines=("None that I have seen.",), known=False, look=_looking(q.things[0]))
+        return MemoryAnswer(
+            lines=("None that I have seen.",), known=False, look=_looking(q.things[0])
+        )
     places = ", ".join(f"{_told(sight)} ({q.knows.seen(when)})" for sight, when in found[:_MOST])
-    return Answer(lines=(f"{len(found)} that I have seen: {places}.",))
+    return MemoryAnswer(lines=(f"{len(found)} that I have seen: {places}.",))
 
 
-def _what_lies_there(q: _Question) -> Answer | None:
+def _what_lies_there(q: _Question) -> MemoryAnswer | None:
     if q.asks not in ("what", "which", "who") or not q.has("in", "on", "inside", "under"):
         return None
     if not q.things or q.has("state", "done", "do"):
@@ -212,14 +216,14 @@ def _what_lies_there(q: _Question) -> Answer | None:
     where = told_place(q.knows.of(place)[0][0].object_id if q.knows.of(place) else place.types[0])
     if not lying:
         shut = " I have not looked into it." if has_door(place.types[0]) else ""
-        return Answer(lines=(f"I have seen nothing {where}.{shut}",), known=False)
+        return MemoryAnswer(lines=(f"I have seen nothing {where}.{shut}",), known=False)
     lying.sort(key=lambda one: (-one[1], one[0].object_id))
     told = [f"the {name_of(sight.object_id)} ({q.knows.seen(when)})" for sight, when in lying]
     more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
-    return Answer(lines=(f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}.",))
+    return MemoryAnswer(lines=(f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}.",))
 
 
-def _whether(q: _Question) -> Answer | None:
+def _whether(q: _Question) -> MemoryAnswer | None:
     about = q.first in ("is", "are", "was", "were") or q.has("whether", "if")
     if not about or q.asks or not (q.things or q.unknown):
         return None
@@ -235,12 +239,14 @@ def _whether(q: _Question) -> Answer | None:
         there = [one for one in found if _is_at(one[0], places)]
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
-        return Answer(lines=(f"{yes}: the {name_of(sight.object_id)} is {_told(sight)}, "
+        return MemoryAnswer(lines=(f"{yes}: the {name_of(sight.object_id)} is {_told(sight)}, "
                              f"{q.knows.seen(when)}.",))  # fmt: skip
     return None
 
 
-def _state_told(q: _Question, thing: Mention, found: Sequence[tuple[SeenObject, float]]) -> Answer:
+def _state_told(
+    q: _Question, thing: Mention, found: Sequence[tuple[SeenObject, float]]
+) -> MemoryAnswer:
     """Return whether what was seen of a thing shows a state; of several, which do."""
     several = (thing.every or (thing.number or 0) > 1) and len(found) > 1
     some = found if several else found[:1]
@@ -251,12 +257,12 @@ def _state_told(q: _Question, thing: Mention, found: Sequence[tuple[SeenObject, 
     name = name_of(sight.object_id)
     if yes:
         whole = f"all {len(some)} that I have seen are" if several else f"the {name} is"
-        return Answer(lines=(f"Yes, {whole} {word}; {q.knows.seen(when)}.",))
+        return MemoryAnswer(lines=(f"Yes, {whole} {word}; {q.knows.seen(when)}.",))
     where = f" {_told(sight)}" if several and place_of(sight) else ""
-    return Answer(lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(when)}.",))
+    return MemoryAnswer(lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(when)}.",))
 
 
-def _how_it_is(q: _Question) -> Answer | None:
+def _how_it_is(q: _Question) -> MemoryAnswer | None:
     if not (q.asks in ("how", "what") and q.things and q.has("state", "is", "are", "'s")):
         return None
     if q.asks == "what" and not q.has("state"):
@@ -266,23 +272,23 @@ def _how_it_is(q: _Question) -> Answer | None:
         return _not_seen(q)
     sight, when = found[0]
     states = ", ".join(sight.states) or "as it was: I have seen nothing special about it"
-    return Answer(lines=(f"The {name_of(sight.object_id)}: {states}; {q.knows.seen(when)}.",))
+    return MemoryAnswer(lines=(f"The {name_of(sight.object_id)}: {states}; {q.knows.seen(when)}.",))
 
 
 # ----------------------------------------------------------------- where things are
 
 
-def _when(q: _Question) -> Answer | None:
+def _when(q: _Question) -> MemoryAnswer | None:
     if q.asks != "when" or not q.things or not q.has("see", "seen"):
         return None
     if not (found := q.knows.of(q.things[0])):
         return _not_seen(q)
     sight, when = found[0]
     told = q.knows.ago(when)
-    return Answer(lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight)}.",))
+    return MemoryAnswer(lines=(f"I saw the {name_of(sight.object_id)} {told}, {_told(sight)}.",))
 
 
-def _where(q: _Question) -> Answer | None:
+def _where(q: _Question) -> MemoryAnswer | None:
     if q.asks != "where" and not q.has("seen", "see"):
         return None
     if not q.things:
@@ -301,7 +307,7 @@ def _where(q: _Question) -> Answer | None:
         on_map = [kind for kind in thing.types if kind in q.knows.furniture]
         if not found and on_map:
             lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")
-    return Answer(lines=tuple(lines)) if lines else _not_seen(q)
+    return MemoryAnswer(lines=tuple(lines)) if lines else _not_seen(q)
 
 
 def _told_last(q: _Question, thing: Mention, since_s: float) -> PastErrand | None:
@@ -314,13 +320,13 @@ def _told_last(q: _Question, thing: Mention, since_s: float) -> PastErrand | Non
     return None
 
 
-def _not_seen(q: _Question) -> Answer | None:
+def _not_seen(q: _Question) -> MemoryAnswer | None:
     thing = next(iter([*q.things, *q.unknown]), None)
     if thing is None:
         return None
     if not thing.types:
-        return Answer(lines=(f"I know nothing that is called {thing.text}.",), known=False)
-    return Answer(
+        return MemoryAnswer(lines=(f"I know nothing that is called {thing.text}.",), known=False)
+    return MemoryAnswer(
         lines=(f"I have not seen any {thing.text} here. {_OFFER}",),
         known=False,
         look=_looking(thing),
@@ -346,7 +352,7 @@ def _told(sight: SeenObject) -> str:
     return told_place(place)
 
 
-_KINDS: tuple[Callable[[_Question], Answer | None], ...] = (
+_KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
     _what_was_done,
     _how_many,
     _when,

@@ -14,7 +14,7 @@ from karma.agent.understood import Understanding
 from karma.bench.records import SubTaskRecord
 from karma.contracts import Check, Found, Plan, SkillResult
 from karma.infer.hosted.cost import Spent
-from karma.talk.questions import Answer
+from karma.talk.questions import MemoryAnswer
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]
 Mark = Literal["said", "meant", "sure", "asked", "did", "failed", "seen", "not seen"]
@@ -45,7 +45,7 @@ class RequestReply:
     checks: tuple[Check, ...] = ()
     finished: bool = False
     record: SubTaskRecord | None = None
-    answer: Answer | None = None  # to a question; nothing was done for it
+    answer: MemoryAnswer | None = None  # to a question; nothing was done for it
 
     @property
     def refused(self) -> str:

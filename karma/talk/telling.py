@@ -6,7 +6,7 @@ from karma.contracts import MemoryChange, Mention, Request, SeenObject
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.methods.experience import unit_of
-from karma.talk.questions import Answer, Remembering
+from karma.talk.questions import MemoryAnswer, Remembering
 
 _NOT_NOW = frozenset(
     ("not", "n't", "never", "no", "was", "were", "used", "always", "usually", "should", "belongs",
@@ -15,14 +15,14 @@ _NOT_NOW = frozenset(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
+class ToldPlace:
     """Where a thing is, by a person's words, and what that leaves in memory."""
 
-    answer: Answer
+    answer: MemoryAnswer
     change: MemoryChange
 
 
-def told_of(request: Request, knows: Remembering, scene: str) -> Told | None:
+def told_of(request: Request, knows: Remembering, scene: str) -> ToldPlace | None:
     """Return what a statement says of a thing's place; None where it says no such thing.
 
     Of a thing that was seen the believed place moves there, if one such place is known.
@@ -44,7 +44,9 @@ def told_of(request: Request, knows: Remembering, scene: str) -> Told | None:
         line = unit_of(moved, (), handled=False, image=None, scene=scene)
         change = replace(change, seen=(moved,), remembered=(line,))
     name = name_of(thing.types[0])
-    return Told(answer=Answer(lines=(f"I will remember: the {name} is {where}.",)), change=change)
+    return ToldPlace(
+        answer=MemoryAnswer(lines=(f"I will remember: the {name} is {where}.",)), change=change
+    )
 
 
 def _thing_and_place(request: Request) -> tuple[Mention | None, Mention | None]:

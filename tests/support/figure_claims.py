@@ -64,7 +64,7 @@ def front_page() -> Iterator[Claim]:
     on, off = demo("KARMA"), demo("without memory")
     yield "KARMA {} of {} {} {} without memory {} of {} {} {}", [*on, *off]
     more = Figure(text=str(int(on[0].text) - int(off[0].text)), record="demo.json")
-    yield "Memory saves ways here and solves {} task more", [more]
+    yield "Memory saves ways here and solves {} tasks more", [more]
     yield "five days | {} / {} / {} | Memory off: {} / {} / {}.", [
         *kinds("table1", "KARMA", "success"), *kinds("table1", "memory off", "success"),
     ]  # fmt: skip

@@ -6,16 +6,17 @@ import pytest
 from support.household import kitchen
 from support.talking import AWAY, TAKE, agent_saying
 
+from karma.agent.perceive import digest_of
 from karma.errors import FileError, KarmaError
 from karma.files import to_json
-from karma.talk.home import Home, forget_home, home_folder, opened, room_of
+from karma.talk.home import KeptHome, forget_home, home_folder, opened
 
 OUT = "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\nCloseObject(robot, 'Fridge')\n"
 
 
 def left(agent):
     """All that is to be the same tomorrow."""
-    room = room_of(agent._world.last_event)
+    room = digest_of(agent._world.last_event)
     seen = sorted(agent._episode.last_seen())
     return room, repr(agent.memory), repr(agent.map), seen, agent.home.clock_s
 
@@ -98,7 +99,7 @@ def test_a_damaged_line_is_named_and_nothing_is_lost(tmp_path):
     data = log.read_bytes()
     log.write_bytes(b"{]\n" + data)
     with pytest.raises(FileError, match=r"log\.jsonl: line 1: .*\n.*karma home forget"):
-        Home(tmp_path / "home")
+        KeptHome(tmp_path / "home")
     assert log.read_bytes() == b"{]\n" + data
 
 
@@ -114,7 +115,7 @@ def test_home_of_another_scene_and_of_an_edited_one(tmp_path):
     agent = lived(tmp_path)
     gone(agent)
     with pytest.raises(KarmaError, match="not in kitchen_2"):
-        Home(tmp_path / "home", "kitchen_2")
+        KeptHome(tmp_path / "home", "kitchen_2")
     scene = kitchen()
     objects = tuple(one for one in scene.objects if one.type != "Apple")
     edited = type(scene)(**{**{f: getattr(scene, f) for f in scene.__struct_fields__},
