@@ -141,7 +141,9 @@ def figures_of(agent: "Agent", reply: "AgentReply") -> Mapping[str, Any]:
 
 
 def show_folder(agent: "Agent") -> None:
-    """Say where the run is, and what makes a page of it."""
+    """Say where the run is, if there is one, and what makes a page of it."""
+    if not agent.has_run:
+        return
     text = escape(f"run: {agent.folder} (karma report {agent.folder})")
     console.print(text, soft_wrap=True, highlight=False)
 

@@ -86,9 +86,19 @@ class RequestReader:
         if not self._is_english([word.text for word in words]):
             said = text[words[0].start : words[-1].end]
             return Request(text=said, form="errand", whole=text, unread=(said,), english=False)
-        moved = [replace(word, head=min(max(word.head - first, 0), ends)) for word in words]
+        moved = [
+            replace(word, head=min(max(word.head - first, 0), ends), tag=self._tag(words, number))
+            for number, word in enumerate(words)
+        ]
         named = [one for one in before if one.types]
         return _read(SaidSentence(text, moved, self._lexicon, named))
+
+    def _tag(self, words: Sequence[Word], number: int) -> str:
+        """Return a word's tag; a thing's name behind "the" is a noun: "turn the telly off"."""
+        word = words[number]
+        named = number > 0 and words[number - 1].tag in ("DT", "PRP$")
+        is_thing = named and word.tag == "RB" and self._lexicon.named(word.text.lower())
+        return "NN" if is_thing else word.tag
 
     def _is_english(self, words: Sequence[str]) -> bool:
         """Return whether more than a quarter of some words are ones that requests are made of."""

@@ -22,6 +22,7 @@ _BEFORE_NOUNS = frozenset((
     "each",
 ))  # fmt: skip
 _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
+_ASKED_OF_YOU = ("could", "can", "would", "will")
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
 _MOVED = ("moved", "put", "placed", "brought", "set", "to", "be")
@@ -96,6 +97,8 @@ class SentenceDeeds:
         """Return whether a verb goes with another: "needs slicing", "the cup you just washed"."""
         s, word = self.s, self.s.words[number]
         needs = request_words().needs
+        if s.low(number - 1) in ("you", "ya", "u") and s.low(number - 2) in _ASKED_OF_YOU:
+            return False  # "could you put the apple away, I'd like it cold"
         if word.tag == "VBG" and s.words[word.head].lemma in needs:
             return True
         wished = s.words[word.head].lemma in needs and s.subject(word.head) is not None
@@ -395,7 +398,7 @@ def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> li
         things = tuple(thing for one in deed.things for thing in _meant_by(one, deed, named, last))
         place = deed.place
         if place is not None and place.vague and place.text in ("it", "that", "there") and named:
-            place = _place_meant(found, named)
+            place = _place_meant(found, named, things) or place
         found.append(replace(deed, things=things, place=place))
         last = tuple(one for one in things if not one.vague) or last
         named += [one for one in (*((place,) if place else ()), *things) if not one.vague]
@@ -427,7 +430,15 @@ def _meant_by(
     return [replace((able or named)[-1], at=())]
 
 
-def _place_meant(found: Sequence[SaidDeed], named: Sequence[Mention]) -> Mention:
+def _place_meant(
+    found: Sequence[SaidDeed], named: Sequence[Mention], things: Sequence[Mention]
+) -> Mention | None:
+    """Return the place that "there" stands for: the last one, or what was named and can hold."""
     place = next((one.place for one in reversed(found) if one.place), None)
-    holds = [one for one in named if any(object_types()[k].can("receptacle") for k in one.types)]
-    return place or (holds or named)[-1]
+    own = {kind for thing in things for kind in thing.types}
+    holds = (
+        one
+        for one in reversed(named)
+        if any(object_types()[k].can("receptacle") for k in one.types) and not own & {*one.types}
+    )
+    return place or next(holds, None)

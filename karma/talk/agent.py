@@ -64,6 +64,7 @@ if TYPE_CHECKING:
 
 MAPS = Path("runs/maps")
 ANSWER_SECONDS = 120.0  # that an answer may take unless told otherwise
+_EARLIER = 3  # requests of earlier sessions, of which "it" may be the last thing
 Moment = Understanding | Plan | SkillResult | RequestReply  # what happens while an agent acts
 
 
@@ -171,6 +172,7 @@ class Agent:
             for change in errand.changes:
                 self._episode.learn(change)
         self._kept.taken()
+        self._earlier = tuple(one.said for one in self.home.past[-_EARLIER:])
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
         self.replies: list[AgentReply] = []
@@ -250,8 +252,8 @@ class Agent:
     def _spoken_of(self, reader: RequestReader) -> tuple[Mention, ...]:
         """Return what was spoken of last, for which "it" may stand."""
         last: tuple[Mention, ...] = ()
-        for reply in self.replies:
-            said = [one for request in reader.read(reply.said, last) for one in request.mentions]
+        for text in (*self._earlier, *(reply.said for reply in self.replies)):
+            said = [one for request in reader.read(text, last) for one in request.mentions]
             last = tuple(one for one in said if one.types) or last
         return last
 
@@ -404,6 +406,11 @@ class Agent:
     def folder(self) -> Path:
         """Where the run is kept; `karma report FOLDER` makes a page of it."""
         return self._keeper.place.folder
+
+    @property
+    def has_run(self) -> bool:
+        """Whether anything was done that the folder holds; a question leaves nothing there."""
+        return bool(self._done)
 
     @property
     def spent(self) -> tuple[Spent, ...]:

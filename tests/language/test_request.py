@@ -316,3 +316,36 @@ def test_locked_requests_are_those_that_were_written_before():
     folder = Path(__file__).parents[2] / "eval/requests"
     for name, wanted in (("asked_locked", LOCKED), ("asked_open", OPEN)):
         assert hashlib.sha256((folder / f"{name}.jsonl").read_bytes()).hexdigest() == wanted
+
+
+@pytest.mark.parametrize(
+    ("text", "deeds"),
+    [
+        ("could you put the apple in the fridge, I'd like it cold",
+         [("put", ("Apple",), ("Fridge",)), ("cool", ("Apple",), None)]),
+        ("would you wash the cup, I need it", [("wash", ("Cup",), None)]),
+        ("turn the telly off", [("off", ("Television",), None)]),
+        ("bung the cloth in the sink", [("put", ("Cloth",), ("Sink",))]),
+    ],
+)  # fmt: skip
+def test_deeds_of_sentences_that_a_transcript_lost(reader, text, deeds):
+    (request,) = reader.read(text)
+    assert request.form == "errand"
+    found = [(d.deed, d.things[0].types, d.place and d.place.types) for d in request.deeds]
+    assert found[: len(deeds)] == deeds
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("take the newspaper. put the mug there", None),
+        ("open the drawer. put the mug there", ("Drawer",)),
+        ("take the mug. put it over there", None),
+        ("wash the bowl, then put the egg there", ("Bowl",)),
+    ],
+)  # fmt: skip
+def test_there_is_a_place_that_was_named_and_can_hold(reader, text, place):
+    *_, last = [request for request in reader.read(text) if request.deeds]
+    found = last.deeds[-1].place
+    assert (found.types or None if found is not None else None) == place
+    assert (last.lacking == "where") == (place is None)

@@ -47,6 +47,15 @@ def test_home_is_the_same_tomorrow(tmp_path):
     assert again.do("take the apple out of the fridge")
 
 
+def test_it_is_what_was_spoken_of_yesterday(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE], home=tmp_path / "home")
+    agent.do("take the apple")
+    gone(agent)
+    again = agent_saying(tmp_path, [AWAY], home=tmp_path / "home")
+    assert again.do("put it in the fridge")
+    assert "Apple in the fridge" in repr(again.memory)
+
+
 def test_without_a_home_nothing_lasts(tmp_path):
     agent = agent_saying(tmp_path, [TAKE])
     agent.do("take the apple")
