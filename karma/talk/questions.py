@@ -70,10 +70,22 @@ class Remembering:
         """Return whether what was seen then may be otherwise by now."""
         return self.now_s - when_s > _OLD_S
 
-    def seen(self, when_s: float) -> str:
-        """Return when something was seen, and whether that may not be so any more."""
-        doubt = "; that may have changed since" if self.is_old(when_s) else ""
-        return f"seen {self.ago(when_s)}{doubt}"
+    def seen(self, sight: SeenObject, when_s: float) -> str:
+        """Return when a thing was seen or told of, and whether that may not be so any more."""
+        told_s = self._told_s(sight.object_id)
+        how = f"you told me {self.ago(told_s)}" if told_s > when_s else f"seen {self.ago(when_s)}"
+        old = self.is_old(max(told_s, when_s))
+        return f"{how}; that may have changed since" if old else how
+
+    def _told_s(self, object_id: str) -> float:
+        """Return when a person last told where a thing is; before all time if nobody did."""
+        told = (one for one in self.past if one.status == "told")
+        about = (
+            one.at_s
+            for one in told
+            if any(object_id == s.object_id for change in one.changes for s in change.seen)
+        )
+        return max(about, default=-1.0)
 
 
 def age(seconds: float) -> str:
@@ -198,7 +210,9 @@ def _how_many(q: _Question) -> MemoryAnswer | None:
         return MemoryAnswer(
             lines=("None that I have seen.",), known=False, look=_looking(q.things[0])
         )
-    places = ", ".join(f"{_told(sight)} ({q.knows.seen(when)})" for sight, when in found[:_MOST])
+    places = ", ".join(
+        f"{_told(sight)} ({q.knows.seen(sight, when)})" for sight, when in found[:_MOST]
+    )
     return MemoryAnswer(lines=(f"{len(found)} that I have seen: {places}.",))
 
 
@@ -218,7 +232,9 @@ def _what_lies_there(q: _Question) -> MemoryAnswer | None:
         shut = " I have not looked into it." if has_door(place.types[0]) else ""
         return MemoryAnswer(lines=(f"I have seen nothing {where}.{shut}",), known=False)
     lying.sort(key=lambda one: (-one[1], one[0].object_id))
-    told = [f"the {name_of(sight.object_id)} ({q.knows.seen(when)})" for sight, when in lying]
+    told = [
+        f"the {name_of(sight.object_id)} ({q.knows.seen(sight, when)})" for sight, when in lying
+    ]
     more = f" and {len(told) - _MOST} more" if len(told) > _MOST else ""
     return MemoryAnswer(lines=(f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}.",))
 
@@ -240,7 +256,7 @@ def _whether(q: _Question) -> MemoryAnswer | None:
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
         return MemoryAnswer(lines=(f"{yes}: the {name_of(sight.object_id)} is {_told(sight)}, "
-                             f"{q.knows.seen(when)}.",))  # fmt: skip
+                             f"{q.knows.seen(sight, when)}.",))  # fmt: skip
     return None
 
 
@@ -255,11 +271,16 @@ def _state_told(
     word = next(w for w in reversed(q.words) if w in request_words().seen)
     sight, when = (so if yes else [one for one in some if one not in so])[0]
     name = name_of(sight.object_id)
+    if not sight.states:  # nothing was read of it: that shows neither
+        line = f"I have not seen whether the {name} is {word}."
+        return MemoryAnswer(lines=(line,), known=False, look=_looking(thing))
     if yes:
         whole = f"all {len(some)} that I have seen are" if several else f"the {name} is"
-        return MemoryAnswer(lines=(f"Yes, {whole} {word}; {q.knows.seen(when)}.",))
+        return MemoryAnswer(lines=(f"Yes, {whole} {word}; {q.knows.seen(sight, when)}.",))
     where = f" {_told(sight)}" if several and place_of(sight) else ""
-    return MemoryAnswer(lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(when)}.",))
+    return MemoryAnswer(
+        lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(sight, when)}.",)
+    )
 
 
 def _how_it_is(q: _Question) -> MemoryAnswer | None:
@@ -272,7 +293,9 @@ def _how_it_is(q: _Question) -> MemoryAnswer | None:
         return _not_seen(q)
     sight, when = found[0]
     states = ", ".join(sight.states) or "as it was: I have seen nothing special about it"
-    return MemoryAnswer(lines=(f"The {name_of(sight.object_id)}: {states}; {q.knows.seen(when)}.",))
+    return MemoryAnswer(
+        lines=(f"The {name_of(sight.object_id)}: {states}; {q.knows.seen(sight, when)}.",)
+    )
 
 
 # ----------------------------------------------------------------- where things are
@@ -303,7 +326,7 @@ def _where(q: _Question) -> MemoryAnswer | None:
             continue
         for sight, when in found[: _MOST if several else 2]:
             name = name_of(sight.object_id)
-            lines.append(f"The {name} is {_told(sight)}, {q.knows.seen(when)}.")
+            lines.append(f"The {name} is {_told(sight)}, {q.knows.seen(sight, when)}.")
         on_map = [kind for kind in thing.types if kind in q.knows.furniture]
         if not found and on_map:
             lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")

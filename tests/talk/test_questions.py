@@ -104,6 +104,8 @@ def test_what_a_person_tells_is_remembered_with_its_source_and_used(tmp_path, to
     assert agent.do("where is the apple?").parts[0].answer.lines == (
         f"You told me just now: {told.rstrip('.')}.",
     )
+    held = agent.do("is the apple in the fridge?").parts[0].answer.lines[0]
+    assert held == "Yes: the apple is in the fridge, you told me just now."
     believed = agent._episode.where("Apple")
     assert believed is not None
     assert believed.place_id.startswith("Fridge")
@@ -129,3 +131,11 @@ def test_what_says_no_place_is_not_learnt(tmp_path, said):
     agent = agent_saying(tmp_path, [])
     assert agent.do(said).status == "refused"
     assert agent.home.past == []
+
+
+def test_a_state_that_nobody_read_is_not_told(tmp_path):
+    agent = agent_saying(tmp_path, [])
+    agent.do("find the apple")
+    answer = agent.do("is the apple clean?").parts[0].answer
+    assert answer.lines == ("I have not seen whether the apple is clean.",)
+    assert not answer.known
