@@ -53,7 +53,7 @@ def test_observe_after_a_refusal_tells_it(world):
     why = observe(event).reason
     assert why is not None
     assert why == refusal(event)
-    assert why.words == event.metadata["errorMessage"] != ""
+    assert event.metadata["errorMessage"] == f"NullReferenceException: {why.words}"
     assert why.kind == "unreached"
 
 
