@@ -43,7 +43,7 @@ def _skill(
 ) -> Skill:
     return Skill(
         name=name, arguments=("object",), doc=doc, deed=deed, does=does, undone_by=undone_by,
-        takes=takes[0], cannot=takes[1], needs=needs, action=action or name,
+        takes=takes[0], cannot=takes[1], needs=needs, action=action or (name if deed else ""),
         hand=hand,
     )  # fmt: skip
 

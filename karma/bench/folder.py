@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
+def locked(path: Path, fix: str = "wait for it, or --out another folder") -> Iterator[None]:
     """Keep every other run out of a folder, which is made; a run that dies gives it free.
 
     Raises:
@@ -26,8 +26,7 @@ def locked(path: Path) -> Iterator[None]:
         path.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_RDONLY)
     except OSError as error:
-        reason = f"cannot be used as a run folder: {error.strerror}"
-        raise FileError(path, reason, fix="--out another folder") from error
+        raise FileError(path, f"cannot be used as a folder: {error.strerror}", fix=fix) from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if not path.exists() or not os.path.samestat(os.fstat(handle), path.stat()):
@@ -35,8 +34,7 @@ def locked(path: Path) -> Iterator[None]:
     except BlockingIOError as error:
         os.close(handle)
         raise KarmaError(
-            f"{path}: another run is at work in this folder\n"
-            "  To fix: wait for it, or --out another folder"
+            f"{path}: another run is at work in this folder\n  To fix: {fix}"
         ) from error
     try:
         yield

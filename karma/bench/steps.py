@@ -124,7 +124,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="ou
 Step = Start | Enter | Instruction | Map | Planned | Action | SkillStep | Ended
 
 
-ASK_ONLY = frozenset(("GetReachablePositions", "GetInteractablePoses", "GetShortestPath"))
+_ASK_ONLY = frozenset(("GetReachablePositions", "GetInteractablePoses", "GetShortestPath"))
 
 
 class StepLog:
@@ -135,6 +135,7 @@ class StepLog:
         self._steps: list[Step] = []  # since the last instruction came to its end
         self._open = False
         self._given = 0  # where the last instruction stands among them
+        self.actions: list[Action] = []  # since it was given, but for what only asks
         self._map: str | None = None
         self._memory: tuple[Unit, ...] = ()
 
@@ -150,13 +151,16 @@ class StepLog:
 
     def add(self, step: Step) -> None:
         """Write one step."""
-        asks = isinstance(step, Action) and step.action in ASK_ONLY
+        asks = isinstance(step, Action) and step.action in _ASK_ONLY
+        if isinstance(step, Action) and not asks:
+            self.actions.append(step)
         if self._open or not asks:  # what is asked of a room depends on whether it is known
             self._steps.append(step)
 
     def instruction(self, number: int, subtask: SubTask) -> None:
         """An instruction is given; memory before it is what it was, until the outcome tells."""
         self._given = len(self._steps)
+        self.actions = []
         self.add(
             Instruction(number=number, instruction=subtask.instruction, memory=self._memory)
         )  # fmt: skip
@@ -238,7 +242,7 @@ class LoggedWorld:
         self._log.add(
             Action(
                 action=action,
-                arguments=plain(arguments),
+                arguments=_plain(arguments),
                 ok=ok,
                 error=why.words if (why := refusal(event)) is not None else "",
             )
@@ -250,19 +254,19 @@ class LoggedWorld:
         self._world.stop()
 
 
-def plain(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     """Return an argument as JSON has it; numpy's numbers are numbers."""
     match value:
         case str() | bool() | None:
             return value
         case Mapping():
-            return {str(name): plain(one) for name, one in value.items()}
+            return {str(name): _plain(one) for name, one in value.items()}
         case Integral():
             return int(value)
         case Real():
             return float(value)
         case Sequence():
-            return [plain(one) for one in value]
+            return [_plain(one) for one in value]
         case _:
             return value.tolist() if hasattr(value, "tolist") else str(value)
 

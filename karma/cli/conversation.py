@@ -19,7 +19,6 @@ from karma.cli.shared import (
     readable,
 )
 from karma.errors import KarmaError
-from karma.language.clauses import completed
 
 if TYPE_CHECKING:
     from karma.talk.agent import Agent
@@ -202,6 +201,8 @@ def _looking(agent: "Agent") -> str:
 
 def _whole(agent: "Agent", typed: str, asked: "Unclear | None") -> str:
     """Return what was typed, put into the request that was asked back about if it answers that."""
+    from karma.language.clauses import completed
+
     if asked is None or typed.startswith("/"):
         return typed
     if agent.is_errand(typed):

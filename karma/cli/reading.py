@@ -1,12 +1,14 @@
 """`karma read`: what the words of a request ask for, before any planner."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
 from karma.cli.shared import ACTING, Json, clear_errors, console, readable, write_json
-from karma.contracts import Mention, Request, SaidDeed
+
+if TYPE_CHECKING:
+    from karma.contracts import Mention, Request, SaidDeed
 
 
 def add_to(app: typer.Typer) -> None:
@@ -30,7 +32,7 @@ def read_command(
         write_json(json, found)
 
 
-def lines_of_request(one: Request) -> list[str]:
+def lines_of_request(one: "Request") -> list[str]:
     """Return what a sentence was read as, a line for each thing that it says."""
     lines = [one.text, f"  form: {one.form}" + (f", lacks {one.lacking}" if one.lacking else "")]
     lines += [f"  to do: {_deed(deed)}" for deed in one.deeds]
@@ -44,13 +46,13 @@ def lines_of_request(one: Request) -> list[str]:
     return lines
 
 
-def _deed(deed: SaidDeed) -> str:
+def _deed(deed: "SaidDeed") -> str:
     things = ", ".join(map(_thing, deed.things))
     place = f" {'near' if deed.near else 'to'} {_thing(deed.place)}" if deed.place else ""
     return f"{deed.deed or 'no skill for'} ({deed.verb}) {things}{place}".rstrip()
 
 
-def _thing(one: Mention) -> str:
+def _thing(one: "Mention") -> str:
     kinds = "/".join(one.types) or ("whatever is there" if one.anything else "?")
     count = f" x {one.number}" if one.number else " all" if one.every else ""
     at = f", told by {'/'.join(one.at)}" if one.at else ""

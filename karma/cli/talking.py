@@ -30,7 +30,6 @@ from karma.cli.shared import (
     readable,
     write_json,
 )
-from karma.contracts import SceneRef
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
@@ -136,6 +135,7 @@ def run_command(
     piped into a conversation the first that occurs of 130, 1, 4, 3.
     """
     from karma.bench.experiment import Models
+    from karma.contracts import SceneRef
     from karma.infer.hosted.session import Session
     from karma.infer.llama.room_states import StateOptions
     from karma.infer.manifest.manifest import default_planner

@@ -157,10 +157,10 @@ def guarded(
     if subtask.asked is None:  # nobody cut it: it is planned without what is no errand
         subtask = replace(subtask, asked=asked, instruction=asked.errand or subtask.instruction)
     alone = len(asked.deeds) == 1 and len(asked.deeds[0].things) == 1
-    if alone and asked.deeds[0].deed == "find" and asked.deeds[0].place is None:
-        yield from _find(episode, asked.deeds[0].things[0], skills, came)
-    elif alone and _is_several(asked.deeds[0].things[0]):
+    if alone and _is_several(asked.deeds[0].things[0]):
         yield from _each(episode, subtask, asked, skills, came)
+    elif alone and _is_sought(asked.deeds[0]):
+        yield from _find(episode, asked.deeds[0].things[0], skills, came)
     elif alone:
         yield from _the_same(episode, subtask, asked, skills, came)
     else:
@@ -184,6 +184,11 @@ def refusal(refused: RefusedRequest) -> Plan:
 
 def _is_several(one: Mention) -> bool:
     return one.anything or one.every or (one.number or 1) > 1
+
+
+def _is_sought(deed: SaidDeed) -> bool:
+    """Return whether a deed is to find one thing, wherever it is."""
+    return deed.deed == "find" and deed.place is None and not deed.things[0].at
 
 
 def _find(

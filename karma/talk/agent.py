@@ -12,7 +12,7 @@ and in a `home` for good.
 """
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,7 +49,7 @@ from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.methods.karma import KarmaMethod, Remembered
-from karma.talk.home import KeptHome, KeptWorld, home_folder
+from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.questions import MemoryAnswer, Remembering, answered
 from karma.talk.replies import AgentReply, RequestReply
@@ -129,40 +129,42 @@ class Agent:
         later_s: float = 0.0,
     ) -> None:
         self.home = KeptHome(None if home is None else home_folder(home), scene)
-        self.scene = SceneRef.of(self.home.scene)
-        maps = Path(maps) if self.home.folder is None else self.home.folder / "maps"
-        self.session = session or Session()
-        named = None if resources else asking(models or _models(planner, preset))
-        row = _row(preset, {"guard": True, **(options or {})}, answer_seconds)
-        self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
-        self._world.reset(self.scene.source)  # wrong names are told before models are loaded
-        check_options(row.method, row.all_options)
-        check_options("karma", row.all_options)
-        place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
-        loaded = resources or load_resources(
-            named or Models(),
-            maps=maps,
-            seed=seed,
-            learn=True,
-            session=self.session,
-            states=states,
-        )
-        self.session.ledger.take()  # what loading asked, such as the canary, is no part of the bill
-        decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
-        loaded = replace(loaded, decoding=decoding, listen=listen)
-        self._method = KarmaMethod.build(loaded, row.all_options)
-        self._lexicon = Lexicon(loaded.embedder)
-        self._keeper = Keeper(place, self.scene, row, named, loaded)
-        self._maps = maps
-        self._begin(seed)
-        self.home.wait(later_s)
+        with ExitStack() as failed:
+            failed.callback(self.home.leave)  # who could not begin is in nobody's way
+            self.scene = SceneRef.of(self.home.scene)
+            maps = Path(maps) if self.home.folder is None else self.home.folder / "maps"
+            self.session = session or Session()
+            named = None if resources else asking(models or _models(planner, preset))
+            row = _row(preset, {"guard": True, **(options or {})}, answer_seconds)
+            self._world: EmbeddedWorld = world_maker("embedded", [row.all_options])()  # type: ignore[assignment]
+            self._world.reset(self.scene.source)  # wrong names are told before models are loaded
+            check_options(row.method, row.all_options)
+            check_options("karma", row.all_options)
+            place = TalkFolder(None if folder is None else Path(folder), self.scene.name)
+            loaded = resources or load_resources(
+                named or Models(),
+                maps=maps,
+                seed=seed,
+                learn=True,
+                session=self.session,
+                states=states,
+            )
+            self.session.ledger.take()  # what loading asked, as the canary, is no part of the bill
+            decoding = replace(loaded.decoding, answer_seconds=answer_seconds)
+            loaded = replace(loaded, decoding=decoding, listen=listen)
+            self._method = KarmaMethod.build(loaded, row.all_options)
+            self._lexicon = Lexicon(loaded.embedder)
+            self._keeper = Keeper(place, self.scene, row, named, loaded)
+            self._maps = maps
+            self._begin(seed)
+            self.home.wait(later_s)
+            failed.pop_all()
 
     def _begin(self, seed: int) -> None:
         """Get to know the room, and be at its start."""
         self._steps, self._times = StepLog(), TimeLog()
         self._tours: dict[str, Tour] = {}
-        self._kept = KeptWorld(self._world)
-        world = LoggedWorld(self._kept, self._steps)
+        world = LoggedWorld(self._world, self._steps)
         world.reset(self.scene.source)
         self._episode = self._method.begin(world, self.scene, seed=seed, folder=self.folder)
         self._steps.start(self.scene.name, seed)
@@ -171,7 +173,6 @@ class Agent:
         for errand in self.home.past:
             for change in errand.changes:
                 self._episode.learn(change)
-        self._kept.taken()
         self._earlier = tuple(one.said for one in self.home.past[-_EARLIER:])
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
@@ -297,8 +298,9 @@ class Agent:
             record=record,
         )
         changes, self._episode.changes = self._episode.changes, []
-        if actions := self._kept.taken():
-            self.home.add(clause, reply.status, actions, changes, self._world.last_event)
+        if self._steps.actions:
+            event = self._world.last_event
+            self.home.add(clause, reply.status, self._steps.actions, changes, event)
         yield reply
 
     def _answer(self, clause: str, asked: Request) -> MemoryAnswer | None:
@@ -310,8 +312,9 @@ class Agent:
         told = told_of(asked, self._remembering(), self.scene.name)
         if told is None:
             return None
-        self._episode.learn(told.change)
-        self.home.add(clause, "told", (), [told.change], self._world.last_event)
+        if told.change is not None:
+            self._episode.learn(told.change)
+            self.home.add(clause, "told", (), [told.change], self._world.last_event)
         return told.answer
 
     def _remembering(self) -> Remembering:
@@ -380,7 +383,6 @@ class Agent:
         self._steps.go_back(before.steps)
         self._times, self._tours = before.times, before.tours
         del self._done[before.done :]
-        self._kept.taken()
         self.home.go_back(before.kept)
 
     # ------------------------------------------------------------- what it knows

@@ -4,9 +4,10 @@ A line is on the disk before anything is said of it. Opened again, the actions a
 the world, which ends as it was left, and memory learns again what each line left in it.
 """
 
+import os
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from time import time
 from typing import Any
@@ -16,9 +17,9 @@ import msgspec
 
 from karma.agent.perceive import digest_of
 from karma.bench.folder import locked
-from karma.bench.steps import ASK_ONLY, plain
+from karma.bench.steps import Action
 from karma.contracts import Event, MemoryChange, World
-from karma.errors import FileError, KarmaError
+from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
 
 HOMES = Path("runs/homes")
@@ -30,8 +31,7 @@ _CARD, _LOG = "home.json", "log.jsonl"
 class HomeCard(msgspec.Struct, frozen=True, kw_only=True):
     """What stands at the door."""
 
-    scene: str  # what the world is reset to
-    version: int = 1
+    scene: str  # what the world is reset to: a name, or a file wherever one stands
 
 
 class PastErrand(msgspec.Struct, frozen=True, kw_only=True):
@@ -104,13 +104,14 @@ class KeptHome:
     def __init__(self, folder: Path | None, scene: str = "") -> None:
         self.folder = folder
         self.scene, self.past, self.clock_s = scene or SCENE, list[PastErrand](), 0.0
-        if folder is not None:
-            self._open(folder, scene)
-
-    def _open(self, folder: Path, scene: str) -> None:
         held = ExitStack()
-        held.enter_context(locked(folder))
         self.leave = finalize(self, held.close)
+        if folder is not None:
+            self._open(folder, scene, held)
+
+    def _open(self, folder: Path, scene: str, held: ExitStack) -> None:
+        fix = "end what is at work there, or name another --home; karma chat --fresh needs none"
+        held.enter_context(locked(folder, fix=fix))
         try:
             self.scene = _scene_of(folder, scene)
             self.past = list(_read(folder / _LOG))
@@ -129,9 +130,13 @@ class KeptHome:
     def restore(self, world: World) -> None:
         """Do again what was done, in a world that was just reset to the scene.
 
+        It is a home from then on: a scene that there is not makes none.
+
         Raises:
             KarmaError: it ends otherwise than it was left.
         """
+        if self.folder is not None and not (self.folder / _CARD).exists():
+            write_atomic(self.folder / _CARD, to_json(HomeCard(scene=self.scene)))
         for errand in self.past:
             for action, arguments in errand.actions:
                 world.step(action, **arguments)
@@ -145,21 +150,21 @@ class KeptHome:
         self,
         said: str,
         status: str,
-        actions: Sequence[tuple[str, dict[str, Any]]],
+        actions: Sequence[Action],
         changes: Sequence[MemoryChange],
         event: Event,
     ) -> None:
         """Keep an errand; it is on the disk when this returns."""
-        self.clock_s += len(actions) * ACTION_S
         errand = PastErrand(
             said=said,
             status=status,
-            at_s=self.clock_s,
+            at_s=self.clock_s + len(actions) * ACTION_S,
             room=digest_of(event),
-            actions=tuple(actions),
+            actions=tuple((one.action, one.arguments) for one in actions),
             changes=tuple(changes),
         )
         self._write(errand)
+        self.clock_s = errand.at_s
         self.past.append(errand)
 
     def go_back(self, count: int) -> None:
@@ -170,14 +175,28 @@ class KeptHome:
             del self.past[count:]
 
     def _write(self, errand: PastErrand) -> None:
-        if self.folder is not None:
-            append_line(self.folder / _LOG, to_json(errand))
+        """Write a line whole, or leave the log as it was.
+
+        Raises:
+            UnwritableError: it cannot be written.
+        """
+        if self.folder is None:
+            return
+        path = self.folder / _LOG
+        size = path.stat().st_size if path.exists() else 0
+        try:
+            append_line(path, to_json(errand))
+        except UnwritableError:
+            with suppress(OSError):
+                os.truncate(path, size)  # or the next line would go on from the torn one
+            raise
 
 
 def _scene_of(folder: Path, scene: str) -> str:
     card = folder / _CARD
+    if Path(scene).is_file():
+        scene = str(Path(scene).resolve())
     if not card.exists():
-        write_atomic(card, to_json(HomeCard(scene=scene or SCENE)))
         return scene or SCENE
     found = read_json(card, HomeCard, fix=f"karma home forget {folder}")
     if scene and scene != found.scene:
@@ -219,40 +238,3 @@ def _read(path: Path) -> Iterator[PastErrand]:
 def _clock(past: Sequence[PastErrand]) -> float:
     """Return the home's time after all that happened."""
     return sum(one.waited_s or len(one.actions) * ACTION_S for one in past)
-
-
-class KeptWorld:
-    """A world whose actions are kept until they are taken; it changes nothing.
-
-    Args:
-        world: any.
-    """
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-        self._kept: list[tuple[str, dict[str, Any]]] = []
-
-    @property
-    def last_event(self) -> Event:
-        """The world's own."""
-        return self._world.last_event
-
-    def reset(self, scene: str) -> Event:
-        """Load a scene."""
-        self._kept.clear()
-        return self._world.reset(scene)
-
-    def step(self, action: str, **arguments: Any) -> Event:
-        """Do one action and keep it."""
-        if action not in ASK_ONLY:
-            self._kept.append((action, plain(arguments)))
-        return self._world.step(action, **arguments)
-
-    def stop(self) -> None:
-        """Release what the world holds."""
-        self._world.stop()
-
-    def taken(self) -> list[tuple[str, dict[str, Any]]]:
-        """Return what was done since this was asked last."""
-        kept, self._kept = self._kept, []
-        return kept

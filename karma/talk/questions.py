@@ -357,7 +357,7 @@ def _not_seen(q: _Question) -> MemoryAnswer | None:
 
 
 def _looking(thing: Mention) -> str:
-    return f"find the {thing.text}"
+    return f"find the {name_of(thing.types[0])}"
 
 
 def _is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:

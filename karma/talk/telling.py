@@ -2,15 +2,18 @@
 
 from dataclasses import dataclass, replace
 
+from karma.agent.perceive import place_of
 from karma.contracts import MemoryChange, Mention, Request, SeenObject
+from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
+from karma.language.request_words import request_words
 from karma.methods.experience import unit_of
 from karma.talk.questions import MemoryAnswer, Remembering
 
 _NOT_NOW = frozenset(
-    ("not", "n't", "never", "no", "was", "were", "used", "always", "usually", "should", "belongs",
-     "belong", "goes", "go", "will", "or", "maybe", "if")
+    ("no", "was", "were", "used", "should", "belongs", "belong", "goes", "go", "will", "or",
+     "maybe", "if")
 )  # fmt: skip
 
 
@@ -19,7 +22,7 @@ class ToldPlace:
     """Where a thing is, by a person's words, and what that leaves in memory."""
 
     answer: MemoryAnswer
-    change: MemoryChange
+    change: MemoryChange | None  # None: eyes know better
 
 
 def told_of(request: Request, knows: Remembering, scene: str) -> ToldPlace | None:
@@ -37,13 +40,15 @@ def told_of(request: Request, knows: Remembering, scene: str) -> ToldPlace | Non
         return None
     change = MemoryChange(scene=scene, at_s=knows.now_s)
     found, places = knows.of(thing), knows.of(place)
-    where = told_place(place.types[0])
+    name, where = name_of(thing.types[0]), told_place(place.types[0])
+    if found and place_of(found[0][0]) == HAND:
+        held = MemoryAnswer(lines=(f"I have the {name} in my hand.",))
+        return ToldPlace(answer=held, change=None)
     if found and len(places) == 1:
         sight, there = found[0][0], places[0][0]
         moved = _moved(sight, there)
         line = unit_of(moved, (), handled=False, image=None, scene=scene)
         change = replace(change, seen=(moved,), remembered=(line,))
-    name = name_of(thing.types[0])
     return ToldPlace(
         answer=MemoryAnswer(lines=(f"I will remember: the {name} is {where}.",)), change=change
     )
@@ -52,7 +57,9 @@ def told_of(request: Request, knows: Remembering, scene: str) -> ToldPlace | Non
 def _thing_and_place(request: Request) -> tuple[Mention | None, Mention | None]:
     words = request.text.lower().replace("n't", " n't").split()
     named = [one for one in request.alone if one.types]
-    if len(named) != 2 or _NOT_NOW & {word.strip(".,!") for word in words}:
+    lists = request_words()
+    otherwise = _NOT_NOW | lists.habits | lists.negations
+    if len(named) != 2 or otherwise & {word.strip(".,!") for word in words}:
         return None, None
     thing, place = named
     kinds = object_types()

@@ -113,6 +113,7 @@ def test_nothing_is_put_into_what_was_not_opened_before():
         shut = {"Fridge", "Microwave", "Cabinet_1"}
         for call in calls:
             shut -= {call.objects[0]} if call.skill == "OpenObject" else set()
+            shut |= {call.objects[0]} if call.skill == "CloseObject" else set()
             assert call.skill != "PutObject" or call.objects[1] not in shut
 
 

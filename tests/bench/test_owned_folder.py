@@ -41,7 +41,7 @@ def commands(tmp_path_factory):
     (place / "benchmark.toml").write_text(BENCHMARK)
     evals = ("run", "sweep", "benchmark", "figure")
     found = {kind: ["eval", str(place / f"{kind}.toml")] for kind in evals}
-    return {**found, "talk": ["run", "open the fridge"], "chat": ["chat"]}
+    return {**found, "talk": ["run", "open the fridge"], "chat": ["chat", "--fresh"]}
 
 
 def told(words, out, *more):

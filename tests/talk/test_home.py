@@ -1,13 +1,17 @@
 """A home that is kept: the same tomorrow, whole after a kill, and nobody else's meanwhile."""
 
+import errno
 import gc
+import os
 
+import msgspec
 import pytest
 from support.household import kitchen
 from support.talking import AWAY, TAKE, agent_saying
 
+from karma import Agent
 from karma.agent.perceive import digest_of
-from karma.errors import FileError, KarmaError
+from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import to_json
 from karma.talk.home import KeptHome, forget_home, home_folder, opened
 
@@ -114,7 +118,7 @@ def test_a_damaged_line_is_named_and_nothing_is_lost(tmp_path):
 
 def test_second_agent_is_told_that_somebody_is_there(tmp_path):
     agent = lived(tmp_path)
-    with pytest.raises(KarmaError, match="another"):
+    with pytest.raises(KarmaError, match=r"another run is at work.*\n.*another --home"):
         agent_saying(tmp_path, [], home=tmp_path / "home")
     gone(agent)
     assert len(agent_saying(tmp_path, [], home=tmp_path / "home").home.past) == 2
@@ -127,8 +131,7 @@ def test_home_of_another_scene_and_of_an_edited_one(tmp_path):
         KeptHome(tmp_path / "home", "kitchen_2")
     scene = kitchen()
     objects = tuple(one for one in scene.objects if one.type != "Apple")
-    edited = type(scene)(**{**{f: getattr(scene, f) for f in scene.__struct_fields__},
-                            "objects": objects})  # fmt: skip
+    edited = msgspec.structs.replace(scene, objects=objects)
     (tmp_path / "handmade.json").write_bytes(to_json(edited))
     with pytest.raises(KarmaError, match="cannot be made again as it was left"):
         agent_saying(tmp_path, [], home=tmp_path / "home")
@@ -152,3 +155,52 @@ def test_a_name_is_a_home_among_all_and_a_path_is_itself(tmp_path):
     assert str(home_folder("flat")) == "runs/homes/flat"
     assert home_folder("there/flat").parts == ("there", "flat")
     assert home_folder(tmp_path) == tmp_path
+
+
+def test_full_disk_undoes_the_errand_and_tears_no_line(tmp_path, monkeypatch):
+    agent = agent_saying(tmp_path, [TAKE, AWAY, AWAY], home=tmp_path / "home")
+    agent.do("take the apple")
+    before, fsync = left(agent), os.fsync
+
+    def full(handle):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UnwritableError, match="No space left"):
+        agent.do("put it in the fridge")
+    monkeypatch.setattr(os, "fsync", fsync)
+    assert left(agent) == before
+    agent.do("put it in the fridge")
+    after = left(agent)
+    gone(agent)
+    assert left(agent_saying(tmp_path, [], home=tmp_path / "home")) == after
+
+
+def test_scene_file_is_found_again_from_another_folder(tmp_path, monkeypatch):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "room.json").write_bytes(to_json(kitchen()))
+    monkeypatch.chdir(tmp_path)
+    first = KeptHome(tmp_path / "home", "there/room.json")
+    first.restore(None)  # nothing was done there yet
+    first.leave()
+    monkeypatch.chdir(tmp_path / "there")
+    home = KeptHome(tmp_path / "home", "room.json")
+    assert home.scene == str((tmp_path / "there" / "room.json").resolve())
+
+
+def test_agent_that_could_not_begin_leaves_the_home(tmp_path):
+    agent = lived(tmp_path)
+    gone(agent)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    with pytest.raises(KarmaError) as refused:
+        Agent(home=tmp_path / "home", folder=tmp_path / "full", maps=tmp_path / "maps")
+    assert "full" in str(refused.value)
+    assert len(KeptHome(tmp_path / "home").past) == 2
+
+
+def test_scene_that_there_is_not_makes_no_home(tmp_path):
+    with pytest.raises(KarmaError, match="nowhere_7"):
+        Agent("nowhere_7", home=tmp_path / "home", maps=tmp_path / "maps")
+    with pytest.raises(KarmaError, match="there is no home"):
+        opened(tmp_path / "home")

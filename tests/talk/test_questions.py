@@ -139,3 +139,25 @@ def test_a_state_that_nobody_read_is_not_told(tmp_path):
     answer = agent.do("is the apple clean?").parts[0].answer
     assert answer.lines == ("I have not seen whether the apple is clean.",)
     assert not answer.known
+
+
+def test_what_is_in_the_hand_is_not_told_away(tmp_path):
+    agent = agent_saying(tmp_path, [TAKE])
+    agent.do("take the apple")
+    told = agent.do("the apple is in the fridge").parts[0].answer.lines
+    assert told == ("I have the apple in my hand.",)
+    where = agent.do("where is the apple?").parts[0].answer.lines[0]
+    assert where.startswith("The apple is in the hand")
+
+
+def test_a_plural_and_a_place_that_a_thing_is_told_by_are_not_found_by_one_of_them(tmp_path):
+    agent = agent_saying(tmp_path, ["refuse('unclear')\n"] * 3)
+    assert agent.do("find two apples").status != "done"
+    assert agent.do("find the apple in the fridge").status != "done"
+
+
+def test_how_many_were_not_seen_are_looked_for_by_their_name(tmp_path):
+    agent = agent_saying(tmp_path, [])
+    answer = agent.do("how many apples are there?").parts[0].answer
+    assert (answer.known, answer.look) == (False, "find the apple")
+    assert agent.do(answer.look)

@@ -113,9 +113,8 @@ def _after_deed(now: HandSpec, does: str, name: str) -> HandSpec:
         return replace(now, held=name)
     if does == "empties":
         return replace(now, held=None)
-    if does == "opened":
-        return replace(now, shut=tuple(one for one in now.shut if one != name))
-    return now
+    others = tuple(one for one in now.shut if one != name)
+    return replace(now, shut=others if does == "opened" else (*others, name))
 
 
 def refusal_lines(spec: ProgramSpec) -> tuple[str, ...]:
@@ -162,6 +161,7 @@ class ProgramAutomaton:
 
     def __init__(self, spec: AnswerSpec) -> None:
         self._max_lines, self._calls = 0, frozenset[int]()
+        self._begun: dict[HandSpec | None, dict[str, Callable[[], Frame]]] = {}
         self._lines: dict[HandSpec | None, Frame] = {}
         self._jumps = isinstance(spec, PlanSpec)  # programs are decoded token by token
         if isinstance(spec, PlanSpec):
@@ -176,10 +176,14 @@ class ProgramAutomaton:
 
     def _begins(self, now: HandSpec | None) -> dict[str, Callable[[], Frame]]:
         """Return how calls begin as hand and doors are, and what follows."""
-        kinds = forms(replace(self._spec, hand=now))
-        after = {name: self._after(form, now) for form in kinds for name in form.skills}
-        names = (skill.name for skill in self._spec.skills)
-        return {f"{name}(robot": after[name] for name in names if name in after}
+        if now not in self._begun:
+            kinds = [
+                (form, self._after(form, now)) for form in forms(replace(self._spec, hand=now))
+            ]
+            after = {name: then for form, then in kinds for name in form.skills}
+            names = (skill.name for skill in self._spec.skills)
+            self._begun[now] = {f"{name}(robot": after[name] for name in names if name in after}
+        return self._begun[now]
 
     def _line_of(self, now: HandSpec | None) -> Frame:
         """Return the frame of a line's beginning, but the first line's."""
