@@ -86,7 +86,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     recall: str = PRESETS[""].recall
     recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
     vision: str = "metadata"
-    detector: str = ""  # "grounded-sam:BOXES+MASKS", for rows with boxes = "detector"
+    detector: str = ""  # a plug-in of karma.detectors, for rows with boxes = "detector"
     constrained: bool = True  # answers are held to programs; a server must prove that it does
     constraint: Constraint = "types"  # what programs may say, where they are held to them
     examples: int | None = (

@@ -62,9 +62,7 @@ class ModelSeen:
 
 
 def tried(entry: ModelEntry, folder: Path) -> ModelSeen | None:
-    """Open a model as a run does in its role, and ask it a little; None: a detector, or no role.
-
-    A detector runs in a pair, so it is not tried alone.
+    """Open a model as a run does in its role, and ask it a little; None: it fills no role.
 
     Args:
         entry: what is known of it; it need not be listed yet.
@@ -80,7 +78,7 @@ def tried(entry: ModelEntry, folder: Path) -> ModelSeen | None:
             return _planner(Models(planner=str(file), chat=entry.chat, profile=profile))
         for key, plural, ask in _ROLES:
             name = opened_as(plural, entry, str(folder))
-            if name and key != "detector":
+            if name:
                 return _torch(key, plural, ask, Models().computed_by({key: name}))
     except KarmaError:
         raise
@@ -259,11 +257,6 @@ def _embedder(model: Any) -> dict[str, float]:
     return {"texts/s": len(texts) / seconds}
 
 
-def _detector(model: Any) -> dict[str, float]:
-    _, seconds = _timed(lambda: model.detect(_FRAME, ["apple", "mug"]))
-    return {"pictures/s": 1 / seconds}
-
-
 def _vision(model: Any) -> dict[str, float]:
     cup = SeenObject(
         object_id="Cup|1", object_type="Cup", position_m=(0, 0, 0), box_center_m=(0, 0, 0),
@@ -276,7 +269,6 @@ def _vision(model: Any) -> dict[str, float]:
 _ROLES: Sequence[tuple[str, str, Callable[[Any], dict[str, float]]]] = (
     ("embedder", "embedders", _embedder),
     ("vision", "vision_models", _vision),
-    ("detector", "detectors", _detector),
 )
 
 

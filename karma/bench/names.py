@@ -25,14 +25,12 @@ _ROLES: Mapping[tuple[str, str], tuple[Role, ...]] = {  # of the model after "KI
     ("embedders", "sentence"): ("text-embedder",),
     ("embedders", "clip"): ("image-embedder",),
     ("vision_models", "transformers"): ("vlm",),
-    ("detectors", "grounded-sam"): ("detector",),
 }
 _OPENERS: Mapping[tuple[str, str, str], str] = {  # what opens a model of that role and format
     ("embedders", "text-embedder", "safetensors"): "sentence",
     ("embedders", "image-embedder", "safetensors"): "clip",
     ("vision_models", "vlm", "safetensors"): "transformers",
     ("vision_models", "vlm", "gguf"): "llama",
-    ("detectors", "detector", "safetensors"): "grounded-sam",
 }
 
 

@@ -55,9 +55,6 @@ def report_command(
     published: Annotated[
         Path | None, typer.Option(help="The paper's figures, to stand beside ours.")
     ] = None,
-    rerun: Annotated[
-        Path | None, typer.Option(help="Also write the replays as a recording for Rerun, *.rrd.")
-    ] = None,
     reference: Annotated[
         str, typer.Option(help="Of several: that which the others are held against.")
     ] = "",
@@ -87,22 +84,20 @@ def report_command(
             "  To fix: karma eval eval/lived/demo.toml"
         )
     if is_home:
-        if rerun is not None or (episodes, instructions, frames) != CHOICE:
+        if (episodes, instructions, frames) != CHOICE:
             raise KarmaError(
-                f"{run}: lived-in homes have days, no episodes, frames or recording\n"
+                f"{run}: lived-in homes have days, no episodes or frames\n"
                 f"  To fix: karma report {run} --home HOME --day DAY --row ROW"
             )
         _write_lived(run, out, home, day, row)
     elif len(runs) > 1 or is_sweep(run):
-        if rerun is not None:
-            raise KarmaError("--rerun is of one run\n  To fix: karma report RUN --rerun FILE")
         choice = (episodes, instructions, frames)
         _write_comparison(runs, out, reference, choice if pages else None, published)
     elif is_figure_folder(run):
         _write_figure(run, out)
     else:
         choice = (episodes, instructions, frames)
-        _write_run(run, out, choice, published, rerun)
+        _write_run(run, out, choice, published)
 
 
 def _write_lived(run: Path, out: Path | None, home: str, day: int | None, row: str) -> None:
@@ -171,7 +166,7 @@ def _write_comparison(
     old = [folder for folder in folders if _is_old(folder / PAGE, folder)]
     for number, folder in enumerate(old, start=1):
         words = f"page {number} of {len(old)}: "
-        _write_run(folder, None, choice or ("", "", ""), published, None, words)
+        _write_run(folder, None, choice or ("", "", ""), published, words)
 
 
 def _is_old(page: Path, run: Path) -> bool:
@@ -185,7 +180,6 @@ def _write_run(
     out: Path | None,
     choice: tuple[str, str, str],
     published: Path | None,
-    rerun: Path | None,
     words: str = "",
 ) -> None:
     from karma.bench.published import load_published
@@ -224,11 +218,6 @@ def _write_run(
         soft_wrap=True,
     )
     _say_replayed(page.same, page.actions)
-    if rerun is not None:
-        from karma.report.rerun_file import write_rerun
-
-        write_rerun(rerun, found.header.name, shown, pictures)
-        console.print(escape(f"rerun: {rerun}"), soft_wrap=True)
 
 
 def _written(run: Path, out: Path | None, page: str, name: str = "report.html") -> Path:

@@ -34,23 +34,16 @@ def add_to(app: typer.Typer) -> None:
 @clear_errors
 def export_command(
     run: Annotated[Path, typer.Argument(help="Folder of a run or a sweep.")],
-    to: Annotated[str, typer.Option(help='"csv", "parquet", "junit" or "tensorboard".')] = "csv",
+    to: Annotated[str, typer.Option(help='"csv", "parquet" or "junit".')] = "csv",
     out: Annotated[
         Path | None,
-        typer.Option(help="File to write, for tensorboard a folder; default in the run's folder."),
+        typer.Option(help="File to write; default in the run's folder."),
     ] = None,
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
     from karma.bench.export import exported
     from karma.bench.owned_folder import write_beside
 
-    if to == "tensorboard":
-        from karma.bench.tensorboard import write_tensorboard
-
-        place = out or run / "tensorboard"
-        write_tensorboard(run, place)
-        console.print(escape(f"written: {place}; to see it: tensorboard --logdir {place}"))
-        return
     data = exported(run, to)
     if out is None:
         out = write_beside(run, {"junit": "junit.xml"}.get(to, f"episodes.{to}"), data)

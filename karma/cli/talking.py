@@ -91,7 +91,7 @@ def run_command(
         str, typer.Option(help='"pictures": sees by boxes, depth and the vision model alone.')
     ] = "metadata",
     detector: Annotated[
-        str, typer.Option(help='"grounded-sam:BOXES+MASKS" in place of given boxes.')
+        str, typer.Option(help="A plug-in of karma.detectors, in place of given boxes.")
     ] = "",
     maps: Annotated[Path, typer.Option(help="Folder of long-term memories.")] = Path("runs/maps"),
     base_url: BaseUrl = "",

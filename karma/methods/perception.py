@@ -66,8 +66,7 @@ def detector_of(kind: Kind, boxes: BoxSource, resources: Resources) -> Detector 
     if resources.detector is None:
         raise KarmaError(
             "boxes = 'detector', and no detector is loaded\n"
-            '  To fix: detector = "grounded-sam:BOXES+MASKS" in [models], the names or folders of '
-            "GroundingDINO and SAM"
+            '  To fix: boxes = "given", or a plug-in of karma.detectors as detector in [models]'
         )
     if resources.vision.name == "metadata":
         raise KarmaError(

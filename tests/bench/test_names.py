@@ -23,7 +23,6 @@ from karma.world.core.scene import SCENES, find
         ("embedder", "sentence:bge-smal-en", "bge-small-en"),
         ("vision", "nano-vml", "nano-vlm"),
         ("vision", "transformers:karma-nano-vml", "karma-nano-vlm"),
-        ("detector", "grounded-sm:a+b", "grounded-sam"),
     ],
 )
 def test_name_of_a_model_is_refused_with_the_nearest(key, said, meant):

@@ -19,10 +19,8 @@ from karma.bench.owned_folder import HEADER
 from karma.bench.records import read_records
 from karma.bench.run import Run
 from karma.bench.run_folder import EPISODES, RESULTS, read_run
-from karma.bench.steps import slug
 from karma.bench.sweep import SweepRun, cells_of, planners_in
 from karma.bench.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
-from karma.bench.tensorboard import MEAN
 from karma.cli import app, shared
 from karma.errors import FileError, KarmaError
 from karma.testing import make_planner
@@ -279,28 +277,6 @@ def test_export_writes_beside_the_run_or_where_it_is_told(whole, tmp_path):
     wrong = CliRunner().invoke(app, ["export", str(run), "--to", "xls"])
     assert wrong.exit_code == 1
     assert "there is csv, parquet, junit" in wrong.output
-
-
-def test_tensorboard_has_a_curve_per_cell_and_row(whole, tmp_path):
-    events = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    out = tmp_path / "events"
-    asked = ["export", str(whole), "--to", "tensorboard", "--out", str(out)]
-    result = CliRunner().invoke(app, asked)
-    assert result.exit_code == 0, result.output
-    places = sorted(path.parent for path in out.rglob("events.*"))
-    assert len(places) == 8
-    for place in places:
-        found = events.EventAccumulator(str(place)).Reload()
-        assert "planner_calls" not in found.Tags()["tensors"] or "expert" not in place.name
-        points = [(event.step, event.tensor_proto.float_val[0]) for event in found.Tensors(MEAN)]
-        rows = list(csv.DictReader(io.StringIO(to_csv(whole).decode())))
-        mine = [row for row in rows if slug(row["cell"]) == place.parent.name]
-        mine = [row["succeeded"] == "True" for row in mine if slug(row["row"]) == place.name]
-        assert points == [
-            (n, pytest.approx(sum(mine[: n + 1]) / (n + 1))) for n in range(len(mine))
-        ]
-    again = CliRunner().invoke(app, asked)
-    assert (again.exit_code, "is there already" in again.output) == (1, True)
 
 
 def test_junit_counts_what_the_records_say(whole):

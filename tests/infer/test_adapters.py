@@ -20,7 +20,6 @@ from karma.errors import ModelError, UnknownNameError
 from karma.infer.checks import memory
 from karma.infer.embed.clip import ClipEmbedder
 from karma.infer.embed.sentence import SentenceEmbedder
-from karma.infer.vision.grounded_sam import GroundedSam
 from karma.infer.vision.transformers import TransformersVision
 from karma.memory.multimodal import unit_vectors
 
@@ -28,21 +27,17 @@ TEXTS = ["apple", "The red mug, on a table!", "", "apple", "sofa " * 40, "ünïc
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 40, 52, 3), dtype=np.uint8)
 SAVE = {
     "clip": tiny_models.save_clip, "siglip": tiny_models.save_siglip,
-    "sentence": tiny_models.save_sentence, "dino": tiny_models.save_dino,
-    "sam": tiny_models.save_sam, "llava": lambda folder: save_family("llava", folder),
+    "sentence": tiny_models.save_sentence, "llava": lambda folder: save_family("llava", folder),
 }  # fmt: skip
 
 
-def opened(kind, folder, others):
-    """The adapter of a kind over a folder; detectors take their other half from `others`."""
+def opened(kind, folder):
+    """The adapter of a kind over a folder."""
     if kind == "sentence":
         return SentenceEmbedder(folder)
     if kind in ("clip", "siglip"):
         return ClipEmbedder(folder)
-    if kind == "llava":
-        return TransformersVision(folder)
-    boxes, masks = (folder, others["sam"]) if kind == "dino" else (others["dino"], folder)
-    return GroundedSam(boxes, masks, threshold=0.0)
+    return TransformersVision(folder)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +54,7 @@ def _made(folder):
 
 @pytest.fixture(scope="module")
 def models(folders):
-    return {kind: opened(kind, folder, folders) for kind, folder in folders.items()}
+    return {kind: opened(kind, folder) for kind, folder in folders.items()}
 
 
 @pytest.fixture
@@ -162,69 +157,6 @@ def test_experiment_recalls_by_the_model_it_names(kind, folders, tmp_path):
         )
 
 
-# ------------------------------------------------------------------------------ detection
-
-
-def test_detector_finds_words_with_boxes_and_masks_inside_the_picture(models):
-    found = models["dino"].detect(FRAMES[0], ["apple", "red mug", "apple"])
-    assert len(found) == 12  # a threshold of zero keeps every query
-    assert [one.score for one in found] == sorted((one.score for one in found), reverse=True)
-    for one in found:
-        left, top, right, bottom = one.box_px
-        assert 0 <= left <= right <= 52
-        assert 0 <= top <= bottom <= 40
-        assert one.label in ("apple", "red mug")
-        assert one.mask.shape == (40, 52)
-        assert one.mask.dtype == np.bool_
-    assert models["dino"].detect(FRAMES[0], ["apple", "red mug"]) == found
-    assert models["dino"].detect(FRAMES[0], []) == ()
-
-
-def test_detector_agrees_with_transformers_on_boxes_and_scores(folders):
-    import torch
-    from transformers import GroundingDinoForObjectDetection, GroundingDinoProcessor
-    from transformers.models.bert.tokenization_bert import BertTokenizer
-    from transformers.models.grounding_dino.image_processing_pil_grounding_dino import (
-        GroundingDinoImageProcessorPil,
-    )
-
-    pictures = GroundingDinoImageProcessorPil.from_pretrained(folders["dino"])
-    words = BertTokenizer(tokenizer_object=tiny_models.bert_tokenizer())
-    processor = GroundingDinoProcessor(pictures, words)
-    model = GroundingDinoForObjectDetection.from_pretrained(folders["dino"]).eval()
-    given = processor(images=FRAMES[0], text=[["apple"]], return_tensors="pt")
-    ours = GroundedSam(folders["dino"], None, threshold=0.0)
-    assert given["input_ids"][0].tolist() == ours._boxes._asked(["apple"])[0]
-    with torch.no_grad():
-        out = model(**given)
-    (theirs,) = processor.post_process_grounded_object_detection(
-        out, given["input_ids"], threshold=0.0, target_sizes=[(40, 52)]
-    )
-    expected = np.clip(theirs["boxes"].numpy(), 0, [52, 40, 52, 40])
-    for one in ours.detect(FRAMES[0], ["apple"]):
-        assert np.abs(expected - one.box_px).max(axis=1).min() < 1e-3
-
-
-def test_detector_without_sam_gives_boxes_and_a_threshold_keeps_the_better(folders):
-    every = GroundedSam(folders["dino"], None, threshold=0.0).detect(FRAMES[0], ["apple"])
-    assert all(one.mask is None for one in every)
-    middle = every[5].score
-    some = GroundedSam(folders["dino"], None, threshold=middle).detect(FRAMES[0], ["apple"])
-    assert some == tuple(one for one in every if one.score >= middle)
-    assert GroundedSam(folders["dino"], folders["sam"], threshold=1.1).detect(
-        FRAMES[0], ["apple"]
-    ) == ()  # fmt: skip
-
-
-def test_detector_refuses_words_and_pictures_it_cannot_use(models):
-    with pytest.raises(ValueError, match="nothing that can be looked for"):
-        models["dino"].detect(FRAMES[0], ["..."])
-    with pytest.raises(ValueError, match="uint8"):
-        models["dino"].detect(FRAMES[0][:, :, 0], ["apple"])
-    with pytest.raises(ModelError, match="27 words are 110 tokens, dino takes 64"):
-        models["dino"].detect(FRAMES[0], [f"apple {a} {b}" for a in "bcd" for b in "bcdefghij"])
-
-
 # ------------------------------------------------------------------------------ refusals
 
 
@@ -232,7 +164,7 @@ def test_detector_refuses_words_and_pictures_it_cannot_use(models):
 @pytest.mark.parametrize("name", ["org/model", "no-such-model", "/no/such/folder"])
 def test_name_that_is_no_folder_is_never_looked_up(kind, name, folders):
     with pytest.raises((UnknownNameError, ModelError)) as caught:
-        opened(kind, name, folders)
+        opened(kind, name)
     assert name in str(caught.value)
     assert "karma models add PATH" in str(caught.value)
 
@@ -244,11 +176,11 @@ def test_wrong_architecture_is_named_before_weights_are_read(kind, copies, folde
     path.write_text(json.dumps({**config, "model_type": "gpt2"}))
     (copies[kind] / "model.safetensors").write_bytes(b"never read")
     with pytest.raises(ModelError, match=r"config\.json: model_type is 'gpt2', this adapter opens"):
-        opened(kind, copies[kind], folders)
+        opened(kind, copies[kind])
     if kind != "sentence":  # any head will do for text
         path.write_text(json.dumps({**config, "architectures": ["CLIPTextModel"]}))
         with pytest.raises(ModelError, match="architecture CLIPTextModel, this adapter opens"):
-            opened(kind, copies[kind], folders)
+            opened(kind, copies[kind])
 
 
 @pytest.mark.parametrize(("kind", "file"), [
@@ -261,15 +193,15 @@ def test_wrong_architecture_is_named_before_weights_are_read(kind, copies, folde
 def test_missing_file_is_named_with_the_way_to_bring_it(kind, file, copies, folders):
     (copies[kind] / file).unlink()
     with pytest.raises(ModelError, match=file.replace(".", r"\.")) as caught:
-        opened(kind, copies[kind], folders)
+        opened(kind, copies[kind])
     assert "karma models add FOLDER" in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", SAVE)
-def test_pickled_weights_are_not_opened(kind, copies, folders):
+def test_pickled_weights_are_not_opened(kind, copies):
     (copies[kind] / "model.safetensors").rename(copies[kind] / "pytorch_model.bin")
     with pytest.raises(ModelError, match=r"pytorch_model\.bin.*may hold code"):
-        opened(kind, copies[kind], folders)
+        opened(kind, copies[kind])
 
 
 @pytest.mark.parametrize("kind", SAVE)
@@ -282,7 +214,7 @@ def test_damaged_weights_are_an_error_that_names_them(kind, damage, copies, fold
         "flipped header": data[:60] + b"\xff\xff" + data[62:], "list": b"\2" + b"\0" * 7 + b"[]",
     }[damage])  # fmt: skip
     with pytest.raises(ModelError, match=r"model\.safetensors: damaged or not safetensors"):
-        opened(kind, copies[kind], folders)
+        opened(kind, copies[kind])
 
 
 @pytest.mark.parametrize("kind", SAVE)
@@ -294,7 +226,7 @@ def test_weights_that_lack_a_part_are_not_filled_with_random_numbers(kind, copie
     name = sorted(tensors)[0]
     save_file({key: value for key, value in tensors.items() if key != name}, path)
     with pytest.raises(ModelError, match=r"not a whole .* weights are missing, e\.g\."):
-        opened(kind, copies[kind], folders)
+        opened(kind, copies[kind])
 
 
 @pytest.mark.parametrize("kind", SAVE)
@@ -304,7 +236,7 @@ def test_too_little_memory_is_told_before_anything_is_loaded(
     (tmp_path / "meminfo").write_text("MemTotal: 99 kB\nMemAvailable:      1000 kB\n")
     monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
     with pytest.raises(ModelError, match=r"needs about 6. MB of memory .* 1 MB are free") as caught:
-        opened(kind, copies[kind], folders)
+        opened(kind, copies[kind])
     assert "karma models list" in str(caught.value)
 
 
@@ -320,7 +252,7 @@ def test_nonsense_in_a_configuration_is_a_model_error(kind, file, key, value, co
     path = copies[kind] / file
     path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
     with pytest.raises(ModelError, match=r"config\.json|not a .* that opens"):
-        opened(kind, copies[kind], folders)
+        opened(kind, copies[kind])
 
 
 @pytest.mark.parametrize("kind", ["clip", "dino"])
@@ -330,7 +262,7 @@ def test_torn_file_of_a_folder_is_a_model_error_that_names_it(kind, text, copies
         before = (copies[kind] / file).read_text()
         (copies[kind] / file).write_text(text)
         with pytest.raises(ModelError, match=file.replace(".", r"\.")):
-            opened(kind, copies[kind], folders)
+            opened(kind, copies[kind])
         (copies[kind] / file).write_text(before)
 
 
@@ -346,7 +278,7 @@ def test_code_beside_a_model_is_never_run(kind, copies, folders, tmp_path):
             (folder / file).write_text(json.dumps({**said, "auto_map": asked}))
     (folder / "pytorch_model.bin").write_bytes(pickle.dumps(_Trap(trap)))
     try:
-        opened(kind, folder, folders)
+        opened(kind, folder)
     except ModelError as error:
         assert str(folder) in str(error)
     assert not trap.exists()

@@ -8,10 +8,9 @@ import sys
 
 import numpy as np
 import pytest
-from support.tiny_models import save_clip, save_dino, save_sam, save_sentence
+from support.tiny_models import save_clip, save_sentence
 
 from karma.contracts import (
-    Detector,
     Embedder,
     ImageEmbedder,
     LanguageModel,
@@ -424,7 +423,7 @@ def test_machine_that_does_not_tell_its_memory_refuses_nothing(gguf, tmp_path, m
 
 @pytest.mark.parametrize(("role", "contract"), [
     ("language_models", LanguageModel), ("vision_models", VisionModel), ("embedders", Embedder),
-    ("image_embedders", ImageEmbedder), ("detectors", Detector),
+    ("image_embedders", ImageEmbedder),
 ])  # fmt: skip
 def test_every_registered_model_has_the_contract_s_methods(role, contract):
     assert names(role)
@@ -464,7 +463,6 @@ def made(tmp_path_factory):
             pytest.skip("needs a server: tests/infer/test_hosted.py")
         arguments = {
             "minilm": (), "sentence": (save_sentence,), "clip": (save_clip,),
-            "grounded-sam": (save_dino, save_sam),
         }[name]  # to register is to be tested  # fmt: skip
         return load(role, name)(*map(folder, arguments))
 
@@ -501,23 +499,6 @@ def test_every_registered_image_embedder_gives_unit_rows_of_the_texts_space(made
     assert np.allclose(np.linalg.norm(rows, axis=1), 1, atol=1e-5)
     assert np.array_equal(model.embed_images(list(frames[::-1])), rows[::-1])
     assert model.embed_images([]).shape == (0, model.dimension)
-
-
-@pytest.mark.parametrize("name", names("detectors"))
-def test_every_registered_detector_finds_words_inside_the_picture_the_best_first(made, name):
-    model = made("detectors", name)
-    frame = np.random.default_rng(2).integers(0, 256, (30, 40, 3), dtype=np.uint8)
-    found = model.detect(frame, ["apple", "red mug"])
-    assert found == model.detect(frame, ["apple", "red mug"])
-    scores = [one.score for one in found]
-    assert scores == sorted(scores, reverse=True)
-    for one in found:
-        assert one.label in ("apple", "red mug")
-        left, top, right, bottom = one.box_px
-        assert 0 <= left <= right <= 40
-        assert 0 <= top <= bottom <= 30
-        assert one.mask is None or one.mask.shape == (30, 40)
-    assert len(model.detect(frame, [])) == 0
 
 
 def test_scripted_model_says_its_script_and_then_fails():

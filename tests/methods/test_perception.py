@@ -3,7 +3,6 @@
 import pytest
 from support import tiny_models
 from support.household import kitchen
-from support.tiny_models import save_dino, save_sam
 
 from karma.agent.planner import Planner
 from karma.bench.experiment import Models, load_resources
@@ -12,8 +11,7 @@ from karma.contracts import Decoding, SceneRef, SubTask
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.grounded_sam import GroundedSam
-from karma.infer.vision.metadata import BlindVision, MetadataVision
+from karma.infer.vision.metadata import BlindVision
 from karma.memory.multimodal import MultimodalRecall
 from karma.memory.recall import CosineRecall
 from karma.methods.karma import KarmaMethod, KarmaSettings
@@ -74,47 +72,25 @@ def test_map_from_pictures_lies_apart_and_only_of_the_room_as_it_is(scene, tmp_p
     assert first.graph == again.graph
 
 
-def test_detector_of_random_weights_is_the_agents_eyes(scene, tmp_path):
-    detector = GroundedSam(
-        f"{save_dino(tmp_path / 'dino')}+{save_sam(tmp_path / 'sam')}", threshold=0.5
-    )
-    made = method(tmp_path, detector=detector, boxes="detector", long_term=False, attempts=1)
-    episode, outcome, world = done(made, scene, tmp_path)
-    true = {one["objectId"] for one in world.last_event.metadata["objects"]}
-    assert not {unit.object_id for unit in episode.short_term.units()} & true
-    assert outcome.kept == episode.short_term.units()
-
-
 def resources(**models):
     return load_resources(Models(**models), maps=None, seed=0)
 
 
 def test_row_with_a_detector_is_refused_where_none_is_loaded():
-    with pytest.raises(KarmaError, match="grounded-sam:BOXES"):
+    with pytest.raises(KarmaError, match="no detector is loaded"):
         KarmaMethod.build(resources(), {**LOOKS, "boxes": "detector"})
     with pytest.raises(KarmaError, match="perception = 'pictures'"):
         KarmaMethod.build(resources(), {"boxes": "detector"})
 
 
-def test_models_of_a_run_hold_the_detector_and_the_multimodal_recall(tmp_path):
-    boxes, masks = save_dino(tmp_path / "dino"), save_sam(tmp_path / "sam")
+def test_models_of_a_run_hold_the_multimodal_recall(tmp_path):
     clip = tiny_models.save_clip(tmp_path / "clip")
     loaded = load_resources(
         Models(
-            vision="blind", detector=f"grounded-sam:{boxes}+{masks}", embedder=f"clip:{clip}",
+            vision="blind", embedder=f"clip:{clip}",
             recall="multimodal",
         ),
         maps=tmp_path / "maps",
         seed=0,
     )  # fmt: skip
     assert isinstance(loaded.recall, MultimodalRecall)
-    made = KarmaMethod.build(loaded, {**LOOKS, "boxes": "detector"})
-    assert made.detector is loaded.detector
-
-
-def test_true_states_are_not_told_of_detected_boxes(tmp_path):
-    boxes = save_dino(tmp_path / "dino")
-    loaded = resources(detector=f"grounded-sam:{boxes}+{save_sam(tmp_path / 'sam')}")
-    assert isinstance(loaded.vision, MetadataVision)
-    with pytest.raises(KarmaError, match="given boxes"):
-        KarmaMethod.build(loaded, {**LOOKS, "boxes": "detector"})

@@ -499,19 +499,6 @@ def test_command_draws_a_figure_of_the_policy_laboratory(tmp_path):
     assert "Holds in" in page
 
 
-def test_command_writes_a_recording_for_rerun(folder, tmp_path):
-    pytest.importorskip("rerun", reason="needs rerun-sdk: pip install 'karma-offline[rerun]'")
-    path = tmp_path / "a.rrd"
-    done = invoke(folder, "--out", tmp_path / "a.html", "--episodes", "t1", "--frames", "calls",
-                  "--rerun", path)  # fmt: skip
-    assert done.exit_code == 0, done.output
-    data = path.read_bytes()
-    assert data.startswith(b"RRF2")
-    for entity in ("first_person", "map/path", "map/agent", "memory", "prompt", "program", "log"):
-        assert f"KARMA__b__amp_/t1/0/{entity}".encode() in data
-    assert b"expert/t1/1/first_person" in data
-
-
 # ----------------------------------------------------------------- in a browser
 
 

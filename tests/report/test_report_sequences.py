@@ -229,17 +229,6 @@ def test_command_takes_instructions(folder, tmp_path):
     assert "To fix: auto, all, or numbers" in done.output
 
 
-def test_command_writes_the_rooms_of_a_sequence_for_rerun(folder, tmp_path):
-    pytest.importorskip("rerun", reason="needs rerun-sdk: pip install 'karma-offline[rerun]'")
-    path = tmp_path / "a.rrd"
-    command = ["report", str(folder), "--out", str(tmp_path / "a.html"), "--episodes", "s4"]
-    done = CliRunner().invoke(app, [*command, "--frames", "none", "--rerun", str(path)])
-    assert done.exit_code == 0, done.output
-    for room in ("kitchen_1", "bedroom_1"):
-        for what in ("furniture", "path", "agent"):
-            assert f"expert/s4/0/map/{room}/{what}".encode() in path.read_bytes()
-
-
 # ----------------------------------------------------------------- in a browser
 
 

@@ -16,18 +16,10 @@ from transformers import (
     CLIPConfig,
     CLIPModel,
     CLIPTokenizer,
-    GroundingDinoConfig,
-    GroundingDinoForObjectDetection,
-    SamConfig,
-    SamModel,
     SiglipConfig,
     SiglipModel,
 )
 from transformers.models.clip.image_processing_pil_clip import CLIPImageProcessorPil
-from transformers.models.grounding_dino.image_processing_pil_grounding_dino import (
-    GroundingDinoImageProcessorPil,
-)
-from transformers.models.sam.image_processing_pil_sam import SamImageProcessorPil
 from transformers.models.siglip.image_processing_pil_siglip import SiglipImageProcessorPil
 
 WORDS = ["apple", "red", "mug", "fridge", "the", "is", "in", "a", "on", "table", "sofa"]
@@ -112,45 +104,3 @@ def save_sentence(folder):
     )
     whole.save(str(folder / "out"), create_model_card=False)
     return folder / "out"
-
-
-def save_dino(folder):
-    torch.manual_seed(4)
-    swin = {
-        "model_type": "swin", "image_size": 32, "patch_size": 2, "embed_dim": 8,
-        "depths": [1, 1, 1, 1], "num_heads": [1, 1, 2, 2], "window_size": 4,
-        "out_indices": [2, 3, 4],
-    }  # fmt: skip
-    config = GroundingDinoConfig(
-        backbone_config=swin, text_config=bert_config().to_dict(), num_queries=12,
-        encoder_layers=1, decoder_layers=2, encoder_ffn_dim=32, decoder_ffn_dim=32, d_model=32,
-        encoder_attention_heads=2, decoder_attention_heads=2, max_text_len=64,
-    )  # fmt: skip
-    GroundingDinoForObjectDetection(config).save_pretrained(folder)
-    size = {"shortest_edge": 64, "longest_edge": 96}
-    GroundingDinoImageProcessorPil(size=size).save_pretrained(folder)
-    bert_tokenizer().save(str(folder / "tokenizer.json"))
-    return folder
-
-
-def save_sam(folder):
-    torch.manual_seed(5)
-    vision = {
-        "hidden_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2, "image_size": 64,
-        "patch_size": 8, "output_channels": 16, "mlp_dim": 32, "window_size": 4,
-        "global_attn_indexes": [0], "num_pos_feats": 8,
-    }  # fmt: skip
-    prompts = {"hidden_size": 16, "image_size": 64, "patch_size": 8, "mask_input_channels": 4}
-    masks = {
-        "hidden_size": 16, "mlp_dim": 32, "num_hidden_layers": 1, "num_attention_heads": 2,
-        "iou_head_hidden_dim": 16,
-    }  # fmt: skip
-    config = SamConfig(
-        vision_config=vision, prompt_encoder_config=prompts, mask_decoder_config=masks
-    )
-    SamModel(config).save_pretrained(folder)
-    SamImageProcessorPil(
-        size={"longest_edge": 64}, pad_size={"height": 64, "width": 64},
-        mask_size={"longest_edge": 16}, mask_pad_size={"height": 16, "width": 16},
-    ).save_pretrained(folder)  # fmt: skip
-    return folder

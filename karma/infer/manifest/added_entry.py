@@ -21,8 +21,6 @@ _ROLES: Mapping[str, Role] = {
     "clip": "image-embedder",
     "siglip": "image-embedder",
     "siglip2": "image-embedder",
-    "grounding-dino": "detector",
-    "sam": "detector",
     "bert": "text-embedder",
     "distilbert": "text-embedder",
     "modernbert": "text-embedder",

@@ -35,12 +35,6 @@ def _clip(folder: Path) -> None:
     one.embed_images([FRAME])
 
 
-def _detector(folder: Path) -> None:
-    from karma.infer.vision.grounded_sam import GroundedSam
-
-    GroundedSam(folder, None).detect(FRAME, ["apple"])
-
-
 def _vision(folder: Path) -> None:
     from karma.infer.vision.transformers import TransformersVision, VisionOptions
 
@@ -56,7 +50,6 @@ def _sound(name: str) -> Path:
         "sentence": tiny_models.save_sentence,
         "clip": tiny_models.save_clip,
         "siglip": tiny_models.save_siglip,
-        "detector": tiny_models.save_dino,
         "vision": lambda folder: tiny_vision.save_family("smolvlm", folder),
     }
     folder = Path(tempfile.mkdtemp(prefix="sound-")) / name
@@ -65,7 +58,7 @@ def _sound(name: str) -> Path:
 
 
 OPENED: dict[str, Callable[[Path], None]] = {
-    "sentence": _sentence, "clip": _clip, "siglip": _clip, "detector": _detector, "vision": _vision,
+    "sentence": _sentence, "clip": _clip, "siglip": _clip, "vision": _vision,
 }  # fmt: skip
 
 
