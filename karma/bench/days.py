@@ -36,7 +36,7 @@ def check_seeds(tasks: Iterable[Task], seeds: Iterable[int]) -> None:
     if other and alone:
         raise KarmaError(
             f"seeds: {other[0]}: the sequence {alone!r} has no other days, only seed 0\n"
-            "  To fix: draw other sequences: karma sequences OUT.jsonl --number N --seed S"
+            "  To fix: seeds = [0], or more sequences in the task file"
         )
 
 

@@ -272,5 +272,5 @@ def _check_seeds_differ(tasks: Iterable[Task]) -> None:
     if alike := [task.id for task in tasks if task.kind == "sequence"]:
         raise KarmaError(
             f"task {alike[0]} is a sequence, which has one seed: no half-width is reached by more\n"
-            "  To fix: leave out the half-width, and draw more sequences: karma sequences"
+            "  To fix: leave out the half-width, or put more sequences into the task file"
         )

@@ -1,4 +1,4 @@
-"""Build a bundle: wheels, models, scenes, experiments, licences, a bill of materials.
+"""Build a bundle: wheels, models, scenes, experiments, licences.
 
 Equal inputs give equal bytes: members are sorted, and the tar knows no time, owner or machine.
 """
@@ -30,7 +30,6 @@ from karma.bundle.contents import (
     unsafe,
 )
 from karma.bundle.install import here
-from karma.bundle.sbom import sbom
 from karma.bundle.verify import Say
 from karma.bundle.wheels import (
     Wheel,
@@ -128,10 +127,6 @@ def build(out: Path, spec: BundleSpec, *, say: Say = lambda _: None) -> BuiltBun
         ]
         say(f"hashing {len(sources)} files")
         members = _members(sources)
-        hashes = {Path(one.path).name: one.sha256 for one in members if one.path.endswith(".whl")}
-        bill = MemberSource(path="sbom.json", data=sbom(wheels, hashes, entries))
-        sources.append(bill)
-        members = sorted([*members, *_members([bill])], key=lambda one: one.path)
         python, machine = here()
         about: dict[str, object] = {
             "karma": karma.__version__,

@@ -18,11 +18,9 @@ from karma.cli import (
     models,
     reading,
     report,
-    sequences,
     sweeps,
     talking,
     tasks,
-    trace,
     vlm,
     worlds,
 )
@@ -44,9 +42,7 @@ report.add_to(app)
 sweeps.add_to(app)
 app.add_typer(worlds.app, name="world", rich_help_panel=MATERIAL)
 app.add_typer(tasks.app, name="tasks", rich_help_panel=MATERIAL)
-sequences.add_to(app)
 app.add_typer(models.app, name="models", rich_help_panel=MATERIAL)
-trace.add_to(app)
 app.add_typer(vlm.app, name="vlm", rich_help_panel=PARTS)
 app.add_typer(doctor.app, name="doctor", rich_help_panel=MACHINES)
 app.add_typer(bundle.app, name="bundle", rich_help_panel=MACHINES)

@@ -30,7 +30,7 @@ _MARKS = {
     "ok": "[green]✓[/]", "absent": "[dim]–[/]", "open": "[yellow]?[/]", "wrong": "[red]✗[/]"
 }  # fmt: skip
 _TEMPLATE = {True: "yes", False: "no", None: "if it has one"}
-_ROLES = "planner, vlm, text-embedder, image-embedder or detector."
+_ROLES = "planner, vlm, text-embedder or image-embedder."
 Names = Annotated[list[str] | None, typer.Argument(help="Names; default all that are here.")]
 
 

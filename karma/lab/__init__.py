@@ -1,6 +1,6 @@
 """The policy laboratory: access traces, what each replacement policy makes of them, and figures.
 
-    read_traces | draw_errands -> Trace -> simulate -> TraceReplay -> Sweep -> figures, claims
+    draw_errands -> Trace -> simulate -> TraceReplay -> Sweep -> figures, claims
 
 No world runs here: a task is the units that it needs (`karma.lab.tasks`), a trace is one task after
 another (`karma.lab.workloads`), and a policy sees keys only.

@@ -11,7 +11,7 @@ and its goals; access traces need neither.
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -39,8 +39,6 @@ UNIT_SETS: tuple[UnitSet, ...] = get_args(UnitSet)
 SMOOTHING = 0.5  # added to each count of where things were found
 GRAMMAR_SCENES = 10  # generated rooms of each kind
 GRAMMAR_TASKS = 40  # requests drawn in each
-SHIPPED_TASKS = 120  # requests drawn in each room of ours
-NOT_ALFREDS = ("hold", "break", "coffee")  # kinds that are like none of ALFRED's seven
 _FLOOR_PLANS = dict(zip((0, 2, 3, 4), ROOMS, strict=True))  # by the hundred
 
 
@@ -295,35 +293,6 @@ def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMA
     )
     known = ((kind, scene, room_of(scene, name, seed=seed)) for kind, name, scene in rooms)
     return _grammar(known, our_book(), seed, tasks, f"our task grammar, seed {seed}")
-
-
-def shipped_pool(seed: int, *, tasks: int = SHIPPED_TASKS) -> Pool:
-    """Return requests like ALFRED's, of our task grammar, in the rooms that ship with the project.
-
-    Sentences have forms that the nano planner never saw in training.
-
-    Args:
-        seed: of the requests.
-        tasks: requests drawn in each room, a few of which are not like ALFRED's.
-    """
-    from karma.tasks.drawing.phrases import our_book
-    from karma.tasks.drawing.rooms import room_of
-    from karma.world.core.scene import SCENES, load
-
-    names = sorted(path.stem for path in SCENES.glob("*.json"))
-    rooms = ((name.partition("_")[0], load(name)) for name in names)
-    known = ((kind, scene, room_of(scene, scene.name, keep=1.0)) for kind, scene in rooms)
-    book = our_book().part(held_out=True)
-    pool = _grammar(known, book, seed, tasks, f"our task grammar in our rooms, seed {seed}")
-    kept = (errand for errand in pool.errands if errand.kind not in NOT_ALFREDS)
-    return replace(pool, errands=tuple(one for one in kept if not _tells_tales(one)))
-
-
-def _tells_tales(errand: Errand) -> bool:
-    """Return whether its sentence says what became of a lamp before, which is made up."""
-    from karma.tasks.drawing.requests import SWITCHED
-
-    return any(words in text for words in SWITCHED for text in errand.sentences)
 
 
 def _grammar(

@@ -201,10 +201,10 @@ def test_path_that_a_command_gives_is_relative_to_where_it_is_given(path, tmp_pa
 def test_names_stay_names(path):
     models = said(
         path, "models.planner=qwen2.5-7b", "models.words=none",
-        "models.detector=ours:boxes+b/c",
+        "models.vision=llama:qwen+b/c",
     ).models  # fmt: skip
     assert (models.planner, models.words, models.embedder) == ("qwen2.5-7b", "none", "minilm")
-    assert models.detector == f"ours:boxes+{Path('b/c').absolute()}"
+    assert models.vision == f"llama:qwen+{Path('b/c').absolute()}"
 
 
 def test_path_relative_to_the_working_directory_is_refused_with_the_right_one(

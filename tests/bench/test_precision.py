@@ -312,6 +312,8 @@ def test_sequences_have_one_seed_so_a_half_width_is_refused(whole, tmp_path):
         tmp_path / "x.toml", path.with_name("tiny.gguf"), rows=rows, only=ONLY[:1], more=""
     )
     other.write_text(other.read_text().replace(str(TASKS), str(tmp_path / "tasks.jsonl")))
-    with pytest.raises(KarmaError, match=r"is a sequence, which has one seed.*\n.*karma sequences"):
+    with pytest.raises(
+        KarmaError, match=r"is a sequence, which has one seed.*\n.*more sequences into"
+    ):
         Run(other, tmp_path / "run", half_width=0.1)
     assert len(list(Run(other, tmp_path / "run").episodes())) == 1

@@ -147,8 +147,8 @@ def test_folder_is_a_verified_name_or_a_path(manifest):
     found = resolve_folder("folder", "text-embedder", path=manifest)
     assert (found.name, found.path) == ("folder", manifest.parent / "f")
     assert resolve_folder(str(manifest.parent / "f"), path=manifest).path == found.path
-    with pytest.raises(ModelError, match="not for role detector but for 'text-embedder'"):
-        resolve_folder("folder", "detector", path=manifest)
+    with pytest.raises(ModelError, match="not for role vlm but for 'text-embedder'"):
+        resolve_folder("folder", "vlm", path=manifest)
     with pytest.raises(ModelError, match="no such folder"):
         resolve_folder(manifest.parent / "g", path=manifest)
     (manifest.parent / "f/1_Pooling/config.json").write_bytes(b"Weights")

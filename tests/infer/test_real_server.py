@@ -20,7 +20,7 @@ from support.hosted_server import (
 from support.needs import need_models
 
 from karma.agent.program import SKILLS
-from karma.contracts import ProgramSpec, ScoringModel
+from karma.contracts import ProgramSpec
 from karma.errors import ModelError
 from karma.household.types import object_types
 from karma.infer.hosted.cassette import Cassette
@@ -28,7 +28,6 @@ from karma.infer.hosted.planner import open_planner
 from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.programs.automaton import ProgramAutomaton
-from karma.methods.lota.forms import lines_prompt, steps_in_lines
 from karma.testing import make_planner
 
 SPEC = ProgramSpec(
@@ -216,34 +215,6 @@ def test_prompt_beyond_the_context_is_the_server_s_message(llama3):
         open_planner(auto(llama3)).complete(long)
 
 
-# ----------------------------------------------------------------- scoring
-
-
-@pytest.mark.model
-def test_likeliest_step_is_that_of_the_scorer_in_this_process(nano, local):
-    model, texts = open_planner(auto(nano, api="completions")), tuple(steps_in_lines())
-    assert isinstance(model, ScoringModel)
-    for scoring in ("sum", "average"):
-        for steps in ([], ["GoToObject(robot, 'Apple')\n"]):
-            prompt = lines_prompt("put the apple in the fridge", None, steps)
-            mine, theirs = (one.choose(prompt, texts, scoring=scoring) for one in (model, local))
-            assert mine.number == theirs.number
-            assert mine.score == pytest.approx(theirs.score, abs=0.02)
-            assert mine.prompt_tokens == theirs.prompt_tokens
-
-
-def test_likeliest_text_is_found_also_where_the_server_does_not_tell_of_it(tmp_path, llama3):
-    """Random weights spread their chances, so that most first tokens are not told of."""
-    model = open_planner(auto(llama3, api="completions"))
-    local = LlamaModel(make_planner(tmp_path / "tiny.gguf", "llama3"))
-    texts = tuple(steps_in_lines())[::50]
-    for prompt in (["#task wash the mug\n"], ["Now ", "what?\n"]):
-        mine, theirs = (one.choose(prompt, texts, scoring="average") for one in (model, local))
-        assert mine.number == theirs.number
-        assert mine.score == pytest.approx(theirs.score, abs=0.02)
-    local.close()
-
-
 # ----------------------------------------------------------------- cassette
 
 
@@ -253,8 +224,7 @@ def test_canary_and_answers_replay_with_the_server_gone(tmp_path, llama3, monkey
     def asked(session, at=place):
         model = open_planner(at, session=session, constrained=True, seed=3)
         session.cassette.begin("one")
-        said = model.complete(PROMPT, spec=FEW, temperature=1.0, seed=1)
-        return said, model.choose(["Now\n"], ["what?", "this."])
+        return model.complete(PROMPT, spec=FEW, temperature=1.0, seed=1)
 
     recorded = asked(Session(Cassette(tmp_path, "record")))
     monkeypatch.delenv("OPENAI_API_KEY")

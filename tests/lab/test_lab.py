@@ -4,7 +4,6 @@ Covered: hit counts of two real traces; libcachesim; Belady's bound against all 
 hold of policies on random tasks; intervals; damaged trace files.
 """
 
-import gzip
 import json
 
 import pytest
@@ -12,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma import registry
-from karma.errors import FileError, KarmaError, UnknownNameError
+from karma.errors import KarmaError, UnknownNameError
 from karma.lab.intervals import Resampler, block_interval
 from karma.lab.simulate import best, simulate, simulate_with
 from karma.lab.sweep import registered, run_rows, size_of, sized, sweep_of
-from karma.lab.trace import Trace, read_traces, traces_json
+from karma.lab.trace import Trace
 from karma.memory.policies import Fifo
 from karma.seeds import stream
 
@@ -56,7 +55,8 @@ def policy_of(row, size):
 @pytest.mark.shared
 @pytest.mark.parametrize("name", REAL)
 def test_real_traces_give_the_golden_counts(shared, name):
-    (trace,) = read_traces(shared / "data" / "traces" / f"{name}.json")
+    keys = json.loads((shared / "data" / "traces" / f"{name}.json").read_bytes())["trace"]
+    trace = single(keys)
     checked = 0
     for size, rows in golden(shared, name).items():
         bound = simulate(f"belady[{size}]", trace).hits
@@ -310,77 +310,6 @@ def test_rows_have_the_hits_of_each_sequence():
     assert rows[0].curve[-1].rate == rows[0].cold
     assert (found.requests, found.steady_requests) == ([300] * 3, [150] * 3)
     assert (rows[1].left, rows[1].warm_task, rows[1].warm) == (None, None, None)
-
-
-# ----------------------------------------------------------------- files
-
-
-def written(path, data):
-    path.write_bytes(gzip.compress(data, mtime=0) if path.name.endswith(".gz") else data)
-    return path
-
-
-@pytest.mark.parametrize(
-    "name, data",
-    [
-        ("a.json", b'{"trace": [7, 8, 7], "golden": {}}'),
-        ("a.json", b'{"tasks": [[7], [8], [7, 7]]}'),
-        ("a.json", b'{"sequences": [[[7], [8], [7]]]}'),
-        ("a.json.gz", b'{"trace": [7, 8, 7]}'),
-        ("a.trace", b"7\n*\n8\n7\n"),
-        ("a.trace.gz", b"7\n*\n8\r\n\n7\n*\n"),
-    ],
-)
-def test_traces_of_each_form_are_read(tmp_path, name, data):
-    (trace,) = read_traces(written(tmp_path / name, data))
-    assert trace.named() == [[7], [8], [7]]
-
-
-@pytest.mark.parametrize("name", ["keys", "keys.txt", "keys.txt.gz"])
-def test_lists_of_keys_are_read_as_texts(tmp_path, name):
-    (trace,) = read_traces(written(tmp_path / name, "Tasse|1\n\nÄpfel\nTasse|1\n".encode()))
-    assert trace.named() == [["Tasse|1"], ["Äpfel"], ["Tasse|1"]]
-
-
-@pytest.mark.parametrize(
-    "name, data, says",
-    [
-        ("a.json", b'{"trace": [7, 8', "truncated"),
-        ("a.json", b'{"trace": [7.5]}', "float"),
-        ("a.json", b"{}", "0 traces in it"),
-        ("a.json", b'{"trace": [1], "tasks": [[1]]}', "2 traces in it"),
-        ("a.json", b'{"trace": []}', "no requests"),
-        ("a.json", b'{"sequences": []}', "no requests"),
-        ("a.trace", b"7\n8 x\n", "line 2: '8 x' is no block number"),
-        ("a.trace", b"*\n", "no requests"),
-        ("a.txt", b"\n\n", "no requests"),
-        ("a.txt", b"ab\xff\xfe", "one key a line"),
-    ],
-)
-def test_damaged_traces_are_refused_with_the_place(tmp_path, name, data, says):
-    path = written(tmp_path / name, data)
-    with pytest.raises(FileError, match=says) as caught:
-        read_traces(path)
-    assert str(path) in str(caught.value)
-
-
-def test_torn_and_missing_packed_traces_are_refused(tmp_path):
-    whole = gzip.compress(b"7\n8\n" * 100)
-    for data in (whole[:-9], b"not gzip", whole[:20] + b"\0\0\0" + whole[23:], b""):
-        path = tmp_path / "a.trace.gz"
-        path.write_bytes(data)
-        with pytest.raises(FileError, match=r"torn|no requests"):
-            read_traces(path)
-    with pytest.raises(FileError, match="No such file"):
-        read_traces(tmp_path / "none.trace.gz")
-
-
-@given(tasks=st.lists(TASKS.filter(any), min_size=1, max_size=3))
-def test_what_is_written_is_read_again(tmp_path_factory, tasks):
-    path = tmp_path_factory.mktemp("traces") / "saved.json"
-    traces = tuple(map(Trace.of, tasks))
-    path.write_bytes(traces_json(traces))
-    assert read_traces(path) == traces
 
 
 def test_key_with_another_line_in_the_queue_has_not_left():

@@ -1,27 +1,23 @@
-"""The laboratory's costs, claims and figures, and `karma trace`.
+"""The laboratory's costs, claims and figures.
 
 Covered: figures that are killed and go on, verdicts on made-up results, the command.
 """
 
-import json
 from itertools import pairwise
 
 import pytest
 from support.lab_trials import many_trials, write_trials
 from support.paths import ROOT
-from typer.testing import CliRunner
 
-from karma.cli import app, shared
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
 from karma.lab.exploration import Exploration, explore
 from karma.lab.figure import TraceFigure, draw_figure, is_figure, read_figure, run_figure
 from karma.lab.intervals import Bootstrapped
 from karma.lab.paper_claims import CellResults, claims_of, claims_text
-from karma.lab.simulate import simulate
 from karma.lab.sweep import PolicyRow, Sweep, sized
 from karma.lab.tasks import alfred_pool
-from karma.lab.trace import Trace, read_traces
+from karma.lab.trace import Trace
 from karma.lab.workloads import WORKLOADS
 
 PAPER = sorted((ROOT / "eval" / "paper").glob("fig*.toml"))
@@ -259,60 +255,3 @@ def test_experiments_with_a_world_are_no_such_figures():
 
 def test_all_four_figures_are_there():
     assert [path.stem for path in PAPER] == ["fig4", "fig5", "fig6", "fig7"]
-
-
-# ----------------------------------------------------------------- the command
-
-
-def trace_command(*words):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shared.console, "width", 200)
-        return CliRunner().invoke(app, ["trace", *map(str, words)])
-
-
-def test_trace_shows_every_policy_beside_the_bound(tmp_path):
-    path = tmp_path / "keys.txt"
-    path.write_text("a\nb\na\nc\nb\na\n" * 9, encoding="utf-8")
-    kept = ("--json", tmp_path / "found.json", "--save", tmp_path / "saved.json")
-    done = trace_command(path, "--sizes", "1,2", "--plot", tmp_path / "plot.png", *kept)
-    assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "found.json").read_bytes())
-    rows = {row["policy"]: row for row in found["sweep"]["rows"]}
-    assert rows["lru[2]"]["hits"] == [simulate("lru[2]", read_traces(path)[0]).hits]
-    assert rows["belady[2]"]["hits"][0] >= max(r["hits"][0] for n, r in rows.items() if "arc" in n)
-    assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
-    assert (tmp_path / "plot.svg").exists()
-    assert read_traces(tmp_path / "saved.json") == read_traces(path)
-    for name in ("lru[1]", "wtinylfu-karma[2]", "belady[1]", "blocks of tasks"):
-        assert name in done.output
-
-
-def test_trace_draws_workloads_from_the_tasks_it_is_given(tmp_path):
-    tasks = write_trials(tmp_path / "t.jsonl.gz", many_trials())
-    words = ("--workload", "habit", "--unit-set", "m", "--tasks", tasks, "--sequences", 3,
-             "--length", 25, "--policies", "lru; wtinylfu-karma[9,1] W=inf",
-             "--sizes", "4")  # fmt: skip
-    done = trace_command(*words)
-    assert done.exit_code == 0, done.output
-    for text in ("habit m, ALFRED", "wtinylfu-karma[9,1] W=inf", "belady[10]", "lru[4]",
-                 "3 sequence(s), 75 tasks"):  # fmt: skip
-        assert text in done.output
-    assert trace_command(*words).output == done.output
-
-
-@pytest.mark.parametrize(
-    "words, says",
-    [
-        ((), "FILE or --workload"),
-        (("x", "--workload", "type"), "FILE or --workload"),
-        (("--workload", "attic"), "there are type, house"),
-        (("--workload", "type", "--unit-set", "r5"), "there are r4, m"),
-        (("--workload", "type", "--sizes", "5,x"), "numbers of units"),
-        (("--workload", "type", "--policies", "lruu"), "Did you mean 'lru'"),
-        (("none.json",), "No such file"),
-    ],
-)
-def test_trace_says_what_is_wrong(words, says):
-    done = trace_command(*words)
-    assert done.exit_code == 1
-    assert says in done.output

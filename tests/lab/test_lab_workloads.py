@@ -222,11 +222,11 @@ def test_sequences_do_not_depend_on_the_hash_seed(tmp_path):
     write_trials(tmp_path / "t.jsonl.gz", many_trials(60))
     code = (
         "import sys; from pathlib import Path; from karma.lab.tasks import *;"
-        "from karma.lab.workloads import *; from karma.lab.trace import traces_json\n"
+        "from karma.lab.workloads import *\n"
         "pool = alfred_pool([Path(sys.argv[1])])\n"
         "for work in WORKLOADS:\n"
         "    drawn = draw_errands(pool, work, 60, 1, 0)\n"
-        "    print(traces_json([trace_of(drawn, work, 'r4')]), costs_of(drawn, 'm', pool))\n"
+        "    print(trace_of(drawn, work, 'r4').named(), costs_of(drawn, 'm', pool))\n"
         "print(grammar_pool(1, scenes=1, tasks=4).errands)\n"
     )
     printed = {

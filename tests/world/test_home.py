@@ -370,7 +370,7 @@ def test_sequence_has_no_other_days_and_rooms_need_a_home(tmp_path):
     world, expert = Home(EmbeddedWorld), ExpertMethod()
     with pytest.raises(KarmaError, match="'s1' has no other days, only seed 0") as caught:
         run_episode(expert, world, task, row="r", seed=1, folder=tmp_path)
-    assert "karma sequences" in str(caught.value)
+    assert "seeds = [0]" in str(caught.value)
     with pytest.raises(TypeError, match="2 rooms take a Home"):
         run_episode(expert, EmbeddedWorld(), task, row="r", seed=0, folder=tmp_path)
 

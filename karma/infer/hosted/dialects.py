@@ -93,7 +93,6 @@ class Dialect:
     budget: str = ""  # the field that bounds a thought
     thought_in_grammar: bool = False  # a grammar binds from the first token, the thought's too
     refuses_bad_grammar: bool = False
-    scores: bool = False  # tells the chances of all next tokens
 
 
 def _thinks(yes: bool) -> Fields:
@@ -114,7 +113,6 @@ _ALL = (
         budget="reasoning_budget_tokens",
         thought_in_grammar=True,
         refuses_bad_grammar=True,
-        scores=True,
     ),
     Dialect(
         name="vllm",

@@ -1,9 +1,8 @@
-"""Open a hosted planner: ask who answers, prove that it is held to programs, let it score."""
+"""Open a hosted planner: ask who answers, prove that it is held to programs."""
 
 from karma.contracts import LanguageModel, Thinking
 from karma.infer.hosted.canary import prove
 from karma.infer.hosted.model import HostedLanguageModel
-from karma.infer.hosted.scoring import HostedScorer
 from karma.infer.hosted.server import manner_of
 from karma.infer.hosted.session import Endpoint, Session
 
@@ -17,7 +16,7 @@ def open_planner(
     thinking_tokens: int = 1024,
     seed: int = 0,
 ) -> LanguageModel:
-    """Return the model at an endpoint; it is a `ScoringModel` too where its server tells chances.
+    """Return the model at an endpoint.
 
     Args:
         endpoint: where, and which model.
@@ -37,6 +36,4 @@ def open_planner(
     model = HostedLanguageModel(endpoint, session=session, manner=manner)
     if constrained:
         prove(model, seed)
-    if manner.dialect.scores and manner.known:
-        return HostedScorer(model, endpoint, session)
     return model

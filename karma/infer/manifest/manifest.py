@@ -20,7 +20,7 @@ from karma.files import open_regular, read_toml
 from karma.infer.checks.gguf import is_gguf
 from karma.places import repair, shipped
 
-Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "detector", "parser"]
+Role = Literal["planner", "vlm", "text-embedder", "image-embedder", "parser"]
 State = Literal["ok", "absent", "open", "wrong"]
 
 PLANNERS = ("karma-mini", "karma-nano")  # of these the first that is here plans, if none is named

@@ -85,12 +85,6 @@ def _steps(path: Path) -> object:
     return read_steps(path)
 
 
-def _trace(path: Path) -> object:
-    from karma.lab.trace import read_traces
-
-    return read_traces(path)
-
-
 def _cassette(path: Path) -> object:
     from karma.infer.hosted.cassette import Cassette
 
@@ -241,8 +235,6 @@ KINDS = (
     Kind(name="layouts.json", sound=_json({"a": {"reachable": [[0, 0]]}}), read=_layouts),
     Kind(name="map.json", sound=_graph, read=_map),
     Kind(name="a-0.jsonl.gz", sound=lambda: gzip.compress(b"{}"), read=_steps, text=False),
-    Kind(name="one.json", sound=_json({"trace": ["a", "b"]}), read=_trace),
-    Kind(name="one.trace.gz", sound=lambda: gzip.compress(b"1\n2\n"), read=_trace, text=False),
     Kind(name="exchanges.jsonl", sound=_json(TICK), read=_cassette),
     Kind(name="header.json", sound=_json({"name": "x"}), read=_header),
     Kind(name="manifest.toml", sound=lambda: b"", read=_manifest),
