@@ -18,8 +18,8 @@ from time import process_time
 
 import numpy as np
 
-from karma.bench.experiment import Models, load_resources
 from karma.contracts import MemoryUnit, Recall
+from karma.loading.models import Models, load_resources
 from karma.memory.index import UnitIndex
 from karma.offline import go_offline
 from karma.seeds import stream

@@ -12,9 +12,9 @@ from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from karma.bench.records import AnswerTiming, read_records
 from karma.bench.run import Run
-from karma.bench.run_folder import EPISODES, read_run
+from karma.journal.records import AnswerTiming, read_records
+from karma.journal.run_folder import EPISODES, read_run
 from karma.offline import go_offline
 from karma.testing import make_llama
 

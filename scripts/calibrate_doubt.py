@@ -17,10 +17,10 @@ from rich.console import Console
 
 from karma import registry
 from karma.agent.doubt import FEATURES
-from karma.bench.planner_words import hints_for
 from karma.files import to_json, write_atomic
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.manifest.manifest import resolve_planner
+from karma.loading.words import hints_for
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.tasks.drawing.phrases import our_book

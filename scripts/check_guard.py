@@ -24,10 +24,10 @@ from measure_asked import MAPS, say
 from rich.progress import track
 
 from karma.agent.program import SKILLS
-from karma.bench.experiment import Models, load_resources
 from karma.contracts import Completion, Prompt, Resources, SkillCall
 from karma.household.containment import goes_in
 from karma.household.types import object_types
+from karma.loading.models import Models, load_resources
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.talk.agent import asking

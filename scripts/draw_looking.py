@@ -13,10 +13,10 @@ import tempfile
 from pathlib import Path
 
 from karma.bench.episode import run_episode
-from karma.bench.experiment import Models, load_resources
 from karma.bench.experiment_file import read_experiment
 from karma.contracts import Method, Task
 from karma.files import to_json, write_atomic
+from karma.loading.models import Models, load_resources
 from karma.methods.karma import KarmaMethod
 from karma.offline import go_offline
 from karma.tasks.drawing.looking import Drawn, draw_twins

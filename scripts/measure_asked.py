@@ -19,11 +19,10 @@ from typing import Any
 import msgspec
 from rich.progress import track
 
-from karma.bench.experiment import Models, load_resources
-from karma.bench.formats import interval_text
-from karma.bench.statistics import rate
+from karma.bench.statistics import interval_text, rate
 from karma.contracts import Resources, SubTask
 from karma.errors import KarmaError
+from karma.loading.models import Models, load_resources
 from karma.offline import go_offline
 from karma.talk.agent import Agent, asking
 from karma.talk.replies import AgentReply

@@ -19,8 +19,7 @@ from functools import partial
 from pathlib import Path
 
 from karma import registry
-from karma.bench.experiment import Models, load_resources
-from karma.bench.formats import interval_text
+from karma.bench.statistics import interval_text
 from karma.contracts import Recall
 from karma.errors import FileError
 from karma.files import read_json, to_json, write_atomic
@@ -34,6 +33,7 @@ from karma.lab.recall_questions import (
 )
 from karma.lab.recall_scores import CONTROLS, DRAWS, Asked, InOrder, ask
 from karma.language.hints import write_words
+from karma.loading.models import Models, load_resources
 from karma.offline import go_offline
 from karma.training.planner.hinted import words_file
 

@@ -19,12 +19,11 @@ from pathlib import Path
 
 from rich.progress import track
 
-from karma.bench.experiment import Models, load_resources
-from karma.bench.folder import read_lines
-from karma.bench.formats import interval_text
 from karma.bench.spoken import SaidRecord, Splitter, Talk
-from karma.bench.statistics import rate
+from karma.bench.statistics import interval_text, rate
 from karma.files import to_json
+from karma.journal.folder import read_lines
+from karma.loading.models import Models, load_resources
 from karma.methods.karma import KarmaMethod
 from karma.offline import go_offline
 from karma.seeds import stream

@@ -7,7 +7,6 @@ import numpy as np
 
 from karma.bench.counterfactual import Pair, paired
 from karma.bench.metrics import METRICS, SUCCESS, Metric, TimedEpisode, by_task, measure
-from karma.bench.records import ALL, EpisodeRecord, is_of, kinds_of
 from karma.bench.statistics import (
     Estimate,
     Floats,
@@ -21,6 +20,7 @@ from karma.bench.statistics import (
     sign_flip,
 )
 from karma.errors import KarmaError
+from karma.journal.records import ALL, EpisodeRecord, is_of, kinds_of
 
 HALF_WIDTH = 0.05  # of a success rate; wanted unless told otherwise
 

@@ -1,23 +1,21 @@
-"""What a run was told, every option with its value, and in what two runs differ."""
+"""What an experiment says, with all that it leaves open, and what its records depend on."""
 
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgspec
 
 from karma import registry
-from karma.bench.experiment import Models, Row
-from karma.bench.experiment_file import without_places
-from karma.bench.planner_doubt import may_refuse
-from karma.bench.planner_words import NO_WORDS, chosen_words
-from karma.bench.presets import PRESETS, preset
-from karma.errors import FileError
-from karma.files import read_json
+from karma.bench.experiment import Experiment, RunOptions
+from karma.contracts import Task
 from karma.infer.manifest.manifest import resolve_planner
-
-CONFIG = "config.json"  # in the run folder
-Config = Mapping[str, Any]
+from karma.journal.provenance import header_of as journal_header
+from karma.journal.run_folder import Header
+from karma.journal.told import Config
+from karma.loading.doubt import may_refuse
+from karma.loading.models import Models, Row
+from karma.loading.presets import PRESETS, preset
+from karma.loading.words import NO_WORDS, chosen_words
 
 
 def configuration(experiment: msgspec.Struct) -> Config:
@@ -75,68 +73,30 @@ def _row(row: Row, models: Models) -> dict[str, Any]:
 # ----------------------------------------------------------------- two runs
 
 
-def read_config(folder: Path) -> Config | None:
-    """Return what a run was told; None where its folder does not say.
+def header_of(
+    experiment: Experiment, tasks: Iterable[Task], scenes: Mapping[str, bytes], *, steps: bool
+) -> Header:
+    """Return what a run of an experiment depends on.
+
+    Args:
+        experiment: as it was read; a comment in its file changes nothing.
+        tasks: those that it selects.
+        scenes: imported floor plans, by name.
+        steps: whether step logs are kept.
 
     Raises:
-        FileError: the file is torn.
+        ModelError: a model's file is missing.
+        UnknownNameError: there is no such model.
     """
-    path = folder / CONFIG
-    if not path.exists():
-        return None
-    found: dict[str, Any] = read_json(path, dict[str, Any])
-    rows = found.get("rows")
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise FileError(path, "no configuration of a run: `rows` is no list of tables")
-    return found
-
-
-def told_apart(old: Config, new: Config) -> list[str]:
-    """Return in what two configurations differ, their rows aside; where files lie is no difference.
-
-    >>> one = {"models": {"constrained": True}, "tasks": "/x/a.jsonl", "rows": []}
-    >>> told_apart(one, {"models": {"constrained": False}, "tasks": "/y/a.jsonl", "rows": []})
-    ['models.constrained: true became false']
-    """
-    before, after = ({k: v for k, v in one.items() if k != "rows"} for one in (old, new))
-    return _changes(without_places(before), without_places(after))
-
-
-def rows_apart(old: Config, first: str, new: Config, second: str) -> list[str]:
-    """Return in what a row of one run differs from a row of another, its name aside."""
-    rows: list[Config] = [
-        next((row for row in one["rows"] if row.get("name") == name), {})
-        for one, name in ((old, first), (new, second))
-    ]
-    where = first if first == second else f"{first} -> {second}"
-    before, after = ({k: v for k, v in row.items() if k != "name"} for row in rows)
-    found = _changes(without_places(before, "rows"), without_places(after, "rows"))
-    return [f"row {where}: {words}" for words in found]
-
-
-def all_apart(old: Config, new: Config) -> list[str]:
-    """Return in what two configurations differ, row by row."""
-    names = [[str(row.get("name")) for row in one["rows"]] for one in (old, new)]
-    both = [name for name in names[0] if name in names[1]]
-    found = told_apart(old, new)
-    if names[0] != names[1]:
-        found.append(f"rows: {', '.join(names[0])} became {', '.join(names[1])}")
-    return found + [words for name in both for words in rows_apart(old, name, new, name)]
-
-
-def _changes(old: Config, new: Config) -> list[str]:
-    before, after = dict(_leaves("", old)), dict(_leaves("", new))
-    return [
-        f"{name}: {before.get(name, 'not said')} became {after.get(name, 'not said')}"
-        for name in dict.fromkeys((*before, *after))
-        if before.get(name) != after.get(name)
-    ]
-
-
-def _leaves(key: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Yield each option of a tree with its value as JSON."""
-    if isinstance(value, Mapping) and value:
-        for name, one in value.items():
-            yield from _leaves(f"{key}.{name}".lstrip("."), one)
-    else:
-        yield key, msgspec.json.encode(value, order="sorted").decode()
+    told = msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
+    for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
+        del told[name]
+    for name in ("only", "limit", "grid"):  # what they select stands in `tasks`
+        del told[name]
+    for endpoint in filter(None, told["models"]["hosted"].values()):
+        for name in ("timeout_s", "retries"):  # a request that is given up leaves no record
+            del endpoint[name]
+    return journal_header(
+        experiment.name, told, experiment.models,
+        rows=experiment.rows, tasks=tasks, scenes=scenes, steps=steps,
+    )  # fmt: skip

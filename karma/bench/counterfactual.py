@@ -19,9 +19,9 @@ from karma.bench.metrics import (
     explorations_related,
     seconds,
 )
-from karma.bench.records import ALL, is_of, kinds_of
 from karma.bench.statistics import Estimate, bootstrap
 from karma.contracts import Tour
+from karma.journal.records import ALL, is_of, kinds_of
 
 OFF_ROW = "memory off"  # name of the twin in the experiments of eval/paper
 LOTA_ROW = "LoTa-Bench (modified)"  # what the paper's figures seem to be measured against

@@ -7,7 +7,7 @@ such as those of the manifest, stay names; what could be either is a path if it 
 import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -18,23 +18,15 @@ from typing import Any, NamedTuple, Self, TypeVar, get_args
 import msgspec
 
 from karma.bench.experiment import MOST_SEEDS, Experiment
-from karma.bench.names import MODELS, check_models, check_row
-from karma.bench.planner_words import NO_WORDS
 from karma.errors import FileError, KarmaError, did_you_mean
 from karma.files import read_toml
+from karma.journal.told import each_path
+from karma.loading.names import MODELS, check_models, check_row
 from karma.places import shipped
 
 T = TypeVar("T", bound=msgspec.Struct)
 _SHARED = re.compile(r"(\.\./)+shared/")
 _SETTING = re.compile(r'((?:"[^"]*"|[^"])*?\.\w+|\w+)=(.*)', re.DOTALL)
-_PATHS = (  # keys whose values are paths
-    "tasks", "authors", "scenes", "layouts", "types", "trials", "published", "alfred.trials",
-    "alfred.lists", "alfred.training", "models.words", "run.states",
-)  # fmt: skip
-_NAMES = (  # and names or paths, after "KIND:" if any, "+" between several
-    "models.planner", "models.profile", "models.embedder", "models.vision", "models.detector",
-    "rows.vision",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,7 +208,7 @@ def _rows_meant(name: str, rows: Sequence[str]) -> str:
 
 
 def _general(parts: Sequence[str]) -> str:
-    """Return a key as `_PATHS` has it: without the row's name."""
+    """Return a key as `karma.journal.told` has it: without the row's name."""
     return ".".join((parts[0], *parts[2:]) if parts[0] == "rows" else parts)
 
 
@@ -326,7 +318,7 @@ def with_places_here(experiment: T, there: DataFolders) -> T:
         inside = (new / Path(path).relative_to(old) for old, new in pairs if _lies(path, old))
         return str(next(inside, path))
 
-    return msgspec.convert(_each(msgspec.to_builtins(experiment), "", here), type(experiment))
+    return msgspec.convert(each_path(msgspec.to_builtins(experiment), "", here), type(experiment))
 
 
 def _lies(path: str, folder: Path) -> bool:
@@ -347,39 +339,6 @@ def meant_path(path: Path, error: FileError) -> FileError:
     return FileError(path, f"{said}: no {error.path}; paths are relative to this file", fix=fix)
 
 
-def without_places(tree: Any, key: str = "") -> Any:
-    """Return an experiment with the last names of its paths: where files lie decides nothing."""
-    return _each(tree, key, lambda path: Path(path).name)
-
-
 def _whole(tree: Any, folder: Path, key: str = "") -> Any:
     """Return a tree with its paths made whole."""
-    return _each(tree, key, lambda path: str(beside(folder, path)))
-
-
-def _each(tree: Any, key: str, change: Callable[[str], str]) -> Any:
-    """Return a tree with each path changed."""
-    if isinstance(tree, Mapping):
-        return {
-            name: _each(value, f"{key}.{name}".lstrip("."), change) for name, value in tree.items()
-        }
-    if isinstance(tree, list | tuple):
-        return [_each(value, key, change) for value in tree]
-    if not isinstance(tree, str) or not tree:
-        return tree
-    if key in _PATHS:
-        return tree if key == "models.words" and tree == NO_WORDS else change(tree)
-    if key in _NAMES:
-        kind, colon, name = tree.partition(":")
-        if not colon:
-            kind, name = "", tree
-        return (
-            kind
-            + colon
-            + "+".join(change(one) if _may_lie(one) else one for one in name.split("+"))
-        )
-    return tree
-
-
-def _may_lie(name: str) -> bool:
-    return "/" in name or name.endswith((".gguf", ".safetensors"))
+    return each_path(tree, key, lambda path: str(beside(folder, path)))

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # written only
 
 from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of
-from karma.bench.not_run import NotRun
-from karma.bench.records import EpisodeRecord
-from karma.bench.run_folder import RunData, read_run
 from karma.bench.sweep_folder import SweptCell, is_sweep, read_sweep
 from karma.errors import KarmaError
+from karma.journal.not_run import NotRun
+from karma.journal.records import EpisodeRecord
+from karma.journal.run_folder import RunData, read_run
 
 if TYPE_CHECKING:
     import pyarrow

@@ -12,8 +12,8 @@ from typing import Literal, get_args
 from karma.agent.refused_requests import sentence
 from karma.bench.metrics import TimedEpisode
 from karma.bench.needs import Need, needs, related_needs, types_of
-from karma.bench.records import Call, SubTaskRecord
-from karma.bench.steps import Ended, Enter, Instruction, Start, Step
+from karma.journal.records import Call, SubTaskRecord
+from karma.journal.steps import Ended, Enter, Instruction, Start, Step
 
 Cause = Literal["planner", "refused", "recall", "evicted", "not stored", "skill", "world", "error"]
 CAUSES: tuple[Cause, ...] = get_args(Cause)

@@ -9,7 +9,9 @@ from typing import Any, TypeVar
 
 from karma.bench.counterfactual import OFF_ROW, SAVINGS, Reduction, Saving, reductions
 from karma.bench.metrics import METRICS, Metric, TimedEpisode, episodes_of, measure, unjudged
-from karma.bench.records import (
+from karma.bench.statistics import Estimate
+from karma.files import to_json
+from karma.journal.records import (
     ALL,
     NOT_TRAINED,
     TRAINED,
@@ -19,7 +21,6 @@ from karma.bench.records import (
     is_of,
     kinds_of,
 )
-from karma.bench.statistics import Estimate
 
 Counted = TypeVar("Counted", "Figures", Reduction)
 _LISTED: tuple[Metric | Saving, ...] = (*METRICS, *SAVINGS)
@@ -116,6 +117,11 @@ def plain(lines: Sequence[Figures]) -> list[dict[str, Any]]:
         }
         for one in lines
     ]
+
+
+def added_up(records: Sequence[EpisodeRecord]) -> bytes:
+    """Return the figures of a run as `results.json` holds them."""
+    return to_json(plain(figures(records)), indent=2)
 
 
 def _plain(found: Estimate) -> dict[str, float | None] | None:

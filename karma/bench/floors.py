@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from karma.bench.figures import Figures
-from karma.bench.records import ALL
 from karma.errors import KarmaError, did_you_mean
+from karma.journal.records import ALL
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

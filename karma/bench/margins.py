@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from karma.bench.compare import Comparison
 from karma.bench.figures import COLUMNS
-from karma.bench.formats import figure_text, interval_text
 from karma.bench.sheet import Sheet
-from karma.bench.statistics import Estimate
+from karma.bench.statistics import Estimate, interval_text
 from karma.bench.tables import Result
+from karma.journal.formats import figure_text
 
 EXPERT = "expert"  # the row that is no baseline
 _OVER_BASELINES = {"composite": 1.3, "complex": 2.3}  # SR over the best baseline's (§4.3)

@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from karma.bench.needs import Need, related_needs, types_of, wanted_types
-from karma.bench.records import Call, EpisodeRecord, EpisodeTiming, Key, SubTaskRecord
 from karma.bench.statistics import Estimate, mean, rate
 from karma.contracts import Tour
 from karma.household.pieces import base_type
+from karma.journal.formats import COST_DIGITS
+from karma.journal.records import Call, EpisodeRecord, EpisodeTiming, Key, SubTaskRecord
 
 Observations = Sequence[float]
 
@@ -357,7 +358,7 @@ METRICS = (
         says="tokens of hosted models of all roles, both ways",
     ),
     Metric(
-        key="cost", title="cost", of=cost, only=is_hosted, digits=6,
+        key="cost", title="cost", of=cost, only=is_hosted, digits=COST_DIGITS,
         says="of hosted models of all roles, in the currency of the price table",
     ),
 )  # fmt: skip

@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 
 from karma import registry
-from karma.bench.experiment import OPENAI, Models, check_asked, filled, language_model
-from karma.bench.names import opened_as
 from karma.contracts import SeenObject
 from karma.errors import KarmaError, ModelError, UnknownNameError
 from karma.infer.checks.gguf import check_gguf
@@ -28,6 +26,8 @@ from karma.infer.llama.gguf_model import GgufModel
 from karma.infer.llama.options import KV_BYTES
 from karma.infer.manifest.manifest import ModelEntry, find_model, resolve_planner
 from karma.infer.torch_load import import_transformers
+from karma.loading.models import OPENAI, Models, check_asked, filled, language_model
+from karma.loading.names import opened_as
 from karma.places import rebuild_llama
 
 CARDS = {  # what a driver puts on this machine -> (whose, what llama.cpp is built with for it)

@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 from functools import cache
 
-from karma.bench.records import EpisodeRecord
 from karma.household.ids import root_type
 from karma.household.pieces import base_type
 from karma.household.types import types_with
+from karma.journal.records import EpisodeRecord
 from karma.tasks.goals import alternatives, object_names, parse_goal
 
 Need = frozenset[str]  # types of which any will do

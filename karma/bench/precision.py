@@ -7,8 +7,8 @@ workers, begins the same seeds as one that was not.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from karma.bench.records import EpisodeRecord, kinds_of
 from karma.bench.statistics import Estimate, more_seeds, rate
+from karma.journal.records import EpisodeRecord, kinds_of
 
 MAX_SEEDS = 20
 

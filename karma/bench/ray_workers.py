@@ -14,25 +14,25 @@ from pathlib import Path
 
 import msgspec
 
-from karma.bench.experiment import Models, Row
 from karma.bench.experiment_tasks import scene_path
-from karma.bench.not_run import NotRun
 from karma.bench.pool import Workshop
-from karma.bench.provenance import (
-    model_hashes,
-    parts_of_planner,
-    prompt_hashes,
-    scene_hashes,
-    versions,
-)
 from karma.bench.ray_pool import WorkerNeed, in_cluster
-from karma.bench.run_folder import Finished, Header, differences
 from karma.bench.worker_count import worker_mb
 from karma.bench.workers import Job, Performer, Stage
 from karma.contracts import SceneRef
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
 from karma.files import write_atomic
 from karma.infer.manifest.manifest import read_manifest, resolve_planner
+from karma.journal.not_run import NotRun
+from karma.journal.provenance import (
+    model_hashes,
+    parts_of_planner,
+    prompt_hashes,
+    scene_hashes,
+    versions,
+)
+from karma.journal.run_folder import Finished, Header, differences
+from karma.loading.models import Models, Row
 from karma.tasks.files import in_rooms
 
 

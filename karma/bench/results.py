@@ -4,18 +4,18 @@ from dataclasses import asdict
 from pathlib import Path
 
 from karma.bench.compare import Arm, Comparison, arm_of, compare_kinds
-from karma.bench.configuration import Config, all_apart, read_config, rows_apart, told_apart
 from karma.bench.counterfactual import LOTA_ROW, OFF_ROW, reductions
 from karma.bench.failures import Failure, failures
 from karma.bench.figures import figures_of
-from karma.bench.folder import changed
 from karma.bench.metrics import TimedEpisode, episodes_of
-from karma.bench.not_run import in_words
 from karma.bench.published import PublishedFigures
-from karma.bench.run_folder import RunData, differences, read_run
-from karma.bench.steps import read_steps, steps_path
 from karma.bench.tables import Result
 from karma.errors import KarmaError
+from karma.journal.folder import changed
+from karma.journal.not_run import in_words
+from karma.journal.run_folder import RunData, differences, read_run
+from karma.journal.steps import read_steps, steps_path
+from karma.journal.told import Config, all_apart, read_config, rows_apart, told_apart
 
 
 def result_of(

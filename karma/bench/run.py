@@ -7,31 +7,25 @@ from typing import Any
 
 import msgspec
 
-from karma.bench.configuration import configuration
+from karma.bench.configuration import configuration, header_of
 from karma.bench.experiment import Experiment
 from karma.bench.experiment_file import Changes, read_experiment
 from karma.bench.experiment_tasks import load, scene_path
-from karma.bench.folder import locked
-from karma.bench.not_run import FILE as NOT_RUN
-from karma.bench.not_run import IN_A_ROW, NotRun
+from karma.bench.figures import added_up
 from karma.bench.precision import Precision, takes_another
-from karma.bench.provenance import header_of
-from karma.bench.records import EpisodeRecord, EpisodeTiming, Key
-from karma.bench.run_folder import EPISODES, Finished, RunFolder
 from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
-from karma.bench.workers import (
-    Job,
-    Stage,
-    check_workers,
-    perform_here,
-    perform_in_processes,
-)
+from karma.bench.workers import Job, Stage, check_workers, perform_here, perform_in_processes
 from karma.contracts import Task
 from karma.errors import FileError, KarmaError
 from karma.files import append_line, to_json
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Session
+from karma.journal.folder import locked
+from karma.journal.not_run import FILE as NOT_RUN
+from karma.journal.not_run import IN_A_ROW, NotRun
+from karma.journal.records import EpisodeRecord, EpisodeTiming, Key
+from karma.journal.run_folder import EPISODES, Finished, RunFolder
 from karma.offline import network_allowed
 
 
@@ -183,7 +177,7 @@ class Run:
                     yield one.record
                 self._begin_another()
             if not self.not_run:
-                self._files.finish([job.key for job in self._jobs()])
+                self._files.finish([job.key for job in self._jobs()], added_up)
                 self.records, self.timings = self._files.done()
 
     # ------------------------------------------------------------- parts

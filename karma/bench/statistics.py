@@ -13,6 +13,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from karma.journal.formats import range_text
 from karma.seeds import stream
 
 Groups = Sequence[Sequence[float]]  # observations, task by task
@@ -387,3 +388,10 @@ def _smallest(power: Callable[[float], float], most: float) -> float:
 
 def _z(level: float) -> float:
     return NormalDist().inv_cdf((1 + level) / 2)
+
+
+def interval_text(measured: Estimate, digits: int = 2, *, sign: bool = False) -> str:
+    """Return a figure with its interval."""
+    ends = measured.interval
+    low, high = (ends.low, ends.high) if ends else (None, None)
+    return range_text(measured.value, low, high, digits, sign=sign)

@@ -20,13 +20,7 @@ from typing import Any
 import msgspec
 
 from karma.bench.experiment_file import Changes, Setting, read_experiment
-from karma.bench.folder import locked
-from karma.bench.not_run import in_words
-from karma.bench.owned_folder import MARK, OwnedFolder
-from karma.bench.records import EpisodeRecord
 from karma.bench.run import Run
-from karma.bench.run_folder import CELLS, SWEEP, RunFolder
-from karma.bench.steps import slug
 from karma.bench.sweep_folder import (
     TABLE,
     SweepData,
@@ -38,6 +32,12 @@ from karma.bench.sweep_folder import (
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.infer.checks.gguf import is_gguf
 from karma.infer.manifest.picture_pair import is_projector
+from karma.journal.folder import locked
+from karma.journal.not_run import in_words
+from karma.journal.owned_folder import MARK, OwnedFolder
+from karma.journal.records import EpisodeRecord
+from karma.journal.run_folder import CELLS, SWEEP, RunFolder
+from karma.journal.steps import slug
 
 _NO_GRID = Setting(key="grid", value=[])
 _LONGEST = 100  # letters of a cell's folder

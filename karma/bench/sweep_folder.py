@@ -5,14 +5,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from karma.bench.figures import COLUMNS, Figures, figures
-from karma.bench.folder import replace_file
-from karma.bench.formats import UNKNOWN, figure_text, interval_text
-from karma.bench.owned_folder import HEADER
-from karma.bench.records import ALL
-from karma.bench.run_folder import CELLS, SWEEP, RunData, read_run
 from karma.bench.sheet import Sheet, to_markdown
+from karma.bench.statistics import interval_text
 from karma.errors import FileError
 from karma.files import read_json, to_json
+from karma.journal.folder import replace_file
+from karma.journal.formats import UNKNOWN, figure_text
+from karma.journal.owned_folder import HEADER
+from karma.journal.records import ALL
+from karma.journal.run_folder import CELLS, SWEEP, RunData, read_run
 
 TABLE = "table.md"
 _SHOWN = ("subtasks_done", "goals_met", "refused", "explorations", "actions", "planner_calls")

@@ -12,12 +12,13 @@ from karma.bench.compare import Comparison
 from karma.bench.counterfactual import SAVINGS, Reduction
 from karma.bench.failures import CAUSES, Failure, count
 from karma.bench.figures import COLUMNS, Counted, Figures, without_repeats
-from karma.bench.formats import UNKNOWN, figure_text, interval_text, plural
 from karma.bench.metrics import METRICS, SUCCESS
 from karma.bench.published import COLUMNS as PUBLISHED_COLUMNS
 from karma.bench.published import PublishedFigures
-from karma.bench.records import ALL, KINDS, NOT_TRAINED, TRAINED
 from karma.bench.sheet import Sheet
+from karma.bench.statistics import interval_text
+from karma.journal.formats import UNKNOWN, figure_text, plural
+from karma.journal.records import ALL, KINDS, NOT_TRAINED, TRAINED
 
 _OURS_ALONE = ("rt_clock", "re_toured")  # beside the paper's columns, where measured
 _TOURED = tuple(one for one in SAVINGS if "_toured" in one.key)

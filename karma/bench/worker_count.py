@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from karma.bench.experiment import Models, Row
 from karma.errors import UnknownNameError
 from karma.infer.checks.memory import available_mb
 from karma.infer.llama.devices import devices
 from karma.infer.manifest.manifest import find_model
+from karma.loading.models import Models, Row
 
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
 _SHARE = 0.8  # of the free memory, for all workers together

@@ -4,33 +4,33 @@ An episode depends on its row, task and seed only, never on the process that doe
 ones. So episodes can be dealt out in any way, and one whose worker died can be done again.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from karma import registry
 from karma.bench.days import Days
-from karma.bench.episode import TimeLog, run_episode
-from karma.bench.experiment import Models, Row, for_row, load_resources
-from karma.bench.not_run import NotRun
+from karma.bench.episode import run_episode
 from karma.bench.pool import Workshop, in_processes
-from karma.bench.records import EpisodeRecord, Key
-from karma.bench.run_folder import Finished
-from karma.bench.steps import StepLog
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
 from karma.infer.hosted.session import Hosted, Session
 from karma.infer.llama.room_states import StateOptions
+from karma.journal.not_run import NotRun
+from karma.journal.part import TimeLog
+from karma.journal.records import EpisodeRecord, Key
+from karma.journal.run_folder import Finished
+from karma.journal.steps import StepLog
+from karma.loading.models import Models, Row, for_row, load_resources
+from karma.loading.worlds import world_maker
 from karma.methods.tour import explore_room
 from karma.offline import NetworkRefused, go_offline, settle
 from karma.world.home import Home
 
 MAPS = "maps"  # below the run folder
-PICTURES = {"renderDepthImage": True, "renderInstanceSegmentation": True}  # AI2-THOR's flags
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,18 +160,6 @@ class Performer:
         except FileError:  # the episode will say why
             return
         graph.save(path)
-
-
-def world_maker(name: str, options: Iterable[Mapping[str, Any]]) -> Callable[[], World]:
-    """Return what makes a run's worlds: with depth and instance masks where a row looks at them.
-
-    Args:
-        name: of the world.
-        options: of the rows.
-    """
-    make: Callable[..., World] = registry.load("worlds", name)
-    looks = any(one.get("perception") == "pictures" for one in options)
-    return partial(make, **PICTURES) if looks else make
 
 
 def _built(

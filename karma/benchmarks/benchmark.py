@@ -7,11 +7,11 @@ from typing import Any, ClassVar, Protocol
 
 import msgspec
 
-from karma.bench.experiment import Models, check_asked, language_model
-from karma.bench.records import Key
 from karma.bench.sheet import Sheet
 from karma.contracts import LanguageModel
 from karma.infer.hosted.session import Session
+from karma.journal.records import Key
+from karma.loading.models import Models, check_asked, language_model
 
 
 class ExperimentFile(Protocol):

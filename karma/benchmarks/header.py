@@ -8,13 +8,13 @@ from typing import Any
 import msgspec
 
 from karma import registry
-from karma.bench.experiment_file import without_places
-from karma.bench.folder import changed
-from karma.bench.owned_folder import HEADER
-from karma.bench.provenance import model_hashes, versions
 from karma.benchmarks.benchmark import Benchmark, ExperimentFile
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_json, to_json
+from karma.journal.folder import changed
+from karma.journal.owned_folder import HEADER
+from karma.journal.provenance import model_hashes, versions
+from karma.journal.told import without_places
 from karma.offline import network_allowed
 
 _WAITING = ("timeout_s", "retries")  # of an endpoint: a request that is given up leaves no record

@@ -12,12 +12,6 @@ from typing import Any
 import msgspec
 
 from karma.bench.experiment_file import Changes, read_as
-from karma.bench.folder import locked, read_lines, refuse_other
-from karma.bench.not_run import FILE as NOT_RUN
-from karma.bench.not_run import IN_A_ROW, NotRun, in_words, read_not_run
-from karma.bench.owned_folder import HEADER, MARK, OwnedFolder
-from karma.bench.records import Key
-from karma.bench.run_folder import EPISODES, RESULTS, TIMINGS, benchmark_in
 from karma.bench.sheet import to_markdown
 from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
 from karma.bench.workers import check_workers
@@ -35,6 +29,12 @@ from karma.files import append_line, read_bytes, read_toml, to_json
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.server import slots_of
 from karma.infer.hosted.session import Session
+from karma.journal.folder import locked, read_lines, refuse_other
+from karma.journal.not_run import FILE as NOT_RUN
+from karma.journal.not_run import IN_A_ROW, NotRun, in_words, read_not_run
+from karma.journal.owned_folder import HEADER, MARK, OwnedFolder
+from karma.journal.records import Key
+from karma.journal.run_folder import EPISODES, RESULTS, TIMINGS, benchmark_in
 
 TABLE = "table.md"
 _OURS = (HEADER, EPISODES, TIMINGS, RESULTS, TABLE, NOT_RUN)

@@ -12,11 +12,8 @@ from typing import Any
 
 import msgspec
 
-from karma.bench.experiment import Models
 from karma.bench.experiment_file import DataFolders, with_places_here
-from karma.bench.not_run import NotRun
 from karma.bench.pool import JobQueue, Workshop, in_processes
-from karma.bench.provenance import versions
 from karma.bench.ray_pool import in_cluster
 from karma.bench.ray_workers import hashes_here, models_here, need_of, refuse_node
 from karma.bench.workers import imported
@@ -25,6 +22,9 @@ from karma.benchmarks.header import BenchmarkHeader, differences, file_hashes, k
 from karma.errors import KarmaError, UnwritableError
 from karma.infer.hosted.cassette import Cassette, CassetteError, Tape
 from karma.infer.hosted.session import Session
+from karma.journal.not_run import NotRun
+from karma.journal.provenance import versions
+from karma.loading.models import Models
 from karma.offline import NetworkRefused, go_offline, network_allowed
 
 _NO_MODELS = Models(planner="", embedder="", gpu_layers=0)

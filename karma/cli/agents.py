@@ -98,8 +98,8 @@ def eval_command(
     """
     from karma.bench.experiment_file import has_grid
     from karma.bench.figures import plain
-    from karma.bench.not_run import in_words
     from karma.benchmarks.run import is_benchmark
+    from karma.journal.not_run import in_words
     from karma.lab.figure import is_figure
     from karma.places import find_experiment
 
@@ -162,10 +162,11 @@ def _opened(
 def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]":
     """Do what is left of a run, print what it shows, and return its figures."""
     from karma.bench.figures import figures
-    from karma.bench.not_run import in_words
     from karma.bench.precision import reached
-    from karma.bench.records import spent_by
     from karma.cli import show
+    from karma.journal.formats import spent_text
+    from karma.journal.not_run import in_words
+    from karma.journal.records import spent_by
 
     warn_of_tasks(run)
     try:
@@ -186,14 +187,14 @@ def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]
         console.print(show.precision_table(reached(run.records, run.precision), run.precision))
     spent = [one for record in run.records for one in spent_by(record, run.timings[record.key])]
     if spent:
-        console.print(escape(show.spent_text(spent)), soft_wrap=True)
+        console.print(escape(spent_text(spent)), soft_wrap=True)
     console.print(escape(f"records: {run.records_path}"))
     return lines
 
 
 def _kept(run: "Run") -> str:
     """Return how far a run is that has ended early, and how it goes on."""
-    from karma.bench.records import read_records
+    from karma.journal.records import read_records
 
     done = len(read_records(run.records_path))
     return f"{done} of {run.total} episodes; the same command (without --fresh) goes on"

@@ -49,9 +49,9 @@ def do_benchmark(
     Raises:
         KarmaError: see `BenchmarkRun`.
     """
-    from karma.bench.not_run import in_words
     from karma.bench.sheet import to_markdown
     from karma.benchmarks.run import TABLE, BenchmarkRun
+    from karma.journal.not_run import in_words
 
     with console.status(escape(f"reading {file} ...")):
         run = BenchmarkRun(file, folder, **opened)
@@ -86,9 +86,9 @@ def write_table(runs: Sequence[Path], folder: Path, json: Path | None) -> None:
     Raises:
         KarmaError: the run has no episodes yet; or see `read_results`.
     """
-    from karma.bench.owned_folder import write_beside
     from karma.bench.sheet import to_markdown
     from karma.benchmarks.run import TABLE, read_results, written
+    from karma.journal.owned_folder import write_beside
 
     results = read_results(*runs)
     if not results.figures:

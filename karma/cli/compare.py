@@ -85,13 +85,13 @@ def table_command(
     from karma.bench.counterfactual import LOTA_ROW, OFF_ROW
     from karma.bench.figures import plain
     from karma.bench.margins import margin_sheet, margins
-    from karma.bench.owned_folder import write_beside
     from karma.bench.published import load_published
     from karma.bench.results import result_of, unfinished
-    from karma.bench.run_folder import benchmark_in, read_run
     from karma.bench.sheet import to_latex, to_markdown
     from karma.bench.sweep_folder import is_sweep, read_sweep
     from karma.cli.sweeps import print_sweep
+    from karma.journal.owned_folder import write_beside
+    from karma.journal.run_folder import benchmark_in, read_run
 
     if benchmark_in(run):
         write_table([run, *(beside or ())], out or run, json)
@@ -146,8 +146,9 @@ def table_command(
 
 def _side_by_side(one: "Comparison") -> "Sheet":
     """Return every metric of two arms."""
-    from karma.bench.formats import figure_text, interval_text
     from karma.bench.sheet import Sheet
+    from karma.bench.statistics import interval_text
+    from karma.journal.formats import figure_text
 
     seeds = ", ".join(map(str, one.seeds))
     return Sheet(
@@ -174,8 +175,9 @@ def _side_by_side(one: "Comparison") -> "Sheet":
 
 def _by_kind(comparisons: "Sequence[Comparison]") -> "Sheet":
     """Return the success rates of two arms by kind of task."""
-    from karma.bench.formats import figure_text, interval_text
     from karma.bench.sheet import Sheet
+    from karma.bench.statistics import interval_text
+    from karma.journal.formats import figure_text
 
     return Sheet(
         title="SR by kind of task",
@@ -197,7 +199,7 @@ def _by_kind(comparisons: "Sequence[Comparison]") -> "Sheet":
 
 def _remarks(one: "Comparison") -> str:
     """Return where the arms differ, and how many more seeds would make them surer."""
-    from karma.bench.formats import figure_text, percent_text
+    from karma.journal.formats import figure_text, percent_text
 
     lines = [
         f"agree on success: {percent_text(one.agreement)} % of pairs; same first program: "
@@ -218,7 +220,7 @@ def _remarks(one: "Comparison") -> str:
 
 
 def _splits(splits: "tuple[Split, ...]") -> str:
-    from karma.bench.formats import UNKNOWN
+    from karma.journal.formats import UNKNOWN
 
     words = (f"{one.task} (seed {', '.join(map(str, one.seeds))})" for one in splits)
     return "; ".join(words) or UNKNOWN

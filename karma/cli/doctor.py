@@ -10,7 +10,6 @@ from rich.box import HORIZONTALS
 from rich.markup import escape
 from rich.table import Table
 
-from karma.bench.formats import UNKNOWN, figure_text
 from karma.cli.model_options import model_options
 from karma.cli.shared import (
     Json,
@@ -19,6 +18,7 @@ from karma.cli.shared import (
     write_json,
 )
 from karma.errors import KarmaError
+from karma.journal.formats import UNKNOWN, figure_text
 
 if TYPE_CHECKING:
     from karma.bench.model_doctor import ModelSeen
@@ -93,9 +93,9 @@ def models_command(
 
     Each is opened as a run does and asked a little. Exit code 1 if one cannot be opened.
     """
-    from karma.bench.experiment import Models
     from karma.bench.experiment_file import read_experiment
     from karma.bench.model_doctor import examine
+    from karma.loading.models import Models
 
     models = Models() if experiment is None else read_experiment(experiment).models
     chosen = {**computed, **({} if planner is None else {"planner": planner})}

@@ -67,8 +67,8 @@ def model_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def hosted_of(planner: str, base_url: str, model: str, **settings: str) -> "Hosted":
     """Return where the planner is, if it is a hosted one."""
-    from karma.bench.experiment import OPENAI
     from karma.infer.hosted.session import Hosted
+    from karma.loading.models import OPENAI
 
     if planner != OPENAI and not (base_url or model):
         return Hosted()

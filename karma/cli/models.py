@@ -8,7 +8,6 @@ from rich.markup import escape
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 from rich.table import Table
 
-from karma.bench.formats import UNKNOWN
 from karma.cli.shared import (
     Json,
     clear_errors,
@@ -16,6 +15,7 @@ from karma.cli.shared import (
     write_json,
 )
 from karma.errors import ModelError
+from karma.journal.formats import UNKNOWN
 
 if TYPE_CHECKING:
     from karma.infer.manifest.manifest import ModelEntry
@@ -169,8 +169,8 @@ def models_add(
 
 def _try(entry: "ModelEntry", folder: Path) -> None:
     """Open what is to be added as a run would, and ask it a little."""
-    from karma.bench.formats import figure_text
     from karma.bench.model_doctor import tried
+    from karma.journal.formats import figure_text
 
     try:
         seen = tried(entry, folder)
@@ -245,9 +245,9 @@ def models_tune(
 
     On processors some 42 tokens a second and core; a GPU is used where torch finds one.
     """
-    from karma.bench.formats import figure_text
     from karma.infer.llama.gguf_merge import merge_adapter
     from karma.infer.manifest.manifest import find_model, is_gguf_path, verify
+    from karma.journal.formats import figure_text
     from karma.training.tuning import ADAPTER, ADAPTER_CONFIG, TuningRecipe, tune_file
 
     weights = Path(base) if is_gguf_path(base) else verify(find_model(base))[0]

@@ -170,7 +170,7 @@ def _write_comparison(
 
 
 def _is_old(page: Path, run: Path) -> bool:
-    from karma.bench.run_folder import EPISODES
+    from karma.journal.run_folder import EPISODES
 
     return not page.exists() or page.stat().st_mtime < (run / EPISODES).stat().st_mtime
 
@@ -184,7 +184,7 @@ def _write_run(
 ) -> None:
     from karma.bench.published import load_published
     from karma.bench.results import result_of
-    from karma.bench.run_folder import read_run
+    from karma.journal.run_folder import read_run
     from karma.report.choice import choose
     from karma.report.episodes import EpisodeReplay, Replayer
     from karma.report.frames import Frames
@@ -222,7 +222,7 @@ def _write_run(
 
 def _written(run: Path, out: Path | None, page: str, name: str = "report.html") -> Path:
     """Write a page where it is wanted, else into the run's folder; returns where."""
-    from karma.bench.owned_folder import write_beside
+    from karma.journal.owned_folder import write_beside
 
     if out is None:
         return write_beside(run, name, page.encode())

@@ -8,30 +8,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from karma.bench.figures import COLUMNS, Figures, without_repeats
-from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.precision import Precision, Reached
-from karma.bench.records import EpisodeRecord
 from karma.bench.tables import left_out_of
-from karma.infer.hosted.cost import Ledger, Spent
+from karma.journal.formats import UNKNOWN, figure_text
+from karma.journal.records import EpisodeRecord
 
 _NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns
 _SHOWN = {  # in it: figure -> short title
     "success": "rate", "explorations": "places", "actions": "steps", "planner_calls": "calls",
     "seconds": "sec", "hits": "hits",
 }  # fmt: skip
-
-
-def spent_text(spent: Sequence[Spent]) -> str:
-    """Return what hosted models cost, a line per role and model."""
-    ledger = Ledger()
-    for one in spent:
-        ledger.enter(one)
-    return "\n".join(
-        f"{one.role} {one.model}: {one.requests} requests ({one.failures} failed), "
-        f"{figure_text(one.prompt_tokens, 0)} + {figure_text(one.completion_tokens, 0)} tokens, "
-        f"cost {figure_text(one.cost, COLUMNS['cost'].digits)}, {figure_text(one.seconds)} s"
-        for one in ledger.take()
-    )
 
 
 def summary_table(lines: Sequence[Figures], title: str) -> Table:

@@ -42,7 +42,7 @@ def export_command(
 ) -> None:
     """Write a run's episodes for other programs: one line each, with every metric."""
     from karma.bench.export import exported
-    from karma.bench.owned_folder import write_beside
+    from karma.journal.owned_folder import write_beside
 
     data = exported(run, to)
     if out is None:

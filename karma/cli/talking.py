@@ -33,7 +33,7 @@ from karma.cli.shared import (
 from karma.errors import KarmaError
 
 if TYPE_CHECKING:
-    from karma.bench.presets import Preset
+    from karma.loading.presets import Preset
     from karma.talk.agent import Agent
 
 
@@ -134,11 +134,11 @@ def run_command(
     something refused; 4: something was not done, or in part; 130: stopped. Of requests that are
     piped into a conversation the first that occurs of 130, 1, 4, 3.
     """
-    from karma.bench.experiment import Models
     from karma.contracts import SceneRef
     from karma.infer.hosted.session import Session
     from karma.infer.llama.room_states import StateOptions
     from karma.infer.manifest.manifest import default_planner
+    from karma.loading.models import Models
     from karma.talk.agent import ANSWER_SECONDS, Agent
     from karma.talk.home import SCENE
 
@@ -244,17 +244,17 @@ def _later_s(later: str, home: str) -> float:
 
 def _close(agent: "Agent") -> None:
     """Say what is remembered, what it cost, and where the run is."""
-    from karma.cli import show
+    from karma.journal.formats import spent_text
 
     kinds = ", ".join(dict.fromkeys(unit.object_type for unit in agent.memory)) or "nothing"
     console.print(escape(f"remembers now: {kinds}"), style="dim", soft_wrap=True)
     if agent.spent:
-        console.print(escape(show.spent_text(agent.spent)), soft_wrap=True)
+        console.print(escape(spent_text(agent.spent)), soft_wrap=True)
     show_folder(agent)
 
 
 def _preset(name: str) -> "Preset":
-    from karma.bench.presets import preset
+    from karma.loading.presets import preset
 
     try:
         return preset(name)

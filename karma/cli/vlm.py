@@ -7,7 +7,6 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from karma.bench.formats import figure_text
 from karma.cli.shared import (
     Json,
     clear_errors,
@@ -15,6 +14,7 @@ from karma.cli.shared import (
     write_json,
 )
 from karma.files import write_atomic
+from karma.journal.formats import figure_text
 
 app = typer.Typer(
     no_args_is_help=True, help="Score models that read states (open, dirty ...) out of pictures."

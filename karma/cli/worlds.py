@@ -11,7 +11,6 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Table
 
-from karma.bench.formats import figure_text, percent_text
 from karma.cli.shared import (
     Json,
     clear_errors,
@@ -20,6 +19,7 @@ from karma.cli.shared import (
 )
 from karma.errors import FileError, KarmaError
 from karma.files import below, to_json, write_atomic
+from karma.journal.formats import figure_text, percent_text
 
 if TYPE_CHECKING:
     from karma.world.alfred.facts import Files

@@ -14,10 +14,10 @@ from typing import Literal
 import msgspec
 
 from karma import __version__
-from karma.bench.folder import locked
-from karma.bench.owned_folder import HEADER, MARK, OwnedFolder
 from karma.errors import FileError
 from karma.files import read_bytes, read_json, read_toml, to_json, write_atomic
+from karma.journal.folder import locked
+from karma.journal.owned_folder import HEADER, MARK, OwnedFolder
 from karma.lab.exploration import Exploration, explore
 from karma.lab.paper_claims import CellResults, PaperClaim, claims_of, claims_text
 from karma.lab.simulate import BELADY

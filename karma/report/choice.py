@@ -3,8 +3,8 @@
 import re
 from collections.abc import Sequence
 
-from karma.bench.records import EpisodeRecord
 from karma.errors import KarmaError
+from karma.journal.records import EpisodeRecord
 
 SHORT = 12  # instructions of an episode that is always shown whole
 TOGETHER, LEAST = 200, 8  # instructions of all long episodes of a page; of each, at least

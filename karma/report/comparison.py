@@ -10,15 +10,15 @@ from urllib.parse import quote
 from karma.bench.compare import Arm, arm_of, compare_kinds
 from karma.bench.counterfactual import OFF_ROW, reductions
 from karma.bench.figures import COLUMNS, Figures, figures_of
-from karma.bench.formats import UNKNOWN, figure_text, range_text
 from karma.bench.metrics import episodes_of
-from karma.bench.records import ALL
 from karma.bench.results import check_same_rooms, split_name
-from karma.bench.run_folder import RunData, read_run
-from karma.bench.steps import FOLDER
 from karma.bench.sweep_folder import is_sweep, read_sweep
 from karma.bench.tables import Result
 from karma.errors import KarmaError
+from karma.journal.formats import UNKNOWN, figure_text, range_text
+from karma.journal.records import ALL
+from karma.journal.run_folder import RunData, read_run
+from karma.journal.steps import FOLDER
 from karma.report.choice import episode_key
 from karma.report.html import fill
 from karma.report.plots import Plot, success_plot

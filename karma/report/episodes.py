@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from karma.bench.records import EpisodeRecord
-from karma.bench.run_folder import RunData
-from karma.bench.steps import read_steps, steps_path
+from karma.journal.records import EpisodeRecord
+from karma.journal.run_folder import RunData
+from karma.journal.steps import read_steps, steps_path
 from karma.memory.scene_graph import SceneGraph
 from karma.report.choice import choose_instructions
 from karma.report.failing import FailedAt, broke_off_at, failed_at

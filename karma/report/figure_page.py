@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from karma.bench.formats import UNKNOWN, range_text
 from karma.bench.sheet import Sheet
+from karma.journal.formats import UNKNOWN, range_text
 from karma.lab.figure import Results, caption_of, draw_figure, read_figure
 from karma.lab.intervals import Bootstrapped
 from karma.lab.paper_claims import CLAIMS

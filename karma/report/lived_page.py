@@ -5,7 +5,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from karma.bench.run_folder import benchmark_in
 from karma.bench.sheet import Sheet
 from karma.benchmarks.header import BenchmarkHeader, read_header
 from karma.benchmarks.lived.benchmark import LivedHomes
@@ -15,6 +14,7 @@ from karma.benchmarks.lived.table import OURS, by_day, figures_of, stale_shares
 from karma.benchmarks.lived.trace import HomeTrace
 from karma.benchmarks.run import read_records
 from karma.errors import KarmaError, did_you_mean
+from karma.journal.run_folder import benchmark_in
 from karma.report.html import fill, script_data
 from karma.report.lived_day import WALK_S, day_name, told_day
 from karma.report.lived_pictures import curves_picture, lived_pictures

@@ -8,10 +8,10 @@ import msgspec
 
 from karma.bench.failures import Cause, Failure, count
 from karma.bench.figures import COLUMNS
-from karma.bench.formats import UNKNOWN, figure_text
-from karma.bench.run_folder import RunData
 from karma.bench.sheet import Sheet
 from karma.bench.tables import Result, sheets, size_words
+from karma.journal.formats import UNKNOWN, figure_text
+from karma.journal.run_folder import RunData
 from karma.report.choice import episode_key
 from karma.report.episodes import EpisodeReplay
 from karma.report.failing import endings

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.bench.failures import CAUSES, Cause
-from karma.bench.formats import figure_text
-from karma.bench.records import ALL, KINDS
+from karma.journal.formats import figure_text
+from karma.journal.records import ALL, KINDS
 
 LEFT, WIDTH = 128.0, 192.0  # where the scale begins, how long it is
 TOP = 12.0

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from karma.bench.figures import COLUMNS, Figures, without_repeats
-from karma.bench.formats import figure_text
 from karma.bench.statistics import Estimate
 from karma.bench.tables import Result
+from karma.journal.formats import figure_text
 from karma.report.plots import Rate
 
 _SHARES = (

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from karma.bench import steps
 from karma.household.ids import is_id, type_of
+from karma.journal import steps
 from karma.memory.short_term import line_key
 
 Change = Literal["added", "changed", "left"]

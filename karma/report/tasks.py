@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from karma.bench.records import KINDS, EpisodeRecord
+from karma.journal.records import KINDS, EpisodeRecord
 from karma.report.choice import SHORT
 
 

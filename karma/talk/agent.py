@@ -19,13 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from karma.agent.understood import Understanding, understood
-from karma.bench.episode import EpisodePart, TimeLog
-from karma.bench.experiment import Models, Row, load_resources
-from karma.bench.names import check_options
-from karma.bench.presets import preset as preset_of
-from karma.bench.records import SubTaskRecord
-from karma.bench.steps import LoggedWorld, StepLog
-from karma.bench.workers import world_maker
 from karma.contracts import (
     Listener,
     Mention,
@@ -45,9 +38,16 @@ from karma.infer.hosted.session import Session
 from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.room_states import StateOptions
 from karma.infer.manifest.manifest import default_planner, resolve_planner
+from karma.journal.part import EpisodePart, TimeLog
+from karma.journal.records import SubTaskRecord
+from karma.journal.steps import LoggedWorld, StepLog
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
+from karma.loading.models import Models, Row, load_resources
+from karma.loading.names import check_options
+from karma.loading.presets import preset as preset_of
+from karma.loading.worlds import world_maker
 from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder

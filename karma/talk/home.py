@@ -16,11 +16,11 @@ from weakref import finalize
 import msgspec
 
 from karma.agent.perceive import digest_of
-from karma.bench.folder import locked
-from karma.bench.steps import Action
 from karma.contracts import Event, MemoryChange, World
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
+from karma.journal.folder import locked
+from karma.journal.steps import Action
 
 HOMES = Path("runs/homes")
 SCENE = "kitchen_1"  # where none is said

@@ -10,15 +10,17 @@ from itertools import count
 from pathlib import Path
 from weakref import finalize
 
-from karma.bench.episode import TimeLog
-from karma.bench.experiment import Experiment, Models, Row
-from karma.bench.folder import locked
-from karma.bench.provenance import header_of
-from karma.bench.records import EpisodeRecord, SubTaskRecord
-from karma.bench.run_folder import Finished, Header, RunFolder
-from karma.bench.steps import StepLog
+import msgspec
+
 from karma.contracts import Resources, SceneRef, SubTask, Task, Tour
 from karma.errors import FileError
+from karma.journal.folder import locked
+from karma.journal.part import TimeLog
+from karma.journal.provenance import header_of
+from karma.journal.records import EpisodeRecord, SubTaskRecord
+from karma.journal.run_folder import Finished, Header, RunFolder
+from karma.journal.steps import StepLog
+from karma.loading.models import Models, Row
 
 TALKS = Path("runs/talks")
 SAID = "said"  # the task, and its kind
@@ -130,10 +132,12 @@ class Keeper:
     def _header(self, done: Iterable[SubTaskRecord]) -> Header:
         said = tuple(SubTask(instruction=one.instruction) for one in done)
         task = Task(id=SAID, kind="sequence", scene=self._scene, subtasks=said, group=SAID)
-        experiment = Experiment(
-            name=f"talk in {self._scene.name}", rows=(self._row,), models=self._models or Models()
-        )
-        header = header_of(experiment, (task,), {}, steps=True)
+        models = self._models or Models()
+        told = {"rows": [msgspec.to_builtins(self._row)], "models": msgspec.to_builtins(models)}
+        header = header_of(
+            f"talk in {self._scene.name}", told, models,
+            rows=[self._row], tasks=[task], scenes={}, steps=True,
+        )  # fmt: skip
         return header if self._models else replace(header, models=self._given_names())
 
     def _given_names(self) -> dict[str, str]:

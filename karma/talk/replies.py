@@ -11,9 +11,9 @@ from textwrap import wrap
 from typing import Literal
 
 from karma.agent.understood import Understanding
-from karma.bench.records import SubTaskRecord
 from karma.contracts import Check, Found, Plan, SkillResult
 from karma.infer.hosted.cost import Spent
+from karma.journal.records import SubTaskRecord
 from karma.talk.questions import MemoryAnswer
 
 Status = Literal["done", "answered", "partly", "unfinished", "refused", "asked"]

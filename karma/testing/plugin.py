@@ -51,8 +51,8 @@ def karma_episode(
         vision: "VisionModel | None" = None,
         **options: Any,
     ) -> "KarmaEpisode":
-        from karma.bench.workers import world_maker
         from karma.contracts import SceneRef
+        from karma.loading.worlds import world_maker
         from karma.methods.karma import KarmaMethod
 
         method = KarmaMethod.build(karma_resources(answers, vision), options)

@@ -10,12 +10,12 @@ from support.abuse.files import a_gguf, files
 from support.household import kitchen
 from typer.testing import CliRunner
 
-from karma.bench.owned_folder import MARK, OwnedFolder
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnwritableError
 from karma.files import TEMPORARY, below, read_toml, unpack, write_atomic
 from karma.infer.checks.gguf import read_header
 from karma.infer.checks.template import try_template
+from karma.journal.owned_folder import MARK, OwnedFolder
 from karma.methods.karma import KarmaSettings
 from karma.methods.options import settings_of
 from karma.tasks.goals import _near

@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 
 from karma.bench.compare import Arm, compare, compare_kinds
 from karma.bench.metrics import episodes_of
-from karma.bench.records import EpisodeTiming, SubTaskTiming
-from karma.bench.run_folder import RESULTS
 from karma.cli import app
 from karma.errors import KarmaError
+from karma.journal.records import EpisodeTiming, SubTaskTiming
+from karma.journal.run_folder import RESULTS
 
 
 def arm(name, records, timings=None):

@@ -14,7 +14,12 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.bench.figures import figures
-from karma.bench.records import (
+from karma.bench.run import Run
+from karma.cli import app, show
+from karma.errors import FileError, KarmaError
+from karma.files import decode_json, to_json
+from karma.infer.hosted.cost import Spent
+from karma.journal.records import (
     AnswerTiming,
     EpisodeRecord,
     EpisodeTiming,
@@ -26,11 +31,6 @@ from karma.bench.records import (
     waited,
     write_record,
 )
-from karma.bench.run import Run
-from karma.cli import app, show
-from karma.errors import FileError, KarmaError
-from karma.files import decode_json, to_json
-from karma.infer.hosted.cost import Spent
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"
 

@@ -10,6 +10,7 @@ from support.paths import ROOT
 from support.run_files import TASKS
 from typer.testing import CliRunner
 
+from karma.bench.configuration import header_of
 from karma.bench.experiment import Experiment
 from karma.bench.experiment_file import (
     Changes,
@@ -19,12 +20,12 @@ from karma.bench.experiment_file import (
     read_experiment,
     seeds_of,
     setting_of,
-    without_places,
 )
 from karma.bench.experiment_tasks import load
-from karma.bench.provenance import header_of, prompt_hashes
 from karma.cli import app
 from karma.errors import FileError, KarmaError
+from karma.journal.provenance import prompt_hashes
+from karma.journal.told import without_places
 
 TEXT = f"""
 name = "x"

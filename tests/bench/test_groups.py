@@ -6,11 +6,11 @@ import pytest
 from support.made_records import plain, write_run
 
 from karma.bench.figures import figures
-from karma.bench.records import ALL, NOT_TRAINED, TRAINED, kinds_of
 from karma.bench.results import result_of
-from karma.bench.run_folder import read_run
 from karma.bench.tables import main_sheets, sheets
 from karma.cli import show
+from karma.journal.records import ALL, NOT_TRAINED, TRAINED, kinds_of
+from karma.journal.run_folder import read_run
 from karma.report.plots import success_plot
 from karma.report.results import rates, result_lines
 

@@ -25,12 +25,12 @@ from karma.bench.figures import figures
 from karma.bench.figures import plain as plain_figures
 from karma.bench.metrics import METRICS, actions, episodes_of, explorations
 from karma.bench.needs import needs, related_needs
-from karma.bench.records import AnswerTiming, EpisodeTiming, SubTaskTiming
 from karma.bench.results import result_of
-from karma.bench.run_folder import read_run
-from karma.bench.steps import Ended, Enter, Instruction, Start, Unit
 from karma.contracts import RefusedRequest, Tour
 from karma.infer.hosted.cost import Spent
+from karma.journal.records import AnswerTiming, EpisodeTiming, SubTaskTiming
+from karma.journal.run_folder import read_run
+from karma.journal.steps import Ended, Enter, Instruction, Start, Unit
 
 CUT, KEEP = "STATE(Apple, sliced): 1", "INSIDE(Apple, Fridge): 1"
 HOLD = "HOLDON(robot, Mug): 1"

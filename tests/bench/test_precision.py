@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 
 from karma.bench.figures import figures
 from karma.bench.precision import Precision, reached, takes_another
-from karma.bench.records import read_records
 from karma.bench.run import Run
-from karma.bench.run_folder import EPISODES, RESULTS, read_run
 from karma.cli import app
 from karma.errors import FileError, KarmaError
+from karma.journal.records import read_records
+from karma.journal.run_folder import EPISODES, RESULTS, read_run
 from karma.seeds import stream
 from karma.tasks.files import load_tasks, write_tasks
 

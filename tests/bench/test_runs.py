@@ -17,12 +17,16 @@ from support.run_files import ONLY, ROOT, TASKS, copy, files, lines_in, started,
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.bench.configuration import CONFIG
-from karma.bench.folder import locked
-from karma.bench.owned_folder import HEADER, MARK, OwnedFolder, read_mark
-from karma.bench.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
+from karma.bench.figures import added_up
 from karma.bench.run import Run
-from karma.bench.run_folder import (
+from karma.cli import app
+from karma.contracts import SubTask
+from karma.errors import FileError, KarmaError
+from karma.files import TEMPORARY
+from karma.journal.folder import locked
+from karma.journal.owned_folder import HEADER, MARK, OwnedFolder, read_mark
+from karma.journal.records import EpisodeRecord, EpisodeTiming, SubTaskTiming, read_records
+from karma.journal.run_folder import (
     EPISODES,
     FORMAT,
     RESULTS,
@@ -34,11 +38,8 @@ from karma.bench.run_folder import (
     differences,
     read_run,
 )
-from karma.bench.steps import Action, Ended, Instruction, Start, read_steps, slug, steps_path
-from karma.cli import app
-from karma.contracts import SubTask
-from karma.errors import FileError, KarmaError
-from karma.files import TEMPORARY
+from karma.journal.steps import Action, Ended, Instruction, Start, read_steps, slug, steps_path
+from karma.journal.told import CONFIG
 from karma.methods.picture_states import FOLDER as PICTURES
 from karma.methods.picture_states import picture_name
 from karma.seeds import stream
@@ -417,7 +418,7 @@ def complete(folder, order=range(4)):
         for number in order:
             if ORDER[number] not in done:
                 files.commit(finished(number))
-        files.finish(ORDER)
+        files.finish(ORDER, added_up)
 
 
 @settings(max_examples=30)

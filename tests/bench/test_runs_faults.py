@@ -6,8 +6,8 @@ import pytest
 from support.run_files import ONLY, files, write_experiment
 from typer.testing import CliRunner
 
-from karma.bench.run_folder import RESULTS, read_run
 from karma.cli import app
+from karma.journal.run_folder import RESULTS, read_run
 
 FLAKY = """
 from pathlib import Path

@@ -12,10 +12,10 @@ from support.ray_cluster import two_nodes, workers_of
 from support.run_files import ONLY, files, write_experiment
 from support.tiny import export_tiny
 
-from karma.bench.experiment import Models
-from karma.bench.provenance import model_hashes, parts_of_planner
 from karma.bench.run import Run
 from karma.errors import KarmaError, ModelError
+from karma.journal.provenance import model_hashes, parts_of_planner
+from karma.loading.models import Models
 
 ray = pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 

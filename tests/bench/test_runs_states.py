@@ -6,11 +6,11 @@ import pytest
 from support.run_files import ROOT, files
 from support.tiny import export_tiny
 
-from karma.bench.configuration import CONFIG
-from karma.bench.records import read_records
 from karma.bench.run import Run
-from karma.bench.run_folder import EPISODES, read_run
 from karma.errors import FileError
+from karma.journal.records import read_records
+from karma.journal.run_folder import EPISODES, read_run
+from karma.journal.told import CONFIG
 from karma.tasks.files import load_tasks, with_whole, write_tasks
 
 SEQUENCES = ROOT / "eval" / "alfworld_r" / "tasks.jsonl"

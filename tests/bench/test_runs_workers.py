@@ -7,12 +7,12 @@ import pytest
 from support.run_files import ONLY, write_experiment
 from support.tiny import export_tiny
 
-from karma.bench.experiment import Models
 from karma.bench.run import Run
 from karma.bench.worker_count import suggest_workers
 from karma.errors import KarmaError, WorkerLost
 from karma.infer.hosted.cassette import Cassette
 from karma.infer.hosted.session import Endpoint, Hosted
+from karma.loading.models import Models
 
 
 @pytest.fixture(scope="module")

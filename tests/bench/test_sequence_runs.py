@@ -10,11 +10,11 @@ from support.tiny import export_tiny
 from karma.bench.needs import related_needs
 from karma.bench.results import result_of
 from karma.bench.run import Run
-from karma.bench.run_folder import EPISODES, RESULTS, read_run
-from karma.bench.steps import Enter, Start, read_steps, steps_path
 from karma.bench.tables import sheets, to_csv
 from karma.contracts import SceneRef, Task
 from karma.errors import KarmaError
+from karma.journal.run_folder import EPISODES, RESULTS, read_run
+from karma.journal.steps import Enter, Start, read_steps, steps_path
 from karma.tasks.files import load_tasks, with_whole, write_tasks
 
 ROOMS = ("kitchen_1", "bedroom_1")

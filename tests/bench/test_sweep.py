@@ -13,16 +13,16 @@ from typer.testing import CliRunner
 
 from karma.bench.experiment_file import Changes
 from karma.bench.export import exported, to_arrow, to_csv, to_junit
-from karma.bench.folder import locked
 from karma.bench.metrics import METRICS
-from karma.bench.owned_folder import HEADER
-from karma.bench.records import read_records
 from karma.bench.run import Run
-from karma.bench.run_folder import EPISODES, RESULTS, read_run
 from karma.bench.sweep import SweepRun, cells_of, planners_in
 from karma.bench.sweep_folder import CELLS, SWEEP, TABLE, read_sweep
 from karma.cli import app, shared
 from karma.errors import FileError, KarmaError
+from karma.journal.folder import locked
+from karma.journal.owned_folder import HEADER
+from karma.journal.records import read_records
+from karma.journal.run_folder import EPISODES, RESULTS, read_run
 from karma.testing import make_planner
 
 ONLY = ["simple-11", "simple-14"]

@@ -16,11 +16,11 @@ from karma.bench.margins import margins
 from karma.bench.published import COLUMNS as PUBLISHED_COLUMNS
 from karma.bench.published import load_published
 from karma.bench.results import result_of
-from karma.bench.run_folder import RESULTS, read_run
 from karma.bench.sheet import Sheet, to_latex, to_markdown
 from karma.bench.tables import sheets, to_csv
 from karma.cli import app
 from karma.errors import FileError
+from karma.journal.run_folder import RESULTS, read_run
 
 PAPER = ROOT / "eval" / "paper"
 PUBLISHED = load_published(PAPER / "published.csv")

@@ -53,7 +53,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
-from karma.bench.experiment import Models
+from karma.loading.models import Models
 from karma.bench.sheet import Sheet
 from karma.benchmarks.benchmark import BenchmarkResults, Chain
 

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from support import eb_alfred as eb
 from support.paths import SHARED
 
-from karma.bench.not_run import NotRun
 from karma.benchmarks.eb_alfred.answers import LONGEST, read_answer
 from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.play import EbStage, play
 from karma.benchmarks.eb_alfred.prompt import PromptOptions, examples, render_prompt
 from karma.infer.scripted import ScriptedModel
+from karma.journal.not_run import NotRun
 from karma.tasks.alfred_lists import ListedTask
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import read_trials

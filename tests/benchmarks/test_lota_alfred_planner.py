@@ -13,7 +13,6 @@ from support.lota_alfred import FETCH, SAID, STOW, environment, listed, trial
 from support.paths import SHARED
 from support.tiny import export_tiny
 
-from karma.bench.not_run import NotRun
 from karma.benchmarks.lota_alfred.answers import read_list
 from karma.benchmarks.lota_alfred.experiment import LotaRow
 from karma.benchmarks.lota_alfred.planner import followed
@@ -32,6 +31,7 @@ from karma.infer.llama.model import LlamaModel
 from karma.infer.llama.options import LlamaOptions
 from karma.infer.llama.scoring import SkillScorer
 from karma.infer.scripted import ScriptedModel
+from karma.journal.not_run import NotRun
 from karma.world.alfred.facts import gather, side_files
 from karma.world.alfred.trial import TYPES_OF_TASK, read_trials
 from karma.world.eb_alfred.actions import read_types

@@ -22,12 +22,12 @@ from support.needs import need_models, need_namespace
 from support.paths import ROOT
 from test_bundle import wheel_bytes
 
-from karma.bench.provenance import parts_of_planner
 from karma.bundle.build import BundleSpec, build, installer
 from karma.bundle.contents import BundleError
 from karma.bundle.install import install
 from karma.bundle.wheels import own_wheel, read_wheel
 from karma.infer.manifest.manifest import find_model
+from karma.journal.provenance import parts_of_planner
 
 MODELS = ("karma-nano", "minilm")
 

@@ -9,9 +9,9 @@ from support.rpc_device import rpc_device
 from typer.testing import CliRunner
 
 from karma.bench import model_doctor
-from karma.bench.experiment import Models
 from karma.cli import app
 from karma.infer.llama import devices
+from karma.loading.models import Models
 from karma.testing import make_picture_model, make_planner
 
 EXPERIMENT = """

@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 
 from karma import __version__
 from karma.bench.figures import figures
-from karma.bench.records import EpisodeTiming, SubTaskTiming
-from karma.bench.run_folder import read_run
 from karma.cli import app, shared
 from karma.cli.progress import bar
 from karma.cli.shared import SafeConsole
 from karma.cli.show import summary_table, task_table
+from karma.journal.records import EpisodeTiming, SubTaskTiming
+from karma.journal.run_folder import read_run
 
 PLAIN = "from karma.cli import app; app()"
 

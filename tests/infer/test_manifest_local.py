@@ -10,8 +10,6 @@ from support import tiny_models
 from support.tiny import export_tiny
 from typer.testing import CliRunner
 
-from karma.bench.experiment import Models, Row
-from karma.bench.names import check_models
 from karma.cli import app
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.infer.embed.clip import ClipEmbedder
@@ -28,6 +26,8 @@ from karma.infer.manifest.manifest import (
     resolve_planner,
     verify,
 )
+from karma.loading.models import Models, Row
+from karma.loading.names import check_models
 
 OURS = """
 [[models]]

@@ -5,13 +5,13 @@ from support import tiny_models
 from support.household import kitchen
 
 from karma.agent.planner import Planner
-from karma.bench.experiment import Models, load_resources
-from karma.bench.workers import world_maker
 from karma.contracts import Decoding, SceneRef, SubTask
 from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import BlindVision
+from karma.loading.models import Models, load_resources
+from karma.loading.worlds import world_maker
 from karma.memory.multimodal import MultimodalRecall
 from karma.memory.recall import CosineRecall
 from karma.methods.karma import KarmaMethod, KarmaSettings

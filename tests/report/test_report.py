@@ -25,10 +25,12 @@ from support.paths import ROOT
 from support.report_run import AGENT, EVIL, EXPERT, KEYS, POURED, make_run
 from typer.testing import CliRunner
 
-from karma.bench.records import EpisodeRecord, EpisodeTiming
 from karma.bench.results import result_of
-from karma.bench.run_folder import Finished, RunFolder, read_run
-from karma.bench.steps import (
+from karma.cli import app
+from karma.errors import KarmaError
+from karma.journal.records import EpisodeRecord, EpisodeTiming
+from karma.journal.run_folder import Finished, RunFolder, read_run
+from karma.journal.steps import (
     Action,
     Ended,
     Instruction,
@@ -38,8 +40,6 @@ from karma.bench.steps import (
     read_steps,
     steps_path,
 )
-from karma.cli import app
-from karma.errors import KarmaError
 from karma.report.choice import choose, episode_key
 from karma.report.episodes import Replayer
 from karma.report.frames import Frames

@@ -9,10 +9,10 @@ from support.made_records import episode, sub, write_run
 from typer.testing import CliRunner
 
 from karma.bench.compare import compare_kinds
-from karma.bench.formats import figure_text
 from karma.bench.results import arms_named
 from karma.cli import app
 from karma.errors import KarmaError
+from karma.journal.formats import figure_text
 from karma.report.comparison import (
     ComparisonPage,
     chosen_reference,

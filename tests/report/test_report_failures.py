@@ -13,8 +13,8 @@ from support.chromium import chromium
 from support.report_run import AGENT, EXPERT, make_run
 
 from karma.bench.results import result_of
-from karma.bench.run_folder import read_run
-from karma.bench.steps import Action, Ended, Instruction, Planned, SkillStep, Start
+from karma.journal.run_folder import read_run
+from karma.journal.steps import Action, Ended, Instruction, Planned, SkillStep, Start
 from karma.report.episodes import Replayer
 from karma.report.failing import endings, failed_at
 from karma.report.frames import Frames

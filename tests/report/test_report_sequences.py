@@ -14,12 +14,12 @@ from support.chromium import chromium
 from support.report_run import AGENT, EXPERT, SEQUENCE_KEYS, make_run
 from typer.testing import CliRunner
 
-from karma.bench.records import EpisodeRecord
 from karma.bench.results import result_of
-from karma.bench.run_folder import read_run
-from karma.bench.steps import Ended, Enter, Instruction, Start, Unit, read_steps, steps_path
 from karma.cli import app
 from karma.errors import KarmaError
+from karma.journal.records import EpisodeRecord
+from karma.journal.run_folder import read_run
+from karma.journal.steps import Ended, Enter, Instruction, Start, Unit, read_steps, steps_path
 from karma.report.choice import LEAST, SHORT, TOGETHER, choose, choose_instructions
 from karma.report.episodes import Replayer
 from karma.report.frames import Frames

@@ -3,10 +3,10 @@
 from hypothesis import strategies as st
 
 from karma.bench.needs import needs
-from karma.bench.owned_folder import HEADER
-from karma.bench.records import Answer, Call, EpisodeRecord, SubTaskRecord
-from karma.bench.run_folder import EPISODES, FORMAT, TIMINGS, Header, Machine
 from karma.files import to_json
+from karma.journal.owned_folder import HEADER
+from karma.journal.records import Answer, Call, EpisodeRecord, SubTaskRecord
+from karma.journal.run_folder import EPISODES, FORMAT, TIMINGS, Header, Machine
 
 
 def answer(program="GoToObject(robot, 'Apple')\n", error="", **changes):

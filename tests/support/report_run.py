@@ -5,12 +5,14 @@ import hashlib
 import numpy as np
 
 from karma.agent.planner import Planner
-from karma.bench.episode import TimeLog, run_episode
-from karma.bench.run_folder import FORMAT, Finished, Header, Machine, RunFolder
-from karma.bench.steps import StepLog
+from karma.bench.episode import run_episode
+from karma.bench.figures import added_up
 from karma.contracts import SceneRef, SubTask, Task
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
+from karma.journal.part import TimeLog
+from karma.journal.run_folder import FORMAT, Finished, Header, Machine, RunFolder
+from karma.journal.steps import StepLog
 from karma.memory.recall import CosineRecall
 from karma.methods.expert import ExpertMethod
 from karma.methods.karma import KarmaMethod, KarmaSettings
@@ -127,7 +129,7 @@ def make_run(folder, keys=KEYS):
             row=row, seed=seed, folder=folder, steps=steps, times=times,
         )  # fmt: skip
         files.commit(Finished(record=record, timing=times.of(record), steps=steps.data()))
-    files.finish(keys)
+    files.finish(keys, added_up)
     return folder
 
 

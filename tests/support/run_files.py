@@ -8,8 +8,8 @@ import shutil
 import signal
 from pathlib import Path
 
-from karma.bench.run_folder import TIMINGS
 from karma.cli import app
+from karma.journal.run_folder import TIMINGS
 from support.paths import ROOT
 
 TASKS = ROOT / "eval" / "alfred_l" / "tasks.jsonl"

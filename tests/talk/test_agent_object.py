@@ -12,10 +12,10 @@ from support.talking import AWAY, STORE, TAKE, WASH, agent_saying
 from support.tiny import export_tiny
 
 from karma import Agent
-from karma.bench.experiment import Models
-from karma.bench.run_folder import read_run
-from karma.bench.steps import read_steps, steps_path
 from karma.errors import FileError, KarmaError
+from karma.journal.run_folder import read_run
+from karma.journal.steps import read_steps, steps_path
+from karma.loading.models import Models
 from karma.talk.agent import asking
 from karma.talk.keeping import TalkFolder
 from karma.talk.replies import ROWS, lines_of, lines_why, rows_for

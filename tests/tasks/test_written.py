@@ -7,9 +7,9 @@ from collections import Counter
 import pytest
 from support.paths import ROOT
 
-from karma.bench.planner_examples import bank_file, examples_for, read_bank
 from karma.contracts import REFUSAL_KINDS
 from karma.errors import FileError
+from karma.loading.examples import bank_file, examples_for, read_bank
 from karma.tasks.demonstrations import plain
 from karma.tasks.files import load_tasks
 from karma.tasks.requests import load_said, load_texts

@@ -8,7 +8,12 @@ from support.paths import ROOT
 from karma import registry
 from karma.agent.planner import Planner
 from karma.bench.episode import run_episode
-from karma.bench.steps import (
+from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
+from karma.errors import FileError, KarmaError
+from karma.household.places import BESIDE_A_DOOR
+from karma.infer.scripted import ScriptedModel
+from karma.infer.vision.metadata import MetadataVision
+from karma.journal.steps import (
     Action,
     Ended,
     Enter,
@@ -19,11 +24,6 @@ from karma.bench.steps import (
     packed,
     read_steps,
 )
-from karma.contracts import MemoryUnit, Outcome, Resources, SceneRef, SubTask, Task
-from karma.errors import FileError, KarmaError
-from karma.household.places import BESIDE_A_DOOR
-from karma.infer.scripted import ScriptedModel
-from karma.infer.vision.metadata import MetadataVision
 from karma.memory.policies import make_policy
 from karma.memory.recall import CosineRecall
 from karma.memory.short_term import ShortTermMemory

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.bench.not_run import NotRun
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.eb_alfred.experiment import EbExperiment, EbRow, remarks_on, tasks_of
 from karma.benchmarks.eb_alfred.play import EbRecord, EbStage, play
@@ -12,6 +11,7 @@ from karma.benchmarks.eb_alfred.prompt import kind_of
 from karma.benchmarks.eb_alfred.table import detail_sheet, results_of, success_sheet
 from karma.benchmarks.trial_rooms import read_rooms, room_files
 from karma.infer.hosted.session import Session
+from karma.journal.not_run import NotRun
 from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import read_types
 

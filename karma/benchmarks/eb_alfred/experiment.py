@@ -5,10 +5,11 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.experiment import Models, check_listed
+from karma.bench.experiment import check_listed
 from karma.bench.experiment_tasks import select
 from karma.benchmarks.eb_alfred.prompt import PromptOptions
 from karma.benchmarks.eb_alfred.tasks import read_tasks
+from karma.loading.models import Models
 from karma.tasks.alfred_lists import ListedTask
 
 

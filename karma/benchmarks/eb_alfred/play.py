@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from karma.bench.not_run import NotRun
 from karma.benchmarks.eb_alfred.experiment import EbRow
 from karma.benchmarks.eb_alfred.planner import PlannerAnswer, PlannerPlayer
 from karma.benchmarks.players import BenchmarkPlayer, ChancePlayer, ExpertPlayer
 from karma.benchmarks.trial_rooms import TrialRooms
 from karma.contracts import LanguageModel
 from karma.errors import KarmaError
+from karma.journal.not_run import NotRun
 from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import ActionTypes
 from karma.world.eb_alfred.environment import Environment, Step

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.sheet import Sheet
 from karma.bench.statistics import wilson
 from karma.benchmarks.eb_alfred.play import EbRecord
 from karma.benchmarks.eb_alfred.tasks import SUBSETS
 from karma.errors import FileError
 from karma.files import read_bytes
+from karma.journal.formats import UNKNOWN, figure_text
 
 AVERAGE = "average"  # of the subsets' rates, as published
 _SHORT = {

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.bench.experiment import filled
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play
 from karma.benchmarks.lived.experiment import LivedExperiment
 from karma.benchmarks.lived.play import player, traced
@@ -21,6 +20,7 @@ from karma.benchmarks.lived.trace import HomeTrace
 from karma.contracts import Embedder
 from karma.errors import KarmaError
 from karma.infer.hosted.session import Session
+from karma.loading.models import filled
 from karma.memory.lived.ageing import PRIOR
 from karma.tasks.lived import Reader
 from karma.tasks.lived.forms import FORMS

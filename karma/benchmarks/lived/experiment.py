@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from karma.bench.experiment import Models, check_listed
+from karma.bench.experiment import check_listed
 from karma.benchmarks.lived.schedule import MOST_PEOPLE, drawn_people
+from karma.loading.models import Models
 from karma.memory.lived.designs import DESIGNS
 from karma.methods.lived.serve import ServeSettings, Verify
 from karma.tasks.lived.request import Words

@@ -6,12 +6,12 @@ from typing import get_args
 
 import numpy as np
 
-from karma.bench.formats import UNKNOWN, figure_text
 from karma.bench.sheet import Sheet
 from karma.bench.statistics import rate
 from karma.benchmarks.lived.bound import most_known
 from karma.benchmarks.lived.experiment import LivedExperiment
 from karma.benchmarks.lived.records import LivedRecord, ServedRequest
+from karma.journal.formats import UNKNOWN, figure_text
 from karma.seeds import stream
 from karma.tasks.lived import LivedKind
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from karma.bench.not_run import NotRun
 from karma.benchmarks.benchmark import BenchmarkResults, Chain, Play, planner_of
 from karma.benchmarks.lota_alfred.experiment import LotaExperiment, tasks_of
 from karma.benchmarks.lota_alfred.play import LotaRecord, LotaStage, play
@@ -13,6 +12,7 @@ from karma.benchmarks.lota_alfred.table import detail_sheet, results_of, success
 from karma.benchmarks.trial_rooms import read_rooms, room_files
 from karma.contracts import LanguageModel, ScoringModel
 from karma.infer.hosted.session import Session
+from karma.journal.not_run import NotRun
 from karma.methods.lota.method import chooser_of
 from karma.world.eb_alfred.actions import read_types
 

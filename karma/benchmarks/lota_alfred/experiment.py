@@ -5,12 +5,13 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.experiment import Models, check_listed
+from karma.bench.experiment import check_listed
 from karma.bench.experiment_tasks import select
 from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions
 from karma.benchmarks.lota_alfred.tasks import draw_tasks
 from karma.contracts import Scoring
 from karma.errors import FileError
+from karma.loading.models import Models
 from karma.tasks.alfred_lists import ListedTask
 
 

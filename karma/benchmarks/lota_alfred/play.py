@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from karma.bench.not_run import NotRun
 from karma.benchmarks.lota_alfred.experiment import LotaRow
 from karma.benchmarks.lota_alfred.planner import GeneratedPlayer, LotaAnswer, ScoredPlayer
 from karma.benchmarks.lota_alfred.tasks import type_of_task
@@ -10,6 +9,7 @@ from karma.benchmarks.players import ChancePlayer, ExpertPlayer
 from karma.benchmarks.trial_rooms import TrialRooms
 from karma.contracts import LanguageModel, ScoringModel
 from karma.errors import KarmaError
+from karma.journal.not_run import NotRun
 from karma.tasks.alfred_lists import ListedTask
 from karma.world.eb_alfred.actions import ActionTypes
 from karma.world.eb_alfred.environment import UNKNOWN, Environment, Step

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from karma.bench.formats import UNKNOWN
 from karma.bench.sheet import Sheet
 from karma.bench.statistics import wilson
 from karma.benchmarks.lota_alfred.play import LotaRecord
+from karma.journal.formats import UNKNOWN
 from karma.world.alfred.trial import TYPES_OF_TASK
 
 _ALL = "all"

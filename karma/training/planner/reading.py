@@ -12,9 +12,9 @@ import numpy as np
 
 from karma.agent.program import parse_program
 from karma.agent.prompt import compact
-from karma.bench.formats import figure_text
 from karma.contracts import Hints, LanguageModel, PlanRequest
 from karma.errors import ProgramError
+from karma.journal.formats import figure_text
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import GoalFacts, Sentence, facts_of
 from karma.tasks.drawing.memories import KnownRoom

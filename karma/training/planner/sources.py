@@ -11,9 +11,9 @@ from itertools import islice
 from pathlib import Path
 
 from karma import registry
-from karma.bench.planner_words import WORDS
 from karma.files import read_json, to_json, write_atomic
 from karma.language.hints import load_words, write_words
+from karma.loading.words import WORDS
 from karma.tasks.drawing import rooms
 from karma.tasks.drawing.alfred import (
     Sentence,

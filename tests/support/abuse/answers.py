@@ -153,7 +153,7 @@ def _as_lines(bad: str, folder: Path) -> None:
 
 def _in_a_page(bad: str, folder: Path) -> None:
     from karma.bench.results import result_of
-    from karma.bench.run_folder import read_run
+    from karma.journal.run_folder import read_run
     from karma.report.frames import Frames
     from karma.report.html import script_data
     from karma.report.page import page_of, render

@@ -25,7 +25,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from karma.bench.run_folder import EPISODES
+from karma.journal.run_folder import EPISODES
 from support.abuse import Case, stream
 from support.paths import ROOT
 from support.run_files import TASKS, files, lines_in
@@ -182,8 +182,8 @@ def _killed_run(place: Path, rng: random.Random, *options: str) -> None:
 
 def _until_free(folder: Path) -> None:
     """Wait until workers of a killed run are gone, which hold its lock no longer than they live."""
-    from karma.bench.folder import locked
     from karma.errors import KarmaError
+    from karma.journal.folder import locked
 
     until = time.monotonic() + _PATIENCE_S
     while True:
@@ -244,8 +244,8 @@ def _two_runs(place: Path, rng: random.Random) -> None:
 
 
 def _read_while_it_runs(place: Path, rng: random.Random) -> None:
-    from karma.bench.owned_folder import HEADER
-    from karma.bench.run_folder import read_run
+    from karma.journal.owned_folder import HEADER
+    from karma.journal.run_folder import read_run
 
     folder, path = place / "run", _whole()[0]
     child, most = Child(evaluate, path, folder), 0

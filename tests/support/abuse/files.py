@@ -80,7 +80,7 @@ def _map(path: Path) -> object:
 
 
 def _steps(path: Path) -> object:
-    from karma.bench.steps import read_steps
+    from karma.journal.steps import read_steps
 
     return read_steps(path)
 
@@ -92,7 +92,7 @@ def _cassette(path: Path) -> object:
 
 
 def _header(path: Path) -> object:
-    from karma.bench.run_folder import read_run
+    from karma.journal.run_folder import read_run
 
     return read_run(path.parent)
 

@@ -10,9 +10,7 @@ from support.paths import ROOT
 from typer.testing import CliRunner
 
 from karma import registry
-from karma.bench.experiment import Models, Row, for_row
 from karma.bench.experiment_file import read_experiment
-from karma.bench.presets import PRESETS
 from karma.benchmarks.run import is_benchmark
 from karma.cli import app
 from karma.cli.talking import run_command
@@ -20,6 +18,8 @@ from karma.contracts import Resources
 from karma.errors import FileError
 from karma.infer.scripted import ScriptedModel
 from karma.infer.vision.metadata import MetadataVision
+from karma.loading.models import Models, Row, for_row
+from karma.loading.presets import PRESETS
 from karma.methods.karma import KarmaSettings
 from karma.methods.options import settings_of
 

@@ -6,10 +6,10 @@ import sys
 import pytest
 
 from karma import registry
-from karma.bench.experiment import Models
-from karma.bench.names import MODELS, check_models, check_options, check_row
-from karma.bench.presets import preset
 from karma.errors import FileError, KarmaError, ModelError, UnknownNameError
+from karma.loading.models import Models
+from karma.loading.names import MODELS, check_models, check_options, check_row
+from karma.loading.presets import preset
 from karma.world.core.scene import SCENES, find
 
 
@@ -80,7 +80,7 @@ def test_unknown_room_and_preset_suggest_the_nearest():
 
 def test_unknown_vision_model_is_refused_before_the_planner_is_opened():
     program = (
-        "import sys\nfrom karma.bench.experiment import Models, load_resources\n"
+        "import sys\nfrom karma.loading.models import Models, load_resources\n"
         "from karma.errors import UnknownNameError\n"
         "try:\n    load_resources(Models(vision='nano-vml'), maps=None, seed=0)\n"
         "except UnknownNameError:\n    sys.exit('llama_cpp' in sys.modules)\n"

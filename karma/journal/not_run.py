@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from karma.bench.folder import read_lines
-from karma.bench.records import Key
+from karma.journal.folder import read_lines
+from karma.journal.records import Key
 
 FILE = "not_run.jsonl"  # of a run's folder
 IN_A_ROW = 3  # after which a run ends

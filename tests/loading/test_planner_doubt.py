@@ -5,10 +5,10 @@ import hashlib
 import pytest
 
 from karma.agent.doubt import LogisticDoubt
-from karma.bench.planner_doubt import doubt_of, may_refuse
 from karma.errors import ModelError
 from karma.files import to_json
 from karma.infer.manifest.manifest import ModelEntry, ModelFile
+from karma.loading.doubt import doubt_of, may_refuse
 
 FITTED = LogisticDoubt(
     coefficients={"refusing": 1.0}, intercept=0.0, threshold=0.5, fitted_on="nothing"

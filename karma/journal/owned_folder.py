@@ -14,7 +14,6 @@ from typing import Literal
 
 import msgspec
 
-from karma.bench.folder import replace_file
 from karma.errors import FileError
 from karma.files import (
     LARGEST_LOG,
@@ -26,6 +25,7 @@ from karma.files import (
     to_json,
     write_atomic,
 )
+from karma.journal.folder import replace_file
 
 MARK, MADE = ".karma-run", ".karma-made"
 HEADER = "header.json"

@@ -5,19 +5,19 @@ whole or not at all, then a line of `timings.jsonl`, and last a line of `episode
 killed run left half done is not counted and is written again, so the files end up the same.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 
-from karma.bench.configuration import CONFIG, Config, all_apart, read_config
-from karma.bench.figures import figures, plain
-from karma.bench.folder import brief, changed, refuse_other
-from karma.bench.not_run import FILE as NOT_RUN
-from karma.bench.not_run import NotRun, read_not_run
-from karma.bench.owned_folder import HEADER, MARK, Kind, OwnedFolder
-from karma.bench.records import (
+from karma.errors import FileError
+from karma.files import TEMPORARY, read_bytes, read_json, to_json, write_atomic
+from karma.journal.folder import brief, changed, refuse_other
+from karma.journal.not_run import FILE as NOT_RUN
+from karma.journal.not_run import NotRun, read_not_run
+from karma.journal.owned_folder import HEADER, MARK, Kind, OwnedFolder
+from karma.journal.records import (
     EpisodeRecord,
     EpisodeTiming,
     Key,
@@ -25,10 +25,9 @@ from karma.bench.records import (
     read_timings,
     write_record,
 )
-from karma.bench.steps import FOLDER as STEPS
-from karma.bench.steps import packed, steps_path
-from karma.errors import FileError
-from karma.files import TEMPORARY, read_bytes, read_json, to_json, write_atomic
+from karma.journal.steps import FOLDER as STEPS
+from karma.journal.steps import packed, steps_path
+from karma.journal.told import CONFIG, Config, all_apart, read_config
 from karma.methods.picture_states import FOLDER as PICTURES
 from karma.methods.picture_states import picture_name
 
@@ -291,7 +290,7 @@ class RunFolder:
         write_record(self.path / EPISODES, one.record)
 
     def put_only(self, header: Header, one: Finished) -> None:
-        """Have one episode in the folder, finished as far as it goes, in place of itself before.
+        """Have one episode that nobody judges in the folder, in place of itself before.
 
         Raises:
             FileError: the disk is full, or somebody's file is in the way.
@@ -299,30 +298,32 @@ class RunFolder:
         for name, data in one.files.items():
             self._owned.write(name, data)
         self._write_steps(one)
-        results = to_json(plain(figures([one.record])), indent=2)
         for name, data in (
             (TIMINGS, to_json(one.timing)),
             (EPISODES, to_json(one.record)),
-            (RESULTS, results),
+            (RESULTS, b"[]\n"),
             (HEADER, to_json(header, indent=2)),
         ):
             self._owned.write(name, data)
         self._owned.settle()
 
-    def finish(self, order: Sequence[Key]) -> None:
+    def finish(
+        self, order: Sequence[Key], add_up: Callable[[Sequence[EpisodeRecord]], bytes]
+    ) -> None:
         """Put all lines in their final order, and write what they add up to.
 
         Args:
             order: the keys of all episodes, as they stand at the end.
+            add_up: makes the results of the records, as they are written; without seconds, since no
+                run repeats those.
         """
         records, timings = self.done()
         rank = {key: number for number, key in enumerate(order)}
         order = sorted((record.key for record in records), key=rank.__getitem__)
         by_key = {record.key: record for record in records}
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
-        lines = figures([by_key[key] for key in order])  # without seconds: no run repeats them
         self._owned.settle()
-        self._owned.write(RESULTS, to_json(plain(lines), indent=2))
+        self._owned.write(RESULTS, add_up([by_key[key] for key in order]))
 
     # ------------------------------------------------------------- parts
 

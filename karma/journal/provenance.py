@@ -3,7 +3,7 @@
 import hashlib
 import os
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -12,17 +12,17 @@ import msgspec
 
 from karma import __version__
 from karma.agent.prompt import template_files
-from karma.bench.experiment import OPENAI, Experiment, Models, Row, RunOptions
-from karma.bench.experiment_file import without_places
-from karma.bench.planner_doubt import doubt_path, may_refuse
-from karma.bench.planner_words import chosen_words
-from karma.bench.run_folder import FORMAT, Header, Machine
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, ModelError, UnknownNameError
 from karma.files import read_bytes, to_json
 from karma.infer.checks.memory import MEMINFO
 from karma.infer.llama.devices import devices
 from karma.infer.manifest.manifest import find_model, resolve_planner, sha256_of
+from karma.journal.run_folder import FORMAT, Header, Machine
+from karma.journal.told import without_places
+from karma.loading.doubt import doubt_path, may_refuse
+from karma.loading.models import OPENAI, Models, Row
+from karma.loading.words import chosen_words
 from karma.offline import network_allowed
 from karma.world.core.scene import find
 
@@ -34,13 +34,23 @@ COMPUTING = (  # packages whose next version may give other bits
 
 
 def header_of(
-    experiment: Experiment, tasks: Iterable[Task], scenes: Mapping[str, bytes], *, steps: bool
+    name: str,
+    told: Mapping[str, Any],
+    models: Models,
+    *,
+    rows: Sequence[Row],
+    tasks: Iterable[Task],
+    scenes: Mapping[str, bytes],
+    steps: bool,
 ) -> Header:
     """Return what a run depends on.
 
     Args:
-        experiment: as it was read; a comment in its file changes nothing.
-        tasks: those that it selects.
+        name: of the run.
+        told: all that was said of it, as plain values; where files lie changes nothing.
+        models: that plan, recall and see.
+        rows: methods with their options.
+        tasks: what is done.
         scenes: imported floor plans, by name.
         steps: whether step logs are kept.
 
@@ -48,28 +58,19 @@ def header_of(
         ModelError: a model's file is missing.
         UnknownNameError: there is no such model.
     """
-    plain = without_places(
-        msgspec.to_builtins(msgspec.structs.replace(experiment, run=RunOptions()))
-    )
-    for name in ("half_width", "max_seeds"):  # how many episodes there are, not what is in one
-        del plain[name]
-    for name in ("only", "limit", "grid"):  # what they select stands in `tasks`
-        del plain[name]
-    for endpoint in filter(None, plain["models"]["hosted"].values()):
-        for name in ("timeout_s", "retries"):  # a request that is given up leaves no record
-            del endpoint[name]
+    tasks = list(tasks)
     return Header(
-        name=experiment.name,
-        experiment=_sha(to_json(plain)),
+        name=name,
+        experiment=_sha(to_json(without_places(told))),
         tasks=_sha(to_json([_listed(task) for task in tasks])),
         versions=versions(),
-        models=model_hashes(experiment.models, experiment.rows),
-        prompts=prompt_hashes(experiment.models.profile),
+        models=model_hashes(models, rows),
+        prompts=prompt_hashes(models.profile),
         scenes=scene_hashes({scene for task in tasks for scene in task.scenes}, scenes),
         network=network_allowed(),
         steps=steps,
         format=FORMAT,
-        machine=machine(experiment.models.threads),
+        machine=machine(models.threads),
     )
 
 

@@ -7,9 +7,9 @@ import pytest
 from support.run_files import write_experiment
 from typer.testing import CliRunner
 
-from karma.bench.owned_folder import MADE, MARK, OwnedFolder, read_mark, write_beside
 from karma.cli import app
 from karma.errors import FileError
+from karma.journal.owned_folder import MADE, MARK, OwnedFolder, read_mark, write_beside
 
 RUN = 'name = "expert"\nmethod = "expert"\n'
 FIGURE = (

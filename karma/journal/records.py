@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
-from karma.bench.folder import read_lines
 from karma.contracts import Engine, Kind, KvState, Plan, RefusedRequest, SkillResult, Tour
 from karma.files import append_line, to_json
 from karma.infer.hosted.cost import Spent
+from karma.journal.folder import read_lines
 
 KINDS: tuple[str, ...] = get_args(Kind)
 ALL, TRAINED, NOT_TRAINED = "all", "in training", "not in training"  # beside kinds

@@ -1,10 +1,10 @@
 """How figures are written, everywhere alike: one sign for what was not measured."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-if TYPE_CHECKING:  # numpy is not loaded for `karma --help`
-    from karma.bench.statistics import Estimate
+from karma.infer.hosted.cost import Ledger, Spent
 
+COST_DIGITS = 6
 UNKNOWN = "–"
 
 
@@ -24,13 +24,6 @@ def percent_text(share: float | None, digits: int = 0) -> str:
     ('–', '12.5')
     """
     return figure_text(None if share is None else 100 * share, digits)
-
-
-def interval_text(measured: "Estimate", digits: int = 2, *, sign: bool = False) -> str:
-    """Return a figure with its interval."""
-    ends = measured.interval
-    low, high = (ends.low, ends.high) if ends else (None, None)
-    return range_text(measured.value, low, high, digits, sign=sign)
 
 
 def range_text(
@@ -61,3 +54,16 @@ def plural(number: int, word: str) -> str:
     ('1 task', '2 tasks')
     """
     return f"{number} {word}" + ("" if number == 1 else "s")
+
+
+def spent_text(spent: Sequence[Spent]) -> str:
+    """Return what hosted models cost, a line per role and model."""
+    ledger = Ledger()
+    for one in spent:
+        ledger.enter(one)
+    return "\n".join(
+        f"{one.role} {one.model}: {one.requests} requests ({one.failures} failed), "
+        f"{figure_text(one.prompt_tokens, 0)} + {figure_text(one.completion_tokens, 0)} tokens, "
+        f"cost {figure_text(one.cost, COST_DIGITS)}, {figure_text(one.seconds)} s"
+        for one in ledger.take()
+    )

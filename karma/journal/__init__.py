@@ -1,0 +1,1 @@
+"""What was done, on the disk: step logs, records, timings, and the folder that holds them."""
