@@ -333,6 +333,7 @@ class Mention:
     anything: bool = False  # whatever is at its place: "everything on the table"
     told: bool = False  # known by what was done or is elsewhere: "the thing you just closed"
     at: tuple[str, ...] = ()  # types of the place that it is told by: "on the side table"
+    other: bool = False  # not the one that was meant before: "the other one"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

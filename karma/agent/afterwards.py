@@ -5,14 +5,14 @@ where it was put. "Seen" is what the last look that had the thing in view shows.
 itself tells (a tap ran over it, its door is shut) is "done, not seen". Nothing asks the world.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from karma.agent.perceive import place_of
 from karma.agent.program import CHANGES, DOOR_AFTER, PUTS, SWITCH_AFTER
 from karma.contracts import Check, Experience, Found, SeenObject, SkillCall, SkillResult
 from karma.household.ids import is_part, root_id, type_of
-from karma.household.pieces import goes_by
+from karma.household.pieces import base_type, goes_by
 from karma.household.places import HAND
 from karma.household.saying import name_of, preposition, told_place
 from karma.household.uses import (
@@ -163,18 +163,15 @@ class _Eyes:
 
 
 def _moved(end: _End, eyes: _Eyes) -> Check:
-    thing = name_of(end.thing)
+    text = _text(end)
     if end.word == "away":
-        text = f"the {thing} is thrown away"
         held = eyes.experience.held
         gone = end.happened and (held is None or held.object_id != end.thing)
         return Check(text=text, found="done" if gone else "unseen")
     if end.word == HAND:
         held = eyes.experience.held
         has = held is not None and goes_by(end.thing, held.object_id, held.object_type)
-        return Check(text=f"the {thing} is in the hand", found="seen" if has else "unseen")
-    text = f"the {thing} is {end.word if end.word == 'near' else preposition(end.place)} the "
-    text += name_of(end.place)
+        return Check(text=text, found="seen" if has else "unseen")
     if end.word == "near":
         found, sight = eyes.judged(end, lambda one: place_of(one) != HAND)
     else:
@@ -185,7 +182,7 @@ def _moved(end: _End, eyes: _Eyes) -> Check:
 
 def _changed(end: _End, eyes: _Eyes) -> Check:
     thing, word = end.thing, end.word
-    text = f"the {name_of(thing)} is {_SAID.get(word, word)}"
+    text = _text(end)
     if not end.happened:
         return Check(text=text, found="unseen")
     gone = eyes.experience.effects.get(thing, ())
@@ -204,19 +201,63 @@ def _changed(end: _End, eyes: _Eyes) -> Check:
 
 
 def _switched(end: _End, eyes: _Eyes) -> Check:
-    text = f"the {name_of(end.thing)} is {end.word}"
+    text = _text(end)
     if type_of(end.thing) in (BURNER, STOVE):
         return Check(text=text, found="done" if end.happened else "unseen")
     return _check(text, eyes.judged(end, lambda one: end.word in one.states)[0])
 
 
 def _door(end: _End, eyes: _Eyes) -> Check:
-    text = f"the {name_of(end.thing)} is {_SAID.get(end.word, end.word)}"
+    text = _text(end)
     return _check(text, eyes.judged(end, lambda one: end.word in one.states)[0])
 
 
 def _check(text: str, found: Found, note: str = "") -> Check:
     return Check(text=text, found=found, note=note)
+
+
+def taken_back(
+    earlier: Sequence[SkillResult], later: Sequence[SkillResult], kinds: Collection[str]
+) -> tuple[Check, ...]:
+    """Return what later calls undid of earlier ones.
+
+    Args:
+        earlier: calls of one request.
+        later: those of the requests after it.
+        kinds: things that are looked at: those of the first request alone.
+    """
+    before, after = _Ends(), _Ends()
+    for ends, results in ((before, earlier), (after, later)):
+        for result in results:
+            if result.ok:
+                ends.add(result.call, result)
+    found = []
+    for old, new in (
+        (before.moved, after.moved), (before.switched, after.switched), (before.doors, after.doors)
+    ):  # fmt: skip
+        for thing, end in old.items():
+            now = new.get(thing)
+            if now and (now.word, now.place) != (end.word, end.place) and _kind(thing) in kinds:
+                text, note = _text(end), _text(now).partition(" is ")[2]
+                found.append(Check(text=text, found="otherwise", note=f"now it is {note}"))
+    return tuple(found)
+
+
+def _kind(thing: str) -> str:
+    return base_type(type_of(thing))
+
+
+def _text(end: _End) -> str:
+    """Return how a thing is to be, in words."""
+    text = f"the {name_of(end.thing)} is "
+    if end.word == HAND:
+        return f"{text}in the hand"
+    if end.word == "away":
+        return f"{text}thrown away"
+    if not end.place:
+        return text + _SAID.get(end.word, end.word)
+    link = end.word if end.word == "near" else preposition(end.place)
+    return f"{text}{link} the {name_of(end.place)}"
 
 
 # ----------------------------------------------------------------- what a name means

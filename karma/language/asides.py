@@ -57,6 +57,9 @@ class Asides:
         lead = _LEAD.match(" ".join(self.s.lows()))
         if lead and len(lead[0].split()) < len(self.s.words):
             self.s.drop(0, len(lead[0].split()))
+        self._purpose()
+        for number in range(2, len(self.s.words)):
+            self._aim(number)
         self._topic()
         for verb in range(len(self.s.words)):
             self._background(verb)
@@ -67,6 +70,45 @@ class Asides:
             number = self._excluded(number) or number + 1
 
     # ------------------------------------------------------------- what is only told
+
+    def _purpose(self) -> None:
+        """Take what an order is for, where it stands ahead: "to warm the room up, close ..."."""
+        begin = next((n for n in range(len(self.s.words)) if n not in self.s.gone), 0)
+        begin += 2 if self.s.lows(begin, begin + 3) == ["in", "order", "to"] else 0
+        comma = next((n for n, w in enumerate(self.s.words) if n > begin and w.text == ","), 0)
+        led = self.s.low(begin) == "to" and self.s.tag(begin + 1) == "VB"
+        if led and comma and self.s.is_order(comma + 1):
+            self.s.drop(0, comma + 1)
+
+    def _aim(self, number: int) -> None:
+        """Take what an order is for, where it stands behind: "so I can sign", "to charge"."""
+        s = self.s
+        if number in s.taken or s.low(number) not in ("so", "to"):
+            return
+        if s.low(number) == "so":
+            at = number + 1 + (s.low(number + 1) == "that")
+            modal = {s.tag(n) for n in range(at, at + 3)} & {"MD"}
+            if not (modal and s.low(at) not in ("you", "can", "could")):
+                return
+        elif not self._is_aim(number):
+            return
+        end = number + 1
+        while end < len(s.words) and s.words[end].text not in (",", ".", "!", "?", ";"):
+            if s.low(end) in ("and", "then") and (s.is_order(end + 1) or s.begins_noun(end + 1)):
+                break
+            end += 1
+        s.drop(number, end)
+
+    def _is_aim(self, number: int) -> bool:
+        """Return whether "to" leads to a verb that asks for nothing of its own."""
+        s, verb, before = self.s, number + 1, number - 1
+        asked = request_words().needs | {"have", "ask", "go", "try", "remember", "like", "use"}
+        if s.tag(verb) != "VB" or s.words[before].lemma in asked or s.low(before) in ("you", "up"):
+            return False
+        if not any(s.is_order(n) and s.starts_clause(n) for n in range(number)):
+            return False
+        held = s.tag(verb + 1) in ("DT", "PRP$", "NN", "NNS", "PRP", "CD")
+        return not (s.known_verb(verb) and held)
 
     def _topic(self) -> None:
         """Take what stands ahead of an order: "the lettuce: wash it"."""
@@ -84,7 +126,8 @@ class Asides:
         if verb in self.s.taken or not self._tells(verb):
             return
         begin, end = self._told_clause(verb)
-        if self._asks_outside(begin, end):
+        orders = any(self.s.is_order(n) and self.s.starts_clause(n) for n in range(begin, verb))
+        if self._asks_outside(begin, end) and not orders:  # "turn on the lamp to let me see"
             found = self.nouns.all_of(range(begin, end))
             self.s.before += [one for one in found if one.types]
             self.s.drop(begin, end)
@@ -98,6 +141,8 @@ class Asides:
         who, helpers = self.s.low(subject), self.s.helpers(verb)
         if subject > verb or subject in self.s.taken or who in ("you", "u", "ya"):
             return False
+        if self.s.is_bare(verb) or self._is_wished(verb):
+            return False
         if (_IF | _WHEN) & {*self.s.lows(subject - 3, subject), self.s.low(verb - 1)}:
             return False
         if helpers & request_words().negations or "no" in self.s.lows(verb, verb + 3):
@@ -107,6 +152,19 @@ class Asides:
             return False
         asks = helpers & {"should", "must", "can", "could", "ought", "may"}
         return not (asks or word.lemma in request_words().needs)
+
+    def _is_wished(self, verb: int) -> bool:
+        """Return whether a verb says what is wanted: "I want the blinds opened"."""
+        if self.s.tag(verb) not in ("VBD", "VBN"):
+            return False
+        for n in range(verb - 1, -1, -1):
+            if self.s.words[n].text in (".", "!", "?", ";"):
+                return False
+            subject = self.s.subject(n)
+            needs = self.s.words[n].lemma in request_words().needs
+            if needs and subject is not None and self.s.low(subject) in ("i", "we"):
+                return True
+        return False
 
     def _told_clause(self, verb: int) -> tuple[int, int]:
         """Return where the clause of a verb begins and ends, with the word that joins it."""

@@ -120,6 +120,8 @@ def _called(one: Mention, whole: str, *, plain: bool) -> str:
     if one.types and (plain or one.every or one.number is not None):
         return f"the {spoken(one.types[0]).lower()}"
     as_said = whole[one.start : one.end] if 0 <= one.start < one.end <= len(whole) else ""
+    if one.other or as_said.lower().endswith((" one", " ones", " other")):
+        return f"the {one.text}"  # of what "the other one" stands for
     return as_said or f"the {one.text}"
 
 

@@ -10,6 +10,7 @@ from karma.household.saying import spoken
 from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
 
 LEAST_LETTERS, SLIP = 5, 0.87  # of a word that may be misspelt, and how alike it has to be
+_MANY = ("can",)  # that may be anything: a tin, a bin, a toilet
 DESCRIBED = 3  # types that a description may mean
 ALIKE = 0.5  # cosine from which on a phrase may speak of a type
 
@@ -58,6 +59,8 @@ class Lexicon:
         for kind, texts in self._file.types.items():
             for text in dict.fromkeys((spoken(kind).lower(), kind.lower(), *texts)):
                 found.setdefault(text.replace("-", " "), []).append(kind)
+        for text in _MANY:
+            found.pop(text, None)
         own = {spoken(kind).lower(): (kind,) for kind in self._file.types}
         return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own
 

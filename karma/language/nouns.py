@@ -23,6 +23,7 @@ _PARTS = frozenset(("mug", "cup", "bars", "rolls", "couple", "lot", "one", "two"
 _ADJECTIVES = ("JJ", "JJR", "JJS", "VBN", "VBG", "VBD")
 _DETERMINERS = ("DT", "PRP$", "PDT", "POS", "WP", "CD")
 _OWNERS = ("'s", "’s")
+_OF_A_WHOLE = ("door", "lid", "slice", "slices", "piece", "pieces", "half", "halves")
 _PIECES = ("slice", "slices", "piece", "pieces", "drink", "half", "halves")
 
 
@@ -115,6 +116,9 @@ class Nouns:
     def _kind(self, begin: int, at: int, head: int, stop: int) -> str:
         """Return what a word is in a phrase: "head", "last" head, "inner", or "no" part of it."""
         low, tag = self._s.low(at), self._s.tag(at)
+        if low == "other" and self._s.low(at - 1) == "the":
+            named = self._s.low(at + 1) in ("one", "ones") or self._noun_follows(at, stop)
+            return "inner" if named else "last"  # "the other" alone
         if low in request_words().elsewhere or (low in ("then", "that", "which") and at > begin):
             return "no"
         if low in _STARTS or tag in ("DT", "PRP$", "PDT", "CD", "WP"):
@@ -133,6 +137,7 @@ class Nouns:
         if low == "of" and head == at and self._is_measure(at):
             return "inner"
         named = tag.startswith(("VB", "JJ", "RP")) and head == at
+        named = named and (at > begin or tag not in ("VBN", "VBD", "VBG"))
         known = named and self._s.lexicon.named(self._s.phrase(begin, at + 1).lower())
         return "head" if known else "no"
 
@@ -192,7 +197,8 @@ class Nouns:
         lows = self._s.lows(begin, end)
         number, every, start = self._counted(begin, end)
         start_at, end_at = self._s.words[begin].start, self._s.words[end - 1].end
-        bare = Mention(text=" ".join(lows), start=start_at, end=end_at)
+        other = bool({"other", "another"} & set(lows))
+        bare = Mention(text=" ".join(lows), start=start_at, end=end_at, other=other)
         if start < 0:
             return replace(bare, vague=True)
         if start >= end:
@@ -200,7 +206,9 @@ class Nouns:
         inner = self._inner(begin, start, end, lows)
         if inner is not None:
             number, every = number or inner.number, every or inner.every
-            return replace(inner, number=number, every=every, start=start_at, end=end_at)
+            return replace(
+                inner, number=number, every=every, start=start_at, end=end_at, other=other
+            )
         words = lows[start - begin :]
         if "of" in words and words[0] in _PARTS:
             words = words[: words.index("of")]
@@ -214,7 +222,9 @@ class Nouns:
         rest = self._s.lows(begin, end)
         while start < end:
             low = self._s.low(start)
-            if low in request_words().every:
+            if low == "both" and self._s.tag(end - 1) == "NN" and "of" not in rest:
+                pass  # "both the mug and the spoon"
+            elif low in request_words().every:
                 every, number = True, 2 if low == "both" else number
             elif low.isdigit() or low in request_words().numbers:
                 number = int(low) if low.isdigit() else request_words().numbers[low]
@@ -255,8 +265,8 @@ class Nouns:
         lists, text, head = request_words(), " ".join(words), words[-1]
         if self._s.low(end - 2) == "its" and len(words) == 1:  # its lid, its door
             return replace(bare, text="it", vague=True)
-        if head in _PIECES and len(words) > 1 and self._types(words[:-1], start):
-            words = words[:-1]  # "the bread slices"
+        if head in _OF_A_WHOLE and len(words) > 1 and self._types(words[:-1], start):
+            words = words[:-1]  # "the bread slices", "the microwave door"
         if (head in _PIECES or text == "coffee") and not self._types(words, start):
             return replace(bare, text=text, told=True)
         if head in lists.anything and len(words) <= 2:

@@ -18,6 +18,8 @@ _TOOLS = {
 }  # deed -> what it may be done with
 _WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no reading
 _OF = {"out": "out", "off": "off", "top": "on", "front": "near", "inside": "in"}  # "out of"
+_PICKS = frozenset(("fetch", "grab", "pick", "find", "locate", "retrieve", "hand", "give", "pass"))
+_LAID = frozenset(("put", "place", "set", "lay", "leave", "stand"))
 _LIES = ("is", "are", "'s", "lies", "lie", "lying", "stands", "sits", "was", "were", "sitting")
 
 
@@ -38,6 +40,8 @@ class _PairGroup:
     places: list[Mention] = field(default_factory=list)
     near: bool = False
     at: tuple[str, ...] = ()  # of things that are named afterwards
+    told: bool = False  # what follows says which thing is meant: "the one between ..."
+    between: bool = False  # the next thing belongs to the place
 
     def told_by(self, place: Mention, deed: str) -> None:
         """Take a place that says which thing is meant."""
@@ -165,23 +169,55 @@ class Pairs:
         self, number: int, one: Mention, before: str, deed: str, found: list[_PairGroup], least: int
     ) -> None:
         group, words = found[-1], request_words()
+        if self._goes_with(number, one, before, group):
+            return
         nothing = not (one.types or one.vague or one.anything or one.told)
         if nothing and before in words.links and (deed != "put" or before in words.sources):
             self._s.unread.append(one.text)
         elif before in words.sources or self._is_relative(number, least):
             group.told_by(one, deed)
         elif before in words.destinations and not (deed == "look" and before == "at"):
-            if deed not in ("put", "take") and group.things:
+            lies = deed == "take" and self._picks(least) and before not in ("to", "into", "onto")
+            if (deed not in ("put", "take") or lies) and group.things:
                 group.told_by(one, deed)
             else:
+                if before in words.near and group.places and self._verb(least) & _LAID:
+                    return  # "on the counter by the sink"
                 group.near = before in words.near
+                group.between = before == "between"
                 group.places.append(one)
-        elif not (group.places and deed == "put"):
+        elif not (group.places and deed in ("put", "take")):
             group.things.append(one)
         elif self._is_listed(number) and group.things:
             found.append(_PairGroup([one]))
         else:
             self._s.unread.append(one.text)
+
+    def _goes_with(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
+        """Return whether a phrase only adds to one before it: "the tall one", "or a pencil"."""
+        joint = self._s.low(number - 1)
+        if one.vague and one.text.split()[-1] == "one" and joint == "," and group.things:
+            group.told = one.text == "one"  # "the tall one" is whole, "the one" goes on
+            return True
+        if joint == "or" and one.types and not before and (group.places or group.things):
+            either = group.places or group.things  # any of them will do
+            types = dict.fromkeys((*either[-1].types, *one.types))
+            either[-1] = replace(either[-1], types=tuple(types))
+            return True
+        listed = self._is_listed(number)
+        if group.told and not before and listed and one.types:
+            group.told = joint == "and"  # "between the door and the lamp"
+            return True
+        between, group.between = group.between, False
+        return group.told or (between and listed)
+
+    def _picks(self, after: int) -> bool:
+        """Return whether the verb ahead only takes up: "fetch the cup on the table"."""
+        return bool(_PICKS & self._verb(after))
+
+    def _verb(self, after: int) -> set[str]:
+        """Return what may be the verb ahead of what goes with it."""
+        return {self._s.words[n].lemma for n in (after - 2, after - 1) if n >= 0}
 
     def _read_tool(self, one: Mention, deed: str) -> None:
         """Read what a thing is done with; what is no tool for it is not understood."""
@@ -207,6 +243,8 @@ class Pairs:
                 text = self._s.phrase(number, body.stop).rstrip(" .,!?")
                 start = self._s.words[number].start
                 group.things = [one for one in group.things if one.start < start]
+                if self._s.low(number - 1) in request_words().sources:
+                    return  # "from where it is"
                 place = Mention(text=text, start=start, end=start + len(text), told=True)
                 group.places.append(place)
                 return
@@ -215,7 +253,9 @@ class Pairs:
         before = number - 1
         while before >= 0 and self._s.tag(before) in ("DT", "PRP$", "CD", "PDT", "JJ", "NN"):
             before -= 1
-        return self._s.low(before) in ("and", ",", "or")
+        while before >= 0 and self._s.low(before) in request_words().sequence:
+            before -= 1
+        return self._s.low(before) in ("and", ",", "or", ";")
 
     def preposition(self, number: int, least: int) -> str:
         """Return the preposition that a phrase beginning here stands behind; "" for none."""

@@ -24,7 +24,8 @@ from karma.language.words import closed_words, word_lists
 _ENDS = (".", "!", "?", ";", "...")
 _MODALS = ("can", "could", "would", "will", "may", "might", "won't", "ca", "wo")
 _TELL_ME = re.compile(
-    r"(?:please )?(?:tell me|any idea|i wonder|do you know|can you tell|remind me)"
+    r"(?:please )?(?:(?:go (?:and )?|have a look (?:and )?)?(?:see|check|find out)"
+    r"(?= (?:if|whether))|tell me|any idea|i wonder|do you know|can you tell|remind me)"
     r" ?(?:what|where|who|when|why|how|which|whether|if)"
 )
 _SMALL_TAGS = frozenset((
@@ -95,10 +96,17 @@ class RequestReader:
 
     def _tag(self, words: Sequence[Word], number: int) -> str:
         """Return a word's tag; a thing's name behind "the" is a noun: "turn the telly off"."""
-        word = words[number]
-        named = number > 0 and words[number - 1].tag in ("DT", "PRP$")
-        is_thing = named and word.tag == "RB" and self._lexicon.named(word.text.lower())
-        return "NN" if is_thing else word.tag
+        word, before = words[number], words[number - 1] if number else None
+        if before is None or word.tag not in ("RB", "JJ", "VB", "VBP"):
+            return word.tag
+        name = word.text.lower()
+        if before.tag == "NN" and word.tag != "RB":  # "the hand towel"
+            led = number > 1 and words[number - 2].tag in ("DT", "PRP$")
+            name = f"{before.text.lower()} {name}"
+        else:
+            follows = words[number + 1].tag if number + 1 < len(words) else ""
+            led = before.tag in ("DT", "PRP$") and not follows.startswith(("NN", "JJ", "VBN", "CD"))
+        return "NN" if led and self._lexicon.named(name) else word.tag
 
     def _is_english(self, words: Sequence[str]) -> bool:
         """Return whether more than a quarter of some words are ones that requests are made of."""

@@ -26,6 +26,7 @@ class RequestWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     me: frozenset[str]
     elsewhere: frozenset[str]
     destinations: frozenset[str]
+    sequence: frozenset[str]
     near: frozenset[str]
     sources: frozenset[str]
     tools: frozenset[str]

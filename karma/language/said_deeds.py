@@ -1,7 +1,7 @@
 """The deeds of a sentence: orders, wishes, what needs doing; or that it only tells something."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.contracts import Form, Mention, SaidDeed
@@ -48,14 +48,35 @@ class SentenceDeeds:
         verbs = [n for n in range(len(self.s.words)) if self._may_ask(n)]
         if not verbs:
             return self._verbless()
-        deeds: list[SaidDeed] = []
+        deeds = self._ahead(verbs[0])
         for number, end in zip(verbs, [*verbs[1:], len(self.s.words)], strict=True):
-            if number not in self.s.taken:
-                deeds += self._deeds(number, end)
+            if number in self.s.taken:
+                continue
+            kept = set(self.s.taken)
+            found = self._deeds(number, end)
+            if not found:  # nothing was made of it, so what it speaks of is not read yet
+                self.s.taken.intersection_update(kept | self.s.gone)
+            deeds += found
         if not deeds and not (self.asides.forbidden or self.asides.exclusions or self.s.unread):
             return self._told(), []
         conditions = (one.thing for one in self.asides.conditions if one.thing is not None)
-        return "errand", with_antecedents(sharing(deeds), [*self.s.before, *conditions])
+        ruled_out = (one for deed in self.asides.forbidden for one in deed.things)
+        before = [*self.s.before, *ruled_out, *conditions]
+        return "errand", with_antecedents(sharing(deeds), before)
+
+    def _ahead(self, verb: int) -> list[SaidDeed]:
+        """Read "book to the desk, lamp to the shelf" ahead of the first verb."""
+        kept, unread = set(self.s.taken), list(self.s.unread)
+        left = [n for n in self.s.left() if n < verb]
+        pairs = (
+            self.pairs.read(range(left[0], verb), "put")
+            if left and self.s.subject(verb) is None
+            else []
+        )
+        if pairs and all(one.place and any(t.types for t in one.things) for one in pairs):
+            return [_said("put", "put", self.s.words[left[0]].start, pair) for pair in pairs]
+        self.s.taken, self.s.unread = kept, unread
+        return []
 
     def _told(self) -> Form:
         """Return what a sentence is that asks for nothing; keep what it speaks of."""
@@ -72,7 +93,7 @@ class SentenceDeeds:
         """Return whether a word is a verb that may be an order, or tell of something."""
         s, word = self.s, self.s.words[number]
         low, lists = word.text.lower(), request_words()
-        if number in s.taken or not low[0].isalpha() or low == "lights":
+        if number in s.taken or not (low[0].isalpha() or low in lists.be) or low == "lights":
             return False
         starts, subject = s.starts_clause(number), s.subject(number)
         verb = word.tag.startswith("VB") and word.dep not in ("amod", "aux", "auxpass", "compound")
@@ -116,7 +137,8 @@ class SentenceDeeds:
     def _deeds(self, number: int, end: int) -> list[SaidDeed]:
         """Read one verb with what goes with it."""
         subject = self.s.subject(number)
-        if subject is not None and not (self.s.starts_clause(number) and subject > number):
+        behind = subject is not None and self.s.starts_clause(number) and subject > number
+        if subject is not None and not (behind or self.s.is_bare(number)):
             return self._of_subject(number, end, subject)
         if self.s.words[number].lemma in ("make", "get", "keep", "leave", "set", "turn", "let"):
             kept = self._made_so(number, end)
@@ -179,6 +201,9 @@ class SentenceDeeds:
         found = self.nouns.all_of(range(number + 1, end))
         tail = [one for one in self.s.lows(number + 1, end) if one.isalpha()]
         state = deed_states().get(tail[-1], "") if tail else ""
+        parts = (n for n in range(number + 2, end) if self.s.tag(n) in ("VBN", "VBD"))
+        if lemma in ("get", "make") and not state and any(map(self._done, parts)):
+            state = "done"  # "get that mug scrubbed"
         if lemma in ("leave", "keep", "let") and found:
             placed = self.pairs.has_place(range(number + 1, end))
             alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma == "leave" and not placed)
@@ -193,11 +218,37 @@ class SentenceDeeds:
                 self.s.drop(number - joined, end)
                 return []
         elif state and found and (lemma == "make" or tail[-1] not in ("on", "off")):
+            self.s.taken = kept
+            made = self._states(number, end)
             self.s.taken.update(range(number, end))
-            pair = Pair(things=tuple(found[:1]))
-            return [_said(f"{lemma} {tail[-1]}", state, self.s.words[number].start, pair)]
+            return made
         self.s.taken = kept
         return None
+
+    def _states(self, number: int, end: int) -> list[SaidDeed]:
+        """Read "get the soup warm and the beer cold": each thing with the state behind it."""
+        deeds: list[SaidDeed] = []
+        waiting: list[Mention] = []
+        found, lemma = dict(self.nouns.mentions(range(number + 1, end))), self.s.words[number].lemma
+        for n in range(number + 1, end):
+            if n in found:
+                waiting.append(found[n])
+            elif n not in self.s.taken and waiting and (state := self._becomes(n)):
+                text, pair = f"{lemma} {self.s.low(n)}", Pair(things=tuple(waiting))
+                deeds.append(_said(text, state, self.s.words[n].start, pair))
+                waiting = []
+        self.s.unread += [one.text for one in waiting]
+        return deeds
+
+    def _becomes(self, number: int) -> str:
+        """Return the deed that makes a thing what a word says: "warm", "scrubbed"."""
+        done = self.s.tag(number) in ("VBN", "VBD", "JJ")
+        return deed_states().get(self.s.low(number), "") or (self._done(number) if done else "")
+
+    def _done(self, number: int) -> str:
+        """Return the deed of a participle, "" where a place belongs to it, or none is known."""
+        deed = self.pairs.deed_at(number)[0]
+        return "" if deed in ("put", "take", "go", "make") else deed
 
     # ------------------------------------------------------------- wishes and needs
 
@@ -209,19 +260,56 @@ class SentenceDeeds:
             return self._order(number, end) if helpers & _MODALS else []
         if who in ("i", "we"):
             wishes = lemma in needs and not helpers & {"n't", "not", "did"}
-            return self._wish(number, self.s.clause_end(number + 1, orders=False)) if wishes else []
+            return self._wishes(number) if wishes else []
         return self._need(number, end, subject)
 
-    def _wish(self, number: int, end: int) -> list[SaidDeed]:
-        """Read "I want the plate washed", "I'd like the vase on the desk"."""
+    def _wishes(self, number: int) -> list[SaidDeed]:
+        """Read "I want the plate washed, the lamp off and the vase on the desk"."""
         begin = self.s.phrase_begin(self.s.subject(number) or number)
-        pairs = self.pairs.read(range(number + 1, end), "put")
+        deeds: list[SaidDeed] = []
+        for part in self._wished(number + 1):
+            deeds += self._wish(number, part)
+        if deeds:
+            self.s.taken.update(range(begin, number + 1))
+        return deeds
+
+    def _wished(self, begin: int) -> Iterator[range]:
+        """Yield the parts of a wish: each has things, and what is to become of them."""
+        s, start, whole = self.s, begin, False
+        stop = s.clause_end(begin, orders=False)
+        wishes = (n for n in range(begin, stop) if s.words[n].lemma in request_words().needs)
+        again = next((s.subject(n) for n in wishes), None)  # "and I'd love the light off"
+        stop = min(stop, again) if again else stop
+        while s.low(stop) == "," and self._goes_on(stop + 1):
+            stop = s.clause_end(stop + 1, orders=False)
+        for n in range(begin, stop):
+            joint = s.low(n) in (",", "and")
+            if joint and whole and s.begins_noun(n + 1 + (s.low(n + 1) == "and")):
+                yield range(start, n)
+                start, whole = n + 1 + (s.low(n + 1) == "and"), False
+            done = s.tag(n) in ("VBN", "VBD") and self.pairs.deed_at(n)[0]
+            placed = s.low(n) in request_words().destinations
+            whole = whole or bool(done or placed or s.low(n) in deed_states())
+        if start < stop:
+            yield range(start, stop)
+
+    def _goes_on(self, begin: int) -> bool:
+        """Return whether a wish goes on behind a comma: "the lamp off and ..."."""
+        begin += self.s.low(begin) == "and"
+        end = self.s.clause_end(begin, orders=False)
+        tags = {self.s.tag(n) for n in range(begin, end)}
+        led = self.s.begins_noun(begin) and not self.s.is_order(begin)
+        return led and not tags & {"VBZ", "VBP", "MD", "VB"}
+
+    def _wish(self, number: int, part: range) -> list[SaidDeed]:
+        """Read one part of a wish: "the plate washed", "the vase on the desk"."""
+        end = part.stop
+        pairs = self.pairs.read(part, "put")
         if not pairs[0].things:
             return []
-        self.s.taken.update(range(begin, number + 1))
-        self.s.taken.update(n for n in range(number + 1, end) if self.s.low(n) in _MOVED)
+        self.s.taken.update(n for n in part if self.s.low(n) in _MOVED)
         deed = "put" if pairs[0].place else "take"
-        for n in range(number + 2, end):
+        for n in range(part.start + 1, end):
             state = deed_states().get(self.s.low(n), "")
             alone = self.s.words[n].dep != "amod" and not self.s.begins_noun(n + 1)
             done, _, size = self.pairs.deed_at(n)
@@ -233,7 +321,9 @@ class SentenceDeeds:
                 self.s.taken.add(n)
                 deed = state
                 break
-        low, start = self.s.low(number), self.s.words[number].start
+        if deed == "take" and pairs[0].things[0].text == "coffee":
+            deed = "coffee"
+        low, start = self.s.low(number), self.s.words[part.start].start
         return [_said(low, deed, start, pair) for pair in pairs]
 
     def _need(self, number: int, end: int, subject: int) -> list[SaidDeed]:
@@ -250,6 +340,10 @@ class SentenceDeeds:
             return []
         s.taken.update(range(begin, number + 1))
         after = range(number + 1, end)
+        if helpers & request_words().negations:  # "it shouldn't be left open": only told
+            s.before += [one for one in about if one.types]
+            s.drop(begin, end)
+            return []
         place = self.pairs.read(after, "put")[0]
         deed, text, _ = self.pairs.deed_at(number)
         if needed or word.lemma in ("be", "go", "belong", "stand"):
@@ -323,6 +417,9 @@ class SentenceDeeds:
         if switch:
             self.s.taken.update(body)
             return "errand", [_said(switch, switch, start, Pair(things=tuple(found)))]
+        if {"have", "get"} & set(self.s.lows(0, left[0])):  # "can I have a coffee?"
+            deed = "coffee" if found[0].text == "coffee" else "take"
+            return "errand", [_said("have", deed, start, Pair(things=tuple(found)))]
         self.s.taken = kept
         pairs = self.pairs.read(body, "put")
         if pairs[0].things and pairs[0].place is not None:
@@ -419,15 +516,18 @@ def _meant_by(
     """Return what a pronoun stands for; anything else is itself."""
     if one.vague and one.text in ("them", "both", "these", "they") and last:
         return [replace(thing, at=()) for thing in last]
-    pronoun = one.vague and one.text in ("it", "this", "that", "one")
-    if not (pronoun and named) or (one.text == "one" and one.at):
+    pronoun = one.vague and (one.text in ("it", "this", "that", "one") or one.other)
+    if not (pronoun and named):
         return [one]
     wanted = NEEDS.get(deed.deed)
     able = [
         thing for thing in named
         if wanted and any(object_types()[kind].can(wanted) for kind in thing.types)  # type: ignore[arg-type]
     ]  # fmt: skip
-    return [replace((able or named)[-1], at=())]
+    meant = (able or named)[-1]
+    if one.text in ("it", "this", "that"):
+        return [replace(meant, at=())]
+    return [replace(one, text=meant.text, types=meant.types, vague=False)]  # "the other one"
 
 
 def _place_meant(

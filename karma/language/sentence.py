@@ -119,10 +119,21 @@ class SaidSentence:
         word = self.words[number]
         return word.text.lower() in deed_verbs() or word.lemma in deed_verbs()
 
+    def is_bare(self, number: int) -> bool:
+        """Return whether a verb that has a subject in the parse cannot tell anything of it.
+
+        "Fry egg, toast bread, wash pan": an order, whatever was taken for its subject.
+        """
+        subject, helped = self.subject(number), self.helpers(number)
+        bare = self.tag(number) == "VB" and not helped
+        led = subject is not None and self.tag(subject) == "VB"
+        return subject is not None and (bare or led) and self.starts_clause(number)
+
     def starts_clause(self, number: int) -> bool:
         """Return whether a word stands where an order begins."""
         before = number - 1
-        while before >= 0 and (before in self.gone or self.low(before) in _BEFORE_VERBS):
+        small = _BEFORE_VERBS | request_words().sequence
+        while before >= 0 and (before in self.gone or self.low(before) in small):
             if self.low(before) in ("and", "or") and before not in self.gone:
                 return not self._listed_noun(before, number)
             before -= 1

@@ -26,12 +26,46 @@ _FILLER = re.compile(
 )
 _SPOKEN = (
     (r"\bgimme\b", "give me"), (r"\blemme\b", "let me"), (r"\bwanna\b", "want to"),
-    (r"\bgotta\b", "have to"), (r"\bteh\b", "the"), (r"\bn\b", "and"), (r"\bu\b", "you"),
+    (r"\bgotta\b", "have to"),
+    (r"\b(?:teh|hte|th|thw)\b(?= \w)", "the"), (r"\bn\b", "and"), (r"\bu\b", "you"),
+    (r"\b(on|in|to|at|into|onto|from)(the|my)\b", r"\1 \2"), (r"\s*-+>\s*", " to the "),
+    (r"(?:(?<=^)|(?<=[,.;] )|(?<=and ))(turn|switch|pick|put|throw|shut|take)"
+     r"(on|off|up|out|away|down)\b", r"\1 \2"),
+    (r"(?:and )?only if it(?:'s| is) (?:no|not too much) trouble,?", ""),
+    (r"\bthanks for [^.!?]*[.!]", ""), (r"\bwith your permission,?", ""),
+    (r"\b(?:don't|dont|do not) worry about [^,.;]*[,.;]", ""),
+    (r"\b(?:don't|dont|do not) hesitate to\b", ""),
+    (r"\b(?:unless|if) i(?:'m| am) (?:not )?(?:wrong|mistaken),?", ""),
+    (r"\b(?:has|have|ought) to (?=(?:go|be|stand)\b)", "should "),
+    (r"\b(?:pronto|asap|right away|at once)\b", ""),
     (r"\b(?:could|would|can) ya\b", "could you"),
     (r"\b(?:nip|pop|hop|run|go|head|come) (?:over |across |along |in )?(?:there )?and\b", ""),
     (r"\b(?:do not|don't|dont|never) (?:you )?forget (?:to )?(?=\w)", ""),
-    (r"\bdo me a (?:favou?r|kindness) and\b", ""),
-    (r"\b(?:first|before (?:doing )?anything else),? though,?", ""),
+    (r"\bdo me (?:a|the) (?:favou?r|kindness)(?: and| of)\b", ""),
+    (r"(?P<a>[^.;!?]+)[.;,]\s*(?:but (?:first|before that)|(?:first|before that),? though),?\s*"
+     r"(?P<b>[^.;!?]+)", r"\g<b>, then \g<a>"),
+    (r"\bbefore (?:doing )?anything else,?", ""),
+    (r"(?:(?<=[;,.])\s*|\band )(?:later(?: on)?|next),? (?=[a-z]+ (?:the|a|an|my|some|it|them)\b)",
+     " then "),
+    (r"\bi(?:'d| would) (?:also |really |very much )*(?:appreciate it|love it|like it"
+     r"|be (?:so |very |ever so |really |most )*(?:grateful|glad|happy|thankful|obliged|pleased))"
+     r"(?: very much| so much)? if you (?:(?:could|would|can|might) )?", ""),
+    (r"\bif (?:it's|it is|that's|that is|it isn't|it is not|it's not)(?: not)? (?:all right|alright"
+     r"|ok(?:ay)?|too much(?: trouble| to ask)?|a bother|convenient)(?: with you)?,?", ""),
+    (r"\bwhen(?:ever)? it suits you,?", ""),
+    (r"\bshelve (?P<what>(?:the|a|my|that|this|every) [\w ]+?)(?=[,.;!?]| and\b|$)",
+     r"put \g<what> on the shelf"),
+    (r"\b(?:take your time|keep calm|calm down|turn around|hurry(?: up)?|be (?:quick|careful)"
+     r"|wait a (?:second|moment|minute)|do it again)\b(?:,|:| and| but)", ""),
+    (r"^(?P<lead>\W*before you [^,]+, )i(?:'d| would)? (?:need|want|like) (?P<what>[^,.]+?) "
+     r"(?P<deed>opened|closed|washed|rinsed|cleaned|sliced|heated|warmed|chilled|cooled|filled)\b",
+     r"\g<lead>\g<deed> \g<what>"),
+    (r"(?P<told>\b(?:i|i'm|i've|it|it's|the|my|we|we're|he|she|there|there's)\b[^,.?!;:]*),\s*"
+     r"(?:(?:but|so|and) )?(?=(?:could|can|would|will) you\b)", r"\g<told>. "),
+    (r"\b(like|need|want):\s", r"\1 "),
+    (r"\bdo the (?:dishes|washing[- ]up)\b", "wash the dishes"),
+    (r"\b(?:it|that)(?:'d| would) be (?:so |very |really )?(?:nice|great|lovely|good|kind|helpful)"
+     r"(?: of you)? if you (?:(?:could|would|can|might) )?", ""),
     (r"\bgive (?P<what>(?:the|a|my|that|this|every) [\w ]+?) a (?:good |quick |proper )?"
      r"(?P<deed>wash|rinse|scrub|clean|polish)\b", r"\g<deed> \g<what>"),
     (r"\b(?:until|till) (?:it|they)(?: is| are|'s|'re) (?:done|hot|warm|cold|clean|cooked|ready)\b",
@@ -54,7 +88,7 @@ _LEADS = (
     r"\babout", r"\bfancy",
 )  # fmt: skip
 _ASKING = re.compile(
-    rf"^(?:[^.?!]{{0,60}}?[,:;\s-])?(?:{'|'.join(_POLITE)})\b[^.?!]{{0,90}}?"
+    rf"^(?:[^.?!]{{0,60}}?[,:;\s-])??(?:{'|'.join(_POLITE)})\b[^.?!]{{0,90}}?"
     rf"(?:{'|'.join(_LEADS)}) (?P<rest>\w+\b.*)$",
     re.IGNORECASE,
 )
@@ -111,11 +145,11 @@ def as_meant(text: str) -> str:
     said = re.sub(r"\s+([,.;:!?])", r"\1", said)
     said = re.sub(r"([.;])(?:\s*[.,;])+", r"\1", said)
     said = (
-        re.sub(r"\b(?:would|could|will|can) you\s*[.?!]*$|,\s*will you\b", "", said)
+        re.sub(r"\b(?:would|could|will|can) (?:you|ya)\s*[.?!]*$|,\s*will (?:you|ya)\b", "", said)
         if len(said.split()) > 3
         else said
     )
-    return said.strip(" ,;-")
+    return re.sub(r"[\s,]+(?:and|but)([.!?]*)$", r"\1", said).strip(" ,;-")
 
 
 def _corrected(text: str) -> str:

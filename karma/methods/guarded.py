@@ -218,6 +218,14 @@ def _the_same(
     kinds = {kind_of(kind) for kind in here_of(thing.types, episode.here(skills))}
     key = (asked.whole or asked.text, thing.start)
     before = episode.chosen.get(key)
+    if thing.at and before is None:
+        before = yield from _the_one_there(episode, thing, kinds, skills, came)
+        if before == "":
+            return
+    if thing.other and before is None:
+        before = yield from _the_other(episode, asked, kinds, skills, came)
+        if before == "":
+            return
     if before and _holds_already(episode, skills, before, asked.deeds[0]):
         came.nothing_to_do = True
         came.told.append(Check(text=f"the {name_of(before)}: that is so already", found="seen"))
@@ -228,6 +236,42 @@ def _the_same(
         used = [one for one in result.object_ids if kind_of(one) in kinds]
         if used and result.ok:
             episode.chosen.setdefault(key, used[0])
+
+
+def _the_one_there(
+    episode: Carrier, thing: Mention, kinds: Collection[str], skills: Skills, came: Came
+) -> Generator[Plan | SkillResult, None, str | None]:
+    """Return the thing at the place that it is told by; "" for none, None: none is known yet."""
+    one = _next(episode, skills, list(kinds), set(), thing, ())
+    elsewhere = {name for name in episode.sights(skills) if kind_of(name) in kinds}
+    if one is not None or not elsewhere:
+        return one
+    one = yield from _another(skills, list(kinds), elsewhere, came)
+    if one is not None and _told_so(episode, skills, one, thing):
+        return one
+    came.short = True
+    places = " or ".join(spoken(kind).lower() for kind in thing.at)
+    came.told.append(Check(text=f"I found no {thing.text} at the {places}", found="otherwise"))
+    return ""
+
+
+def _the_other(
+    episode: Carrier, asked: Request, kinds: Collection[str], skills: Skills, came: Came
+) -> Generator[Plan | SkillResult, None, str | None]:
+    """Return another thing than those that were meant before; "" for none, None: none was meant."""
+    thing, whole = asked.deeds[0].things[0], asked.whole or asked.text
+    meant = {one for (text, _), one in episode.chosen.items() if text == whole}
+    meant = {one for one in meant if kind_of(one) in kinds}
+    if not meant:
+        return None
+    one = _next(episode, skills, list(kinds), meant, thing, ())
+    if one is None:
+        one = yield from _another(skills, list(kinds), meant, came)
+    if one is None or one in meant:
+        came.short = True
+        came.told.append(Check(text=f"I found no other {thing.text}", found="otherwise"))
+        return ""
+    return one
 
 
 def _each(

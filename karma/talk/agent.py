@@ -52,7 +52,7 @@ from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.questions import MemoryAnswer, Remembering, answered
-from karma.talk.replies import AgentReply, RequestReply
+from karma.talk.replies import AgentReply, RequestReply, as_it_ends
 from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap
 from karma.tasks.goals import GoalTracker
@@ -226,7 +226,7 @@ class Agent:
         self, before: _Before, said: str, parts: Sequence[RequestReply], *, stopped: str = ""
     ) -> None:
         self._before.append(before)
-        self.replies.append(AgentReply(said=said, parts=tuple(parts), stopped=stopped))
+        self.replies.append(AgentReply(said=said, parts=as_it_ends(parts), stopped=stopped))
         if self._done:
             self.save()
 
@@ -296,6 +296,7 @@ class Agent:
             checks=outcome.checks if outcome else (),
             finished=record.finished,
             record=record,
+            asked=asked,
         )
         changes, self._episode.changes = self._episode.changes, []
         if self._steps.actions:

@@ -5,13 +5,15 @@ them, Python prints them, notebooks make a list of them; the words are the same.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from textwrap import wrap
 from typing import Literal
 
+from karma.agent.afterwards import taken_back
 from karma.agent.understood import Understanding
-from karma.contracts import Check, Found, Plan, SkillResult
+from karma.contracts import Check, Found, Plan, Request, SkillResult
+from karma.household.pieces import base_type
 from karma.infer.hosted.cost import Spent
 from karma.journal.records import SubTaskRecord
 from karma.talk.questions import MemoryAnswer
@@ -46,6 +48,7 @@ class RequestReply:
     finished: bool = False
     record: SubTaskRecord | None = None
     answer: MemoryAnswer | None = None  # to a question; nothing was done for it
+    asked: Request | None = None  # what its words ask for, where they were read
 
     @property
     def refused(self) -> str:
@@ -73,6 +76,27 @@ class RequestReply:
 
     def __repr__(self) -> str:
         return "\n".join(line.text for line in lines_of(self))
+
+
+def as_it_ends(parts: Sequence[RequestReply]) -> tuple[RequestReply, ...]:
+    """Return requests as it stands with them at the end: what a later one undid is not so."""
+    found = []
+    for number, part in enumerate(parts):
+        later = parts[number + 1 :]
+        results = [result for one in later for result in one.results]
+        mine, meant = _things_of([part]), _things_of(later)
+        undone = taken_back(part.results, results, mine - meant)
+        texts = {check.text for check in undone}
+        kept = [check for check in part.checks if check.text not in texts]
+        found.append(replace(part, checks=(*kept, *undone)) if undone else part)
+    return tuple(found)
+
+
+def _things_of(parts: Sequence[RequestReply]) -> frozenset[str]:
+    """Return the kinds of things that requests do something to."""
+    asked = (one.asked for one in parts if one.asked is not None)
+    things = (thing for one in asked for deed in one.deeds for thing in deed.things)
+    return frozenset(base_type(kind) for thing in things for kind in thing.types)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
