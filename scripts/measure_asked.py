@@ -2,6 +2,7 @@
 
     python scripts/measure_asked.py eval/requests/asked_open.jsonl --lines
     python scripts/measure_asked.py eval/requests/asked_locked.jsonl     # only what it adds up to
+    python scripts/measure_asked.py eval/requests/several.jsonl --every 3/4
 
 Each request is said to `karma.Agent` in its room, which it has toured. The oracle is
 `karma.tasks.asked`: goals over world state, and whether anything changed at all where nothing was
@@ -27,7 +28,8 @@ from karma.offline import go_offline
 from karma.talk.agent import Agent, asking
 from karma.talk.replies import AgentReply
 from karma.tasks.asked import VERDICTS, AskedRequest, Came, Verdict, states_of, verdict
-from karma.tasks.goals import GoalTracker
+from karma.tasks.goals import GoalTracker, parse_goal
+from karma.tasks.requests import SeveralRequests, load_said, load_several
 
 MAPS = Path("runs/maps-asked")
 RIGHTLY = ("right", "asked rightly", "refused rightly")
@@ -57,11 +59,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="takes a line for each request")
     parser.add_argument("--lines", action="store_true", help="print each request that went wrong")
     parser.add_argument("--only", default="", help="ids that begin so")
+    parser.add_argument("--every", default="0/1", help='of them some: "1/2" is every other one')
     parser.add_argument("--option", action="append", default=[], help="of the agent, as KEY=VALUE")
     given = parser.parse_args()
     go_offline()
     options = {key: _value(value) for key, _, value in (o.partition("=") for o in given.option)}
-    asked = [one for one in read_asked(given.file) if one.id.startswith(given.only)]
+    first, step = map(int, given.every.split("/"))
+    asked = [one for one in read_asked(given.file) if one.id.startswith(given.only)][first::step]
     resources = load_resources(
         asking(Models(planner=given.planner)), maps=MAPS, seed=0, learn=False
     )
@@ -81,8 +85,42 @@ def _value(text: str) -> object:
 
 
 def read_asked(path: Path) -> list[AskedRequest]:
-    """Return the requests of a file."""
-    return [msgspec.json.decode(line, type=AskedRequest) for line in path.read_bytes().splitlines()]
+    """Return the requests of a file of any of our forms, but for those that need a history."""
+    lines = path.read_bytes().splitlines()
+    if b'"act"' in lines[0]:
+        return [msgspec.json.decode(line, type=AskedRequest) for line in lines]
+    if b'"requests"' in lines[0]:
+        return [_of_several(one) for one in load_several(path)]
+    return [
+        AskedRequest(
+            id=one.id, kind=one.kind, scene=one.scene, text=one.text,
+            act="do" if one.goals else "refuse", goals=one.goals,
+        )
+        for one in load_said(path)
+        if not one.handled
+    ]  # fmt: skip
+
+
+def _of_several(one: SeveralRequests) -> AskedRequest:
+    """Return a sentence with what holds in the end; a later request may undo an earlier one."""
+    held: dict[tuple[str, str], str] = {}
+    for goal in (parse_goal(text) for part in one.requests for text in part.goals):
+        kind, thing = goal.predicate, goal.arguments[0]
+        if kind == "HOLDON":
+            kind, thing = "at", goal.arguments[-1]
+        elif kind in ("ON", "INSIDE"):
+            kind = "at"
+        elif kind in ("OPEN", "CLOSED"):
+            kind = "door"
+        elif kind.startswith("TOGGLE"):
+            kind = "switch"
+        else:
+            kind = str(goal)
+        held[kind, thing] = str(goal)
+    return AskedRequest(
+        id=one.id, kind=one.kind, scene=one.scene, text=one.text, act="do",
+        goals=tuple(held.values()),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -217,14 +217,18 @@ def _check(text: str, found: Found, note: str = "") -> Check:
 
 
 def taken_back(
-    earlier: Sequence[SkillResult], later: Sequence[SkillResult], kinds: Collection[str]
+    earlier: Sequence[SkillResult],
+    later: Sequence[SkillResult],
+    kinds: Collection[str],
+    asked: Collection[tuple[str, str]],
 ) -> tuple[Check, ...]:
     """Return what later calls undid of earlier ones.
 
     Args:
         earlier: calls of one request.
         later: those of the requests after it.
-        kinds: things that are looked at: those of the first request alone.
+        kinds: of the things that the first request is about.
+        asked: deed and kind of thing of the later requests: what they undo so is meant.
     """
     before, after = _Ends(), _Ends()
     for ends, results in ((before, earlier), (after, later)):
@@ -232,12 +236,16 @@ def taken_back(
             if result.ok:
                 ends.add(result.call, result)
     found = []
-    for old, new in (
-        (before.moved, after.moved), (before.switched, after.switched), (before.doors, after.doors)
-    ):  # fmt: skip
+    for old, new, deeds in (
+        (before.moved, after.moved, ("put", "take", "throw")),
+        (before.switched, after.switched, ("on", "off")),
+        (before.doors, after.doors, ("open", "close")),
+    ):
         for thing, end in old.items():
-            now = new.get(thing)
-            if now and (now.word, now.place) != (end.word, end.place) and _kind(thing) in kinds:
+            now, kind = new.get(thing), _kind(thing)
+            if kind not in kinds or any((deed, kind) in asked for deed in deeds):
+                continue
+            if now and (now.word, now.place) != (end.word, end.place):
                 text, note = _text(end), _text(now).partition(" is ")[2]
                 found.append(Check(text=text, found="otherwise", note=f"now it is {note}"))
     return tuple(found)

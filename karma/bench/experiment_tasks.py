@@ -13,7 +13,7 @@ from karma.bench.experiment_file import is_called, meant_path
 from karma.contracts import SceneRef, Task
 from karma.errors import FileError, KarmaError
 from karma.files import below, read_bytes, to_json
-from karma.tasks.authors import load_authors_tasks, resolve
+from karma.tasks.authors import load_authors_tasks
 from karma.tasks.files import in_rooms, load_tasks
 from karma.world.core.scene import Scene
 from karma.world.importing.scenes import import_dump
@@ -154,5 +154,4 @@ def _in_scene(task: Task, scenes: Mapping[str, Scene], folder: Path) -> Task:
     scene = scenes.get(name)
     if scene is None:
         return replace(task, notes=(*task.notes, f"no dump of {name}"))
-    found = resolve(task, [thing.type for thing in scene.objects])
-    return replace(found, scene=SceneRef(name=name, path=str(scene_path(folder, name))))
+    return replace(task, scene=SceneRef(name=name, path=str(scene_path(folder, name))))

@@ -10,6 +10,16 @@ from karma.household.uses import with_basin
 
 
 @cache
+def hangs_on(object_type: str) -> tuple[str, ...]:
+    """Return the types that a thing hangs on, () where it hangs on none.
+
+    >>> hangs_on("HandTowel"), hangs_on("ToiletPaper"), hangs_on("Mug")
+    (('HandTowelHolder',), ('ToiletPaperHanger',), ())
+    """
+    places = object_types()[object_type].goes_in or ()
+    return tuple(kind for kind in places if kind.endswith(("Holder", "Hanger")))
+
+
 def goes_in(object_type: str, receptacle_type: str, rules: RuleSet = RULES) -> bool:
     """Return whether AI2-THOR lets a thing into a receptacle, or into its basin, as it is.
 

@@ -8,6 +8,7 @@ from karma.contracts import Embedder, Vectors
 from karma.files import read_json
 from karma.household.saying import spoken
 from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
+from karma.language.request_words import deed_states
 
 LEAST_LETTERS, SLIP = 5, 0.87  # of a word that may be misspelt, and how alike it has to be
 _MANY = ("can",)  # that may be anything: a tin, a bin, a toilet
@@ -50,7 +51,12 @@ class Lexicon:
         if len(phrase) < LEAST_LETTERS:
             return ()
         near = get_close_matches(phrase, self._texts, n=1, cutoff=SLIP)
-        return self._by_text[near[0]] if near and near[0][0] == phrase[0] else ()
+        if not near or near[0][0] != phrase[0]:
+            return ()
+        other = set(phrase.split()) - set(near[0].split())
+        return (
+            () if other <= self._words_said else self._by_text[near[0]]
+        )  # "cold plate" is no slip
 
     @cached_property
     def _by_text(self) -> Mapping[str, tuple[str, ...]]:
@@ -79,6 +85,11 @@ class Lexicon:
         """All words of short texts: what people call things."""
         short = (text.split() for text in self._by_text if len(text.split()) < 4)
         return sorted({word for words in short for word in words if len(word) > 2})
+
+    @cached_property
+    def _words_said(self) -> frozenset[str]:
+        """Words that are spelt right: of our texts, and of how things are."""
+        return frozenset(self.words) | deed_states().keys()
 
     @cached_property
     def _texts(self) -> list[str]:

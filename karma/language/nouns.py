@@ -6,7 +6,7 @@ from dataclasses import replace
 from karma.contracts import Mention
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
-from karma.language.request_words import request_words
+from karma.language.request_words import deed_states, request_words
 from karma.language.sentence import SaidSentence
 from karma.language.words import word_lists
 
@@ -23,6 +23,7 @@ _PARTS = frozenset(("mug", "cup", "bars", "rolls", "couple", "lot", "one", "two"
 _ADJECTIVES = ("JJ", "JJR", "JJS", "VBN", "VBG", "VBD")
 _DETERMINERS = ("DT", "PRP$", "PDT", "POS", "WP", "CD")
 _OWNERS = ("'s", "’s")
+HOLDERS = ("holder", "hanger", "hook", "rail", "rack", "ring", "bar")  # for towels and paper
 _OF_A_WHOLE = ("door", "lid", "slice", "slices", "piece", "pieces", "half", "halves")
 _PIECES = ("slice", "slices", "piece", "pieces", "drink", "half", "halves")
 
@@ -89,6 +90,11 @@ class Nouns:
         if self._s.low(number) == "to" and self._s.tag(number + 1) == "VB":  # "a thing to read"
             vague = self._s.low(number - 1) in request_words().vague
             return number + 2 if vague and self._s.low(number + 2) not in ("the", "a") else number
+        stranded = self._s.low(at + 2) in ("in", "on", "from", "at")
+        led = self._s.low(at) in ("it", "they", "he", "she") and (at > number or stranded)
+        if led:  # "the bowl (that) it was in"
+            ends = (n for n in range(at, stop) if self._s.low(n) in (",", ".", ";", "and", "then"))
+            return next(ends, stop)
         if self._s.low(at) not in ("you", "i", "we"):
             return number
         for end in range(at + 1, min(at + 5, stop)):
@@ -104,7 +110,7 @@ class Nouns:
         at, head = number, number
         while at < stop and at not in self._s.gone:
             kind = self._kind(number, at, head, stop)
-            if kind == "no":
+            if kind == "no" or (head == at and self._is_state(number, at, stop)):
                 break
             at += 1
             if kind in ("head", "last"):
@@ -116,7 +122,7 @@ class Nouns:
     def _kind(self, begin: int, at: int, head: int, stop: int) -> str:
         """Return what a word is in a phrase: "head", "last" head, "inner", or "no" part of it."""
         low, tag = self._s.low(at), self._s.tag(at)
-        if low == "other" and self._s.low(at - 1) == "the":
+        if low in ("other", "former", "latter") and self._s.low(at - 1) == "the":
             named = self._s.low(at + 1) in ("one", "ones") or self._noun_follows(at, stop)
             return "inner" if named else "last"  # "the other" alone
         if low in request_words().elsewhere or (low in ("then", "that", "which") and at > begin):
@@ -140,6 +146,16 @@ class Nouns:
         named = named and (at > begin or tag not in ("VBN", "VBD", "VBG"))
         known = named and self._s.lexicon.named(self._s.phrase(begin, at + 1).lower())
         return "head" if known else "no"
+
+    def _is_state(self, begin: int, at: int, stop: int) -> bool:
+        """Return whether a word says how the thing before it is to be: "the apple cold"."""
+        ends = self._s.low(at + 1) in ("", ",", ".", ";", "!", "and", "please") or at + 1 >= stop
+        if not ends or self._s.low(at) not in deed_states():
+            return False
+        if at == begin:
+            return self._s.tag(at - 1).startswith("NN")
+        first = begin + (self._s.tag(begin) in _DETERMINERS)
+        return first < at and bool(self._s.lexicon.named(self._s.phrase(first, at).lower()))
 
     def _of_before(self, at: int) -> bool:
         """Return whether a word stands behind "of": "a slice of the bread"."""
@@ -263,7 +279,8 @@ class Nouns:
         if not words:
             return None
         lists, text, head = request_words(), " ".join(words), words[-1]
-        if self._s.low(end - 2) == "its" and len(words) == 1:  # its lid, its door
+        own = self._s.low(end - 2) == "its" and words[-1] not in HOLDERS
+        if own and len(words) == 1:  # its lid, its door
             return replace(bare, text="it", vague=True)
         if head in _OF_A_WHOLE and len(words) > 1 and self._types(words[:-1], start):
             words = words[:-1]  # "the bread slices", "the microwave door"

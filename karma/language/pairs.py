@@ -18,7 +18,7 @@ _TOOLS = {
 }  # deed -> what it may be done with
 _WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no reading
 _OF = {"out": "out", "off": "off", "top": "on", "front": "near", "inside": "in"}  # "out of"
-_PICKS = frozenset(("fetch", "grab", "pick", "find", "locate", "retrieve", "hand", "give", "pass"))
+_PICKS = frozenset(("fetch", "grab", "pick", "find", "locate", "retrieve", "give", "pass"))
 _LAID = frozenset(("put", "place", "set", "lay", "leave", "stand"))
 _LIES = ("is", "are", "'s", "lies", "lie", "lying", "stands", "sits", "was", "were", "sitting")
 
@@ -128,8 +128,16 @@ class Pairs:
     def read(self, body: range, deed: str) -> list[Pair]:
         """Return what goes with a deed, at least one pair; only the last may lack its place."""
         found = [_PairGroup()]
+        passed = False  # a phrase by the way, which a bare noun may go on: "about cars and planes"
         for number, one in self._nouns.mentions(body):
             before = self.preposition(number, body.start)
+            if (
+                passed
+                and self._s.low(number - 1) == "and"
+                and self._s.tag(number)[:2] in ("NN", "JJ")
+            ):
+                continue
+            passed = before in request_words().tools | request_words().passed_over - {"of"}
             if not self._is_by_the_way(number, one, before, deed, found[-1]):
                 self._take_in(number, one, before, deed, found, body.start)
         self._somewhere(body, deed, found[-1])
@@ -221,6 +229,8 @@ class Pairs:
 
     def _read_tool(self, one: Mention, deed: str) -> None:
         """Read what a thing is done with; what is no tool for it is not understood."""
+        if one.text in ("it", "that") and deed in _TOOLS:
+            return  # the tool that was just taken up
         if not (set(one.types) & _TOOLS.get(deed, frozenset()) or one.text in _WITH):
             self._s.unread.append(f"with {one.text}")
 

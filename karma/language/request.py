@@ -76,7 +76,7 @@ class RequestReader:
             if any(one.text[0].isalnum() for one in part):
                 found = _going_on(self._one(meant, part, first, before), last)
                 before += [*found.alone, *found.mentions]
-                last = list(found.deeds[-1:]) or last
+                last = list(found.deeds) or last
                 yield found
             first = number + 1
 
@@ -153,11 +153,12 @@ class RequestReader:
 
 def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:
     """Return "the soap bottle too" as the deed before it, done to that."""
-    goes_on = request.form == "incomplete" and request.alone and last
-    if not (goes_on and _TOO.search(request.text)):
+    too = _TOO.search(request.text)
+    if not (request.form == "incomplete" and request.alone and last and too):
         return request
-    deed = replace(last[0], things=request.alone)
-    return replace(request, form="errand", lacking="", deeds=(deed,), alone=())
+    again = last if too[0].lower() == "likewise" else last[-1:]  # "do the same with a spoon"
+    deeds = tuple(replace(deed, things=request.alone) for deed in again)
+    return replace(request, form="errand", lacking="", deeds=deeds, alone=())
 
 
 # ----------------------------------------------------------------- one sentence

@@ -95,6 +95,9 @@ def base_of_deed(word: str) -> str:
         stem = f"{word.removesuffix(ending)}{instead}"
         if word.endswith(ending) and stem in _first_words():
             return stem
+        once = stem[:-1] if stem[-1:] == stem[-2:-1] else stem  # "putting"
+        if word.endswith(ending) and once in _first_words():
+            return once
     return ""
 
 

@@ -5,10 +5,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.contracts import Form, Mention, SaidDeed
+from karma.household.containment import hangs_on
 from karma.household.types import object_types
 from karma.household.uses import BIN, FAUCET
 from karma.language.asides import Asides
-from karma.language.nouns import Nouns
+from karma.language.nouns import HOLDERS, Nouns
 from karma.language.pairs import Pair, Pairs
 from karma.language.request_words import deed_states, request_words
 from karma.language.sentence import SaidSentence
@@ -159,7 +160,8 @@ class SentenceDeeds:
         deed, pairs = self._meant(deed, text, pairs, coffee=said, me=self._for_me(number, end))
         if not deed:
             self.s.unread.append(text)
-        return [_said(text, deed, word.start, pair) for pair in pairs]
+        hangs = word.lemma == "hang"
+        return [_said(text, deed, word.start, _hung(pair, hangs=hangs)) for pair in pairs]
 
     def _for_me(self, number: int, end: int) -> bool:
         """Return whether something is to be brought to whoever speaks."""
@@ -434,6 +436,18 @@ def _said(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
     )
 
 
+def _hung(pair: Pair, *, hangs: bool) -> Pair:
+    """Return a pair whose place is what the thing hangs on: "hang the towel up"."""
+    told = pair.place is not None and pair.place.text.split()[-1] in HOLDERS
+    if not (told or (hangs and pair.place is None)) or not pair.things:
+        return pair
+    kinds = tuple(dict.fromkeys(on for kind in pair.things[0].types for on in hangs_on(kind)))
+    if not kinds or (pair.place is not None and pair.place.types):
+        return pair
+    place = pair.place or Mention(text="holder", start=-1, end=-1)
+    return replace(pair, place=replace(place, types=kinds, vague=False))
+
+
 def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple[str, list[Pair]]:
     """Return what is meant by a thing that goes somewhere: under the tap it is washed."""
     things = pairs[0].things
@@ -516,6 +530,13 @@ def _meant_by(
     """Return what a pronoun stands for; anything else is itself."""
     if one.vague and one.text in ("them", "both", "these", "they") and last:
         return [replace(thing, at=()) for thing in last]
+    if one.vague and one.text in ("former", "latter"):
+        kinds = [
+            thing
+            for thing in named
+            if any(object_types()[k].can("pickupable") for k in thing.types)
+        ]
+        return [kinds[-2 if one.text == "former" and len(kinds) > 1 else -1]] if kinds else [one]
     pronoun = one.vague and (one.text in ("it", "this", "that", "one") or one.other)
     if not (pronoun and named):
         return [one]

@@ -9,7 +9,7 @@ from karma.language.request_words import base_of_deed, deed_verbs, is_deed, requ
 
 _BEFORE_VERBS = frozenset((
     "please", "just", "now", "then", "and", "or", "also", "to", "kindly", "quickly", "carefully",
-    "gently", "so", "but",
+    "gently", "so", "but", "maybe", "perhaps",
 ))  # fmt: skip
 _SIGNS = frozenset((",", ":", ";", ".", "-", "!"))
 _HARD_SIGNS = frozenset((".", "!", "?", ";", ":"))

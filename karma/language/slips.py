@@ -1,7 +1,7 @@
 """A text as it was meant: without fillers, doubled words, list marks and what was taken back.
 
-"Put the tomato, no wait, the apple in the bowl" is about the apple. What is left out is only left
-out: every letter that stays is the text's own, in its order.
+"Put the tomato, no wait, the apple in the bowl" is about the apple. Words for things are the text's
+own; a form of speech may be said plainly, or stand in the order in which it is to be done.
 """
 
 import re
@@ -15,7 +15,8 @@ _FILLERS = (
     "thank you(?: so much| very much)?", "thx", "ta", "cheers", "mate", "dear", "buddy", "pal",
     "hey", "hi", "hello", "ok", "okay", "alright", "listen", "well then", "you know",
     "i mean,? like", "yeah", "good (?:morning|evening|day|afternoon)", "excuse me",
-    "pardon(?: me| the interruption)?", "sorry(?: to bother you)?",
+    "pardon(?: me| the interruption)?",
+    "sorry(?: to (?:bother|ask|trouble|disturb)(?: you)?| about (?:this|that))?",
     "at your (?:earliest )?convenience", "if you (?:don't|do not|wouldn't) mind",
     "if (?:it's|it is) no(?:t too much)? trouble", "if possible", "if you (?:can|could)",
     "(?:when|if) you (?:have|get) (?:time|a (?:moment|minute|second|chance))", "no need to hurry",
@@ -31,6 +32,22 @@ _SPOKEN = (
     (r"\b(on|in|to|at|into|onto|from)(the|my)\b", r"\1 \2"), (r"\s*-+>\s*", " to the "),
     (r"(?:(?<=^)|(?<=[,.;] )|(?<=and ))(turn|switch|pick|put|throw|shut|take)"
      r"(on|off|up|out|away|down)\b", r"\1 \2"),
+    (r"\bas well as\b", "and"), (r",? after which\b", ", then"),
+    (r"\bdo (?:so|(?:just )?the same)(?: thing)? (?:with|to|for) ([\w ]+)", r"\1 likewise"),
+    (r"\bi(?:'m| am| was)? hop(?:e|ing) (?:that )?you (?:could|can|would|will|might)\b",
+     "could you"), (r"\bget rid of\b", "throw away"),
+    (r"\b(?:and )?(?:when|once|after) (?:that|this|it)(?:'s| is| has been)"
+     r" (?:done|finished|over|ready)\b,?", "then"),
+    (r"(?:^|(?<=[.;] ))(?P<at>(?:on|in|into|onto|inside|under|near|next to|beside)"
+     r" (?:the|my|a|that) [\w ]+?),? (?P<verb>put|place|set|lay|leave|drop|stand)"
+     r" (?P<rest>[^,.;]+)",
+     r"\g<verb> \g<rest> \g<at>"),
+    (r"^\W*(?:(?:just )?(?:one|two|three|four|a few|a couple of|some) (?:more )?"
+     r"(?:things?|wishes|jobs|tasks|requests|favou?rs)"
+     r"|(?:your|the|my) (?:jobs?|tasks?|orders?|list)(?: (?:today|now))?(?: (?:is|are))?"
+     r"|do the following|here(?: is|'s) what to do"
+     r"|the following(?: (?:needs?|has|have) (?:doing|to be done))?)(?: for you)?\s*[:.,]\s+"
+     r"(?P<noun>the |a |my |all )?", lambda led: f"I want {led['noun']}" if led["noun"] else ""),
     (r"(?:and )?only if it(?:'s| is) (?:no|not too much) trouble,?", ""),
     (r"\bthanks for [^.!?]*[.!]", ""), (r"\bwith your permission,?", ""),
     (r"\b(?:don't|dont|do not) worry about [^,.;]*[,.;]", ""),
@@ -55,8 +72,9 @@ _SPOKEN = (
     (r"\bwhen(?:ever)? it suits you,?", ""),
     (r"\bshelve (?P<what>(?:the|a|my|that|this|every) [\w ]+?)(?=[,.;!?]| and\b|$)",
      r"put \g<what> on the shelf"),
-    (r"\b(?:take your time|keep calm|calm down|turn around|hurry(?: up)?|be (?:quick|careful)"
-     r"|wait a (?:second|moment|minute)|do it again)\b(?:,|:| and| but)", ""),
+    (r"\b(?:take your time|keep calm|calm down|take care|have a look(?: a?round)?|turn around"
+     r"|hurry(?: up)?|be (?:quick|careful)|wait a (?:second|moment|minute)|do it again)"
+     r"\b(?:,|:| and| but)", ""),
     (r"^(?P<lead>\W*before you [^,]+, )i(?:'d| would)? (?:need|want|like) (?P<what>[^,.]+?) "
      r"(?P<deed>opened|closed|washed|rinsed|cleaned|sliced|heated|warmed|chilled|cooled|filled)\b",
      r"\g<lead>\g<deed> \g<what>"),
@@ -149,7 +167,23 @@ def as_meant(text: str) -> str:
         if len(said.split()) > 3
         else said
     )
-    return re.sub(r"[\s,]+(?:and|but)([.!?]*)$", r"\1", said).strip(" ,;-")
+    said = re.sub(r"[\s,]+(?:and|but)([.!?]*)$", r"\1", said).strip(" ,;-")
+    return _beforehand(said)
+
+
+def _beforehand(text: str) -> str:
+    """Return "bring me the mug; I want it washed first" in the order in which it is to be done."""
+    found = re.fullmatch(
+        r"(?P<then>[^.;!?]+)[.;,]\s*(?P<first>[^.;!?,]+?),? (?:beforehand|before that|first)[.!]*",
+        text, re.IGNORECASE,
+    )  # fmt: skip
+    if found is None:
+        return text
+    thing = _NAMED.search(found["then"])
+    first = (
+        re.sub(r"\b(?:it|them)\b", thing[0], found["first"], count=1) if thing else found["first"]
+    )
+    return f"{first}, then {found['then'][0].lower()}{found['then'][1:]}"
 
 
 def _corrected(text: str) -> str:
@@ -253,6 +287,7 @@ def _is_a_slip(word: str, right: str) -> bool:
     return wanted in (swapped, rest[1:]) or rest == wanted[1:] or rest[1:] == wanted[1:]
 
 
+_NAMED = re.compile(r"\b(?:the|a|an|my)\s+[\w' -]+?(?=$|,| (?:in|on|into|onto|to|from|and|off)\b)")
 _FIRST, _LATER = r"(?P<first>[^,.;!?]+?)", r"(?P<later>[^,.;!?]+?)"
 _REST = {"first": r"(?P<first>\w+\b[^.;!?]*)", "later": r"(?P<later>\w+\b[^.;!?]*)"}
 _HAVING = r"(?:you(?:'ve| have)? |having )?"
@@ -290,15 +325,16 @@ def in_order(sentence: str, base_of: Callable[[str], str]) -> str:
         heads = [base_of(text.split()[0].lower()) for text in (first, later)]
         if not all(heads):
             continue
-        named = re.search(
-            r"\b(?:the|a|an|my)\s+[\w' -]+?(?=$|,| (?:in|on|into|onto|to|from|and|off)\b)", said[0]
-        )
+        named = _NAMED.search(said[0])
         parts = [
             " ".join((head, *text.split()[1:]))
             for head, text in zip(heads, (first, later), strict=True)
         ]
         if named is not None:
             parts = [re.sub(r"\b(?:it|them)\b", named[0], part, count=1) for part in parts]
+        place = re.search(r"\b(?:in|on|into|onto|to|at|under) (?:the|a|my) [\w' -]+$", parts[1])
+        if place is not None and parts[0].endswith(" there"):
+            parts[0] = f"{parts[0].removesuffix('there')}{place[0]}"
         end = sentence[found.end() :]
         return f"{parts[0]}, then {parts[1]}{end}"
     return sentence

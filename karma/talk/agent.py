@@ -48,6 +48,7 @@ from karma.loading.models import Models, Row, load_resources
 from karma.loading.names import check_options
 from karma.loading.presets import preset as preset_of
 from karma.loading.worlds import world_maker
+from karma.methods.guarded import reader_of
 from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
@@ -56,7 +57,6 @@ from karma.talk.replies import AgentReply, RequestReply, as_it_ends
 from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap
 from karma.tasks.goals import GoalTracker
-from karma.tasks.sentences import split_instruction
 
 if TYPE_CHECKING:
     from karma.world.event import WorldEvent
@@ -242,8 +242,11 @@ class Agent:
     def _clauses(self, instruction: str) -> list[tuple[str, Request | None]]:
         """Return what is said errand by errand, each with what it asks where that is read."""
         reader = self._method.reader
-        if reader is None:
-            return [(clause, None) for clause in split_instruction(instruction)]
+        if reader is None:  # without a guard what is said is only cut
+            cut = context_left_out(reader_of(None).read(instruction))
+            return [(text, None) for one in cut for text, _ in clauses_of(one)] or [
+                (instruction, None)
+            ]
         requests = context_left_out(reader.read(instruction, self._spoken_of(reader)))
         clauses: list[tuple[str, Request | None]] = [
             clause for request in requests for clause in clauses_of(request)

@@ -84,19 +84,23 @@ def as_it_ends(parts: Sequence[RequestReply]) -> tuple[RequestReply, ...]:
     for number, part in enumerate(parts):
         later = parts[number + 1 :]
         results = [result for one in later for result in one.results]
-        mine, meant = _things_of([part]), _things_of(later)
-        undone = taken_back(part.results, results, mine - meant)
+        kinds = {kind for _, kind in _deeds_of([part])}
+        undone = taken_back(part.results, results, kinds, _deeds_of(later))
         texts = {check.text for check in undone}
         kept = [check for check in part.checks if check.text not in texts]
         found.append(replace(part, checks=(*kept, *undone)) if undone else part)
     return tuple(found)
 
 
-def _things_of(parts: Sequence[RequestReply]) -> frozenset[str]:
-    """Return the kinds of things that requests do something to."""
-    asked = (one.asked for one in parts if one.asked is not None)
-    things = (thing for one in asked for deed in one.deeds for thing in deed.things)
-    return frozenset(base_type(kind) for thing in things for kind in thing.types)
+def _deeds_of(parts: Sequence[RequestReply]) -> frozenset[tuple[str, str]]:
+    """Return what requests ask for: each deed with the kinds of things that it is done to."""
+    deeds = (deed for one in parts if one.asked is not None for deed in one.asked.deeds)
+    return frozenset(
+        (deed.deed, base_type(kind))
+        for deed in deeds
+        for thing in deed.things
+        for kind in thing.types
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The sets of requests: locked by hash, readable, and each clause judged by its words."""
+"""The sets of requests: locked by hash, and readable."""
 
 from collections import Counter
 from hashlib import sha256
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from karma.errors import FileError
-from karma.tasks.requests import WantedClause, load_said, load_several, split_right
+from karma.tasks.requests import load_said, load_several
 from karma.world.core import scene
 
 SETS = Path("eval/requests")
@@ -34,40 +34,6 @@ def test_requests_are_two_hundred_of_each_and_said_in_rooms_that_exist():
         scene.find(room)
     texts = Counter(one.text for one in (*refuse, *do, *several))
     assert max(texts.values()) == 1
-
-
-def test_several_requests_are_split_right_by_their_own_clauses():
-    for one in load_several(SETS / "several.jsonl"):
-        assert split_right([part.clause for part in one.requests], one.requests), one.id
-
-
-def test_sentences_of_several_requests_are_not_split_right_when_left_whole():
-    several = [one for one in load_several(SETS / "several.jsonl") if len(one.requests) > 1]
-    whole = [one for one in several if split_right([one.text], one.requests)]
-    assert all(part.joins for one in whole for part in one.requests[1:])
-
-
-def wanted(text, **more):
-    return WantedClause(clause=text, goals=("OPEN(Fridge)",), **more)
-
-
-@pytest.mark.parametrize(
-    ("clauses", "right"),
-    [
-        (["put the salt shaker on the table", "put the pepper shaker on the table"], True),
-        (["please put salt shakers on a table", "putting the pepper shaker on the table"], True),
-        (["put the salt on the table", "put the pepper shaker on the table"], False),
-        (["put the pepper shaker on the table", "put the salt shaker on the table"], False),
-        (["put the salt and pepper shakers on the table"], False),
-        (["put the salt shaker on the table"], False),
-        (["put the salt shaker on the table", "put the pepper shaker on the table", "go"], False),
-    ],
-)
-def test_split_right_asks_for_every_word_of_a_request_and_none_of_another(clauses, right):
-    requests = [
-        wanted("put the salt shaker on the table"), wanted("put the pepper shaker on the table"),
-    ]  # fmt: skip
-    assert split_right(clauses, requests) is right
 
 
 @pytest.mark.parametrize(
