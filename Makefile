@@ -31,7 +31,9 @@ test: check ## check, then all tests; those of the reference data last, where it
 	@echo "test: what reads the reference data (KARMA_SHARED, else ../shared)"
 	@PYTHONHASHSEED=0 OMP_NUM_THREADS=1 $(PY) -m pytest -n $(WORKERS) --dist worksteal -m shared $(SHARED_TESTS)
 
-check: setup ## format, lint, types, layers
+check: setup ## names of test files, format, lint, types, layers
+	@echo "check: two test files of one name cannot be collected together"
+	@! find tests -name 'test_*.py' -printf '%f\n' | sort | uniq -d | grep .
 	@echo "check: ruff format" && $(PY) -m ruff format --check --quiet .
 	@echo "check: ruff" && $(PY) -m ruff check --quiet .
 	@echo "check: mypy" && $(PY) -m mypy --no-error-summary

@@ -150,7 +150,7 @@ def test_same_talk_twice_leaves_the_same_bytes(tmp_path):
 
 def test_map_and_memory_and_reply_are_sound_html(tmp_path):
     agent = agent_saying(tmp_path, [STORE], guard=False)
-    reply = agent.do("put the <b>apple</b> in the fridge & close it")
+    reply = agent.do("put the <b>apple</b> in the fridge &c")
     drawn = Balanced(agent.map._repr_html_())
     assert drawn.tags[0] == "svg" and "circle" in drawn.tags
     table = Balanced(agent.memory._repr_html_())
