@@ -161,7 +161,8 @@ class SentenceDeeds:
         if not deed:
             self.s.unread.append(text)
         hangs = word.lemma == "hang"
-        return [_said(text, deed, word.start, _hung(pair, hangs=hangs)) for pair in pairs]
+        found = [_said(text, deed, word.start, _hung(pair, hangs=hangs)) for pair in pairs]
+        return self._made_ready(found)
 
     def _for_me(self, number: int, end: int) -> bool:
         """Return whether something is to be brought to whoever speaks."""
@@ -323,10 +324,22 @@ class SentenceDeeds:
                 self.s.taken.add(n)
                 deed = state
                 break
-        if deed == "take" and pairs[0].things[0].text == "coffee":
+        if deed == "take" and "coffee" in self.s.lows(part.start, part.stop):
             deed = "coffee"
         low, start = self.s.low(number), self.s.words[part.start].start
-        return [_said(low, deed, start, pair) for pair in pairs]
+        return self._made_ready([_said(low, deed, start, pair) for pair in pairs])
+
+    def _made_ready(self, deeds: list[SaidDeed]) -> list[SaidDeed]:
+        """Return deeds ahead of which "a hot potato" is heated; "the hot potato" is one that is."""
+        first: list[SaidDeed] = []
+        for deed in deeds:
+            for thing in deed.things if deed.deed == "take" else ():
+                said = self.s.text[thing.start : thing.end].lower().split()
+                states = [deed_states()[word] for word in said[1:-1] if word in deed_states()]
+                if states and said[0] in ("a", "an", "some"):
+                    pair = Pair(things=(thing,))
+                    first.append(_said(deed.verb, states[0], deed.start, pair))
+        return [*first, *deeds]
 
     def _need(self, number: int, end: int, subject: int) -> list[SaidDeed]:
         """Read "the pan needs washing", "the vase should go on the desk"."""
@@ -353,7 +366,7 @@ class SentenceDeeds:
         if not deed:
             return []
         s.taken.update(after)
-        pair = replace(place, things=tuple(about[:3]))
+        pair = _hung(replace(place, things=tuple(about[:3])), hangs=text == "hang")
         return [_said(text, deed, word.start, pair)]
 
     def _subjects(self, begin: int, end: int) -> list[Mention]:

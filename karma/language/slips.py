@@ -11,7 +11,8 @@ _SIGNS = str.maketrans(
     {"‘": "'", "’": "'", "“": '"', "”": '"', "…": ".", "–": "-", "—": "-", "\t": " "}
 )
 _FILLERS = (
-    "u+m+", "u+h+", "e+r+m?", "hm+", "pls", "plz", "please", "kindly", "thanks(?: a lot| so much)?",
+    "u+m+", "u+h+", "so{2,}", "e+r+m?", "hm+", "pls", "plz", "please", "kindly",
+    "thanks(?: a lot| so much)?",
     "thank you(?: so much| very much)?", "thx", "ta", "cheers", "mate", "dear", "buddy", "pal",
     "hey", "hi", "hello", "ok", "okay", "alright", "listen", "well then", "you know",
     "i mean,? like", "yeah", "good (?:morning|evening|day|afternoon)", "excuse me",
@@ -70,6 +71,18 @@ _SPOKEN = (
     (r"\bif (?:it's|it is|that's|that is|it isn't|it is not|it's not)(?: not)? (?:all right|alright"
      r"|ok(?:ay)?|too much(?: trouble| to ask)?|a bother|convenient)(?: with you)?,?", ""),
     (r"\bwhen(?:ever)? it suits you,?", ""),
+    (r"\bi (?:wouldn't|would not) (?:mind|say no to)\b|\bi could do with\b", "I'd like"),
+    (r"^\W*(?:do you )?fancy (?=\w+ing\b)", ""), (r"\bi(?:'m| am) looking for\b", "bring me"),
+    (r"^\W*is there any chance of (?P<what>(?:the|my) [\w ]+?) being (?P<deed>\w+)",
+     r"I want \g<what> \g<deed>"),
+    (r"\bmay i ask (?:you )?(?:for )?(?:a |one )?(?:small |big |little )?favou?r(?: of you)?\W*",
+     ""),
+    (r"\bwould(?:n't| not)? it be (?:so |very )?(?:nice|great|lovely|good) if (?=the|my|a\b|all)",
+     "I want "),
+    (r",? or wherever (?:it|they) (?:may|might) be,?", ""),
+    (r"\b(?:out of|from) wherever (?:it|they) (?:is|are|may be)\b", ""),
+    (r"\blook (?:on|in|under|behind|inside|around) (?:the|my) [\w ]+? and (?=\w+ (?:it|them)\b)",
+     ""), (r"^(I want [^?]*)\?+$", r"\1."),
     (r"\bshelve (?P<what>(?:the|a|my|that|this|every) [\w ]+?)(?=[,.;!?]| and\b|$)",
      r"put \g<what> on the shelf"),
     (r"\b(?:take your time|keep calm|calm down|take care|have a look(?: a?round)?|turn around"
@@ -266,13 +279,13 @@ def spelt(
 
     def right(found: re.Match[str]) -> str:
         word = found[0]
-        if len(word) < 3 or word[0].isupper() or is_known(word.lower()):
+        if len(word) < 3 or "'" in word or word[0].isupper() or is_known(word.lower()):
             return word
         begins = re.search(r"(?:^|[.;!?,]\s*)$", text[: found.start()]) is not None
         likely = [*verbs, *words] if begins else words
         return next((one for one in likely if _is_a_slip(word.lower(), one)), word)
 
-    return re.sub(r"[A-Za-z]+", right, text)
+    return re.sub(r"[A-Za-z]+(?:'[A-Za-z]+)*", right, text)  # "doesn't" is one word
 
 
 def _is_a_slip(word: str, right: str) -> bool:
