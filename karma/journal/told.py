@@ -11,9 +11,15 @@ from karma.files import read_json
 from karma.loading.words import NO_WORDS
 
 CONFIG = "config.json"  # in the run folder
-
-
 Config = Mapping[str, Any]
+_PATHS = (  # keys whose values are paths
+    "tasks", "authors", "scenes", "layouts", "types", "trials", "published", "alfred.trials",
+    "alfred.lists", "alfred.training", "models.words", "run.states",
+)  # fmt: skip
+_NAMES = (  # and names or paths, after "KIND:" if any, "+" between several
+    "models.planner", "models.profile", "models.embedder", "models.vision", "models.detector",
+    "rows.vision",
+)  # fmt: skip
 
 
 def read_config(folder: Path) -> Config | None:
@@ -83,16 +89,7 @@ def _leaves(key: str, value: Any) -> Iterator[tuple[str, str]]:
         yield key, msgspec.json.encode(value, order="sorted").decode()
 
 
-_PATHS = (  # keys whose values are paths
-    "tasks", "authors", "scenes", "layouts", "types", "trials", "published", "alfred.trials",
-    "alfred.lists", "alfred.training", "models.words", "run.states",
-)  # fmt: skip
-
-
-_NAMES = (  # and names or paths, after "KIND:" if any, "+" between several
-    "models.planner", "models.profile", "models.embedder", "models.vision", "models.detector",
-    "rows.vision",
-)  # fmt: skip
+# ----------------------------------------------------------------- where files lie
 
 
 def without_places(tree: Any, key: str = "") -> Any:

@@ -41,6 +41,7 @@ from karma.language.request import RequestReader
 from karma.methods.attempts import Programs
 
 _PLACES = 12  # of a kind that are looked over
+_DONE_SOMEWHERE = ("wash", "fill", "heat", "cook", "cool", "toast", "empty")  # "in the sink"
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
 _SHOWN_BY = {"clean": "dirty", "empty": "filled"}  # a look shows the other; so with "off"
@@ -218,7 +219,7 @@ def _the_same(
     kinds = {kind_of(kind) for kind in here_of(thing.types, episode.here(skills))}
     key = (asked.whole or asked.text, thing.start)
     before = episode.chosen.get(key)
-    if thing.at and before is None:
+    if before is None and _lies_told(asked.deeds[0]):
         before = yield from _the_one_there(episode, thing, kinds, skills, came)
         if before == "":
             return
@@ -236,6 +237,13 @@ def _the_same(
         used = [one for one in result.object_ids if kind_of(one) in kinds]
         if used and result.ok:
             episode.chosen.setdefault(key, used[0])
+
+
+def _lies_told(deed: SaidDeed) -> bool:
+    """Return whether the place behind a thing says which is meant, not where it is done to it."""
+    thing, kinds = deed.things[0], object_types()
+    carried = any(kinds[kind].can("pickupable") for kind in thing.types)
+    return bool(thing.at) and carried and deed.deed not in _DONE_SOMEWHERE
 
 
 def _the_one_there(

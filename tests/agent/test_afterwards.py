@@ -5,7 +5,7 @@ from dataclasses import replace
 from support.household import bring
 from support.talking import STORE, TAKE, WASH, agent_saying
 
-from karma.agent.afterwards import checked
+from karma.agent.afterwards import checked, taken_back
 from karma.contracts import Experience, SkillCall, SkillResult
 
 
@@ -93,3 +93,35 @@ def _experience_with(agent, name, parents):
 def _id(world, kind):
     things = world.last_event.metadata["objects"]
     return next(thing["objectId"] for thing in things if thing["objectType"] == kind)
+
+
+# ----------------------------------------------------------------- what a later request undoes
+
+BOOK, DESK, TV = "Book|1|2|3", "Desk|1|2|3", "Television|1|2|3"
+
+
+def did(skill, *objects, ok=True):
+    return SkillResult(
+        call=SkillCall(skill=skill, objects=objects), ok=ok, object_ids=tuple(objects)
+    )
+
+
+def test_what_a_later_request_took_back_unasked_is_not_so_any_more():
+    earlier, later = [did("PickupObject", BOOK)], [did("PutObject", BOOK, DESK)]
+    (check,) = taken_back(earlier, later, {"Book"}, {("cool", "Apple")})
+    assert str(check) == "the book is in the hand: no, now it is on the desk"
+
+
+def test_what_a_later_request_asks_to_undo_is_meant():
+    earlier, later = [did("PickupObject", BOOK)], [did("PutObject", BOOK, DESK)]
+    assert not taken_back(earlier, later, {"Book"}, {("put", "Book")})
+    assert taken_back(earlier, later, {"Book"}, {("wash", "Book")})
+    switched = [did("ToggleOn", TV)], [did("ToggleOff", TV)]
+    assert not taken_back(*switched, {"Television"}, {("off", "Television")})
+    assert taken_back(*switched, {"Television"}, {("look", "Television")})
+
+
+def test_failed_calls_and_things_that_nobody_asked_about_take_nothing_back():
+    earlier = [did("PickupObject", BOOK)]
+    assert not taken_back(earlier, [did("PutObject", BOOK, DESK, ok=False)], {"Book"}, set())
+    assert not taken_back(earlier, [did("PutObject", BOOK, DESK)], {"Apple"}, set())
