@@ -103,7 +103,9 @@ class Asides:
         """Return whether "to" leads to a verb that asks for nothing of its own."""
         s, verb, before = self.s, number + 1, number - 1
         asked = request_words().needs | {"have", "ask", "go", "try", "remember", "like", "use"}
-        if s.tag(verb) != "VB" or s.words[before].lemma in asked or s.low(before) in ("you", "up"):
+        if s.tag(verb) != "VB" or s.words[before].lemma in asked:
+            return False
+        if s.low(before) in {"you", "up"} | request_words().vague:  # "the thing to read"
             return False
         if not any(s.is_order(n) and s.starts_clause(n) for n in range(number)):
             return False
