@@ -131,11 +131,8 @@ class Pairs:
         passed = False  # a phrase by the way, which a bare noun may go on: "about cars and planes"
         for number, one in self._nouns.mentions(body):
             before = self.preposition(number, body.start)
-            if (
-                passed
-                and self._s.low(number - 1) == "and"
-                and self._s.tag(number)[:2] in ("NN", "JJ")
-            ):
+            bare = self._s.low(number - 1) == "and" and self._s.tag(number)[:2] in ("NN", "JJ")
+            if passed and bare:
                 continue
             passed = before in request_words().tools | request_words().passed_over - {"of"}
             if not self._is_by_the_way(number, one, before, deed, found[-1]):

@@ -324,8 +324,9 @@ class SentenceDeeds:
                 self.s.taken.add(n)
                 deed = state
                 break
-        if deed == "take" and "coffee" in self.s.lows(part.start, part.stop):
-            deed = "coffee"
+        thing = pairs[0].things[0]
+        if deed == "take" and self.s.text[thing.start : thing.end].lower().endswith("coffee"):
+            deed = "coffee"  # "a cup of coffee"
         low, start = self.s.low(number), self.s.words[part.start].start
         return self._made_ready([_said(low, deed, start, pair) for pair in pairs])
 

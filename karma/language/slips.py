@@ -33,7 +33,7 @@ _SPOKEN = (
     (r"\b(on|in|to|at|into|onto|from)(the|my)\b", r"\1 \2"), (r"\s*-+>\s*", " to the "),
     (r"(?:(?<=^)|(?<=[,.;] )|(?<=and ))(turn|switch|pick|put|throw|shut|take)"
      r"(on|off|up|out|away|down)\b", r"\1 \2"),
-    (r"\bas well as\b", "and"), (r",? after which\b", ", then"),
+    (r"\bas well as\b(?! (?:you|possible|it|ever))", "and"), (r",? after which\b", ", then"),
     (r"\bdo (?:so|(?:just )?the same)(?: thing)? (?:with|to|for) ([\w ]+)", r"\1 likewise"),
     (r"\bi(?:'m| am| was)? hop(?:e|ing) (?:that )?you (?:could|can|would|will|might)\b",
      "could you"), (r"\bget rid of\b", "throw away"),
