@@ -121,7 +121,7 @@ class SentenceDeeds:
         needs = request_words().needs
         if s.low(number - 1) in ("you", "ya", "u") and s.low(number - 2) in _ASKED_OF_YOU:
             return False  # "could you put the apple away, I'd like it cold"
-        if word.tag == "VBG" and s.words[word.head].lemma in needs:
+        if word.tag == "VBG" and s.words[word.head].lemma in needs | {"leave", "keep"}:
             return True
         wished = s.words[word.head].lemma in needs and s.subject(word.head) is not None
         if word.dep in ("ccomp", "xcomp") and word.head != number and wished:
