@@ -116,6 +116,8 @@ class Pairs:
                 continue
             ends = at + 1 >= end or not self._s.begins_noun(at + 1)
             follows = ends or self._s.low(at + 1) in ("and", "then") or low in ("away", "out")
+            if self._s.low(number) in ("put", "get", "set") and low in ("on", "off"):
+                follows = follows and not self.has_place(range(number + 1, at))
             for lemma in self._s.lemmas(number):
                 text = f"{lemma} {low}"
                 if text in table and follows and self._s.low(at + 1) != "of":

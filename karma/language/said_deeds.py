@@ -1,7 +1,7 @@
 """The deeds of a sentence: orders, wishes, what needs doing; or that it only tells something."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.contracts import Form, Mention, SaidDeed
@@ -24,6 +24,7 @@ _BEFORE_NOUNS = frozenset((
 ))  # fmt: skip
 _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
 _ASKED_OF_YOU = ("could", "can", "would", "will")
+_SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
 _MOVED = ("moved", "put", "placed", "brought", "set", "to", "be")
@@ -147,7 +148,49 @@ class SentenceDeeds:
                 return kept
         return self._order(number, end)
 
+    def _switches(self, number: int, end: int) -> list[SaidDeed]:
+        """Read "turn the tv on and the lamp off": () where not both are said."""
+        s, kept = self.s, set(self.s.taken)
+        found = dict(self.nouns.mentions(range(number + 1, end)))
+        leads, follows = self._marks(number, end, found.keys())
+        both = {s.low(n) for n in leads | follows} == {"on", "off"}
+        deeds: list[SaidDeed] = []
+        waiting: list[Mention] = []
+        ahead = ""
+        for n in range(number + 1, end) if both and s.words[number].lemma in _SWITCHES else ():
+            if n in follows and not waiting and deeds:  # "on and off"
+                waiting = list(deeds[-1].things)
+                deeds = deeds[:-1] if ahead else deeds
+            if n in leads | follows:
+                ahead = s.low(n)
+            elif n in found and s.low(n - 1) in ("on", "off") and n - 1 not in leads:
+                waiting[-1:] = [replace(one, at=found[n].types) for one in waiting[-1:]]
+            elif n in found:
+                waiting.append(found[n])
+            if waiting and ahead:
+                start = s.words[number].start + len(deeds)
+                deeds.append(_said(f"turn {ahead}", ahead, start, Pair(things=tuple(waiting))))
+                waiting = []
+            ahead = "" if n in follows else ahead
+        if waiting or not deeds:
+            s.taken = kept
+            return []
+        s.taken.update(range(number, end))
+        return deeds
+
+    def _marks(self, number: int, end: int, nouns: Collection[int]) -> tuple[set[int], set[int]]:
+        """Return where "on" and "off" stand ahead of their things, and where behind them."""
+        marks = [n for n in range(number + 1, end) if self.s.low(n) in ("on", "off")]
+        joints = ("and", "then", ",", "but")
+        leads = {
+            n for n in marks
+            if n + 1 in nouns and (n == number + 1 or self.s.low(n - 1) in joints)
+        }  # fmt: skip
+        return leads, {n for n in marks if n + 1 not in nouns}  # not of "the lamp on the desk"
+
     def _order(self, number: int, end: int) -> list[SaidDeed]:
+        if switched := self._switches(number, end):
+            return switched
         deed, text, size = self.pairs.deed_at(number)
         if size == 1 and (later := self.pairs.particle_later(number, end)):
             deed, text = later
@@ -157,6 +200,10 @@ class SentenceDeeds:
         self.s.taken.update(range(number, number + size))
         pairs = self.pairs.read(range(number + size, end), deed)
         said = "coffee" in self.s.lows(number, end)
+        for n in range(number + size, end):  # a particle that nothing was made of
+            last = n + 1 >= end or self.s.low(n + 1) in (",", "and", "then", ".", "!", ";")
+            if self.s.low(n) in ("on", "off") and last and n not in self.s.taken:
+                self.s.unread.append(self.s.low(n))
         deed, pairs = self._meant(deed, text, pairs, coffee=said, me=self._for_me(number, end))
         if not deed:
             self.s.unread.append(text)
@@ -286,7 +333,7 @@ class SentenceDeeds:
         while s.low(stop) == "," and self._goes_on(stop + 1):
             stop = s.clause_end(stop + 1, orders=False)
         for n in range(begin, stop):
-            joint = s.low(n) in (",", "and")
+            joint = s.low(n) in (",", "and", "but")
             if joint and whole and s.begins_noun(n + 1 + (s.low(n + 1) == "and")):
                 yield range(start, n)
                 start, whole = n + 1 + (s.low(n + 1) == "and"), False
@@ -324,6 +371,12 @@ class SentenceDeeds:
                 self.s.taken.add(n)
                 deed = state
                 break
+        more = (n for n in range(part.start + 1, end) if self.s.low(n) in deed_states())
+        places = request_words().destinations
+        self.s.unread += [
+            self.s.low(n) for n in more
+            if n not in self.s.taken and not (self.s.low(n) in places and self.s.begins_noun(n + 1))
+        ]  # fmt: skip
         thing = pairs[0].things[0]
         if deed == "take" and self.s.text[thing.start : thing.end].lower().endswith("coffee"):
             deed = "coffee"  # "a cup of coffee"

@@ -97,7 +97,7 @@ _SPOKEN = (
     (r"\bdo the (?:dishes|washing[- ]up)\b", "wash the dishes"),
     (r"\b(?:it|that)(?:'d| would) be (?:so |very |really )?(?:nice|great|lovely|good|kind|helpful)"
      r"(?: of you)? if you (?:(?:could|would|can|might) )?", ""),
-    (r"\bno need to\b", "don't"),
+    (r"\bno need to\b", "don't"), (r"\b(?:a (?:little )?bit|a little|slightly)\b(?! of)", ""),
     (r"\b(?:make sure|ensure|see to it)(?: that)? (?P<what>(?:the|my|both|all|every|each)\b"
      r" [^,.;]*?) (?:is|are)\b(?!n't| not)", r"I want \g<what>"),
     (r"\bgive (?P<what>(?:the|a|my|that|this|every) [\w ]+?|it|them) a (?:good |quick |proper )?"

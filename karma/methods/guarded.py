@@ -298,6 +298,10 @@ def _each(
     done: list[str] = []
     failed: list[str] = []
     while (wanted is None or len(done) < wanted) and len(failed) < _IN_VAIN:
+        if done and deed.deed == "take":
+            came.told.append(Check(text="I can hold one thing at a time", found="otherwise"))
+            came.short = True
+            break
         tried = {*done, *failed}
         one = _next(episode, skills, kinds, tried, thing, found)
         if one is None:

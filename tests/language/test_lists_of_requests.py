@@ -104,6 +104,30 @@ def test_each_thing_goes_where_its_own_place_is(reader, data):
     assert not is_whole(whole) or singles(whole) == wanted, text
 
 
+SWITCHED = {"tv": "Television", "candle": "Candle", "floor lamp": "FloorLamp", "toaster": "Toaster"}
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_each_thing_is_switched_as_it_is_said(reader, data):
+    names = data.draw(
+        st.lists(st.sampled_from(sorted(SWITCHED)), min_size=2, max_size=3, unique=True)
+    )
+    states = [data.draw(st.sampled_from(["on", "off"])) for _ in names]
+    lead, ahead = data.draw(
+        st.sampled_from([("Turn ", False), ("Get ", False), ("I want ", False), ("Switch ", True)])
+    )
+    said = [
+        f"{state} the {name}" if ahead else f"the {name} {state}"
+        for name, state in zip(names, states, strict=True)
+    ]
+    joint = data.draw(st.sampled_from([" and ", ", ", " but "]))
+    text = f"{lead}{joint.join(said)}."
+    whole = reader.read(text)
+    wanted = [(state, (SWITCHED[name],), ()) for name, state in zip(names, states, strict=True)]
+    assert not is_whole(whole) or singles(whole) == wanted, text
+
+
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
@@ -149,6 +173,12 @@ def test_each_thing_goes_where_its_own_place_is(reader, data):
         ("the hand towel goes on its holder", [("put", ("HandTowel",), ("HandTowelHolder",))]),
         ("sorry to ask, but can you get rid of the egg", [("throw", ("Egg",), ())]),
         ("I was hoping you could rinse the pot", [("wash", ("Pot",), ())]),
+        ("turn the candle on and off", [("on", ("Candle",), ()), ("off", ("Candle",), ())]),
+        ("turn the tv and the candle off and then the candle on",
+         [("off", ("Television",), ()), ("off", ("Candle",), ()), ("on", ("Candle",), ())]),
+        ("I want the tv on but the candle off",
+         [("on", ("Television",), ()), ("off", ("Candle",), ())]),
+        ("make sure the watch is in the drawer", [("put", ("Watch",), ("Drawer",))]),
         ("put the hot potato on the cold plate", [("put", ("Potato",), ("Plate",))]),
     ],
 )  # fmt: skip
