@@ -53,12 +53,36 @@ def context_left_out(requests: Sequence[Request]) -> tuple[Request, ...]:
     """
     if not any(one.form == "errand" for one in requests):
         return tuple(requests)
+    requests = _constraints_kept(requests)
     about = {kind for one in requests for thing in one.mentions for kind in thing.types}
     return tuple(
         one for one in requests
         if one.form not in ("statement", "talk")
         and not (one.form == "incomplete" and _speaks_only_of(one, about))
     )  # fmt: skip
+
+
+def _constraints_kept(requests: Sequence[Request]) -> tuple[Request, ...]:
+    """Return requests without those that only rule something out, which then holds for all."""
+    only = [
+        one for one in requests
+        if (one.forbidden or one.exclusions) and not (one.deeds or one.unread)
+    ]  # fmt: skip
+    rest = [one for one in requests if one not in only]
+    if not only or not any(one.deeds for one in rest):
+        return tuple(requests)
+    forbidden = tuple(deed for one in only for deed in one.forbidden)
+    exclusions = tuple(thing for one in only for thing in one.exclusions)
+    return tuple(
+        replace(
+            one,
+            forbidden=(*forbidden, *one.forbidden),
+            exclusions=(*exclusions, *one.exclusions),
+        )
+        if one.form == "errand"
+        else one
+        for one in rest
+    )
 
 
 def _speaks_only_of(request: Request, kinds: AbstractSet[str]) -> bool:

@@ -13,6 +13,7 @@ from karma.language.words import word_lists
 _STARTS = frozenset((
     "all", "both", "each", "every", "half", "any", "some", "no", "another", "what", "whatever",
 ))  # fmt: skip
+_NEAREST = ("nearest", "closest", "more", "most", "least", "other")
 _ALONE = frozenset((
     "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one",
 ))  # fmt: skip
@@ -214,6 +215,8 @@ class Nouns:
         number, every, start = self._counted(begin, end)
         start_at, end_at = self._s.words[begin].start, self._s.words[end - 1].end
         other = bool({"other", "another"} & set(lows))
+        compared = (n for n in range(begin, end - 1) if self._s.tag(n) in ("JJR", "JJS"))
+        self._s.unread += [self._s.low(n) for n in compared if self._s.low(n) not in _NEAREST]
         bare = Mention(text=" ".join(lows), start=start_at, end=end_at, other=other)
         if start < 0:
             return replace(bare, vague=True)

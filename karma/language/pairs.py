@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from karma.contracts import Mention
 from karma.household.places import HAND
+from karma.household.saying import preposition
 from karma.household.types import object_types
 from karma.household.uses import FAUCET, KNIVES, WASHED_WITH
 from karma.language.nouns import Nouns
@@ -190,6 +191,7 @@ class Pairs:
             else:
                 if before in words.near and group.places and self._verb(least) & _LAID:
                     return  # "on the counter by the sink"
+                self._s.unread += self._beyond(number, one, before)
                 group.near = before in words.near
                 group.between = before == "between"
                 group.places.append(one)
@@ -217,6 +219,13 @@ class Pairs:
             return True
         between, group.between = group.between, False
         return group.told or (between and listed)
+
+    def _beyond(self, number: int, one: Mention, before: str) -> list[str]:
+        """Return what is said of a place and cannot be served: "on top of the fridge"."""
+        into = bool(one.types) and all(preposition(kind) == "in" for kind in one.types)
+        found = ["on top"] if before == "atop" and into else []
+        each = self._s.low(number) in ("each", "every", "both")
+        return [*found, f"{self._s.low(number)} {one.text}"] if each and one.types else found
 
     def _picks(self, after: int) -> bool:
         """Return whether the verb ahead only takes up: "fetch the cup on the table"."""
@@ -275,7 +284,7 @@ class Pairs:
             return ""
         word, earlier = self._s.low(before), self._s.low(before - 1)
         if word == "of":
-            return _OF.get(earlier, "of")
+            return "atop" if earlier == "top" else _OF.get(earlier, "of")
         if word == "to" and earlier in ("next", "close"):
             return "near"
         return word if word in request_words().links else ""

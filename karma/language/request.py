@@ -33,6 +33,7 @@ _SMALL_TAGS = frozenset((
     "EX", "POS", "PDT", ".", ",", "HYPH",
 ))  # of words without which a request is what it is  # fmt: skip
 _TOO = re.compile(r"\b(?:too|also|as well|likewise)\b", re.IGNORECASE)
+_AGAIN = ("twice", "thrice")  # nothing is done more than once
 _OPEN_ENDS = ("the", "a", "an", "my", "to", "with", "into", "onto", "from", "and")
 
 
@@ -75,7 +76,8 @@ class RequestReader:
             part = words[first : number + 1]
             if any(one.text[0].isalnum() for one in part):
                 found = _going_on(self._one(meant, part, first, before), last)
-                before += [*found.alone, *found.mentions]
+                ruled_out = (one for deed in found.forbidden for one in deed.things)
+                before += [*found.alone, *ruled_out, *found.mentions]
                 last = list(found.deeds) or last
                 yield found
             first = number + 1
@@ -295,5 +297,5 @@ def _rest(s: SaidSentence) -> list[str]:
     return [
         s.low(n) for n in s.left()
         if n not in s.taken and s.words[n].dep != "relcl" and s.low(n) not in small
-        and s.tag(n) not in _SMALL_TAGS
+        and (s.tag(n) not in _SMALL_TAGS or s.low(n) in _AGAIN)
     ]  # fmt: skip
