@@ -429,6 +429,8 @@ class SentenceDeeds:
         for number, one in self.nouns.mentions(range(begin, end)):
             words = request_words()
             told = self.pairs.preposition(number, begin) in words.destinations | words.sources
+            if found and one.vague and one.text in ("both", "all", "each"):
+                continue  # "the cup and the mug both need washing"
             if told and found:
                 found[-1] = replace(found[-1], at=one.types)
             else:

@@ -175,6 +175,8 @@ def test_each_thing_is_switched_as_it_is_said(reader, data):
         ("I was hoping you could rinse the pot", [("wash", ("Pot",), ())]),
         ("don't put the egg in the fridge; put it in the bowl", [("put", ("Egg",), ("Bowl",))]),
         ("don't touch the vase. Put the book on the shelf.", [("put", ("Book",), ("Shelf",))]),
+        ("the mug and the cup both need to be in the sink",
+         [("put", ("Mug",), ("Sink",)), ("put", ("Cup",), ("Sink",))]),
         ("turn the candle on and off", [("on", ("Candle",), ()), ("off", ("Candle",), ())]),
         ("turn the tv and the candle off and then the candle on",
          [("off", ("Television",), ()), ("off", ("Candle",), ()), ("on", ("Candle",), ())]),
