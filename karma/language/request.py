@@ -33,6 +33,7 @@ _SMALL_TAGS = frozenset((
     "EX", "POS", "PDT", ".", ",", "HYPH",
 ))  # of words without which a request is what it is  # fmt: skip
 _TOO = re.compile(r"\b(?:too|also|as well|likewise)\b", re.IGNORECASE)
+_DENIES = ("not", "n't", "nt", "never", "neither", "nor", "longer")  # "I want the tv not on"
 _AGAIN = ("twice", "thrice")  # nothing is done more than once
 _OPEN_ENDS = ("the", "a", "an", "my", "to", "with", "into", "onto", "from", "and")
 
@@ -290,11 +291,12 @@ def _lacks(deed: SaidDeed) -> str:
 
 
 def _rest(s: SaidSentence) -> list[str]:
-    """Return the content words that nothing was made of."""
+    """Return the content words that nothing was made of, and what denies and was not taken out."""
     words = request_words()
     small = words.never_mind | words.links | words.auxiliaries | words.be | words.small_verbs
     small |= words.me | words.elsewhere
-    return [
+    denied = [s.low(n) for n in range(len(s.words)) if n not in s.gone and s.low(n) in _DENIES]
+    return denied + [
         s.low(n) for n in s.left()
         if n not in s.taken and s.words[n].dep != "relcl" and s.low(n) not in small
         and (s.tag(n) not in _SMALL_TAGS or s.low(n) in _AGAIN)
