@@ -6,6 +6,12 @@ own; a form of speech may be said plainly, or stand in the order in which it is 
 
 import re
 from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+from karma.files import read_toml
 
 _SIGNS = str.maketrans(
     {"‘": "'", "’": "'", "“": '"', "”": '"', "…": ".", "–": "-", "—": "-", "\t": " "}
@@ -26,91 +32,7 @@ _FILLERS = (
 _FILLER = re.compile(
     rf"(?<![\w'])(?:{'|'.join(_FILLERS)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
 )
-_SPOKEN = (
-    (r"\bgimme\b", "give me"), (r"\blemme\b", "let me"), (r"\bwanna\b", "want to"),
-    (r"\bgotta\b", "have to"),
-    (r"\b(?:teh|hte|th|thw)\b(?= \w)", "the"), (r"\bn\b", "and"), (r"\bu\b", "you"),
-    (r"\b(on|in|to|at|into|onto|from)(the|my)\b", r"\1 \2"), (r"\s*-+>\s*", " to the "),
-    (r"(?:(?<=^)|(?<=[,.;] )|(?<=and ))(turn|switch|pick|put|throw|shut|take)"
-     r"(on|off|up|out|away|down)\b", r"\1 \2"),
-    (r"\bas well as\b(?! (?:you|possible|it|ever))", "and"), (r",? after which\b", ", then"),
-    (r"\bdo (?:so|(?:just )?the same)(?: thing)? (?:with|to|for) ([\w ]+)", r"\1 likewise"),
-    (r"\bi(?:'m| am| was)? hop(?:e|ing) (?:that )?you (?:could|can|would|will|might)\b",
-     "could you"), (r"\bget rid of\b", "throw away"),
-    (r"\b(?:and )?(?:when|once|after) (?:that|this|it)(?:'s| is| has been)"
-     r" (?:done|finished|over|ready)\b,?", "then"),
-    (r"(?:^|(?<=[.;] ))(?P<at>(?:on|in|into|onto|inside|under|near|next to|beside)"
-     r" (?:the|my|a|that) [\w ]+?),? (?P<verb>put|place|set|lay|leave|drop|stand)"
-     r" (?P<rest>[^,.;]+)",
-     r"\g<verb> \g<rest> \g<at>"),
-    (r"^\W*(?:(?:just )?(?:one|two|three|four|a few|a couple of|some) (?:more )?"
-     r"(?:things?|wishes|jobs|tasks|requests|favou?rs)"
-     r"|(?:your|the|my) (?:jobs?|tasks?|orders?|list)(?: (?:today|now))?(?: (?:is|are))?"
-     r"|do the following|here(?: is|'s) what to do"
-     r"|the following(?: (?:needs?|has|have) (?:doing|to be done))?)(?: for you)?\s*[:.,]\s+"
-     r"(?P<noun>the |a |my |all )?", lambda led: f"I want {led['noun']}" if led["noun"] else ""),
-    (r"(?:and )?only if it(?:'s| is) (?:no|not too much) trouble,?", ""),
-    (r"\bthanks for [^.!?]*[.!]", ""), (r"\bwith your permission,?", ""),
-    (r"\b(?:don't|dont|do not) worry about [^,.;]*[,.;]", ""),
-    (r"\b(?:don't|dont|do not) hesitate to\b", ""),
-    (r"\b(?:unless|if) i(?:'m| am) (?:not )?(?:wrong|mistaken),?", ""),
-    (r"\b(?:has|have|ought) to (?=(?:go|be|stand)\b)", "should "),
-    (r"\b(?:pronto|asap|right away|at once)\b", ""),
-    (r"\b(?:could|would|can) ya\b", "could you"),
-    (r"\b(?:nip|pop|hop|run|go|head|come) (?:over |across |along |in )?(?:there )?and\b", ""),
-    (r"\b(?:do not|don't|dont|never) (?:you )?forget (?:to )?(?=\w)", ""),
-    (r"\bdo me (?:a|the) (?:favou?r|kindness)(?: and| of)\b", ""),
-    (r"(?P<a>[^.;!?]+)[.;,]\s*(?:but (?:first|before that)|(?:first|before that),? though),?\s*"
-     r"(?P<b>[^.;!?]+)", r"\g<b>, then \g<a>"),
-    (r"\bbefore (?:doing )?anything else,?", ""),
-    (r"(?:(?<=[;,.])\s*|\band )(?:later(?: on)?|next),? (?=[a-z]+ (?:the|a|an|my|some|it|them)\b)",
-     " then "),
-    (r"\bi(?:'d| would) (?:also |really |very much )*(?:appreciate it|love it|like it"
-     r"|be (?:so |very |ever so |really |most )*(?:grateful|glad|happy|thankful|obliged|pleased))"
-     r"(?: very much| so much)? if you (?:(?:could|would|can|might) )?", ""),
-    (r"\bif (?:it's|it is|that's|that is|it isn't|it is not|it's not)(?: not)? (?:all right|alright"
-     r"|ok(?:ay)?|too much(?: trouble| to ask)?|a bother|convenient)(?: with you)?,?", ""),
-    (r"\bwhen(?:ever)? it suits you,?", ""),
-    (r"\bi (?:wouldn't|would not) (?:mind|say no to)\b|\bi could do with\b", "I'd like"),
-    (r"^\W*(?:do you )?fancy (?=\w+ing\b)", ""), (r"\bi(?:'m| am) looking for\b", "bring me"),
-    (r"^\W*is there any chance of (?P<what>(?:the|my) [\w ]+?) being (?P<deed>\w+)",
-     r"I want \g<what> \g<deed>"),
-    (r"\bmay i ask (?:you )?(?:for )?(?:a |one )?(?:small |big |little )?favou?r(?: of you)?\W*",
-     ""),
-    (r"\bwould(?:n't| not)? it be (?:so |very )?(?:nice|great|lovely|good) if (?=the|my|a\b|all)",
-     "I want "),
-    (r",? or wherever (?:it|they) (?:may|might) be,?", ""),
-    (r"\b(?:out of|from) wherever (?:it|they) (?:is|are|may be)\b", ""),
-    (r"\blook (?:on|in|under|behind|inside|around) (?:the|my) [\w ]+? and (?=\w+ (?:it|them)\b)",
-     ""), (r"^(I want [^?]*)\?+$", r"\1."),
-    (r"\bshelve (?P<what>(?:the|a|my|that|this|every) [\w ]+?)(?=[,.;!?]| and\b|$)",
-     r"put \g<what> on the shelf"),
-    (r"\b(?:take your time|keep calm|calm down|take care|have a look(?: a?round)?|turn around"
-     r"|hurry(?: up)?|be (?:quick|careful)|wait a (?:second|moment|minute)|do it again)"
-     r"\b(?:,|:| and| but)", ""),
-    (r"^(?P<lead>\W*before you [^,]+, )i(?:'d| would)? (?:need|want|like) (?P<what>[^,.]+?) "
-     r"(?P<deed>opened|closed|washed|rinsed|cleaned|sliced|heated|warmed|chilled|cooled|filled)\b",
-     r"\g<lead>\g<deed> \g<what>"),
-    (r"(?P<told>\b(?:i|i'm|i've|it|it's|the|my|we|we're|he|she|there|there's)\b[^,.?!;:]*),\s*"
-     r"(?:(?:but|so|and) )?(?=(?:could|can|would|will) you\b)", r"\g<told>. "),
-    (r"\b(like|need|want):\s", r"\1 "),
-    (r"\bdo the (?:dishes|washing[- ]up)\b", "wash the dishes"),
-    (r"\b(?:it|that)(?:'d| would) be (?:so |very |really )?(?:nice|great|lovely|good|kind|helpful)"
-     r"(?: of you)? if you (?:(?:could|would|can|might) )?", ""),
-    (r"\bno need to\b", "don't"), (r"\b(?:a (?:little )?bit|a little|slightly)\b(?! of)", ""),
-    (r"\b(?:make sure|ensure|see to it)(?: that)? (?P<what>(?:the|my|both|all|every|each)\b"
-     r" [^,.;]*?) (?:is|are)\b(?!n't| not)", r"I want \g<what>"),
-    (r"\bgive (?P<what>(?:the|a|my|that|this|every) [\w ]+?|it|them) a (?:good |quick |proper )?"
-     r"(?P<deed>wash|rinse|scrub|clean|polish)\b", r"\g<deed> \g<what>"),
-    (r"\b(?:until|till) (?:it|they)(?: is| are|'s|'re) (?:done|hot|warm|cold|clean|cooked|ready)\b",
-     ""),
-    (r",\s*(?:love|darling|sweetie|honey|my friend)\b", ""),
-    (r"\bwould you mind (?:\w+ly )?(?=\w+ing\b)", ""),
-    (r"\buse (the [\w ]+?) (?:and|to) (?=\w+ the)", ""),
-    (r"\b(?:when|once) you(?:'re| are|'ve| have) (?:done|finished|ready|found)(?: so| it| that)?,?",
-     "then"),
-    (r"\b(?:and|then|,) (?:then )?(?P<p>on|off) again\b", r", then turn it \g<p>"),
-)  # fmt: skip
+_TABLE = Path(__file__).with_name("spoken.toml")
 _POLITE = (
     "would", "could", "can", "will", "might", "may", "is it", "is there", "be", "i was wondering",
     "i wonder", "i'd be", "i would be", "i'd appreciate", "i would appreciate", "it'd be",
@@ -154,6 +76,17 @@ _DETERMINER = r"(?:the|a|an|my|your|our|his|her|both|all|every|each|one|two|thre
 _SENTENCE_END = re.compile(r"(?<!\bMr)(?<!\bMrs)(?<!\bMs)(?<!\bDr)[.?!;]+(?=\s)", re.IGNORECASE)
 
 
+class _Spoken(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    spoken: tuple[tuple[str, str], ...]
+
+
+@cache
+def _spoken() -> Sequence[tuple[re.Pattern[str], str]]:
+    """Return the forms of speech that are said plainly, and what stands for each."""
+    forms = read_toml(_TABLE, _Spoken).spoken
+    return [(re.compile(form, re.IGNORECASE), instead) for form, instead in forms]
+
+
 def as_meant(text: str) -> str:
     r"""Return a text without what people did not mean to say.
 
@@ -169,8 +102,8 @@ def as_meant(text: str) -> str:
         said = said.lower()
     said = re.sub(r"\s*[\r\n\v\f\x85\u2028\u2029]+\s*", ". ", said.strip())
     said = _MARK.sub(lambda mark: "" if mark.start() == 0 else ". ", said)
-    for form, instead in _SPOKEN:
-        said = re.sub(form, instead, said, flags=re.IGNORECASE)
+    for form, instead in _spoken():
+        said = form.sub(instead, said)
     said = _OTHERWISE.sub("", _corrected(said))
     said = _ROBOT.sub("", _FILLER.sub(" ", said).strip())
     said = _DOUBLED.sub(r"\1", said)
