@@ -334,6 +334,7 @@ class Mention:
     told: bool = False  # known by what was done or is elsewhere: "the thing you just closed"
     at: tuple[str, ...] = ()  # types of the place that it is told by: "on the side table"
     other: bool = False  # not the one that was meant before: "the other one"
+    holding: tuple[str, ...] = ()  # types of what lies in or on it: "the plate with the potato"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

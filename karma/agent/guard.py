@@ -16,8 +16,6 @@ from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
 from karma.household.saying import preposition, spoken
 from karma.household.types import object_types
 from karma.household.uses import (
-    BASIN_OF,
-    BASINS,
     BIN,
     BURNER,
     COFFEE_CUP,
@@ -27,11 +25,11 @@ from karma.household.uses import (
     LAMPS,
     MICROWAVE,
     SINK,
-    SWITCHED_BY_A_PART,
     TAPS,
     TOASTER,
 )
-from karma.language.said_deeds import NEEDS
+from karma.language.request_words import deed_states
+from karma.language.said_deeds import NEEDS, able_to
 
 _HELP: dict[str, frozenset[str]] = {
     "wash": frozenset((SINK, "Bathtub")), "fill": frozenset((SINK, "Bathtub")),
@@ -101,7 +99,7 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
         if not kinds:
             return _refused("place" if one.types else "thing", (one.text,))
         need = NEEDS.get(deed.deed, "")
-        if need and not any(_able(kind, need) for kind in kinds):
+        if need and not any(able_to(kind, need) for kind in kinds):
             return _refused("impossible", (f"{deed.verb} the {one.text}",))
     return _unknown_place(deed, deed.place, here) if deed.place is not None else None
 
@@ -112,19 +110,10 @@ def _unknown_place(deed: SaidDeed, place: Mention, here: Collection[str]) -> Ref
     kinds = here_of(place.types, here)
     if not kinds:
         return _refused("place", (place.text,))
-    holds = any(_able(kind, "receptacle") for kind in kinds)
+    holds = any(able_to(kind, "receptacle") for kind in kinds)
     if deed.deed == "put" and not deed.near and not holds:
         return _refused("impossible", (f"{deed.verb} something in or on the {place.text}",))
     return None
-
-
-def _able(kind: str, need: str) -> bool:
-    known = object_types()[kind]
-    if need == "toggleable":
-        return known.can("toggleable") or kind in SWITCHED_BY_A_PART
-    if need == "receptacle":
-        return known.can("receptacle") or kind in (*BASIN_OF, *BASINS)
-    return known.can(need)  # type: ignore[arg-type]
 
 
 def here_of(types: Sequence[str], here: Collection[str]) -> tuple[str, ...]:
@@ -311,7 +300,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     """Yield what a program changes and no word speaks of."""
     own_only = request
     request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
-    deeds = {deed.deed for deed in request.deeds}
+    deeds = {deed.deed for deed in request.deeds} | _stated(request)
     named = {kind for one in request.mentions for kind in _kinds(one, here)}
     loose = any(one.anything or one.told for one in request.mentions)
     things = {kind for deed in request.deeds for one in deed.things for kind in _kinds(one, here)}
@@ -324,6 +313,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             kind in things
             or kind in along
             or loose
+            or _goes_along(found, thing, request, here)
             or (thing == found.began and (place == HAND or place in SURFACES))
         ):
             if not (kind in named and place == HAND):
@@ -360,6 +350,24 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             harmless = _momentary(kind) or bool(deeds & {"close", "open"})
             if not (word == "off" and kind not in found.ran and harmless):
                 yield f"nobody asked to switch {word} the {spoken(kind)}"
+
+
+def _stated(request: Request) -> set[str]:
+    """Return the deeds that make things as they are named: "the washed cloth", "a cold apple"."""
+    said = (request.whole[one.start : one.end].lower().split()[:-1] for one in request.mentions)
+    words = {word for one in said for word in one}
+    return {deed_states()[word] for word in words & deed_states().keys()} - {*_FOR_GOOD}
+
+
+def _goes_along(
+    found: ProgramEffects, thing: Thing, request: Request, here: Collection[str]
+) -> bool:
+    """Return whether a thing comes to lie where it was said to: "the plate with the potato"."""
+    return any(
+        kind_of(thing[0]) in map(kind_of, one.holding)
+        and not found.places(thing).isdisjoint(_kinds(one, here))
+        for one in request.mentions
+    )
 
 
 def _misplaced(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from karma.contracts import Condition, Mention, SaidDeed
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
-from karma.language.request_words import request_words
+from karma.language.request_words import is_deed, request_words
 from karma.language.sentence import SaidSentence
 from karma.language.times import time_words
 
@@ -28,6 +28,7 @@ _LEAD = re.compile(
 )
 _WISH = re.compile(r"\b(?:would|'d) (?:be|appreciate|like|love)\b|\bwondering$")
 _WHEN = frozenset(("when", "whenever", "once", "after", "until", "till", "before", "while"))
+_DEADLINES = ("before", "by")
 _IF = frozenset(("if", "unless", "whether", "provided"))
 _SO_FAR = frozenset((
     "done", "finished", "ready", "washed", "rinsed", "warmed", "heated", "chilled",
@@ -128,7 +129,9 @@ class Asides:
         if verb in self.s.taken or not self._tells(verb):
             return
         begin, end = self._told_clause(verb)
-        orders = any(self.s.is_order(n) and self.s.starts_clause(n) for n in range(begin, verb))
+        orders = any(
+            self.s.is_order(n) and self.s.starts_clause(n) for n in range(begin, verb)
+        )  # fmt: skip
         if self._asks_outside(begin, end) and not orders:  # "turn on the lamp to let me see"
             found = self.nouns.all_of(range(begin, end))
             self.s.before += [one for one in found if one.types]
@@ -143,6 +146,8 @@ class Asides:
         who, helpers = self.s.low(subject), self.s.helpers(verb)
         if subject > verb or subject in self.s.taken or who in ("you", "u", "ya"):
             return False
+        if who in ("i", "we") and helpers & request_words().negations:
+            return True  # "I can't stand that light"
         if self.s.is_bare(verb) or self._is_wished(verb):
             return False
         if (_IF | _WHEN) & {*self.s.lows(subject - 3, subject), self.s.low(verb - 1)}:
@@ -196,7 +201,9 @@ class Asides:
                 return True
             led = n in (0, end) or self.s.low(n - 1) in ("and", "then", "to", "so")
             starts = led or self.s.starts_clause(n)
-            if self.s.known_verb(n) and starts and not has_subject and self.s.low(n) != "back":
+            alone = not has_subject or self.s.is_bare(n)
+            asks = self.s.known_verb(n) or is_deed(self.s.low(n))
+            if asks and starts and alone and self.s.low(n) != "back":
                 return True
         return False
 
@@ -243,10 +250,16 @@ class Asides:
                 if w.start < offset + end and w.end > offset + begin and n not in self.s.taken
             ]  # fmt: skip
             if inside and text[begin:end].lower() != "today":
-                self.times.append(self.s.drop(inside[0], inside[-1] + 1))
+                self._time(inside[0], inside[-1] + 1)
         for number in range(len(self.s.words)):
             if number not in self.s.taken and self._waits(number):
-                self.times.append(self.s.drop(number, self.s.clause_end(number + 1)))
+                self._time(number, self.s.clause_end(number + 1))
+
+    def _time(self, begin: int, end: int) -> None:
+        """Take words that say when; what is done at once is done "before the guests arrive"."""
+        met = self.s.low(begin) in _DEADLINES
+        said = self.s.drop(begin, end)
+        self.times += [] if met else [said]
 
     def _waits(self, number: int) -> bool:
         """Return whether a clause begins here that something has to happen in first."""

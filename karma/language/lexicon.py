@@ -7,8 +7,9 @@ from functools import cached_property
 from karma.contracts import Embedder, Vectors
 from karma.files import read_json
 from karma.household.saying import spoken
+from karma.household.types import object_types
 from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
-from karma.language.request_words import deed_states
+from karma.language.request_words import deed_states, request_words
 
 LEAST_LETTERS, SLIP = 5, 0.87  # of a word that may be misspelt, and how alike it has to be
 _MANY = ("can",)  # that may be anything: a tin, a bin, a toilet
@@ -67,6 +68,17 @@ class Lexicon:
                 found.setdefault(text.replace("-", " "), []).append(kind)
         for text in _MANY:
             found.pop(text, None)
+        for kind in self._file.types:  # a coffee machine is a machine: no table, which others are
+            head = spoken(kind).lower().split()[-1]
+            others = found.get(head, [kind])
+            if not any(spoken(one).lower().split()[-1] == head for one in others):
+                found[head].append(kind)
+        kinds = object_types()
+        holds = [
+            kind for kind in self._file.types
+            if kinds[kind].can("receptacle") and kinds[kind].can("pickupable")
+        ]  # fmt: skip
+        found |= dict.fromkeys(request_words().containers, holds)
         own = {spoken(kind).lower(): (kind,) for kind in self._file.types}
         return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own
 

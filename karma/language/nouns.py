@@ -26,6 +26,8 @@ _DETERMINERS = ("DT", "PRP$", "PDT", "POS", "WP", "CD")
 _OWNERS = ("'s", "’s")
 HOLDERS = ("holder", "hanger", "hook", "rail", "rack", "ring", "bar")  # for towels and paper
 _OF_A_WHOLE = ("door", "lid", "slice", "slices", "piece", "pieces", "half", "halves")
+_VESSELS = ("mug", "cup", "glass", "bowl", "pot", "kettle", "jug", "vase", "bottle", "plate")
+_POURED = ("coffee", "water")  # what they can be filled with
 _PIECES = ("slice", "slices", "piece", "pieces", "drink", "half", "halves")
 
 
@@ -183,7 +185,9 @@ class Nouns:
     def _is_measure(self, at: int) -> bool:
         """Return whether "of" leads to what is meant: "a slice of bread", "all of the cups"."""
         head = self._s.low(at - 1)
-        return head in word_lists().measures or head in _PARTS or head in ("all", "both", "each")
+        return head in word_lists().measures or head in (
+            *_PARTS, *_OF_A_WHOLE, *_PIECES, *_VESSELS, "all", "both", "each",
+        )  # fmt: skip
 
     def run_end(self, begin: int) -> int:
         """Return where a row of noun phrases ends that begins here: "the pen and the pencil"."""
@@ -229,8 +233,13 @@ class Nouns:
                 inner, number=number, every=every, start=start_at, end=end_at, other=other
             )
         words = lows[start - begin :]
-        if "of" in words and words[0] in _PARTS:
-            words = words[: words.index("of")]
+        if "of" in words and (words[0] in _PARTS or words[0] in _VESSELS):
+            of = words.index("of")
+            if words[0] in _VESSELS:
+                return self._vessel(
+                    start, start + of, end, replace(bare, number=number, every=every)
+                )
+            words = words[:of]
         owner = max((n for n, one in enumerate(words) if one in _OWNERS), default=-1)
         bare = replace(bare, number=number, every=every)
         return self._named(words[owner + 1 :], start + owner + 1, end, bare)
@@ -266,16 +275,31 @@ class Nouns:
 
     def _inner(self, begin: int, start: int, end: int, lows: Sequence[str]) -> Mention | None:
         """Return what "both bars of soap" is about; None where "of" does not lead to it."""
-        first = self._s.low(start)
-        if first not in _PARTS or "of" not in lows[start - begin :]:
+        if "of" not in lows[start - begin :]:
             return None
-        found = self.read(begin + list(lows).index("of", start - begin) + 1, end)
-        if found is None or not (found.types or first not in ("mug", "cup")):
+        of = begin + list(lows).index("of", start - begin)
+        piece = self._s.low(of - 1) in (*_OF_A_WHOLE, *_PIECES)  # "the cooked piece of food"
+        first = self._s.low(start)
+        if first not in _PARTS and not piece:
+            return None
+        found = self.read(of + 1, end)
+        if found is None or not (found.types or not (piece or first in ("mug", "cup"))):
             return None
         couple = 2 if first == "couple" else None
         return replace(
             found, number=found.number or couple, every=found.every or first in ("bars", "rolls")
         )
+
+    def _vessel(self, start: int, of: int, end: int, bare: Mention) -> Mention | None:
+        """Read "a glass of water", "the bowl of apples"; of what cannot be had nothing is made."""
+        found = self._named(self._s.lows(start, of), start, of, bare)
+        if found is None or self._s.low(end - 1) in _POURED:
+            return found
+        content = self.read(of + 1, end)
+        if content is None or not content.types:
+            self._s.unread.append(self._s.phrase(of + 1, end).lower())
+            return found
+        return replace(found, holding=content.types)
 
     def _named(self, words: Sequence[str], start: int, end: int, bare: Mention) -> Mention | None:
         """Return what a phrase names that begins with its noun or an adjective."""

@@ -8,8 +8,9 @@ from karma.household.places import HAND
 from karma.household.saying import preposition
 from karma.household.types import object_types
 from karma.household.uses import FAUCET, KNIVES, WASHED_WITH
+from karma.language.hints import singular
 from karma.language.nouns import Nouns
-from karma.language.request_words import deed_verbs, request_words
+from karma.language.request_words import deed_states, deed_verbs, request_words
 from karma.language.sentence import SaidSentence
 from karma.language.words import word_lists
 
@@ -113,7 +114,8 @@ class Pairs:
         table = deed_verbs()
         for at in range(number + 2, end):
             low = self._s.low(at)
-            if at in self._s.taken or low not in word_lists().particles:
+            result = low in request_words().results
+            if at in self._s.taken or not (result or low in word_lists().particles):
                 continue
             ends = at + 1 >= end or not self._s.begins_noun(at + 1)
             follows = ends or self._s.low(at + 1) in ("and", "then") or low in ("away", "out")
@@ -124,6 +126,9 @@ class Pairs:
                 if text in table and follows and self._s.low(at + 1) != "of":
                     self._s.taken.add(at)
                     return table[text], text
+            if result and follows:
+                self._s.taken.add(at)
+                return deed_states()[low], f"{self._s.low(number)} {low}"
         return None
 
     # ------------------------------------------------------------- things and places
@@ -156,7 +161,11 @@ class Pairs:
         if low in ("you", "i", "we"):
             return True
         if before in words.tools:
-            if not self._holds(group, deed):
+            if self._names_together(group, one):
+                return True
+            if self._holds(group, deed):
+                group.things[-1] = replace(group.things[-1], holding=one.types)
+            else:
                 self._read_tool(one, deed)
             return True
         if before in words.passed_over and before != "of" and group.things:
@@ -167,6 +176,15 @@ class Pairs:
             return True  # "into slices"
         helps = deed in ("wash", "fill") and bool(group.things)
         return helps and one.text in ("water", "soap") and not one.at
+
+    def _names_together(self, group: _PairGroup, one: Mention) -> bool:
+        """Read "the shaker with the salt" as what is called a salt shaker."""
+        last = group.things[-1] if group.things else None
+        types = self._s.lexicon.named(f"{singular(one.text)} {last.text}") if last else ()
+        if last is None or not types:
+            return False
+        group.things[-1] = replace(last, types=types)
+        return True
 
     def _holds(self, group: _PairGroup, deed: str) -> bool:
         """Return whether "with" tells what is in a thing: "carry the plate with the potato"."""

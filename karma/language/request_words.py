@@ -44,6 +44,8 @@ class RequestWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     never_mind: frozenset[str]
     rooms: frozenset[str]
     own_plurals: frozenset[str]
+    containers: frozenset[str]
+    results: frozenset[str]
     talk: frozenset[str]
     numbers: Mapping[str, int]
     seen: Mapping[str, str]

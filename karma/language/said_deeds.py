@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
 from karma.household.types import object_types
-from karma.household.uses import BIN, FAUCET
+from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, SWITCHED_BY_A_PART
 from karma.language.asides import Asides
 from karma.language.nouns import HOLDERS, Nouns
 from karma.language.pairs import Pair, Pairs
@@ -27,7 +27,10 @@ _ASKED_OF_YOU = ("could", "can", "would", "will")
 _SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
-_MOVED = ("moved", "put", "placed", "brought", "set", "to", "be")
+_MOVED = (
+    "moved", "put", "placed", "brought", "set", "to", "be", "stood", "standing", "lying", "kept",
+    "stored",
+)  # fmt: skip
 NEEDS: Mapping[str, str] = {
     "open": "openable", "close": "openable", "on": "toggleable", "off": "toggleable",
     "slice": "sliceable", "break": "breakable", "put": "pickupable", "take": "pickupable",
@@ -97,6 +100,8 @@ class SentenceDeeds:
         low, lists = word.text.lower(), request_words()
         if number in s.taken or not (low[0].isalpha() or low in lists.be) or low == "lights":
             return False
+        if low in lists.results and s.tag(number - 1).startswith(("NN", "PRP")) and number:
+            return False  # "pull the blinds shut"
         starts, subject = s.starts_clause(number), s.subject(number)
         verb = word.tag.startswith("VB") and word.dep not in ("amod", "aux", "auxpass", "compound")
         if low in lists.be and self._is_part(number):
@@ -129,6 +134,10 @@ class SentenceDeeds:
             return True
         if s.low(number - 1) in ("whatever", "what", "that", "which"):
             return True  # "whatever is on the table"
+        if word.tag in ("VBN", "VBD") and s.tag(number - 1).startswith("NN"):
+            ahead = s.phrase_begin(number - 1) - 1  # "get the wine chilled"
+            if ahead >= 0 and s.words[ahead].lemma in ("get", "make", "have"):
+                return True
         if s.low(number - 1) == "to" and s.low(number - 2) in request_words().vague:
             return True  # "the thing to read"
         just = s.low(number - 2) in ("you", "we") and s.low(number - 1) in ("just", "have", "first")
@@ -153,7 +162,7 @@ class SentenceDeeds:
         s, kept = self.s, set(self.s.taken)
         found = dict(self.nouns.mentions(range(number + 1, end)))
         leads, follows = self._marks(number, end, found.keys())
-        both = {s.low(n) for n in leads | follows} == {"on", "off"}
+        both = {s.low(n) for n in leads | follows} == {"on", "off"} or len(leads) > 1
         deeds: list[SaidDeed] = []
         waiting: list[Mention] = []
         ahead = ""
@@ -249,7 +258,8 @@ class SentenceDeeds:
         """Read "make it hot", "leave the lamp on", "leave it alone"; None where it is neither."""
         lemma, kept = self.s.words[number].lemma, set(self.s.taken)
         found = self.nouns.all_of(range(number + 1, end))
-        tail = [one for one in self.s.lows(number + 1, end) if one.isalpha()]
+        left = (n for n in range(number + 1, end) if n not in self.s.gone)
+        tail = [self.s.low(n) for n in left if self.s.low(n).isalpha()]
         state = deed_states().get(tail[-1], "") if tail else ""
         parts = (n for n in range(number + 2, end) if self.s.tag(n) in ("VBN", "VBD"))
         if lemma in ("get", "make") and not state and any(map(self._done, parts)):
@@ -377,23 +387,26 @@ class SentenceDeeds:
             self.s.low(n) for n in more
             if n not in self.s.taken and not (self.s.low(n) in places and self.s.begins_noun(n + 1))
         ]  # fmt: skip
-        thing = pairs[0].things[0]
-        if deed == "take" and self.s.text[thing.start : thing.end].lower().endswith("coffee"):
-            deed = "coffee"  # "a cup of coffee"
         low, start = self.s.low(number), self.s.words[part.start].start
         return self._made_ready([_said(low, deed, start, pair) for pair in pairs])
 
     def _made_ready(self, deeds: list[SaidDeed]) -> list[SaidDeed]:
         """Return deeds ahead of which "a hot potato" is heated; "the hot potato" is one that is."""
-        first: list[SaidDeed] = []
+        ready: list[SaidDeed] = []
         for deed in deeds:
+            first: list[SaidDeed] = []
             for thing in deed.things if deed.deed == "take" else ():
                 said = self.s.text[thing.start : thing.end].lower().split()
                 states = [deed_states()[word] for word in said[1:-1] if word in deed_states()]
-                if states and said[0] in ("a", "an", "some"):
+                if said[-1] == "coffee" and said[0] in ("a", "an", "some", "one", "coffee"):
+                    deed = replace(deed, deed="coffee")  # "a cup of coffee"
+                elif said[-2:] == ["of", "water"] and thing.types:
+                    first.append(_said(deed.verb, "fill", deed.start, Pair(things=(thing,))))
+                elif states and said[0] in ("a", "an", "some"):
                     pair = Pair(things=(thing,))
                     first.append(_said(deed.verb, states[0], deed.start, pair))
-        return [*first, *deeds]
+            ready += [*first, deed]
+        return ready
 
     def _need(self, number: int, end: int, subject: int) -> list[SaidDeed]:
         """Read "the pan needs washing", "the vase should go on the desk"."""
@@ -465,7 +478,8 @@ class SentenceDeeds:
         """Return whether a thing is told to go somewhere: "both pillows go on the chair"."""
         word = self.s.words[number]
         later = any(self.s.is_order(n) for n in range(end, len(self.s.words)))
-        moves = word.lemma == "go" or (word.lemma == "belong" and later)
+        definite = {self.s.low(n) for n in range(number)} & {"the", "this", "that", "my"}
+        moves = word.lemma == "go" or (word.lemma == "belong" and (later or bool(definite)))
         past = self.s.helpers(number) & {"did", "will"} or word.tag not in ("VBZ", "VBP", "VB")
         return moves and who not in (*_PERSONS, "it") and not past
 
@@ -489,14 +503,24 @@ class SentenceDeeds:
             self.s.taken.update(body)
             return "errand", [_said(switch, switch, start, Pair(things=tuple(found)))]
         if {"have", "get"} & set(self.s.lows(0, left[0])):  # "can I have a coffee?"
-            deed = "coffee" if found[0].text == "coffee" else "take"
-            return "errand", [_said("have", deed, start, Pair(things=tuple(found)))]
+            have = _said("have", "take", start, Pair(things=tuple(found)))
+            return "errand", self._made_ready([have])
         self.s.taken = kept
         pairs = self.pairs.read(body, "put")
         if pairs[0].things and pairs[0].place is not None:
             return "errand", [_said("put", "put", start, pair) for pair in pairs]
         self.s.alone = found
         return "incomplete", []
+
+
+def able_to(kind: str, need: str) -> bool:
+    """Return whether a deed that needs something of a type may be done to one."""
+    known = object_types()[kind]
+    if need == "toggleable":
+        return known.can("toggleable") or kind in SWITCHED_BY_A_PART
+    if need == "receptacle":
+        return known.can("receptacle") or kind in (*BASIN_OF, *BASINS)
+    return known.can(need)  # type: ignore[arg-type]
 
 
 def _said(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
@@ -610,10 +634,7 @@ def _meant_by(
     if not (pronoun and named):
         return [one]
     wanted = NEEDS.get(deed.deed)
-    able = [
-        thing for thing in named
-        if wanted and any(object_types()[kind].can(wanted) for kind in thing.types)  # type: ignore[arg-type]
-    ]  # fmt: skip
+    able = [thing for thing in named if wanted and any(able_to(one, wanted) for one in thing.types)]
     meant = (able or named)[-1]
     if one.text in ("it", "this", "that"):
         return [replace(meant, at=())]
