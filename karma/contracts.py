@@ -213,6 +213,8 @@ class Experience:
     cut: frozenset[str]  # ids of wholes that are no more
     ended: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # words no longer true
     spilled: frozenset[str] = frozenset()  # thrown vessels: what was in them may lie anywhere
+    left: Mapping[str, str] = field(default_factory=dict)  # opened or on by it -> skill that undoes
+    taken: Mapping[str, str] = field(default_factory=dict)  # id -> place that it was taken from
 
     @property
     def gone(self) -> frozenset[str]:

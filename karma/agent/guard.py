@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from karma.agent.effects import ProgramEffects, Thing, effects_of
 from karma.agent.reading import kind_of
+from karma.agent.several import with_turns
 from karma.contracts import Mention, RefusalKind, RefusedRequest, Request, SaidDeed, SkillCall
 from karma.household.pieces import EGG
 from karma.household.places import HAND, OVERLOOKED, SURFACES, landmark_types
@@ -44,7 +45,7 @@ _RUNS: dict[str, frozenset[str]] = {
     "toast": frozenset((TOASTER,)), "coffee": frozenset((COFFEE_MACHINE,)),
     "look": frozenset(LAMPS),
 }  # deed -> what may run for it  # fmt: skip
-_ALONG: dict[str, frozenset[str]] = {
+TOOLS: dict[str, frozenset[str]] = {
     "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
     "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
 }  # deed -> what may be moved for it  # fmt: skip
@@ -149,8 +150,8 @@ def stopped(
         here: types that the agent knows of in this room.
         held: what is in the hand before.
     """
-    found = effects_of(calls, held)
-    for check in (_ruled_out, _left_out, _not_asked):
+    found = effects_of(with_turns(calls), held)
+    for check in (_ruled_out, _left_out, _not_asked, _too_many):
         reason = next(check(found, request, here), "")
         if reason:
             return reason
@@ -265,8 +266,8 @@ def _done(
         case "on" | "off":
             return (
                 any(
-                    found.switched.get(_switch_of(kind)) == deed.deed
-                    or (deed.deed == "on" and _momentary(kind) and _switch_of(kind) in found.ran)
+                    found.switched.get(switch_of(kind)) == deed.deed
+                    or (deed.deed == "on" and _momentary(kind) and switch_of(kind) in found.ran)
                     for kind in kinds
                 )
                 if not later
@@ -288,7 +289,8 @@ def _speaks_of_pieces(request: Request) -> bool:
     return any(word in text for word in ("slice", "piece", "half", "halves"))
 
 
-def _switch_of(kind: str) -> str:
+def switch_of(kind: str) -> str:
+    """Return what is switched for a kind: the tap of a sink."""
     return TAPS[0] if kind in (SINK, "Bathtub", *TAPS) else kind
 
 
@@ -305,8 +307,9 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     loose = any(one.anything or one.told for one in request.mentions)
     things = {kind for deed in request.deeds for one in deed.things for kind in _kinds(one, here)}
     places = {kind for deed in request.deeds for kind in _kinds(deed.place, here)}
-    along = {kind for deed in deeds for kind in _ALONG.get(deed, ())}
+    along = {kind for deed in deeds for kind in TOOLS.get(deed, ())}
     help_ = {kind for deed in deeds for kind in _HELP.get(deed, ())} | places
+    help_ |= {kind for one in request.deeds if one.deed == "on" for kind in _of_things(one, here)}
     for thing, place in found.at.items():
         kind = kind_of(thing[0])
         if not (
@@ -338,7 +341,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             yield f"nobody asked to {deed} the {spoken(kind)}"
     runs = {kind for deed in deeds for kind in _RUNS.get(deed, ())}
     switched = {
-        _switch_of(kind)
+        switch_of(kind)
         for deed in request.deeds
         if deed.deed in ("on", "off")
         for one in deed.things
@@ -350,6 +353,23 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             harmless = _momentary(kind) or bool(deeds & {"close", "open"})
             if not (word == "off" and kind not in found.ran and harmless):
                 yield f"nobody asked to switch {word} the {spoken(kind)}"
+
+
+def _too_many(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
+    """Yield that something is done to more things of a kind than were named."""
+    deeds = tuple(dict.fromkeys((*request.deeds, *request.rest)))
+    said = {(one.start, one) for deed in deeds for one in deed.things}
+    if any(one.anything or one.told or one.every for _, one in said):
+        return
+    for kind in sorted({kind_of(thing[0]) for thing in found.at}):
+        named = [one.number or 1 for _, one in said if kind in _kinds(one, here)]
+        turns = {turn for name, turn in found.at if kind_of(name) == kind}
+        if named and len(turns) > sum(named):
+            yield f"it does it to {len(turns)} of a kind: {spoken(kind)}"
+
+
+def _of_things(deed: SaidDeed, here: Collection[str]) -> frozenset[str]:
+    return frozenset(kind for one in deed.things for kind in _kinds(one, here))
 
 
 def _stated(request: Request) -> set[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from karma.agent.coverage import unseen
 from karma.agent.eyes import Eyes
 from karma.agent.naming import Naming
-from karma.agent.perceive import refusal
+from karma.agent.perceive import place_of, refusal
 from karma.agent.refusals import RefusedError, explained, of_its_kind
 from karma.agent.sightings import Sightings, known
 from karma.agent.walk import Stance, Target, Walker
@@ -316,6 +316,7 @@ class Reach:
             RefusedError: with the world's reason.
         """
         self.approach(target)
+        before = self.log.seen.get(target.object_id)
         event = self.walker.do(action, **self._eyes.aim(target.object_id))
         tried: list[Stance] = []
         opens = action in ("OpenObject", "CloseObject")
@@ -326,7 +327,9 @@ class Reach:
                 break
             if target.object_id in self.log.within_reach:
                 event = self.walker.do(action, **self._eyes.aim(target.object_id))
-        return self.done(target, event, also=also, in_passing=in_passing)
+        observation = self.done(target, event, also=also, in_passing=in_passing)
+        self.log.acted(action, target.object_id, place_of(before) if before else None)
+        return observation
 
     def done(
         self, target: Known, event: Event, *, also: str | None = None, in_passing: bool = False

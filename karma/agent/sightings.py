@@ -12,6 +12,7 @@ from karma.household.places import HAND
 from karma.household.states import ENDS
 from karma.household.types import object_types
 
+_UNDONE_BY = {"OpenObject": "CloseObject", "ToggleObjectOn": "ToggleOff"}  # action -> skill
 _CHANGES_M = 2.0  # from so far away a deed may have changed what is seen
 
 
@@ -32,6 +33,8 @@ class Sightings:
     in_view: dict[str, SeenObject] = field(default_factory=dict)
     within_reach: frozenset[str] = frozenset()  # in view, and not behind glass
     held: SeenObject | None = None
+    left: dict[str, str] = field(default_factory=dict)  # opened or on by itself -> what undoes it
+    taken: dict[str, str] = field(default_factory=dict)  # id -> id of where it was first taken from
     focus: dict[str, str] = field(default_factory=dict)  # type -> id that a skill last turned to
     looked_from: set[tuple[float, float]] = field(default_factory=set)  # cells, x and z
     looked_into: set[str] = field(default_factory=set)  # what holds things, by id
@@ -68,7 +71,24 @@ class Sightings:
             missed=frozenset(self.missed),
             cut=frozenset(self.cut),
             spilled=frozenset(self.spilled),
+            left=dict(self.left),
+            taken=dict(self.taken),
         )
+
+    def acted(self, action: str, object_id: str, place: str | None) -> None:
+        """Note a deed that went well, where another one undoes it.
+
+        Args:
+            action: AI2-THOR's.
+            object_id: of what it was done to.
+            place: where that was before.
+        """
+        if action in _UNDONE_BY:
+            self.left[object_id] = _UNDONE_BY[action]
+        elif action in ("CloseObject", "ToggleObjectOff"):
+            self.left.pop(object_id, None)
+        elif action == "PickupObject" and place is not None:
+            self.taken.setdefault(object_id, place)
 
     def spill(self, vessel: str) -> None:
         """Note that a thing was thrown: of what lay in it nobody knows where it is now."""

@@ -22,6 +22,7 @@ _WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no readi
 _OF = {"out": "out", "off": "off", "top": "on", "front": "near", "inside": "in"}  # "out of"
 _PICKS = frozenset(("fetch", "grab", "pick", "find", "locate", "retrieve", "give", "pass"))
 _LAID = frozenset(("put", "place", "set", "lay", "leave", "stand"))
+_CLAUSES = ("that", "which", "who", "whose", "you", "i", "we")  # "the light you switched off"
 _LIES = ("is", "are", "'s", "lies", "lie", "lying", "stands", "sits", "was", "were", "sitting")
 
 
@@ -114,6 +115,8 @@ class Pairs:
         table = deed_verbs()
         for at in range(number + 2, end):
             low = self._s.low(at)
+            if low in _CLAUSES:
+                return None
             result = low in request_words().results
             if at in self._s.taken or not (result or low in word_lists().particles):
                 continue

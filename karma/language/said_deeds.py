@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
 from karma.household.types import object_types
-from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, SWITCHED_BY_A_PART
+from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, LAMPS, SWITCHED_BY_A_PART
 from karma.language.asides import Asides
 from karma.language.nouns import HOLDERS, Nouns
 from karma.language.pairs import Pair, Pairs
@@ -189,7 +189,10 @@ class SentenceDeeds:
 
     def _marks(self, number: int, end: int, nouns: Collection[int]) -> tuple[set[int], set[int]]:
         """Return where "on" and "off" stand ahead of their things, and where behind them."""
-        marks = [n for n in range(number + 1, end) if self.s.low(n) in ("on", "off")]
+        marks = [
+            n for n in range(number + 1, end)
+            if self.s.low(n) in ("on", "off") and n not in self.s.taken
+        ]  # fmt: skip
         joints = ("and", "then", ",", "but")
         leads = {
             n for n in marks
@@ -230,7 +233,7 @@ class SentenceDeeds:
         """Return the deed that a verb means with what goes with it."""
         first = pairs[0]
         if deed in ("put", "take") and first.place is not None:
-            return _carried(deed, pairs, first.place, me=me)
+            return _carried("hold" if text == "hold" else deed, pairs, first.place, me=me)
         match deed:
             case "put" if text == "dump" and first.place is None:
                 return "throw", pairs
@@ -546,6 +549,8 @@ def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple
     things = pairs[0].things
     if FAUCET in place.types:
         return "wash", [Pair(things=things)]
+    if deed == "hold" and {*place.types} & {*LAMPS}:
+        return "look", [Pair(things=things)]
     if deed == "take" and me:
         return "take", [Pair(things=tuple(replace(one, at=place.types) for one in things))]
     return "put", pairs

@@ -40,6 +40,12 @@ class Programs:
         if not self.first or put_right(self.first, self.calls, self.instruction):
             self.first = self.calls
 
+    def go_on(self, result: SkillResult) -> None:
+        """Take in one more call that went well."""
+        tried = len(self.results)
+        self.calls = (*self.calls[:tried], result.call, *self.calls[tried:])
+        self.results = [*self.results, result]
+
     @property
     def ran(self) -> bool:
         """Whether every line of the last program went well."""

@@ -39,6 +39,7 @@ from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
 from karma.methods.attempts import Programs
+from karma.methods.putting_back import put_back
 
 _PLACES = 12  # of a kind that are looked over
 _DONE_SOMEWHERE = ("wash", "fill", "heat", "cook", "cool", "toast", "empty")  # "in the sink"
@@ -91,6 +92,11 @@ class Came:
         return self.nothing_to_do or (
             bool(self.programs) and all(one.finished for one in self.programs)
         )
+
+    def add(self, result: SkillResult) -> None:
+        """Take in what was put back after the last program."""
+        if self.programs and result.ok:
+            self.programs[-1].go_on(result)
 
     def checks(self, experience: Experience) -> tuple[Check, ...]:
         """Return how it stands with all that was to be done."""
@@ -157,6 +163,17 @@ def guarded(
             return
     if subtask.asked is None:  # nobody cut it: it is planned without what is no errand
         subtask = replace(subtask, asked=asked, instruction=asked.errand or subtask.instruction)
+    yield from _in_turn(episode, subtask, asked, skills, came)
+    if came.tried:
+        for result in put_back(asked, skills):
+            came.add(result)
+            yield result
+
+
+def _in_turn(
+    episode: Carrier, subtask: SubTask, asked: Request, skills: Skills, came: Came
+) -> Iterator[Plan | SkillResult]:
+    """Do what was asked, each thing of a plural in its turn."""
     alone = len(asked.deeds) == 1 and len(asked.deeds[0].things) == 1
     if alone and _is_several(asked.deeds[0].things[0]):
         yield from _each(episode, subtask, asked, skills, came)
