@@ -453,7 +453,7 @@ class Skill:
 
 RefusalKind = Literal[
     "deed", "thing", "place", "language", "negated", "impossible", "unclear",
-    "time", "condition", "question", "statement", "incomplete", "astray",
+    "time", "condition", "question", "statement", "incomplete", "astray", "which",
 ]  # fmt: skip
 REFUSAL_KINDS: tuple[RefusalKind, ...] = get_args(RefusalKind)[:7]  # that a planner may give
 

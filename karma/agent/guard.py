@@ -49,7 +49,7 @@ TOOLS: dict[str, frozenset[str]] = {
     "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
     "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
 }  # deed -> what may be moved for it  # fmt: skip
-_FOR_GOOD = ("throw", "fling", "break", "slice", "empty")  # deeds that nothing takes back
+FOR_GOOD = ("throw", "fling", "break", "slice", "empty")  # deeds that nothing takes back
 
 
 # ----------------------------------------------------------------- before any planner
@@ -333,7 +333,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
         cut = deed == "slice" and _speaks_of_pieces(request)
         cracked = deed == "break" and kind == EGG and "cook" in own
         if (
-            deed in _FOR_GOOD
+            deed in FOR_GOOD
             and deed not in own
             and not (cut or cracked)
             and not (deed == "throw" and BIN in places and kind in things)
@@ -376,7 +376,7 @@ def _stated(request: Request) -> set[str]:
     """Return the deeds that make things as they are named: "the washed cloth", "a cold apple"."""
     said = (request.whole[one.start : one.end].lower().split()[:-1] for one in request.mentions)
     words = {word for one in said for word in one}
-    return {deed_states()[word] for word in words & deed_states().keys()} - {*_FOR_GOOD}
+    return {deed_states()[word] for word in words & deed_states().keys()} - {*FOR_GOOD}
 
 
 def _goes_along(

@@ -38,6 +38,7 @@ _ALONE: Mapping[RefusalKind, str] = {
     "statement": "I take that as told; there is nothing to do.",
     "incomplete": "Something is missing.",
     "astray": "I would not have done what was said.",
+    "which": "That cannot be taken back, and I know of more than one.",
 }
 
 
@@ -49,6 +50,8 @@ def sentence(refused: RefusedRequest) -> str:
     """
     if refused.kind == "astray":
         return f"I would not have done what was said: {', '.join(refused.words)}."
+    if refused.kind == "which":
+        return f"That cannot be taken back, and I know of {' and '.join(refused.words)}."
     if refused.kind == "place" and refused.by == "guard":
         return f"There is no {refused.words[0]!r} here that I know of."
     form = _WITH_WORDS.get(refused.kind) if refused.words else None

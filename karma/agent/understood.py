@@ -6,13 +6,13 @@ and what the request names and the program leaves alone is said, too.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from karma.agent.planner import grounded
 from karma.agent.program import DEEDS, WAYS
 from karma.agent.refused_requests import sentence
-from karma.contracts import Known, Plan, RefusedRequest, SkillCall
+from karma.contracts import Known, Plan, RefusalKind, RefusedRequest, SkillCall
 from karma.household.ids import is_id, type_of
 from karma.household.pieces import base_type
 from karma.household.places import HAND
@@ -24,6 +24,18 @@ from karma.language.lexicon import ALIKE, Lexicon
 from karma.language.phrases import phrases_of
 
 Where = Callable[[str], Known | None]  # of a type or id: where the agent believes it to be
+_QUESTIONS: Mapping[RefusalKind, str] = {
+    "language": 'Say it in English, please, as in "wash the mug".',
+    "negated": "What should I do in its place?",
+    "incomplete": "What do you mean by that?",
+    "time": "Should I do it now?",
+    "question": "Is there something that I should do?",
+    "statement": "Is there something that I should do?",
+    "condition": "Should I do it anyway?",
+    "which": "Which one?",
+    "astray": "Say it in other words, please, or one thing at a time.",
+    "impossible": "Which other thing or place would do?",
+}
 _ABILITIES = {
     "on": "switch on", "off": "switch off", "throw": "throw away", "look": "look at under a lamp",
 }  # deeds of `karma.language`, in words  # fmt: skip
@@ -53,7 +65,8 @@ class Understanding:
     sure: str = ""
     refused: str = ""  # why it is not carried out
     question: str = ""  # that may help then
-    candidates: tuple[str, ...] = ()  # types that the question offers
+    offer: str = ""  # what "yes" asks for, where that answers the question
+    candidates: tuple[str, ...] = ()  # types or things that the question offers
 
 
 def understood(
@@ -205,33 +218,30 @@ def question(
     refused: RefusedRequest, instruction: str, lexicon: Lexicon, here: Sequence[str]
 ) -> str:
     """Return what is asked or suggested where a request is not carried out."""
-    match refused.kind:
-        case "language":
-            return 'Say it in English, please, as in "wash the mug".'
-        case "negated":
-            return "What should I do in its place?"
-        case "deed":
-            return _nearest_deeds(instruction, lexicon)
-        case "incomplete":
-            return (
-                "Where should it go?" if "where" in refused.words else "What do you mean by that?"
-            )
-        case "time":
-            return "Should I do it now?"
-        case "question" | "statement":
-            return "Is there something that I should do?"
-        case "condition":
-            return "Should I do it anyway?"
-        case "astray":
-            return "Say it in other words, please, or one thing at a time."
-        case "impossible":
-            return "Which other thing or place would do?"
-        case _:
-            return _nearest_things(refused, instruction, lexicon, here)
+    if refused.kind in _QUESTIONS:
+        where = refused.kind == "incomplete" and "where" in refused.words
+        return "Where should it go?" if where else _QUESTIONS[refused.kind]
+    if refused.kind == "deed":
+        return _nearest_deeds(instruction, lexicon)
+    if slip := misspelt(refused, lexicon, here):
+        return f"Do you mean {slip[1]!r}?"
+    return _nearest_things(refused, instruction, lexicon, here)
+
+
+def misspelt(
+    refused: RefusedRequest, lexicon: Lexicon, here: Sequence[str]
+) -> tuple[str, str] | None:
+    """Return a word that nothing is called by, and what it may be a slip of; None for none."""
+    words = refused.words if refused.kind in ("thing", "place", "unclear") else ()
+    small = [name for name, kind in object_types().items() if kind.can("pickupable")]
+    found = ((one, lexicon.misspelt(one, [*here, *small])) for one in words)
+    return next((one for one in found if one[1]), None)
 
 
 def offered(refused: RefusedRequest, lexicon: Lexicon, here: Sequence[str]) -> tuple[str, ...]:
-    """Return the types that are nearest to the words of a refusal, of those that are here."""
+    """Return what may be meant: things alike, or the types nearest to the words of a refusal."""
+    if refused.kind == "which":
+        return refused.words
     if refused.kind not in ("thing", "place", "unclear"):
         return ()
     near = (lexicon.nearest(one, [k for k in here if k not in TAPS]) for one in refused.words)

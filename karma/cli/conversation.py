@@ -180,7 +180,11 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
             if typed.split()[0] == "/quit":
                 break
             typed = _looking(agent) if typed.lower().rstrip(".!") in _LOOK else typed
-            codes.append(_answered(agent, _whole(agent, typed, asked), view))
+            if (told := _said_of_it(agent, typed, asked)) is not None:
+                console.print(escape(told), style="dim", soft_wrap=True)
+                continue
+            offer = agent.replies[-1].offer if agent.replies and sys.stdin.isatty() else ""
+            codes.append(_answered(agent, _whole(agent, typed, asked, offer), view))
             asked = agent.replies[-1].unclear if agent.replies and sys.stdin.isatty() else None
             if codes[-1] == STOPPED and not sys.stdin.isatty():
                 break
@@ -199,16 +203,30 @@ def _looking(agent: "Agent") -> str:
     return next((one.look for one in answers if one is not None and one.look), "/look")
 
 
-def _whole(agent: "Agent", typed: str, asked: "Unclear | None") -> str:
+def _said_of_it(agent: "Agent", typed: str, asked: "Unclear | None") -> str | None:
+    """Return what is said to a bare yes or no that asks for nothing; None for anything else."""
+    from karma.talk.offers import is_no, is_yes
+
+    offer = agent.replies[-1].offer if agent.replies and sys.stdin.isatty() else ""
+    if is_no(typed) and (offer or asked):
+        return "all right, I do nothing"
+    return asked.question if asked is not None and not offer and is_yes(typed) else None
+
+
+def _whole(agent: "Agent", typed: str, asked: "Unclear | None", offer: str) -> str:
     """Return what was typed, put into the request that was asked back about if it answers that."""
     from karma.language.clauses import completed
+    from karma.talk.offers import is_yes
 
+    if offer and is_yes(typed):
+        console.print(escape(f"so: {offer}"), style="dim", soft_wrap=True)
+        return offer
     if asked is None or typed.startswith("/"):
         return typed
     if agent.is_errand(typed):
         console.print(escape(f"that in place of: {asked.text}"), style="dim", soft_wrap=True)
         return typed
-    whole = completed(asked.text, typed)
+    whole = completed(asked.text, typed, asked.about)
     console.print(escape(f"so: {whole}"), style="dim", soft_wrap=True)
     return whole
 

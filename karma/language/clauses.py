@@ -1,5 +1,6 @@
 """A request as the single errands that a planner is told one by one, in words that it knows."""
 
+import re
 from collections.abc import Iterator, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
@@ -156,8 +157,13 @@ def plainly(request: Request) -> str:
     return said(single[0], plain=True) if known and single[0].deed else ""
 
 
-def completed(asked: str, answer: str) -> str:
+def completed(asked: str, answer: str, about: str = "") -> str:
     """Return a request that was asked back about with what was answered put in.
+
+    Args:
+        asked: the request.
+        answer: a thing, a place, or which one is meant.
+        about: the words of the request that may mean several things.
 
     >>> completed("put the mug on the", "table"), completed("put the bowl", "in the sink")
     ('put the mug on the table', 'put the bowl in the sink')
@@ -165,8 +171,15 @@ def completed(asked: str, answer: str) -> str:
     ('move the lamp to the desk', 'put the book on the shelf')
     >>> completed("slice", "the apple"), completed("put the bowl", "the table")
     ('slice the apple', 'put the bowl on the table')
+    >>> completed("throw the egg away", "the one in the fridge", "egg")
+    'throw the egg in the fridge away'
     """
     asked, answer = asked.rstrip(" .,!?"), answer.strip(" .,!?")
+    which = re.match(
+        rf"(?:the (?:one|{re.escape(about)}) )?((?:in|on|at|from|near|under) .+)", answer
+    )
+    if about and which and about in asked:
+        return asked.replace(about, f"{about} {which[1]}", 1)
     words, first = asked.split(), answer.split()[0].lower() if answer.split() else ""
     last = words[-1].lower() if words else ""
     if last in _OPEN:

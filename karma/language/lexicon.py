@@ -10,6 +10,7 @@ from karma.household.saying import spoken
 from karma.household.types import object_types
 from karma.language.hints import TYPE_WORDS, WordFile, kept_words, singular
 from karma.language.request_words import deed_states, request_words
+from karma.language.slips import is_a_slip
 
 LEAST_LETTERS, SLIP = 5, 0.87  # of a word that may be misspelt, and how alike it has to be
 _MANY = ("can",)  # that may be anything: a tin, a bin, a toilet
@@ -81,6 +82,16 @@ class Lexicon:
         found |= dict.fromkeys(request_words().containers, holds)
         own = {spoken(kind).lower(): (kind,) for kind in self._file.types}
         return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own
+
+    def misspelt(self, word: str, kinds: Sequence[str]) -> str:
+        """Return what a word may be a slip of, where that is one of some types; "" for nothing.
+
+        >>> Lexicon(None).misspelt("sope", ["SoapBar"]), Lexicon(None).misspelt("cat", ["Mug"])
+        ('soap', '')
+        """
+        here = set(kinds)
+        found = (one for one in self._by_text if " " not in one and is_a_slip(word.lower(), one))
+        return next((one for one in sorted(found) if here & {*self._by_text[one]}), "")
 
     def described(self, phrase: str) -> tuple[str, ...]:
         """Return the types that a description comes nearest to: "something to write with".

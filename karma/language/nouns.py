@@ -56,7 +56,7 @@ class Nouns:
             if one is not None or self._s.low(end - 1) in request_words().rooms:
                 self._s.taken.update(range(number, end))
             if one is not None:
-                clause = self._done_before(end, body.stop)
+                clause = self.done_before(end, body.stop)
                 if clause > end:
                     one = replace(one, told=True, vague=False)
                     self._s.taken.update(range(number, clause))
@@ -87,7 +87,7 @@ class Nouns:
         found = Mention(text=said.text, start=begin, end=last, types=types, told=not types)
         return found, end
 
-    def _done_before(self, number: int, stop: int) -> int:
+    def done_before(self, number: int, stop: int) -> int:
         """Return where a clause like "(that) you just washed" ends; the same number if none is."""
         at = number + (self._s.low(number) in ("that", "which"))
         if self._s.low(number) == "to" and self._s.tag(number + 1) == "VB":  # "a thing to read"

@@ -113,10 +113,13 @@ class Pairs:
     def particle_later(self, number: int, end: int) -> tuple[str, str] | None:
         """Return deed and verb of "turn the lamp on": the particle stands behind its object."""
         table = deed_verbs()
+        passed = number + 2
         for at in range(number + 2, end):
             low = self._s.low(at)
-            if low in _CLAUSES:
-                return None
+            if low in _CLAUSES and at >= passed:  # "the lamp that you switched on"
+                passed = max(self._nouns.done_before(at, end), at + 1)
+            if at < passed:
+                continue
             result = low in request_words().results
             if at in self._s.taken or not (result or low in word_lists().particles):
                 continue

@@ -143,7 +143,8 @@ class RequestReader:
     def _vocabulary(self) -> list[str]:
         verbs = {word for text in deed_verbs() for word in text.split()}
         small = (word for word in closed_words() if len(word) > 3)
-        return sorted({*self._lexicon.words, *verbs, "the", *small})
+        things = sorted({*self._lexicon.words, *verbs, "the"})
+        return [*things, *sorted({*small} - {*things})]  # "aple" is an apple, not able
 
     @cached_property
     def _verbs(self) -> list[str]:

@@ -219,12 +219,12 @@ def spelt(
             return word
         begins = re.search(r"(?:^|[.;!?,]\s*)$", text[: found.start()]) is not None
         likely = [*verbs, *words] if begins else words
-        return next((one for one in likely if _is_a_slip(word.lower(), one)), word)
+        return next((one for one in likely if is_a_slip(word.lower(), one)), word)
 
     return re.sub(r"[A-Za-z]+(?:'[A-Za-z]+)*", right, text)  # "doesn't" is one word
 
 
-def _is_a_slip(word: str, right: str) -> bool:
+def is_a_slip(word: str, right: str) -> bool:
     """Return whether a word is another with one letter too many, missing, wrong or out of order."""
     if abs(len(word) - len(right)) > 1 or word[0] != right[0]:
         return False

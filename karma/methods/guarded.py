@@ -9,7 +9,7 @@ from functools import cache
 from typing import Protocol
 
 from karma import registry
-from karma.agent.guard import cannot_serve, here_of
+from karma.agent.guard import FOR_GOOD, cannot_serve, here_of
 from karma.agent.perceive import place_of
 from karma.agent.reading import kind_of
 from karma.agent.skills import Skills
@@ -31,6 +31,7 @@ from karma.contracts import (
     SkillResult,
     SubTask,
 )
+from karma.household.pieces import is_piece
 from karma.household.saying import name_of, spoken, told_place
 from karma.household.states import OPPOSITES
 from karma.household.types import object_types
@@ -67,6 +68,9 @@ class Carrier(Protocol):
 
     def sights(self, skills: Skills) -> dict[str, SeenObject]:
         """Return the latest sight of all that was seen in this room."""
+
+    def handled(self) -> list[str]:
+        """Return the ids of what was handled in this room and is remembered, the last one last."""
 
 
 @dataclass(slots=True)
@@ -240,6 +244,11 @@ def _the_same(
         before = yield from _the_one_there(episode, thing, kinds, skills, came)
         if before == "":
             return
+    if before is None and _is_one_of_some(asked):
+        before, alike = _told_apart(episode, skills, kinds)
+        if alike:
+            yield refusal(RefusedRequest(kind="which", by="guard", words=alike))
+            return
     if thing.other and before is None:
         before = yield from _the_other(episode, asked, kinds, skills, came)
         if before == "":
@@ -254,6 +263,28 @@ def _the_same(
         used = [one for one in result.object_ids if kind_of(one) in kinds]
         if used and result.ok:
             episode.chosen.setdefault(key, used[0])
+
+
+def _is_one_of_some(asked: Request) -> bool:
+    """Return whether something is done for good to one thing that words say nothing else of."""
+    deed = asked.deeds[0]
+    thing, said = deed.things[0], asked.whole[deed.things[0].start :].lower()
+    bare = not (thing.at or thing.other or thing.told or thing.vague or thing.holding)
+    return deed.deed in FOR_GOOD and bare and said.startswith(("the ", "my ", "that ", "this "))
+
+
+def _told_apart(
+    episode: Carrier, skills: Skills, kinds: Collection[str]
+) -> tuple[str | None, tuple[str, ...]]:
+    """Return the thing that was handled last, else in words those that fit alike: two or more."""
+    seen = {
+        name: one for name, one in episode.sights(skills).items()
+        if kind_of(name) in kinds and not is_piece(one.object_type) and "sliced" not in one.states
+    }  # fmt: skip
+    last = next((one for one in reversed(episode.handled()) if one in seen), None)
+    words = (f"the {name_of(name)} {told_place(place_of(one))}" for name, one in seen.items())
+    places = tuple(dict.fromkeys(words))
+    return last, places if last is None and len(places) > 1 else ()
 
 
 def _lies_told(deed: SaidDeed) -> bool:

@@ -325,6 +325,10 @@ class KarmaEpisode:
         """Return the latest sight of all that was seen in this room."""
         return self._sights(skills.experience)
 
+    def handled(self) -> list[str]:
+        """Return the ids of what was handled in this room and is remembered, the last one last."""
+        return [one.object_id for one in self.short_term.units(self._scene) if one.handled]
+
     @property
     def _tells_all(self) -> bool:
         """Whether all of short-term memory stands in the prompt."""

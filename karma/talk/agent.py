@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from karma.agent.understood import Understanding, understood
+from karma.agent.understood import Understanding, misspelt, understood
 from karma.contracts import (
     Listener,
     Mention,
@@ -52,6 +52,7 @@ from karma.methods.guarded import reader_of
 from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
+from karma.talk.offers import with_offer
 from karma.talk.questions import MemoryAnswer, Remembering, answered
 from karma.talk.replies import AgentReply, RequestReply, as_it_ends
 from karma.talk.telling import told_of
@@ -347,8 +348,11 @@ class Agent:
     def _understood(self, clause: str, plan: Plan, asked: Request | None) -> Understanding:
         here = {*self.map.types(), *(unit.object_type for unit in self.memory)}
         taken = understood(clause, plan, self._episode.where, self._lexicon, sorted(here))
-        if asked is None or taken.refused:
+        if asked is None:
             return taken
+        if plan.refused is not None:
+            slip = misspelt(plan.refused, self._lexicon, sorted(here))
+            return with_offer(taken, clause, plan.refused, asked, slip)
         verbs = [deed.verb for deed in asked.forbidden]
         return replace(
             taken, forbidden=(*verbs, *(f"use the {one.text}" for one in asked.exclusions))

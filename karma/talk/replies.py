@@ -72,7 +72,7 @@ class RequestReply:
     def asks(self) -> bool:
         """Whether an answer is waited for, in place of doing it."""
         refused = next((plan.refused for plan in reversed(self.plans) if plan.refused), None)
-        return refused is not None and refused.kind in ("incomplete", "unclear")
+        return refused is not None and refused.kind in ("incomplete", "unclear", "which")
 
     def __repr__(self) -> str:
         return "\n".join(line.text for line in lines_of(self))
@@ -109,7 +109,8 @@ class Unclear:
 
     text: str
     question: str
-    candidates: tuple[str, ...] = ()  # object types that may be meant
+    candidates: tuple[str, ...] = ()  # object types or things that may be meant
+    about: str = ""  # the words that may mean several things: "the apple"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -142,7 +143,19 @@ class AgentReply:
         if part is None:
             return None
         last = part.understood[-1]
-        return Unclear(text=part.instruction, question=last.question, candidates=last.candidates)
+        things = part.asked.deeds[0].things if part.asked and part.asked.deeds else ()
+        return Unclear(
+            text=part.instruction,
+            question=last.question,
+            candidates=last.candidates,
+            about=things[0].text if things else "",
+        )
+
+    @property
+    def offer(self) -> str:
+        """What "yes" asks for; "" where no question was asked that it answers."""
+        offers = (one.offer for part in self.parts for one in part.understood[-1:])
+        return next(filter(None, offers), "")
 
     @property
     def checks(self) -> tuple[Check, ...]:

@@ -1,0 +1,75 @@
+"""What "yes" would mean where an errand was not carried out, and how answers go on with it."""
+
+import re
+from dataclasses import replace
+
+from karma.agent.understood import Understanding
+from karma.contracts import RefusedRequest, Request
+from karma.language.request_words import request_words
+
+_YES = re.compile(
+    r"\W*(?:(?:yes|yeah|yep|yup|sure|ok|okay|right|exactly|correct|please|do|it|so|that|go|ahead"
+    r"|of|course|i|thanks)\b\W*)+",
+    re.IGNORECASE,
+)
+_AGREES = re.compile(
+    r"\b(?:yes|yeah|yep|yup|sure|ok|okay|exactly|correct|right|please|do it|do that|do so|go ahead"
+    r"|of course)\b",
+    re.IGNORECASE,
+)
+_COMPLAINTS = {"dirty": "wash", "on": "turn off", "opened": "close", "filled": "empty"}
+
+
+def is_yes(text: str) -> bool:
+    """Return whether a text only agrees.
+
+    >>> [is_yes(one) for one in ("yes", "Yes, please do it", "yes, the mug", "no")]
+    [True, True, False, False]
+    """
+    return bool(_YES.fullmatch(text) and _AGREES.search(text))
+
+
+def is_no(text: str) -> bool:
+    """Return whether a text only declines.
+
+    >>> [is_no(one) for one in ("no", "No, thanks.", "no, the mug", "never mind")]
+    [True, True, False, True]
+    """
+    return re.fullmatch(r"\W*(?:(?:no|nope|nah|thanks|thank you|never mind|forget it|leave it"
+                        r"|not now|don't)\b\W*)+", text, re.IGNORECASE) is not None  # fmt: skip
+
+
+def with_offer(
+    taken: Understanding,
+    clause: str,
+    refused: RefusedRequest,
+    asked: Request,
+    slip: tuple[str, str] | None,
+) -> Understanding:
+    """Return an understanding of a request that is not carried out, with what "yes" would mean.
+
+    Args:
+        taken: it.
+        clause: the request.
+        refused: why not.
+        asked: what its words ask for.
+        slip: a word that nothing is called by, and what it may be meant for.
+    """
+    if refused.kind in ("time", "condition") and asked.errand:
+        return replace(taken, offer=asked.errand)
+    if slip is not None:
+        word, right = slip
+        return replace(taken, offer=re.sub(rf"\b{re.escape(word)}\b", right, clause))
+    if refused.kind == "statement" and (offer := _against(asked)):
+        return replace(taken, offer=offer, question=f"Should I {offer}?")
+    return taken
+
+
+def _against(told: Request) -> str:
+    """Return what would end what a statement tells of one thing: "the plate is filthy"."""
+    named = [one for one in told.alone if one.types]
+    words = [word.strip(".,!") for word in told.text.lower().split()]
+    is_so = {"is", "are", "looks", "'s"} & set(words) and not {"not", "no", "was"} & set(words)
+    states = (request_words().seen.get(word, "") for word in words)
+    deed = next((_COMPLAINTS[one] for one in states if one in _COMPLAINTS), "")
+    return f"{deed} the {named[0].text}" if len(named) == 1 and is_so and deed else ""
