@@ -336,6 +336,7 @@ class Mention:
     told: bool = False  # known by what was done or is elsewhere: "the thing you just closed"
     at: tuple[str, ...] = ()  # types of the place that it is told by: "on the side table"
     other: bool = False  # not the one that was meant before: "the other one"
+    besides: tuple[str, ...] = ()  # types that are called so where none of `types` is at hand
     holding: tuple[str, ...] = ()  # types of what lies in or on it: "the plate with the potato"
 
 

@@ -39,6 +39,7 @@ class ProgramEffects:
     near: set[Thing] = field(default_factory=set)  # put beside it, not in or on it
     passed: dict[Thing, list[str]] = field(default_factory=dict)  # kinds of all places, in order
     deeds: set[tuple[str, Thing]] = field(default_factory=set)  # ("slice", thing)
+    ever: set[tuple[str, Thing]] = field(default_factory=set)  # the same, undone or not
     switched: dict[str, str] = field(default_factory=dict)  # kind -> "on", "off", as it is left
     ran: set[str] = field(default_factory=set)  # kinds that were on at some time
     doors: dict[str, str] = field(default_factory=dict)  # kind -> "open", "close", as it is left
@@ -83,6 +84,7 @@ def effects_of(calls: Sequence[SkillCall], held: str | None = None) -> ProgramEf
         found.at[found.held], found.inside[found.held] = HAND, ""
     for call in calls:
         _add(found, call)
+        found.ever |= found.deeds
     return found
 
 

@@ -5,6 +5,7 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 `ProgramEffects`; both are by types, so any mug will do for a mug.
 """
 
+import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
@@ -29,7 +30,7 @@ from karma.household.uses import (
     TAPS,
     TOASTER,
 )
-from karma.language.request_words import deed_states
+from karma.language.request_words import deed_states, request_words
 from karma.language.said_deeds import NEEDS, able_to
 
 _HELP: dict[str, frozenset[str]] = {
@@ -49,6 +50,7 @@ TOOLS: dict[str, frozenset[str]] = {
     "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
     "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
 }  # deed -> what may be moved for it  # fmt: skip
+COOKWARE = ("Pan", "Pot", "Kettle")
 FOR_GOOD = ("throw", "fling", "break", "slice", "empty")  # deeds that nothing takes back
 
 
@@ -96,7 +98,7 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
     for one in deed.things:
         if one.anything or one.told or (deed.deed == "coffee" and not one.types):
             continue
-        kinds = here_of(one.types, here)
+        kinds = meant_by(one, here)
         if not kinds:
             return _refused("place" if one.types else "thing", (one.text,))
         need = NEEDS.get(deed.deed, "")
@@ -108,7 +110,7 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
 def _unknown_place(deed: SaidDeed, place: Mention, here: Collection[str]) -> RefusedRequest | None:
     if place.told:
         return _refused("unclear", (place.text,))
-    kinds = here_of(place.types, here)
+    kinds = meant_by(place, here)
     if not kinds:
         return _refused("place", (place.text,))
     holds = any(able_to(kind, "receptacle") for kind in kinds)
@@ -130,6 +132,18 @@ def here_of(types: Sequence[str], here: Collection[str]) -> tuple[str, ...]:
     return tuple(kind for kind in types if not here or not (kind in fixed or _cannot_hide(kind)))
 
 
+def meant_by(one: Mention, here: Collection[str]) -> tuple[str, ...]:
+    """Return those of the types that a mention may mean that may be in this room.
+
+    Where none that is called so was seen, one that people call so as well will do.
+    """
+    named = here_of(one.types, here)
+    kinds = {kind_of(kind) for kind in here}
+    if any(kind_of(kind) in kinds for kind in named):
+        return named
+    return tuple(dict.fromkeys((*named, *here_of(one.besides, here))))
+
+
 def _cannot_hide(kind: str) -> bool:
     """Return whether a tour shows a thing where it is: it stands or hangs free."""
     known = object_types()[kind]
@@ -140,8 +154,9 @@ def _cannot_hide(kind: str) -> bool:
 
 
 def stopped(
-    calls: Sequence[SkillCall], request: Request, here: Collection[str], held: str | None = None
-) -> str:
+    calls: Sequence[SkillCall], request: Request, here: Collection[str], held: str | None = None,
+    *, exact: bool = False,
+) -> str:  # fmt: skip
     """Return why a program is not what was asked; "" where it is.
 
     Args:
@@ -149,8 +164,10 @@ def stopped(
         request: what was asked.
         here: types that the agent knows of in this room.
         held: what is in the hand before.
+        exact: what people call so as well will not do: no mug for a cup.
     """
     found = effects_of(with_turns(calls), held)
+    request = _exactly(request, here) if exact else request
     for check in (_ruled_out, _left_out, _not_asked, _too_many):
         reason = next(check(found, request, here), "")
         if reason:
@@ -161,7 +178,7 @@ def stopped(
 def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
     if one is None:
         return frozenset()
-    return frozenset(kind_of(kind) for kind in here_of(one.types, here) or one.types)
+    return frozenset(kind_of(kind) for kind in meant_by(one, here) or one.types)
 
 
 def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
@@ -277,16 +294,16 @@ def _done(
             if later:
                 return bool(found.visited & set(kinds))
             return any(found.doors.get(kind) == deed.deed for kind in kinds)
-        case "heat" if any(other.deed in ("put",) for other in later):
-            return found.did("heat", kinds)
+        case "heat" | "cool" if later:  # "heat it and put it in the fridge"
+            return any(one == deed.deed and kind_of(thing[0]) in kinds for one, thing in found.ever)
         case _:
             return found.did(deed.deed, kinds)
 
 
 def _speaks_of_pieces(request: Request) -> bool:
     """Return whether a piece of a thing is meant: "a slice of bread"."""
-    text = request.text.lower()
-    return any(word in text for word in ("slice", "piece", "half", "halves"))
+    words = set(re.findall(r"[a-z]+", request.whole.lower() or request.text.lower()))
+    return bool(words & (request_words().pieces | {"sliced", "cut"}))
 
 
 def switch_of(kind: str) -> str:
@@ -303,6 +320,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     own_only = request
     request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
     deeds = {deed.deed for deed in request.deeds} | _stated(request)
+    deeds |= {"slice"} if _speaks_of_pieces(request) else set()
     named = {kind for one in request.mentions for kind in _kinds(one, here)}
     loose = any(one.anything or one.told for one in request.mentions)
     things = {kind for deed in request.deeds for one in deed.things for kind in _kinds(one, here)}
@@ -310,6 +328,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     along = {kind for deed in deeds for kind in TOOLS.get(deed, ())}
     help_ = {kind for deed in deeds for kind in _HELP.get(deed, ())} | places
     help_ |= {kind for one in request.deeds if one.deed == "on" for kind in _of_things(one, here)}
+    help_ |= {kind_of(kind) for one in request.mentions for kind in one.at}
     for thing, place in found.at.items():
         kind = kind_of(thing[0])
         if not (
@@ -355,6 +374,21 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
                 yield f"nobody asked to switch {word} the {spoken(kind)}"
 
 
+def _exactly(request: Request, here: Collection[str]) -> Request:
+    """Return a request whose things are only what they are called, where that may be here."""
+
+    def only(one: Mention) -> Mention:
+        return replace(one, besides=()) if here_of(one.types, here) else one
+
+    def of(deed: SaidDeed) -> SaidDeed:
+        place = only(deed.place) if deed.place else None
+        return replace(deed, things=tuple(map(only, deed.things)), place=place)
+
+    return replace(
+        request, deeds=tuple(map(of, request.deeds)), rest=tuple(map(of, request.rest))
+    )  # fmt: skip
+
+
 def _too_many(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
     """Yield that something is done to more things of a kind than were named."""
     deeds = tuple(dict.fromkeys((*request.deeds, *request.rest)))
@@ -376,7 +410,8 @@ def _stated(request: Request) -> set[str]:
     """Return the deeds that make things as they are named: "the washed cloth", "a cold apple"."""
     said = (request.whole[one.start : one.end].lower().split()[:-1] for one in request.mentions)
     words = {word for one in said for word in one}
-    return {deed_states()[word] for word in words & deed_states().keys()} - {*FOR_GOOD}
+    water = {"fill"} if "water" in request.whole.lower().split() else set()
+    return water | {deed_states()[word] for word in words & deed_states().keys()} - {*FOR_GOOD}
 
 
 def _goes_along(
@@ -411,8 +446,13 @@ def _misplaced(
         return
     if wanted:
         yield f"the {spoken(kind)} is to be elsewhere"
-    elif wanted is None and place != HAND and place not in (*help_, *SURFACES):
+    elif wanted is None and place != HAND and place not in (*help_, *_rests_on(kind)):
         yield f"nobody asked for the {spoken(kind)} to be put {spoken(place)}"
+
+
+def _rests_on(kind: str) -> Collection[str]:
+    """Return where a thing may be put down that was to be put nowhere."""
+    return (*SURFACES, BURNER) if kind in COOKWARE else SURFACES
 
 
 def _goes_to(kind: str, request: Request, here: Collection[str]) -> set[str] | None:

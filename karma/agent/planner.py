@@ -37,6 +37,8 @@ from karma.household.ids import short_type, type_of
 from karma.household.places import OVERLOOKED, landmark_types
 from karma.household.types import object_types
 
+_LOOSE_AFTER = 2  # answers after which a mug will do for a cup
+
 
 class Planner:
     """One model with its prompt profile.
@@ -245,12 +247,21 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
 
 def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
     """Return an answer without its program where that is not what was asked, and why."""
-    if request.asked is None or not answer.calls or request.done:
+    asked = request.asked
+    if asked is None or not answer.calls or request.done:
         return answer, ""
-    calls = grounded(answer.calls, answer.names)
-    why = stopped(calls, request.asked, known_here(request), request.held_id)
+    here, exact = known_here(request), len(request.failures) < _LOOSE_AFTER
+
+    def reason(calls: Sequence[SkillCall]) -> str:
+        calls = grounded(calls, answer.names)
+        return stopped(calls, asked, here, request.held_id, exact=exact)
+
+    why = reason(answer.calls)
     if not why:
         return answer, ""
+    once = tuple(call for call in with_turns(answer.calls) if not call.turn)
+    if len(once) < len(answer.calls) and not reason(once):  # said twice by a small planner
+        return replace(answer, calls=once), ""
     failure = FailedProgram(
         lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why
     )

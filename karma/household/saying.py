@@ -6,6 +6,7 @@ from karma.household.places import HAND
 from karma.household.types import object_types
 from karma.household.uses import BASINS, SINK, without_basin
 
+_LIDDED = ("Toilet",)  # it opens, but things are put on it
 _HOLLOW = frozenset(
     (
         SINK, *BASINS, "Bathtub", "GarbageCan", "Bowl", "Mug", "Cup", "Pot", "WateringCan",
@@ -49,6 +50,8 @@ def preposition(place: str) -> str:
     """
     name = type_of(place)
     kind = object_types().get(name)
+    if name in _LIDDED:
+        return "on"
     return "in" if name in _HOLLOW or (kind is not None and kind.can("openable")) else "on"
 
 

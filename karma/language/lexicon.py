@@ -83,6 +83,20 @@ class Lexicon:
         own = {spoken(kind).lower(): (kind,) for kind in self._file.types}
         return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own
 
+    def besides(self, phrase: str) -> tuple[str, ...]:
+        """Return the types that people call so as well: a mug is a cup, a side table a table.
+
+        >>> Lexicon(None).besides("cup"), "SideTable" in Lexicon(None).besides("table")
+        (('Mug',), True)
+        """
+        said = {phrase, singular(phrase)}
+        named = self.named(phrase)
+        return tuple(
+            kind for kind, texts in self._file.types.items()
+            if kind not in named
+            and (said & {*texts} or spoken(kind).lower().split()[-1] in said)
+        )  # fmt: skip
+
     def misspelt(self, word: str, kinds: Sequence[str]) -> str:
         """Return what a word may be a slip of, where that is one of some types; "" for nothing.
 

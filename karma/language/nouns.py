@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from karma.contracts import Mention
+from karma.household.saying import spoken
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.language.request_words import deed_states, request_words
@@ -13,7 +14,7 @@ from karma.language.words import word_lists
 _STARTS = frozenset((
     "all", "both", "each", "every", "half", "any", "some", "no", "another", "what", "whatever",
 ))  # fmt: skip
-_NEAREST = ("nearest", "closest", "more", "most", "least", "other")
+_NEAREST = ("nearest", "closest", "more", "most", "least", "other", "lower", "upper")
 _ALONE = frozenset((
     "everything", "anything", "whatever", "this", "that", "these", "those", "all", "both", "one",
 ))  # fmt: skip
@@ -25,10 +26,9 @@ _ADJECTIVES = ("JJ", "JJR", "JJS", "VBN", "VBG", "VBD")
 _DETERMINERS = ("DT", "PRP$", "PDT", "POS", "WP", "CD")
 _OWNERS = ("'s", "’s")
 HOLDERS = ("holder", "hanger", "hook", "rail", "rack", "ring", "bar")  # for towels and paper
-_OF_A_WHOLE = ("door", "lid", "slice", "slices", "piece", "pieces", "half", "halves")
+_OF_A_WHOLE = ("door", "lid", "tank", "seat", "spout")  # named for the whole that they belong to
 _VESSELS = ("mug", "cup", "glass", "bowl", "pot", "kettle", "jug", "vase", "bottle", "plate")
 _POURED = ("coffee", "water")  # what they can be filled with
-_PIECES = ("slice", "slices", "piece", "pieces", "drink", "half", "halves")
 
 
 class Nouns:
@@ -72,7 +72,9 @@ class Nouns:
     def _described(self, number: int, stop: int) -> tuple[Mention, int] | None:
         """Return a thing that is told by what it is for, and where that ends; None if none is."""
         head = number + (self._s.tag(number) in ("DT", "PRP$"))
-        if number in self._s.gone or self._s.low(head) not in _DESCRIBED:
+        low = self._s.low(head)
+        general = low in request_words().general and self._s.low(head + 1) in ("for", "used", "to")
+        if number in self._s.gone or not (low in _DESCRIBED or general):
             return None
         starts = (self._s.words[number].start, self._s.words[head].start)
         said = next((one for one in phrases_of(self._s.text).nouns if one.start in starts), None)
@@ -141,7 +143,8 @@ class Nouns:
             return "no" if low in request_words().me or low in _PERSONS else "head"
         if tag == "POS" or low in _OWNERS or (low == "-" and head == at):
             return "inner"
-        if tag in _ADJECTIVES and (at > begin or tag == "JJ") and self._noun_follows(at, stop):
+        leads = at > begin or tag == "JJ" or low in deed_states()  # "put chilled bread away"
+        if tag in _ADJECTIVES and leads and self._noun_follows(at, stop):
             return "inner"
         if low == "of" and head == at and self._is_measure(at):
             return "inner"
@@ -186,7 +189,8 @@ class Nouns:
         """Return whether "of" leads to what is meant: "a slice of bread", "all of the cups"."""
         head = self._s.low(at - 1)
         return head in word_lists().measures or head in (
-            *_PARTS, *_OF_A_WHOLE, *_PIECES, *_VESSELS, "all", "both", "each",
+            *_PARTS, *_OF_A_WHOLE, *_VESSELS, "all", "both", "each",
+            *request_words().pieces, *request_words().measures,
         )  # fmt: skip
 
     def run_end(self, begin: int) -> int:
@@ -256,13 +260,16 @@ class Nouns:
                 every, number = True, 2 if low == "both" else number
             elif low.isdigit() or low in request_words().numbers:
                 number = int(low) if low.isdigit() else request_words().numbers[low]
-            elif low == "of" or (low in word_lists().measures and "of" in rest[start - begin :]):
+            elif low == "of" or (self._measures(low) and "of" in rest[start - begin :]):
                 if low == "rest":
                     return None, False, -1
             elif self._s.tag(start) not in _DETERMINERS and low not in _OWNERS:
                 break
             start += 1
         return number, every, start
+
+    def _measures(self, low: str) -> bool:
+        return low in word_lists().measures or low in request_words().measures
 
     def _without_noun(self, lows: Sequence[str], bare: Mention) -> Mention | None:
         words = request_words()
@@ -278,7 +285,8 @@ class Nouns:
         if "of" not in lows[start - begin :]:
             return None
         of = begin + list(lows).index("of", start - begin)
-        piece = self._s.low(of - 1) in (*_OF_A_WHOLE, *_PIECES)  # "the cooked piece of food"
+        part = self._s.low(of - 1)
+        piece = part in _OF_A_WHOLE or part in request_words().pieces  # "the cooked piece of food"
         first = self._s.low(start)
         if first not in _PARTS and not piece:
             return None
@@ -309,38 +317,56 @@ class Nouns:
         own = self._s.low(end - 2) == "its" and words[-1] not in HOLDERS
         if own and len(words) == 1:  # its lid, its door
             return replace(bare, text="it", vague=True)
-        if head in _OF_A_WHOLE and len(words) > 1 and self._types(words[:-1], start):
+        whole = head in _OF_A_WHOLE or head in lists.pieces
+        if whole and len(words) > 1 and self._types(words[:-1], start):
             words = words[:-1]  # "the bread slices", "the microwave door"
-        if (head in _PIECES or text == "coffee") and not self._types(words, start):
+        types = self._types(words, start)
+        if len(words) > 1 and head in lists.general:
+            types = self._s.lexicon.described(text)  # "a soup serving tool"
+        if not types:
+            return self._without_type(words, bare)
+        if bare.every:  # "all lights": of every kind that is called a light
+            types = tuple(dict.fromkeys((*types, *self._s.lexicon.named(singular(text)))))
+        every, one = bare.every, bare.number is None and not bare.every
+        plural = self._s.tag(end - 1) in ("NNS", "NNPS") and one
+        if plural and head not in lists.own_plurals and singular(text) != text:
+            every = self._s.lexicon.named(singular(text)) == types
+        besides = self._besides(words, types)
+        return replace(bare, text=text, types=types, every=every, besides=besides)
+
+    def _without_type(self, words: Sequence[str], bare: Mention) -> Mention | None:
+        """Return what a phrase means that no type is called by; None: where it is, a room."""
+        lists, text, head = request_words(), " ".join(words), words[-1]
+        if head in lists.pieces or head == "drink" or text == "coffee":
             return replace(bare, text=text, told=True)
         if head in lists.anything and len(words) <= 2:
             all_ = bare.every or head in ("everything", "all", "whatever", "lot")
             return replace(bare, text=text, anything=all_, vague=not all_, every=all_)
-        types = self._types(words, start)
-        if bare.every and types:  # "all lights": of every kind that is called a light
-            types = tuple(dict.fromkeys((*types, *self._s.lexicon.named(singular(text)))))
-        if not types and (head in lists.vague or text in lists.vague):
+        if head in lists.vague or text in lists.vague:
             return replace(bare, text=text, vague=True)
-        if not types and head in lists.rooms:
-            return None
-        every, one = bare.every, bare.number is None and not bare.every
-        plural = self._s.tag(end - 1) in ("NNS", "NNPS") and one
-        if plural and types and head not in lists.own_plurals and singular(text) != text:
-            every = self._s.lexicon.named(singular(text)) == types
-        return replace(bare, text=text, types=types, every=every)
+        return None if head in lists.rooms else replace(bare, text=text)
+
+    def _besides(self, words: Sequence[str], types: Sequence[str]) -> tuple[str, ...]:
+        """Return what else is called so, unless the words name one type in full: "coffee table"."""
+        if any(" " in spoken(kind) and spoken(kind).lower() in " ".join(words) for kind in types):
+            return ()
+        return tuple(one for one in self._s.lexicon.besides(words[-1]) if one not in types)
 
     def _types(self, words: Sequence[str], start: int) -> tuple[str, ...]:
         """Return the types that a phrase names, adjectives left out one by one."""
         named = self._s.lexicon.named
         if len(words) > 1 and words[-1] in request_words().seen and not named(" ".join(words)):
             words = words[:-1]
+        compound = False  # "desk drawer": of several drawers the one that is nearest to it
         for first, word in enumerate(words):
             found = named(" ".join(words[first:]))
             if found:
-                return found
+                best = self._s.lexicon.nearest(" ".join(words), found, 1) if compound else ()
+                return best or found
+            compound = compound or self._s.tag(start + first) == "NN"
             known = word in request_words().dropped or word in word_lists().qualifiers
             tag = self._s.tag(min(start + first, len(self._s.words) - 1))
-            other = tag in (*_ADJECTIVES, "CD", "NNP", "POS", "RB", "DT", "FW")
+            other = tag in (*_ADJECTIVES, "CD", "NNP", "POS", "RB", "DT", "FW", "NN")
             if not (known or other):
                 return ()
         return ()

@@ -7,7 +7,16 @@ from karma.contracts import Mention
 from karma.household.places import HAND
 from karma.household.saying import preposition
 from karma.household.types import object_types
-from karma.household.uses import FAUCET, KNIVES, WASHED_WITH
+from karma.household.uses import (
+    BURNER,
+    FAUCET,
+    FRIDGE,
+    KNIVES,
+    LAMPS,
+    MICROWAVE,
+    PARTS_OF_FURNITURE,
+    WASHED_WITH,
+)
 from karma.language.hints import singular
 from karma.language.nouns import Nouns
 from karma.language.request_words import deed_states, deed_verbs, request_words
@@ -17,6 +26,10 @@ from karma.language.words import word_lists
 _TOOLS = {
     "slice": frozenset(KNIVES),
     "wash": frozenset((*WASHED_WITH, FAUCET)),
+    "look": frozenset(LAMPS),
+    "heat": frozenset((MICROWAVE, BURNER)),
+    "cook": frozenset((MICROWAVE, BURNER)),
+    "cool": frozenset((FRIDGE,)),
 }  # deed -> what it may be done with
 _WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no reading
 _OF = {"out": "out", "off": "off", "top": "on", "front": "near", "inside": "in"}  # "out of"
@@ -45,6 +58,7 @@ class _PairGroup:
     at: tuple[str, ...] = ()  # of things that are named afterwards
     told: bool = False  # what follows says which thing is meant: "the one between ..."
     between: bool = False  # the next thing belongs to the place
+    held: bool = False  # "in it" says what was just said: "with a pen in it"
 
     def told_by(self, place: Mention, deed: str) -> None:
         """Take a place that says which thing is meant."""
@@ -55,9 +69,17 @@ class _PairGroup:
         else:
             self.at = place.types
 
+    def _goal(self) -> Mention | None:
+        """Return the place that is meant: of "the drawer on the nightstand" it is the drawer."""
+        if not self.places:
+            return None
+        first, last = self.places[0], self.places[-1]
+        inner = first.types and all(kind in PARTS_OF_FURNITURE for kind in first.types)
+        return first if inner and not {*last.types} & PARTS_OF_FURNITURE else last
+
     def pair(self, deed: str) -> Pair:
         """Return the things, and where they go; other places say which things are meant."""
-        things, place = self.things, self.places[-1] if self.places else None
+        things, place = self.things, self._goal()
         if len(self.places) > 1 and things:
             things = [*things[:-1], replace(things[-1], at=self.places[0].types)]
         if self.at:
@@ -164,16 +186,16 @@ class Pairs:
         low, words = self._s.low(number), request_words()
         if low in words.me and before in ("", "to", "for"):
             return True
+        if self._is_region(number, one, group) or (group.held and one.text in ("it", "them")):
+            return True
         if low in ("you", "i", "we"):
             return True
-        if before in words.tools:
-            if self._names_together(group, one):
+        if before in words.tools or (group.held and before == ""):
+            if self._is_held_along(number, one, before, group):
                 return True
-            if self._holds(group, deed):
-                group.things[-1] = replace(group.things[-1], holding=one.types)
-            else:
-                self._read_tool(one, deed)
-            return True
+            if before in words.tools:
+                self._read_with(one, deed, group)
+                return True
         if before in words.passed_over and before != "of" and group.things:
             if before in ("as", "like", "than"):
                 self._s.unread.append(one.text)
@@ -182,6 +204,34 @@ class Pairs:
             return True  # "into slices"
         helps = deed in ("wash", "fill") and bool(group.things)
         return helps and one.text in ("water", "soap") and not one.at
+
+    def _is_held_along(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
+        """Read one more of what lies in a thing: "the pot with the apple and the knife"."""
+        if before or group.places or not self._is_listed(number) or not group.things[-1].holding:
+            return False
+        last = group.things[-1]
+        group.things[-1] = replace(last, holding=(*last.holding, *one.types, *one.besides))
+        return True
+
+    def _read_with(self, one: Mention, deed: str, group: _PairGroup) -> None:
+        """Read "with the salt": a name, what lies in a thing, or what something is done with."""
+        if self._names_together(group, one) or (group.places and deed in ("put", "take")):
+            return  # "on the chair with the keys"
+        if self._holds(group, deed):
+            group.things[-1] = replace(group.things[-1], holding=(*one.types, *one.besides))
+            group.held = True
+        else:
+            self._read_tool(one, deed)
+
+    def _is_region(self, number: int, one: Mention, group: _PairGroup) -> bool:
+        """Return whether a phrase only says where at a place: "the back of", "in the corner"."""
+        if one.types or one.text.split()[-1] not in request_words().regions:
+            return False
+        last = next(
+            (n for n in range(number, number + 5) if self._s.low(n) in one.text.split()[-1:]),
+            number,
+        )
+        return self._s.low(last + 1) == "of" or bool(group.things or group.places)
 
     def _names_together(self, group: _PairGroup, one: Mention) -> bool:
         """Read "the shaker with the salt" as what is called a salt shaker."""
@@ -203,6 +253,11 @@ class Pairs:
         group, words = found[-1], request_words()
         if self._goes_with(number, one, before, group):
             return
+        if before == "of" and self._is_part(group):
+            if not all(object_types()[kind].can("openable") for kind in one.types):
+                return  # "the drawer of the desk"
+            group.places[-1] = one  # "the top shelf of the fridge"
+            return
         nothing = not (one.types or one.vague or one.anything or one.told)
         if nothing and before in words.links and (deed != "put" or before in words.sources):
             self._s.unread.append(one.text)
@@ -213,10 +268,10 @@ class Pairs:
             if (deed not in ("put", "take") or lies) and group.things:
                 group.told_by(one, deed)
             else:
-                if before in words.near and group.places and self._verb(least) & _LAID:
-                    return  # "on the counter by the sink"
+                if before in words.near | words.beside and group.places:
+                    return  # "on the counter by the sink", "in the drawer under the tv"
                 self._s.unread += self._beyond(number, one, before)
-                group.near = before in words.near
+                group.near = before in words.near | (words.beside - {"under", "over"})
                 group.between = before == "between"
                 group.places.append(one)
         elif not (group.places and deed in ("put", "take")):
@@ -225,6 +280,11 @@ class Pairs:
             found.append(_PairGroup([one]))
         else:
             self._s.unread.append(one.text)
+
+    def _is_part(self, group: _PairGroup) -> bool:
+        """Return whether the last place is a part of furniture."""
+        last = group.places[-1].types if group.places else ()
+        return bool(last) and PARTS_OF_FURNITURE.issuperset(last)
 
     def _goes_with(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
         """Return whether a phrase only adds to one before it: "the tall one", "or a pencil"."""
@@ -308,10 +368,26 @@ class Pairs:
             return ""
         word, earlier = self._s.low(before), self._s.low(before - 1)
         if word == "of":
-            return "atop" if earlier == "top" else _OF.get(earlier, "of")
+            return self._of(before, earlier, least)
         if word == "to" and earlier in ("next", "close"):
             return "near"
         return word if word in request_words().links else ""
+
+    def _of(self, of: int, earlier: str, least: int) -> str:
+        """Return what "of" makes of the words before it: "on the back of" is "on"."""
+        if earlier == "top":
+            return "atop"
+        lists = request_words()
+        if earlier in ("left", "right") or (
+            earlier == "side" and self._s.low(of - 2) in ("left", "right")
+        ):
+            return "near"
+        if earlier not in _OF and earlier in lists.regions:
+            ahead = of - 2
+            while ahead >= least and self._s.low(ahead) not in lists.links:
+                ahead -= 1
+            return self._s.low(ahead) if ahead >= least else "of"
+        return _OF.get(earlier, "of")
 
     def _is_relative(self, number: int, least: int) -> bool:
         """Return whether a place only says which thing: "the egg that is on the counter"."""

@@ -15,7 +15,13 @@ from karma.language.asides import Asides
 from karma.language.lexicon import Lexicon
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
-from karma.language.request_words import base_of_deed, deed_verbs, is_deed, request_words
+from karma.language.request_words import (
+    base_of_deed,
+    deed_states,
+    deed_verbs,
+    is_deed,
+    request_words,
+)
 from karma.language.said_deeds import SentenceDeeds, of_what
 from karma.language.sentence import SaidSentence
 from karma.language.slips import as_meant, in_order, sentences_of, spelt, without_courtesy
@@ -34,6 +40,7 @@ _SMALL_TAGS = frozenset((
 ))  # of words without which a request is what it is  # fmt: skip
 _TOO = re.compile(r"\b(?:too|also|as well|likewise)\b", re.IGNORECASE)
 _DENIES = ("not", "n't", "nt", "never", "neither", "nor", "longer")  # "I want the tv not on"
+_AS_PAST = ("put", "set", "cut", "shut", "let")  # verbs that are their own past
 _AGAIN = ("twice", "thrice")  # nothing is done more than once
 _OPEN_ENDS = ("the", "a", "an", "my", "to", "with", "into", "onto", "from", "and")
 
@@ -94,15 +101,26 @@ class RequestReader:
             replace(word, head=min(max(word.head - first, 0), ends), tag=self._tag(words, number))
             for number, word in enumerate(words)
         ]
+        _begin(moved)
         named = [one for one in before if one.types]
         return _read(SaidSentence(text, moved, self._lexicon, named))
 
     def _tag(self, words: Sequence[Word], number: int) -> str:
         """Return a word's tag; a thing's name behind "the" is a noun: "turn the telly off"."""
         word, before = words[number], words[number - 1] if number else None
-        if before is None or word.tag not in ("RB", "JJ", "VB", "VBP"):
+        if before is None:
+            return word.tag
+        if word.text.lower() in _AS_PAST and before.text.lower() in ("then", ","):
+            return "VB"  # "clean the mug then put it back"
+        if word.tag not in ("RB", "JJ", "VB", "VBP"):
             return word.tag
         name = word.text.lower()
+        if before.text.lower() == "to" and word.tag == "VB" and not base_of_deed(name):
+            ends = number + 1 >= len(words) or words[number + 1].tag in (".", ",", "IN", "CC")
+            return "NN" if ends and self._lexicon.named(name) else word.tag  # "to chair"
+        joined = before.text.lower() in ("and", "or") and number + 1 < len(words)
+        if joined and words[number + 1].tag in ("IN", "TO", ".", ","):  # "a box and watch to ..."
+            return "NN" if number > 2 and self._lexicon.named(name) else word.tag
         if before.tag == "NN" and word.tag != "RB":  # "the hand towel"
             led = number > 1 and words[number - 2].tag in ("DT", "PRP$")
             name = f"{before.text.lower()} {name}"
@@ -153,6 +171,18 @@ class RequestReader:
     @cached_property
     def _vocabulary_set(self) -> frozenset[str]:
         return frozenset(self._vocabulary)
+
+
+def _begin(words: list[Word]) -> None:
+    """Let an order begin with its verb: "place chilled egg on counter"."""
+    if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[0].tag[:2] not in ("NN", "JJ"):
+        return
+    if (
+        words[0].text.lower() in request_words().needs_place
+        and words[1].text.lower() in deed_states()
+    ):
+        words[0] = replace(words[0], tag="VB", dep="ROOT", lemma=words[0].text.lower(), head=0)
+        words[1] = replace(words[1], tag="JJ", dep="amod", head=2)
 
 
 def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:

@@ -296,6 +296,8 @@ class SentenceDeeds:
         for n in range(number + 1, end):
             if n in found:
                 waiting.append(found[n])
+            elif self.s.low(n) in ("on", "off") and self.s.begins_noun(n + 1):
+                continue  # "make the bread on the table cold"
             elif n not in self.s.taken and waiting and (state := self._becomes(n)):
                 text, pair = f"{lemma} {self.s.low(n)}", Pair(things=tuple(waiting))
                 deeds.append(_said(text, state, self.s.words[n].start, pair))

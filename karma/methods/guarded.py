@@ -9,7 +9,7 @@ from functools import cache
 from typing import Protocol
 
 from karma import registry
-from karma.agent.guard import FOR_GOOD, cannot_serve, here_of
+from karma.agent.guard import FOR_GOOD, cannot_serve, here_of, meant_by
 from karma.agent.perceive import place_of
 from karma.agent.reading import kind_of
 from karma.agent.skills import Skills
@@ -218,7 +218,7 @@ def _find(
 ) -> Iterator[Plan | SkillResult]:
     """Look for a thing, which takes no planner: go to it, or search for it."""
     came.searched = True
-    for kind in dict.fromkeys(map(kind_of, here_of(thing.types, episode.here(skills)))):
+    for kind in dict.fromkeys(map(kind_of, meant_by(thing, episode.here(skills)))):
         result = skills.run(SkillCall(skill="Explore", objects=(kind,)))
         yield result
         ids = [one for one in result.object_ids if kind_of(one) == kind]
@@ -237,7 +237,7 @@ def _the_same(
 ) -> Iterator[Plan | SkillResult]:
     """Do one deed to one thing: to the one that the same word meant before."""
     thing = asked.deeds[0].things[0]
-    kinds = {kind_of(kind) for kind in here_of(thing.types, episode.here(skills))}
+    kinds = {kind_of(kind) for kind in meant_by(thing, episode.here(skills))}
     key = (asked.whole or asked.text, thing.start)
     before = episode.chosen.get(key)
     if before is None and _lies_told(asked.deeds[0]):
@@ -339,7 +339,7 @@ def _each(
     if thing.anything:
         kinds, found = yield from _whatever(episode, deed, skills, came)
     else:
-        kinds = [kind_of(kind) for kind in here_of(thing.types, episode.here(skills))]
+        kinds = [kind_of(kind) for kind in meant_by(thing, episode.here(skills))]
         found = []
     kinds = [kind for kind in kinds if kind not in ruled_out]
     wanted = thing.number
@@ -496,7 +496,7 @@ def _looked_at(
     thing = condition.thing
     if thing is None or not condition.state:
         return None
-    kinds = [kind_of(kind) for kind in here_of(thing.types, episode.here(skills))]
+    kinds = [kind_of(kind) for kind in meant_by(thing, episode.here(skills))]
     came.searched = True
     if condition.state == "there" and condition.at:
         for place in here_of(condition.at, episode.here(skills))[:1]:

@@ -83,7 +83,7 @@ def test_apple_in_a_bowl_in_the_fridge_is_fetched_as_fast_as_without_the_bowl(sc
         agent.do("put the bowl in the fridge" if first else "put the apple in the fridge")
         reply = agent.do("put the apple on the counter top")
         steps[way] = sum(one.actions for one in reply.parts[-1].results)
-    assert steps["bowl"] <= 8
+    assert steps["bowl"] <= 10  # the fridge is shut again
     assert steps["bowl"] <= steps["alone"]
 
 
