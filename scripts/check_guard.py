@@ -1,6 +1,7 @@
 """An adversary plans: of ten programs for a request, only the right one may end "done".
 
     python scripts/check_guard.py --requests 200
+    python scripts/check_guard.py --sentences ../shared/data/alfred/valid_seen.jsonl.gz
 
 For each request that the shipped planner does, by the oracle over world state, its own program is
 the right one; seven others differ from it by one change (a thing or place swapped, a deed left out,
@@ -8,6 +9,9 @@ swapped, added, undone, another thing done along), two are drawn from all legal 
 that the planner ever answers. A false "done" is one after which a goal does not hold, something
 that was ruled out does, or another thing was cut, broken or thrown away. The same without the guard
 is the control row.
+
+Of ALFRED's sentences, as people wrote them, it is only held what the guard says of the program that
+does what the demonstration did, in its room; the program of another sentence is the control.
 """
 
 import argparse
@@ -23,16 +27,21 @@ import numpy as np
 from measure_asked import MAPS, say
 from rich.progress import track
 
+from karma.agent.guard import cannot_serve, stopped
 from karma.agent.program import SKILLS
 from karma.contracts import Completion, Prompt, Resources, SkillCall
 from karma.household.containment import goes_in
 from karma.household.types import object_types
 from karma.loading.models import Models, load_resources
+from karma.methods.guarded import joined, reader_of
 from karma.offline import go_offline
 from karma.seeds import stream
 from karma.talk.agent import asking
 from karma.talk.replies import AgentReply
 from karma.tasks.asked import AskedRequest, states_of
+from karma.tasks.drawing.alfred import names_its_place, program_of, read_sentences
+from karma.tasks.expert import ExpertView
+from karma.training.planner.sources import Sources
 
 SETS = (Path("eval/requests/asked_open.jsonl"), Path("eval/requests/do.jsonl"))
 _OPPOSITE = {
@@ -166,6 +175,29 @@ def read_requests(count: int) -> list[AskedRequest]:
     return found[:count]
 
 
+def held_against(path: Path, shared: Path) -> Iterator[str]:
+    """Yield how many of people's sentences the guard lets their own program through for."""
+    sources = Sources(folder=Path("runs/planner"), shared=shared, tests=())
+    plans, reader = sources.known_plans(), reader_of(None)
+    said = [one for one in read_sentences(path) if names_its_place(one)]
+    own, other, refused = 0, 0, 0
+    for number, one in enumerate(track(said, description="sentences")):
+        room = plans.get(one.floor_plan)
+        here = {kind for area in room.areas for kind in area.contains} if room else set()
+        asked = joined(reader.read(one.text))
+        if asked is None or cannot_serve(asked, here) is not None:
+            refused += 1
+            continue
+        view = ExpertView(areas=room.areas if room else ())
+        another = said[(number + len(said) // 2) % len(said)]
+        own += not stopped(program_of(one, view), asked, here)
+        same = another.facts == one.facts
+        other += not same and not stopped(program_of(another, view), asked, here)
+    yield f"sentences: {len(said)}; refused or asked about before any program: {refused}"
+    yield f"their own program let through: {own} ({own / len(said):.2f})"
+    yield f"another sentence's: {other} ({other / len(said):.2f})"
+
+
 def main() -> None:
     """Play all programs, with the guard and without."""
     parser = argparse.ArgumentParser(
@@ -174,8 +206,13 @@ def main() -> None:
     parser.add_argument("--requests", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--lines", action="store_true", help="print each false done")
+    parser.add_argument("--sentences", type=Path, help="ALFRED's demonstrations, in place of it")
     given = parser.parse_args()
     go_offline()
+    if given.sentences is not None:
+        shared = given.sentences.parent.parent.parent
+        print("\n".join(held_against(given.sentences, shared)))
+        return
     resources = load_resources(asking(Models()), maps=MAPS, seed=0, learn=False)
     false: Counter[str] = Counter()
     bare: Counter[str] = Counter()

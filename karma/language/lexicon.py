@@ -90,12 +90,10 @@ class Lexicon:
         (('Mug',), True)
         """
         said = {phrase, singular(phrase)}
+        also = [kind for word in said for kind in request_words().called.get(word, ())]
+        heads = (k for k in self._file.types if spoken(k).lower().split()[-1] in said)
         named = self.named(phrase)
-        return tuple(
-            kind for kind, texts in self._file.types.items()
-            if kind not in named
-            and (said & {*texts} or spoken(kind).lower().split()[-1] in said)
-        )  # fmt: skip
+        return tuple(one for one in dict.fromkeys((*also, *heads)) if one not in named)
 
     def misspelt(self, word: str, kinds: Sequence[str]) -> str:
         """Return what a word may be a slip of, where that is one of some types; "" for nothing.

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from karma.contracts import Mention
 from karma.household.saying import spoken
+from karma.household.types import object_types
 from karma.language.hints import singular
 from karma.language.phrases import phrases_of
 from karma.language.request_words import deed_states, request_words
@@ -245,6 +246,8 @@ class Nouns:
                 )
             words = words[:of]
         owner = max((n for n, one in enumerate(words) if one in _OWNERS), default=-1)
+        if owner > 0 and words[-1] in _OF_A_WHOLE:  # "the toilet's tank"
+            words, owner = words[:owner], -1
         bare = replace(bare, number=number, every=every)
         return self._named(words[owner + 1 :], start + owner + 1, end, bare)
 
@@ -360,9 +363,11 @@ class Nouns:
         compound = False  # "desk drawer": of several drawers the one that is nearest to it
         for first, word in enumerate(words):
             found = named(" ".join(words[first:]))
+            if found and compound:
+                fixed = tuple(one for one in found if not object_types()[one].can("pickupable"))
+                return self._s.lexicon.nearest(" ".join(words), fixed, 1) or fixed
             if found:
-                best = self._s.lexicon.nearest(" ".join(words), found, 1) if compound else ()
-                return best or found
+                return found
             compound = compound or self._s.tag(start + first) == "NN"
             known = word in request_words().dropped or word in word_lists().qualifiers
             tag = self._s.tag(min(start + first, len(self._s.words) - 1))

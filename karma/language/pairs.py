@@ -253,10 +253,7 @@ class Pairs:
         group, words = found[-1], request_words()
         if self._goes_with(number, one, before, group):
             return
-        if before == "of" and self._is_part(group):
-            if not all(object_types()[kind].can("openable") for kind in one.types):
-                return  # "the drawer of the desk"
-            group.places[-1] = one  # "the top shelf of the fridge"
+        if self._tells_of_place(number, one, before, group):
             return
         nothing = not (one.types or one.vague or one.anything or one.told)
         if nothing and before in words.links and (deed != "put" or before in words.sources):
@@ -268,8 +265,6 @@ class Pairs:
             if (deed not in ("put", "take") or lies) and group.things:
                 group.told_by(one, deed)
             else:
-                if before in words.near | words.beside and group.places:
-                    return  # "on the counter by the sink", "in the drawer under the tv"
                 self._s.unread += self._beyond(number, one, before)
                 group.near = before in words.near | (words.beside - {"under", "over"})
                 group.between = before == "between"
@@ -280,6 +275,16 @@ class Pairs:
             found.append(_PairGroup([one]))
         else:
             self._s.unread.append(one.text)
+
+    def _tells_of_place(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
+        """Read what only says which place is meant: "the drawer of the desk", "by the sink"."""
+        words = request_words()
+        if before in ("of", "in", "inside", "within") and self._is_part(group) and one.types:
+            if all(object_types()[kind].can("openable") for kind in one.types):
+                group.places[-1] = one  # "the top shelf of the fridge"
+            return True
+        of = self._s.low(number - 1) == "of" and self._s.low(number - 2) in words.regions
+        return bool(group.places) and (of or before in words.near | words.beside)
 
     def _is_part(self, group: _PairGroup) -> bool:
         """Return whether the last place is a part of furniture."""
@@ -378,15 +383,14 @@ class Pairs:
         if earlier == "top":
             return "atop"
         lists = request_words()
-        if earlier in ("left", "right") or (
-            earlier == "side" and self._s.low(of - 2) in ("left", "right")
-        ):
-            return "near"
+        if earlier in ("left", "right") and self._s.low(of - 2) not in ("the", "upper", "lower"):
+            return "near"  # "left of the sink"
         if earlier not in _OF and earlier in lists.regions:
             ahead = of - 2
             while ahead >= least and self._s.low(ahead) not in lists.links:
                 ahead -= 1
-            return self._s.low(ahead) if ahead >= least else "of"
+            found = self._s.low(ahead) if ahead >= least else "of"
+            return "near" if found == "to" and earlier in ("left", "right", "side") else found
         return _OF.get(earlier, "of")
 
     def _is_relative(self, number: int, least: int) -> bool:

@@ -24,7 +24,16 @@ from karma.language.request_words import (
 )
 from karma.language.said_deeds import SentenceDeeds, of_what
 from karma.language.sentence import SaidSentence
-from karma.language.slips import as_meant, in_order, sentences_of, spelt, without_courtesy
+from karma.language.slips import (
+    as_meant,
+    in_order,
+    sentences_of,
+    spelt,
+    without_courtesy,
+    without_lead,
+    without_remarks,
+)
+from karma.language.times import time_words
 from karma.language.words import closed_words, word_lists
 
 _ENDS = (".", "!", "?", ";", "...")
@@ -75,7 +84,8 @@ class RequestReader:
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
             meant = spelt(meant, self._is_known, self._vocabulary, self._verbs)
-        meant = " ".join(self._plainly(one) for one in sentences_of(meant))
+        said = without_remarks(sentences_of(meant), is_deed)
+        meant = " ".join(self._plainly(one) for one in said)
         words = self._parser.parse(meant)
         first, before, last = 0, list(earlier), list[SaidDeed]()
         for number, word in enumerate(words):
@@ -126,7 +136,9 @@ class RequestReader:
             name = f"{before.text.lower()} {name}"
         else:
             follows = words[number + 1].tag if number + 1 < len(words) else ""
-            led = before.tag in ("DT", "PRP$") and not follows.startswith(("NN", "JJ", "VBN", "CD"))
+            led = before.tag in ("DT", "PRP$", "JJ") and not follows.startswith(
+                ("NN", "JJ", "VBN", "CD")
+            )
         return "NN" if led and self._lexicon.named(name) else word.tag
 
     def _is_english(self, words: Sequence[str]) -> bool:
@@ -146,7 +158,7 @@ class RequestReader:
     def _plainly(self, sentence: str) -> str:
         """Return a sentence without courtesy and in the order of its deeds; its own end stays."""
         found = without_courtesy(sentence, is_deed, self._names)
-        found = in_order(found, base_of_deed)
+        found = without_lead(in_order(found, base_of_deed), is_deed, _is_time)
         return f"{found}." if found != sentence and found[-1:].isalnum() else found
 
     def _names(self, words: str) -> bool:
@@ -171,6 +183,10 @@ class RequestReader:
     @cached_property
     def _vocabulary_set(self) -> frozenset[str]:
         return frozenset(self._vocabulary)
+
+
+def _is_time(text: str) -> bool:
+    return bool(list(time_words(text)))
 
 
 def _begin(words: list[Word]) -> None:
@@ -326,9 +342,10 @@ def _rest(s: SaidSentence) -> list[str]:
     words = request_words()
     small = words.never_mind | words.links | words.auxiliaries | words.be | words.small_verbs
     small |= words.me | words.elsewhere
+    sides = {n for n in range(len(s.words)) if s.low(n) in words.regions and s.low(n + 1) == "of"}
     denied = [s.low(n) for n in range(len(s.words)) if n not in s.gone and s.low(n) in _DENIES]
     return denied + [
         s.low(n) for n in s.left()
-        if n not in s.taken and s.words[n].dep != "relcl" and s.low(n) not in small
+        if n not in s.taken | sides and s.words[n].dep != "relcl" and s.low(n) not in small
         and (s.tag(n) not in _SMALL_TAGS or s.low(n) in _AGAIN)
     ]  # fmt: skip

@@ -53,6 +53,7 @@ class RequestWords(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     results: frozenset[str]
     talk: frozenset[str]
     numbers: Mapping[str, int]
+    called: Mapping[str, tuple[str, ...]]
     seen: Mapping[str, str]
     deeds: Mapping[str, tuple[str, ...]]
     states: Mapping[str, tuple[str, ...]]

@@ -216,7 +216,10 @@ class SentenceDeeds:
             last = n + 1 >= end or self.s.low(n + 1) in (",", "and", "then", ".", "!", ";")
             if self.s.low(n) in ("on", "off") and last and n not in self.s.taken:
                 self.s.unread.append(self.s.low(n))
-        deed, pairs = self._meant(deed, text, pairs, coffee=said, me=self._for_me(number, end))
+        me = self._for_me(number, end)
+        if text == "read" and me:
+            deed = ""  # aloud
+        deed, pairs = self._meant(deed, text, pairs, coffee=said, me=me)
         if not deed:
             self.s.unread.append(text)
         hangs = word.lemma == "hang"

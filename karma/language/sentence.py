@@ -136,6 +136,8 @@ class SaidSentence:
         while before >= 0 and (before in self.gone or self.low(before) in small):
             if self.low(before) in ("and", "or") and before not in self.gone:
                 return not self._listed_noun(before, number)
+            if self.low(before) == "then" and self.tag(number) == "VB":
+                return True  # "rinse the mug then put it away"
             before -= 1
         return before < 0 or self.words[before].text in _SIGNS or before in self.gone
 

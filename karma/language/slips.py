@@ -32,6 +32,7 @@ _FILLERS = (
 _FILLER = re.compile(
     rf"(?<![\w'])(?:{'|'.join(_FILLERS)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
 )
+_MOST_WHY = 5  # words of "for easy access"
 _TABLE = Path(__file__).with_name("spoken.toml")
 _POLITE = (
     "would", "could", "can", "will", "might", "may", "is it", "is there", "be", "i was wondering",
@@ -169,6 +170,62 @@ def sentences_of(text: str) -> list[str]:
     ends = [found.end() for found in _SENTENCE_END.finditer(text)]
     parts = (text[a:b].strip() for a, b in zip([0, *ends], [*ends, len(text)], strict=True))
     return [part for part in parts if part]
+
+
+_REMARK = re.compile(
+    r"^(?:it(?:'s| is|'ll| will| creates| makes| keeps| helps| gives| looks)|th(?:is|at) way"
+    r"|this (?:will|is|makes|keeps|helps)|that(?:'s| is)|they(?:'re| are)"
+    r"|\w+ing\b[^,]*\b(?:will|would|is|makes|helps|can)\b)",
+    re.IGNORECASE,
+)
+_ASKS = re.compile(
+    r"n't\b|\b(?:not|never|needs?|should|must|ought|please|could you|would you|can you|want)\b",
+    re.IGNORECASE,
+)
+_LEAD = re.compile(
+    r"^(?P<lead>while|whilst|as|when|whenever|after|before|despite|since|for|given)\b"
+    r" (?P<body>[^,.;!?]*),\s*(?P<rest>(?:(?:please|kindly|just|then) )*(?P<first>\w+).*)$",
+    re.IGNORECASE | re.DOTALL,
+)
+_MODALS = ("could", "can", "would", "will")
+
+
+def without_remarks(sentences: Sequence[str], is_deed: Callable[[str], bool]) -> list[str]:
+    """Return sentences without those behind the first that only remark on it.
+
+    >>> without_remarks(["Put the keys on the shelf.", "It's a great spot."], lambda word: False)
+    ['Put the keys on the shelf.']
+    """
+
+    def only_tells(text: str) -> bool:
+        late = any(is_deed(word) for word in re.findall(r"[,;] (?:so )?(\w+)", text.lower()))
+        return bool(_REMARK.match(text)) and not _ASKS.search(text) and not late
+
+    return [one for number, one in enumerate(sentences) if number == 0 or not only_tells(one)]
+
+
+def without_lead(
+    sentence: str, is_deed: Callable[[str], bool], is_time: Callable[[str], bool]
+) -> str:
+    """Return a sentence without a clause ahead that tells what its hearer does meanwhile.
+
+    What somebody else does first ("when the guests come") is a time, and stays.
+
+    >>> without_lead("While you tidy up, put the pen away", lambda word: word == "put", bool)
+    'put the pen away'
+    """
+    found = _LEAD.match(sentence)
+    if found is None:
+        return sentence
+    lead, words, first = found["lead"].lower(), found["body"].split(), found["first"].lower()
+    if not words or not (is_deed(first) or first in _MODALS):
+        return sentence
+    head = words[0].lower()
+    doing = head.endswith("ing") and not is_deed(head)
+    yours = head.startswith(("you", "we")) and lead not in ("after", "before", "for")
+    why = lead in ("despite", "for", "given") and len(words) <= _MOST_WHY
+    told = not any(map(is_deed, words)) and not is_time(f"{lead} {found['body']}")
+    return found["rest"] if doing or yours or (why and told) else sentence
 
 
 def without_courtesy(

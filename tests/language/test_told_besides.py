@@ -1,0 +1,109 @@
+"""What people say of things and places besides what is to be done: own sentences, by kind."""
+
+import pytest
+
+from karma.methods.guarded import reader_of
+
+
+@pytest.fixture(scope="module")
+def reader():
+    return reader_of(None)
+
+
+def told(request):
+    """Deeds as "put Pen > Desk (Book)": the thing, its place, and what lies in it."""
+    return [
+        f"{one.deed or '?'} {'/'.join(one.things[0].types[:2]) if one.things else '-'}"
+        + (f" {'near' if one.near else '>'} {one.place.types[0]}" if one.place else "")
+        + (f" ({one.things[0].holding[0]})" if one.things and one.things[0].holding else "")
+        for one in request.deeds
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        # parts and sides of a place
+        ("lay the sponge on the back of the toilet", ["put DishSponge > Toilet"]),
+        ("set the clock down on the left side of the desk", ["put AlarmClock > Desk"]),
+        ("put the watch to the right of the laptop", ["put Watch near Laptop"]),
+        ("stick the pan in the cabinet below the sink", ["put Pan > Cabinet"]),
+        ("store the keys in the bottom drawer of the dresser", ["put KeyChain > Drawer"]),
+        ("put the lettuce on the middle shelf of the fridge", ["put Lettuce > Fridge"]),
+        ("put the vase on the table in the corner", ["put Vase > CoffeeTable"]),
+        # what lies in a thing, and what it is held with
+        ("carry the bowl with the egg in it to the counter", ["put Bowl > CounterTop (Egg)"]),
+        ("place a box containing two pens on the bed", ["put Box > Bed (Pen)"]),
+        ("switch on the floor lamp while holding the newspaper",
+         ["on FloorLamp", "take Newspaper"]),
+        ("turn the lamp on with a book in your hand", ["on DeskLamp/FloorLamp", "take Book"]),
+        ("inspect the vase in the light of the desk lamp", ["look Vase"]),
+        ("bring me a glass of water", ["fill Cup/ShowerGlass", "take Cup/ShowerGlass"]),
+        # states ahead of a noun that has no determiner
+        ("put chilled lettuce on the counter", ["put Lettuce > CounterTop"]),
+        ("place rinsed fork in drawer", ["put Fork > Drawer"]),
+        ("put two heads of lettuce in the sink", ["put Lettuce > Sink"]),
+        ("move a cooked chunk of potato to the plate", ["put Potato > Plate"]),
+        # results of verbs
+        ("push the laptop shut", ["close Laptop"]),
+        ("swing the cabinet open", ["open Cabinet"]),
+        ("turn on the lamp that you switched off", ["on DeskLamp/FloorLamp"]),
+        # what belongs, what was left, what is wished
+        ("the pillow belongs on the bed", ["put Pillow > Bed"]),
+        ("the book is meant to be on the shelf", ["put Book > Shelf"]),
+        ("somebody left the faucet running", ["off Faucet"]),
+        ("I don't want the lamp on any more", ["off DeskLamp/FloorLamp"]),
+        ("make sure you don't leave the fridge open", ["close Fridge"]),
+        ("get that fork rinsed", ["wash Fork"]),
+        ("get the soup pot cleaned before the guests arrive", ["wash Pot"]),
+        ("I can't bear that lamp, switch it off", ["off DeskLamp/FloorLamp"]),
+        ("move a box and sponge to the bed", ["put Box > Bed"]),
+        ("rinse the mug then put it on the shelf", ["wash Mug", "put Mug > Shelf"]),
+    ],
+)  # fmt: skip
+def test_deeds_are_read_with_what_is_told_of_their_things(reader, text, wanted):
+    request = reader.read(text)[-1]
+    assert told(request) == wanted
+    assert not request.unread
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [("fetch me a cup of tea", "tea"), ("put the mug on top of the fridge", "on top"),
+     ("open the jar with the pen", "with pen")],
+)  # fmt: skip
+def test_what_cannot_be_had_is_not_left_out(reader, text, word):
+    assert word in reader.read(text)[0].unread
+
+
+def test_cups_are_mugs_only_besides(reader):
+    (request,) = reader.read("put the cup on the coffee table")
+    assert request.deeds[0].things[0].types == ("Cup",)
+    assert "Mug" in request.deeds[0].things[0].besides
+    assert request.deeds[0].place.besides == ()  # a coffee table is no other table
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("While you tidy the hall, put two forks in the drawer. It's a handy place for them.",
+         ["put Fork > Drawer"]),
+        ("When you're settled in the armchair, could you turn on the lamp?",
+         ["on DeskLamp/FloorLamp"]),
+        ("After buying some fresh food, rinse the lettuce. Making a salad later will be a breeze!",
+         ["wash Lettuce"]),
+        ("For freshness, place the egg in the fridge. This way, it keeps.", ["put Egg > Fridge"]),
+        ("Despite the long day, close the curtains.", ["close Curtains"]),
+        ("After washing the cup, put it on the shelf.", ["wash Cup", "put Cup > Shelf"]),
+    ],
+)  # fmt: skip
+def test_what_the_hearer_does_meanwhile_is_only_told(reader, text, wanted):
+    (request,) = reader.read(text)
+    assert (told(request), request.unread, request.times) == (wanted, (), ())
+
+
+@pytest.mark.parametrize(
+    "text", ["For ten minutes, heat the egg.", "When the guests come, turn on the lamp."]
+)
+def test_what_others_do_first_is_a_time(reader, text):
+    assert reader.read(text)[0].times
