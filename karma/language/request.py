@@ -79,7 +79,7 @@ class RequestReader:
         return self._kept[key]
 
     def _sentences(self, text: str, earlier: Sequence[Mention]) -> Iterator[Request]:
-        meant = as_meant(text)
+        meant = as_meant(without_lead(text, is_deed, _is_time))
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
