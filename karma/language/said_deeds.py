@@ -100,7 +100,8 @@ class SentenceDeeds:
         low, lists = word.text.lower(), request_words()
         if number in s.taken or not (low[0].isalpha() or low in lists.be) or low == "lights":
             return False
-        if low in lists.results and s.tag(number - 1).startswith(("NN", "PRP")) and number:
+        led = s.tag(number - 1).startswith("NN") or s.low(number - 1) in ("it", "them")
+        if number and led and low in lists.results:
             return False  # "pull the blinds shut"
         starts, subject = s.starts_clause(number), s.subject(number)
         verb = word.tag.startswith("VB") and word.dep not in ("amod", "aux", "auxpass", "compound")

@@ -55,6 +55,7 @@ def told(request):
         ("I don't want the lamp on any more", ["off DeskLamp/FloorLamp"]),
         ("make sure you don't leave the fridge open", ["close Fridge"]),
         ("get that fork rinsed", ["wash Fork"]),
+        ("could you shut the laptop", ["close Laptop"]),
         ("get the soup pot cleaned before the guests arrive", ["wash Pot"]),
         ("I can't bear that lamp, switch it off", ["off DeskLamp/FloorLamp"]),
         ("move a box and sponge to the bed", ["put Box > Bed"]),
