@@ -141,7 +141,11 @@ def meant_by(one: Mention, here: Collection[str]) -> tuple[str, ...]:
     kinds = {kind_of(kind) for kind in here}
     if any(kind_of(kind) in kinds for kind in named):
         return named
-    return tuple(dict.fromkeys((*named, *here_of(one.besides, here))))
+    alike = (
+        kind for kind in here_of(one.besides, here)
+        if kind_of(kind) in kinds or not object_types()[kind].can("pickupable")
+    )  # fmt: skip
+    return tuple(dict.fromkeys((*named, *alike)))
 
 
 def _cannot_hide(kind: str) -> bool:

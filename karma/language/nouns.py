@@ -245,6 +245,8 @@ class Nouns:
                     start, start + of, end, replace(bare, number=number, every=every)
                 )
             words = words[:of]
+        if "of" in words and words[words.index("of") - 1] in request_words().pieces:
+            words = words[: words.index("of")]  # "a slice of it"
         owner = max((n for n, one in enumerate(words) if one in _OWNERS), default=-1)
         if owner > 0 and words[-1] in _OF_A_WHOLE:  # "the toilet's tank"
             words, owner = words[:owner], -1
@@ -263,6 +265,8 @@ class Nouns:
                 every, number = True, 2 if low == "both" else number
             elif low.isdigit() or low in request_words().numbers:
                 number = int(low) if low.isdigit() else request_words().numbers[low]
+            elif low in request_words().pieces and self._s.tag(end - 1) == "PRP":
+                break  # "a slice of it"
             elif low == "of" or (self._measures(low) and "of" in rest[start - begin :]):
                 if low == "rest":
                     return None, False, -1
@@ -340,7 +344,10 @@ class Nouns:
     def _without_type(self, words: Sequence[str], bare: Mention) -> Mention | None:
         """Return what a phrase means that no type is called by; None: where it is, a room."""
         lists, text, head = request_words(), " ".join(words), words[-1]
-        if head in lists.pieces or head == "drink" or text == "coffee":
+        if head in lists.pieces:
+            kinds = (name for name, kind in object_types().items() if kind.can("sliceable"))
+            return replace(bare, text=text, types=tuple(kinds))
+        if head == "drink" or text == "coffee":
             return replace(bare, text=text, told=True)
         if head in lists.anything and len(words) <= 2:
             all_ = bare.every or head in ("everything", "all", "whatever", "lot")

@@ -32,6 +32,7 @@ _FILLERS = (
 _FILLER = re.compile(
     rf"(?<![\w'])(?:{'|'.join(_FILLERS)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
 )
+_MEANWHILE = ("while", "whilst", "as", "whenever")
 _MOST_WHY = 5  # words of "for easy access"
 _TABLE = Path(__file__).with_name("spoken.toml")
 _POLITE = (
@@ -221,11 +222,12 @@ def without_lead(
     if not words or not (is_deed(first) or first in _MODALS):
         return sentence
     head = words[0].lower()
-    doing = head.endswith("ing") and not is_deed(head)
+    doing = head.endswith("ing")
     yours = head.startswith(("you", "we")) and lead not in ("after", "before", "for")
     why = lead in ("despite", "for", "given") and len(words) <= _MOST_WHY
     told = not any(map(is_deed, words)) and not is_time(f"{lead} {found['body']}")
-    return found["rest"] if doing or yours or (why and told) else sentence
+    meanwhile = yours and (lead in _MEANWHILE or head == "you're" or words[1:2] == ["are"])
+    return found["rest"] if meanwhile or (told and (doing or yours or why)) else sentence
 
 
 def without_courtesy(
