@@ -323,7 +323,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     """Yield what a program changes and no word speaks of."""
     own_only = request
     request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
-    deeds = {deed.deed for deed in request.deeds} | _stated(request)
+    deeds = {deed.deed for deed in request.deeds} | stated(request)
     deeds |= {"slice"} if _speaks_of_pieces(request) else set()
     named = {kind for one in request.mentions for kind in _kinds(one, here)}
     loose = any(one.anything or one.told for one in request.mentions)
@@ -410,7 +410,7 @@ def _of_things(deed: SaidDeed, here: Collection[str]) -> frozenset[str]:
     return frozenset(kind for one in deed.things for kind in _kinds(one, here))
 
 
-def _stated(request: Request) -> set[str]:
+def stated(request: Request) -> set[str]:
     """Return the deeds that make things as they are named: "the washed cloth", "a cold apple"."""
     said = (request.whole[one.start : one.end].lower().split()[:-1] for one in request.mentions)
     words = {word for one in said for word in one}

@@ -375,7 +375,8 @@ class Nouns:
                 return self._s.lexicon.nearest(" ".join(words), fixed, 1) or fixed
             if found:
                 return found
-            compound = compound or self._s.tag(start + first) == "NN"
+            noun = self._s.tag(start + first) == "NN" and word not in deed_states()
+            compound = compound or noun
             known = word in request_words().dropped or word in word_lists().qualifiers
             tag = self._s.tag(min(start + first, len(self._s.words) - 1))
             other = tag in (*_ADJECTIVES, "CD", "NNP", "POS", "RB", "DT", "FW", "NN")

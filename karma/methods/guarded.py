@@ -9,7 +9,7 @@ from functools import cache
 from typing import Protocol
 
 from karma import registry
-from karma.agent.guard import FOR_GOOD, cannot_serve, here_of, meant_by
+from karma.agent.guard import FOR_GOOD, cannot_serve, here_of, meant_by, stated
 from karma.agent.perceive import place_of
 from karma.agent.reading import kind_of
 from karma.agent.skills import Skills
@@ -270,6 +270,7 @@ def _is_one_of_some(asked: Request) -> bool:
     deed = asked.deeds[0]
     thing, said = deed.things[0], asked.whole[deed.things[0].start :].lower()
     bare = not (thing.at or thing.other or thing.told or thing.vague or thing.holding)
+    bare = bare and not stated(asked)  # "the cooked one"
     return deed.deed in FOR_GOOD and bare and said.startswith(("the ", "my ", "that ", "this "))
 
 
