@@ -375,9 +375,9 @@ class Nouns:
                 return self._s.lexicon.nearest(" ".join(words), fixed, 1) or fixed
             if found:
                 return found
-            noun = self._s.tag(start + first) == "NN" and word not in deed_states()
-            compound = compound or noun
             known = word in request_words().dropped or word in word_lists().qualifiers
+            known = known or word in deed_states() or word in request_words().pieces
+            compound = compound or (self._s.tag(start + first) == "NN" and not known)
             tag = self._s.tag(min(start + first, len(self._s.words) - 1))
             other = tag in (*_ADJECTIVES, "CD", "NNP", "POS", "RB", "DT", "FW", "NN")
             if not (known or other):

@@ -245,7 +245,9 @@ class Pairs:
     def _holds(self, group: _PairGroup, deed: str) -> bool:
         """Return whether "with" tells what is in a thing: "carry the plate with the potato"."""
         kinds = [object_types()[kind] for one in group.things[-1:] for kind in one.types]
-        return deed in ("put", "take", "throw") and any(kind.can("receptacle") for kind in kinds)
+        return deed in ("put", "take", "throw", "find", "heat", "cool") and any(
+            kind.can("receptacle") for kind in kinds
+        )
 
     def _take_in(
         self, number: int, one: Mention, before: str, deed: str, found: list[_PairGroup], least: int

@@ -122,20 +122,25 @@ class RequestReader:
             return word.tag
         if word.text.lower() in _AS_PAST and before.text.lower() in ("then", ","):
             return "VB"  # "clean the mug then put it back"
-        if word.tag not in ("RB", "JJ", "VB", "VBP"):
+        follows = words[number + 1].tag if number + 1 < len(words) else ""
+        placing = word.text.lower() in request_words().needs_place and follows == "IN"
+        if placing and word.tag == "NN" and before.text.lower() in ("and", ","):
+            return "VB"  # "toast the bread and place on the table"
+        if word.tag == "VBZ" and before.tag == "DT" and self._lexicon.named(word.text.lower()):
+            return "NNS"  # "both watches"
+        if word.tag not in ("RB", "JJ", "VB", "VBP", "VBD"):
             return word.tag
         name = word.text.lower()
         if before.text.lower() == "to" and word.tag == "VB" and not base_of_deed(name):
-            ends = number + 1 >= len(words) or words[number + 1].tag in (".", ",", "IN", "CC")
+            ends = follows in ("", ".", ",", "IN", "CC")
             return "NN" if ends and self._lexicon.named(name) else word.tag  # "to chair"
         joined = before.text.lower() in ("and", "or") and number + 1 < len(words)
-        if joined and words[number + 1].tag in ("IN", "TO", ".", ","):  # "a box and watch to ..."
+        if joined and follows in ("IN", "TO", ".", ","):  # "a box and watch to ..."
             return "NN" if number > 2 and self._lexicon.named(name) else word.tag
         if before.tag == "NN" and word.tag != "RB":  # "the hand towel"
-            led = number > 1 and words[number - 2].tag in ("DT", "PRP$")
+            led = number > 1 and words[number - 2].tag in ("DT", "PRP$", "IN")
             name = f"{before.text.lower()} {name}"
         else:
-            follows = words[number + 1].tag if number + 1 < len(words) else ""
             led = before.tag in ("DT", "PRP$", "JJ") and not follows.startswith(
                 ("NN", "JJ", "VBN", "CD")
             )
@@ -191,7 +196,7 @@ def _is_time(text: str) -> bool:
 
 def _begin(words: list[Word]) -> None:
     """Let an order begin with its verb: "place chilled egg on counter"."""
-    if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[0].tag[:2] not in ("NN", "JJ"):
+    if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[2].tag[:2] not in ("NN", "JJ"):
         return
     if (
         words[0].text.lower() in request_words().needs_place
