@@ -213,7 +213,7 @@ def _said_of_it(agent: "Agent", typed: str, asked: "Unclear | None") -> str | No
     return asked.question if asked is not None and not offer and is_yes(typed) else None
 
 
-def _whole(agent: "Agent", typed: str, asked: "Unclear | None", offer: str) -> str:
+def _whole(agent: "Agent", typed: str, asked: "Unclear | None", offer: str = "") -> str:
     """Return what was typed, put into the request that was asked back about if it answers that."""
     from karma.language.clauses import completed
     from karma.talk.offers import is_yes

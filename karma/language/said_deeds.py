@@ -641,6 +641,9 @@ def _meant_by(
             if any(object_types()[k].can("pickupable") for k in thing.types)
         ]
         return [kinds[-2 if one.text == "former" and len(kinds) > 1 else -1]] if kinds else [one]
+    if one.types and one.text.split()[-1] in request_words().pieces:  # "the slices": of what?
+        whole = [thing.types for thing in named if set(thing.types) < set(one.types)]
+        return [replace(one, types=whole[-1])] if whole else [one]
     pronoun = one.vague and (one.text in ("it", "this", "that", "one") or one.other)
     if not (pronoun and named):
         return [one]
