@@ -57,7 +57,8 @@ def test_nothing_that_was_asked_for_is_lost_without_a_word(reader):
             continue  # it is refused, or asked about
         kinds = {kind for one in whole for thing in one.mentions for kind in thing.types}
         kinds |= {kind for one in whole for thing in one.mentions for kind in thing.at}
-        parts = [one for part in said.requests for one in reader.read(part.clause)]
+        alone = [part.clause for part in said.requests if " of it" not in part.clause]  # of what?
+        parts = [one for clause in alone for one in reader.read(clause)]
         for _, types, place in singles(parts):
             lost += [said.text for names in (types, place) if names and not kinds & set(names)]
     assert lost == ["Put the book on the shelf, the one between the door and the lamp."] * len(lost)
