@@ -450,7 +450,11 @@ class SentenceDeeds:
         found: list[Mention] = []
         for number, one in self.nouns.mentions(range(begin, end)):
             words = request_words()
-            told = self.pairs.preposition(number, begin) in words.destinations | words.sources
+            before = self.pairs.preposition(number, begin)
+            told = before in words.destinations | words.sources
+            if found and before == "with":  # "the bowl with the egg goes in the fridge"
+                found[-1] = replace(found[-1], holding=(*one.types, *one.besides))
+                continue
             if found and one.vague and one.text in ("both", "all", "each"):
                 continue  # "the cup and the mug both need washing"
             if told and found:

@@ -33,6 +33,7 @@ def told(request):
         ("put the vase on the table in the corner", ["put Vase > CoffeeTable"]),
         # what lies in a thing, and what it is held with
         ("carry the bowl with the egg in it to the counter", ["put Bowl > CounterTop (Egg)"]),
+        ("the bowl with the egg goes in the fridge", ["put Bowl > Fridge (Egg)"]),
         ("place a box containing two pens on the bed", ["put Box > Bed (Pen)"]),
         ("switch on the floor lamp while holding the newspaper",
          ["on FloorLamp", "take Newspaper"]),
