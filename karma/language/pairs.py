@@ -34,7 +34,6 @@ _TOOLS = {
 _WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no reading
 _OF = {"out": "out", "off": "off", "top": "on", "front": "near", "inside": "in"}  # "out of"
 _PICKS = frozenset(("fetch", "grab", "pick", "find", "locate", "retrieve", "give", "pass"))
-_LAID = frozenset(("put", "place", "set", "lay", "leave", "stand"))
 _CLAUSES = ("that", "which", "who", "whose", "you", "i", "we")  # "the light you switched off"
 _LIES = ("is", "are", "'s", "lies", "lie", "lying", "stands", "sits", "was", "were", "sitting")
 
