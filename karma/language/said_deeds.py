@@ -494,7 +494,8 @@ class SentenceDeeds:
         definite = {self.s.low(n) for n in range(number)} & {"the", "this", "that", "my"}
         moves = word.lemma == "go" or (word.lemma == "belong" and (later or bool(definite)))
         past = self.s.helpers(number) & {"did", "will"} or word.tag not in ("VBZ", "VBP", "VB")
-        return moves and who not in (*_PERSONS, "it") and not past
+        named = who != "it" or bool(self.s.before)  # "take the fork; it goes in the drawer"
+        return moves and named and who not in _PERSONS and not past
 
     # ------------------------------------------------------------- without a verb
 

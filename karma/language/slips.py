@@ -176,11 +176,12 @@ def sentences_of(text: str) -> list[str]:
 _REMARK = re.compile(
     r"^(?:it(?:'s| is|'ll| will| creates| makes| keeps| helps| gives| looks)|th(?:is|at) way"
     r"|this (?:will|is|makes|keeps|helps)|that(?:'s| is)|they(?:'re| are)"
-    r"|\w+ing\b[^,]*\b(?:will|would|is|makes|helps|can)\b)",
+    r"|(?!(?:some|any|every|no)thing\b)\w+ing\b[^,]*\b(?:will|would|is|makes|helps|can)\b)",
     re.IGNORECASE,
 )
 _ASKS = re.compile(
-    r"n't\b|\b(?:not|never|needs?|should|must|ought|please|could you|would you|can you|want)\b",
+    r"n't\b|\b(?:not|never|no|nothing|only|needs?|should|must|ought|please|could you|would you"
+    r"|can you|want|(?:is|are|has|have|'s|'re) to|goes?|belongs?|except|but)\b",
     re.IGNORECASE,
 )
 _LEAD = re.compile(

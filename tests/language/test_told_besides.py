@@ -109,3 +109,15 @@ def test_what_the_hearer_does_meanwhile_is_only_told(reader, text, wanted):
 )
 def test_what_others_do_first_is_a_time(reader, text):
     assert reader.read(text)[0].times
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("Take the fork. It goes in the drawer.", "put Fork > Drawer"),
+        ("Open the box. It needs closing afterwards.", "close Box"),
+    ],
+)
+def test_a_second_sentence_that_asks_is_no_remark(reader, text, wanted):
+    asked = [one for request in reader.read(text) for one in told(request)]
+    assert wanted in asked
