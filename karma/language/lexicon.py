@@ -98,8 +98,8 @@ class Lexicon:
     def misspelt(self, word: str, kinds: Sequence[str]) -> str:
         """Return what a word may be a slip of, where that is one of some types; "" for nothing.
 
-        >>> Lexicon(None).misspelt("sope", ["SoapBar"]), Lexicon(None).misspelt("cat", ["Mug"])
-        ('soap', '')
+        >>> Lexicon(None).misspelt("bok", ["Book"]), Lexicon(None).misspelt("cat", ["Mug"])
+        ('book', '')
         """
         here = set(kinds)
         found = (one for one in self._by_text if " " not in one and is_a_slip(word.lower(), one))
