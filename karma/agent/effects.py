@@ -14,6 +14,7 @@ from karma.household.uses import (
     BIN,
     BURNER,
     COFFEE_MACHINE,
+    COOKWARE,
     FRIDGE,
     MICROWAVE,
     TAP_OF,
@@ -25,7 +26,6 @@ _BY_RUNNING: Mapping[str, tuple[str, ...]] = {
     MICROWAVE: ("heat", "cook"), BURNER: ("heat", "cook"), TOASTER: ("toast", "heat", "cook"),
     COFFEE_MACHINE: ("coffee", "fill"),
 }  # of what lies there when it is switched on  # fmt: skip
-_FIRE = ("Pan", "Pot", "Kettle")  # what lies in them is heated with them
 
 Thing = tuple[str, int]  # name in the program, and which of that name
 
@@ -142,5 +142,5 @@ def _switch(found: ProgramEffects, kind: str, word: str) -> None:
         if kind in places and kind in _BY_RUNNING:
             found.deeds |= {(deed, thing) for deed in _BY_RUNNING[kind]}
             found.deeds.discard(("cool", thing))
-        elif kind == BURNER and places & set(_FIRE):
+        elif kind == BURNER and places & set(COOKWARE):
             found.deeds |= {("heat", thing), ("cook", thing)}

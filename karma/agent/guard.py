@@ -5,7 +5,6 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 `ProgramEffects`; both are by types, so any mug will do for a mug.
 """
 
-import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
@@ -22,6 +21,7 @@ from karma.household.uses import (
     BURNER,
     COFFEE_CUP,
     COFFEE_MACHINE,
+    COOKWARE,
     FRIDGE,
     KNIVES,
     LAMPS,
@@ -50,7 +50,6 @@ TOOLS: dict[str, frozenset[str]] = {
     "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
     "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
 }  # deed -> what may be moved for it  # fmt: skip
-COOKWARE = ("Pan", "Pot", "Kettle")
 FOR_GOOD = ("throw", "fling", "break", "slice", "empty")  # deeds that nothing takes back
 
 
@@ -304,10 +303,14 @@ def _done(
             return found.did(deed.deed, kinds)
 
 
-def _speaks_of_pieces(request: Request) -> bool:
-    """Return whether a piece of a thing is meant: "a slice of bread"."""
-    words = set(re.findall(r"[a-z]+", request.whole.lower() or request.text.lower()))
-    return bool(words & (request_words().pieces | {"sliced", "cut"}))
+def _in_pieces(request: Request, here: Collection[str]) -> set[str]:
+    """Return the kinds of which a piece is meant: "a slice of bread", "the cut apple"."""
+    words = request_words().pieces | {"sliced", "cut"}
+    return {
+        kind for one in request.mentions
+        if words & set(request.whole[one.start : one.end].lower().split())
+        for kind in _kinds(one, here)
+    }  # fmt: skip
 
 
 def switch_of(kind: str) -> str:
@@ -324,7 +327,8 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     own_only = request
     request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
     deeds = {deed.deed for deed in request.deeds} | stated(request)
-    deeds |= {"slice"} if _speaks_of_pieces(request) else set()
+    pieces = _in_pieces(request, here)
+    deeds |= {"slice"} if pieces else set()
     named = {kind for one in request.mentions for kind in _kinds(one, here)}
     loose = any(one.anything or one.told for one in request.mentions)
     things = {kind for deed in request.deeds for one in deed.things for kind in _kinds(one, here)}
@@ -353,7 +357,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             for d in request.deeds
             if loose or not d.things or any(kind in _kinds(one, here) for one in d.things)
         }
-        cut = deed == "slice" and _speaks_of_pieces(request)
+        cut = deed == "slice" and kind in pieces
         cracked = deed == "break" and kind == EGG and "cook" in own
         if (
             deed in FOR_GOOD

@@ -145,6 +145,7 @@ SKILL_OF = {one.name: one for one in (*SKILLS, *OUR_SKILLS)}
 DEEDS = {one.name: one.deed for one in (*SKILLS, *OUR_SKILLS) if one.deed}
 SWITCH_AFTER = {one.name: one.does for one in SKILLS if one.does in ("on", "off")}
 DOOR_AFTER = {one.name: one.does for one in SKILLS if one.does in ("opened", "closed")}
+UNDONE_BY = {one.action: one.undone_by for one in SKILLS if one.does in ("opened", "on")}
 CHANGES = {
     one.name: one.does for one in SKILL_OF.values() if one.does in ("sliced", "broken", "empty")
 }

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from karma.agent.perceive import place_of
+from karma.agent.program import UNDONE_BY
 from karma.contracts import CameraPose, Experience, Known, Observation, Pose, SeenObject, Vec3
 from karma.household.ids import is_part, whole_id
 from karma.household.pieces import goes_by, is_piece
@@ -12,7 +13,6 @@ from karma.household.places import HAND
 from karma.household.states import ENDS
 from karma.household.types import object_types
 
-_UNDONE_BY = {"OpenObject": "CloseObject", "ToggleObjectOn": "ToggleOff"}  # action -> skill
 _CHANGES_M = 2.0  # from so far away a deed may have changed what is seen
 
 
@@ -83,8 +83,8 @@ class Sightings:
             object_id: of what it was done to.
             place: where that was before.
         """
-        if action in _UNDONE_BY:
-            self.left[object_id] = _UNDONE_BY[action]
+        if action in UNDONE_BY:
+            self.left[object_id] = UNDONE_BY[action]
         elif action in ("CloseObject", "ToggleObjectOff"):
             self.left.pop(object_id, None)
         elif action == "PickupObject" and place is not None:

@@ -65,7 +65,8 @@ WASHED_WITH = ("DishSponge", "SoapBottle", "SoapBar", "Cloth", "ScrubBrush")
 STOVE, BURNER, KNOB = "Stove", "StoveBurner", "StoveKnob"  # a knob switches its burner
 SWITCHED_BY_A_PART = (BURNER, *BASIN_OF, *BASINS)  # a skill that switches them finds the part
 FOUND_BY_SKILL = (*TAPS, KNOB, BURNER, STOVE)  # of several, a skill knows which is meant
-PARTS_OF_FURNITURE = frozenset(("Drawer", "Shelf", "Cabinet"))  # "the drawer of the desk"
+COOKWARE = ("Pan", "Pot", "Kettle")  # stand on a burner; what lies in them is heated with them
+PARTS_OF_FURNITURE = frozenset(("Drawer", "Shelf", "Cabinet"))  # what one names of another
 LAMPS = ("DeskLamp", "FloorLamp")
 
 

@@ -52,8 +52,11 @@ class Lexicon:
                 return self._by_text[said]
         if len(phrase) < LEAST_LETTERS:
             return ()
+        alike = self._by_letter.get(phrase[0], [])
+        if not get_close_matches(phrase, alike, n=1, cutoff=SLIP):
+            return ()
         near = get_close_matches(phrase, self._texts, n=1, cutoff=SLIP)
-        if not near or near[0][0] != phrase[0]:
+        if near[0][0] != phrase[0]:
             return ()
         other = set(phrase.split()) - set(near[0].split())
         return (
@@ -71,8 +74,7 @@ class Lexicon:
             found.pop(text, None)
         for kind in self._file.types:  # a coffee machine is a machine: no table, which others are
             head = spoken(kind).lower().split()[-1]
-            others = found.get(head, [kind])
-            if not any(spoken(one).lower().split()[-1] == head for one in others):
+            if head in found and not set(found[head]) & {*self._by_head[head]}:
                 found[head].append(kind)
         kinds = object_types()
         holds = [
@@ -89,11 +91,19 @@ class Lexicon:
         >>> Lexicon(None).besides("cup"), "SideTable" in Lexicon(None).besides("table")
         (('Mug',), True)
         """
-        said = {phrase, singular(phrase)}
+        said = dict.fromkeys((phrase, singular(phrase)))
         also = [kind for word in said for kind in request_words().called.get(word, ())]
-        heads = (k for k in self._file.types if spoken(k).lower().split()[-1] in said)
+        heads = (kind for word in said for kind in self._by_head.get(word, ()))
         named = self.named(phrase)
         return tuple(one for one in dict.fromkeys((*also, *heads)) if one not in named)
+
+    @cached_property
+    def _by_head(self) -> Mapping[str, list[str]]:
+        """Last word of a type's name -> types: a side table is a table."""
+        found: dict[str, list[str]] = {}
+        for kind in self._file.types:
+            found.setdefault(spoken(kind).lower().split()[-1], []).append(kind)
+        return found
 
     def misspelt(self, word: str, kinds: Sequence[str]) -> str:
         """Return what a word may be a slip of, where that is one of some types; "" for nothing.
@@ -125,6 +135,14 @@ class Lexicon:
     def _words_said(self) -> frozenset[str]:
         """Words that are spelt right: of our texts, and of how things are."""
         return frozenset(self.words) | deed_states().keys()
+
+    @cached_property
+    def _by_letter(self) -> Mapping[str, list[str]]:
+        """The same by their first letters: a slip keeps it."""
+        found: dict[str, list[str]] = {}
+        for text in self._texts:
+            found.setdefault(text[0], []).append(text)
+        return found
 
     @cached_property
     def _texts(self) -> list[str]:

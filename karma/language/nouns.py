@@ -329,7 +329,7 @@ class Nouns:
             words = words[:-1]  # "the bread slices", "the microwave door"
         types = self._types(words, start)
         if len(words) > 1 and head in lists.general:
-            types = self._s.lexicon.described(text)  # "a soup serving tool"
+            types = self._s.lexicon.described(text)  # "a soil digging tool"
         if not types:
             return self._without_type(words, bare)
         if bare.every:  # "all lights": of every kind that is called a light

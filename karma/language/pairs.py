@@ -69,7 +69,7 @@ class _PairGroup:
             self.at = place.types
 
     def _goal(self) -> Mention | None:
-        """Return the place that is meant: of "the drawer on the nightstand" it is the drawer."""
+        """Return the place that is meant: of a drawer and its desk it is the drawer."""
         if not self.places:
             return None
         first, last = self.places[0], self.places[-1]

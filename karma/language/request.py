@@ -79,7 +79,8 @@ class RequestReader:
         return self._kept[key]
 
     def _sentences(self, text: str, earlier: Sequence[Mention]) -> Iterator[Request]:
-        meant = as_meant(without_lead(text, is_deed, _is_time))
+        told = (without_lead(one, is_deed, _is_time) for one in sentences_of(text) or [text])
+        meant = as_meant(" ".join(told))
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
             yield Request(text=text, form="talk", whole=text)
         if self._is_english(re.findall(r"[^\W\d_]+", meant)):
@@ -121,11 +122,11 @@ class RequestReader:
         if before is None:
             return word.tag
         if word.text.lower() in _AS_PAST and before.text.lower() in ("then", ","):
-            return "VB"  # "clean the mug then put it back"
+            return "VB"  # "scrub the pan then put it away"
         follows = words[number + 1].tag if number + 1 < len(words) else ""
         placing = word.text.lower() in request_words().needs_place and follows == "IN"
         if placing and word.tag == "NN" and before.text.lower() in ("and", ","):
-            return "VB"  # "toast the bread and place on the table"
+            return "VB"  # "rinse the fork and leave on the tray"
         if word.tag == "VBZ" and before.tag == "DT" and self._lexicon.named(word.text.lower()):
             return "NNS"  # "both watches"
         if word.tag not in ("RB", "JJ", "VB", "VBP", "VBD"):
@@ -135,7 +136,7 @@ class RequestReader:
             ends = follows in ("", ".", ",", "IN", "CC")
             return "NN" if ends and self._lexicon.named(name) else word.tag  # "to chair"
         joined = before.text.lower() in ("and", "or") and number + 1 < len(words)
-        if joined and follows in ("IN", "TO", ".", ","):  # "a box and watch to ..."
+        if joined and follows in ("IN", "TO", ".", ","):  # "the phone and remote to ..."
             return "NN" if number > 2 and self._lexicon.named(name) else word.tag
         if before.tag == "NN" and word.tag != "RB":  # "the hand towel"
             led = number > 1 and words[number - 2].tag in ("DT", "PRP$", "IN")
@@ -163,7 +164,7 @@ class RequestReader:
     def _plainly(self, sentence: str) -> str:
         """Return a sentence without courtesy and in the order of its deeds; its own end stays."""
         found = without_courtesy(sentence, is_deed, self._names)
-        found = without_lead(in_order(found, base_of_deed), is_deed, _is_time)
+        found = in_order(found, base_of_deed)
         return f"{found}." if found != sentence and found[-1:].isalnum() else found
 
     def _names(self, words: str) -> bool:
@@ -195,7 +196,7 @@ def _is_time(text: str) -> bool:
 
 
 def _begin(words: list[Word]) -> None:
-    """Let an order begin with its verb: "place chilled egg on counter"."""
+    """Let an order begin with its verb: "stow rinsed ladle in drawer"."""
     if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[2].tag[:2] not in ("NN", "JJ"):
         return
     if (

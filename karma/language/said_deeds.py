@@ -275,7 +275,8 @@ class SentenceDeeds:
             placed = self.pairs.has_place(range(number + 1, end))
             alone = _LEFT_ALONE.search(" ".join(tail)) or (lemma == "leave" and not placed)
             others = any(self.s.is_order(n) for n in range(number))
-            if state and not others and lemma != "let":
+            stays_open = state == "open"  # behind another order, too: "... and leave it open"
+            if state and lemma != "let" and (stays_open or not others):
                 self.s.taken.update(range(number, end))
                 pair = Pair(things=tuple(found[:1]))
                 return [_said(f"{lemma} {tail[-1]}", state, self.s.words[number].start, pair)]
@@ -301,7 +302,7 @@ class SentenceDeeds:
             if n in found:
                 waiting.append(found[n])
             elif self.s.low(n) in ("on", "off") and self.s.begins_noun(n + 1):
-                continue  # "make the bread on the table cold"
+                continue  # "make the soup on the stove warm"
             elif n not in self.s.taken and waiting and (state := self._becomes(n)):
                 text, pair = f"{lemma} {self.s.low(n)}", Pair(things=tuple(waiting))
                 deeds.append(_said(text, state, self.s.words[n].start, pair))
@@ -452,7 +453,7 @@ class SentenceDeeds:
             words = request_words()
             before = self.pairs.preposition(number, begin)
             told = before in words.destinations | words.sources
-            if found and before == "with":  # "the bowl with the egg goes in the fridge"
+            if found and before == "with":  # "the box with the pens belongs ..."
                 found[-1] = replace(found[-1], holding=(*one.types, *one.besides))
                 continue
             if found and one.vague and one.text in ("both", "all", "each"):

@@ -33,7 +33,7 @@ _FILLER = re.compile(
     rf"(?<![\w'])(?:{'|'.join(_FILLERS)})(?![\w'])[,!.]*(?:\s*\bbut\b)?", re.IGNORECASE
 )
 _MEANWHILE = ("while", "whilst", "as", "whenever")
-_MOST_WHY = 5  # words of "for easy access"
+_MOST_WHY = 5  # words of "for a quiet night"
 _TABLE = Path(__file__).with_name("spoken.toml")
 _POLITE = (
     "would", "could", "can", "will", "might", "may", "is it", "is there", "be", "i was wondering",
@@ -195,8 +195,8 @@ _MODALS = ("could", "can", "would", "will")
 def without_remarks(sentences: Sequence[str], is_deed: Callable[[str], bool]) -> list[str]:
     """Return sentences without those behind the first that only remark on it.
 
-    >>> without_remarks(["Put the keys on the shelf.", "It's a great spot."], lambda word: False)
-    ['Put the keys on the shelf.']
+    >>> without_remarks(["Water the plant.", "It's a thirsty one."], lambda word: False)
+    ['Water the plant.']
     """
 
     def only_tells(text: str) -> bool:

@@ -41,14 +41,14 @@ def told(request):
         ("inspect the vase in the light of the desk lamp", ["look Vase"]),
         ("bring me a glass of water", ["fill Cup/ShowerGlass", "take Cup/ShowerGlass"]),
         # states ahead of a noun that has no determiner
-        ("put chilled lettuce on the counter", ["put Lettuce > CounterTop"]),
+        ("lay chilled lettuce on the plate", ["put Lettuce > Plate"]),
         ("place rinsed fork in drawer", ["put Fork > Drawer"]),
-        ("put two heads of lettuce in the sink", ["put Lettuce > Sink"]),
+        ("drop two heads of lettuce into the pot", ["put Lettuce > Pot"]),
         ("move a cooked chunk of potato to the plate", ["put Potato > Plate"]),
         # results of verbs
         ("push the laptop shut", ["close Laptop"]),
         ("swing the cabinet open", ["open Cabinet"]),
-        ("turn on the lamp that you switched off", ["on DeskLamp/FloorLamp"]),
+        ("switch on the candle that you switched off", ["on Candle"]),
         # what belongs, what was left, what is wished
         ("the pillow belongs on the bed", ["put Pillow > Bed"]),
         ("the book is meant to be on the shelf", ["put Book > Shelf"]),
@@ -88,13 +88,13 @@ def test_cups_are_mugs_only_besides(reader):
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("While you tidy the hall, put two forks in the drawer. It's a handy place for them.",
+        ("While you tidy the hall, put two forks in the drawer. It's where they live.",
          ["put Fork > Drawer"]),
         ("When you're settled in the armchair, could you turn on the lamp?",
          ["on DeskLamp/FloorLamp"]),
-        ("After buying some fresh food, rinse the lettuce. Making a salad later will be a breeze!",
-         ["wash Lettuce"]),
-        ("For freshness, place the egg in the fridge. This way, it keeps.", ["put Egg > Fridge"]),
+        ("After shopping in town, rinse the ladle. Cooking tonight is going to be fun!",
+         ["wash Ladle"]),
+        ("For a quiet night, shut the blinds. That way nobody wakes.", ["close Blinds"]),
         ("Despite the long day, close the curtains.", ["close Curtains"]),
         ("After washing the cup, put it on the shelf.", ["wash Cup", "put Cup > Shelf"]),
     ],

@@ -134,16 +134,13 @@ def test_which_of_two_is_asked_where_nothing_takes_it_back(tmp_path):
     ("text", "offer"),
     [
         ("wash the mug in twenty minutes", "wash the mug"),
-        ("put the appel in the fridge", "put the apple in the fridge"),
+        ("wash the plat", "wash the plate"),
         ("the plate is filthy", "wash the plate"),
         ("the fridge is open", "close the fridge"),
     ],
 )
 def test_yes_asks_for_what_was_offered(tmp_path, text, offer):
     reply = agent_saying(tmp_path, [STORE]).do(text)
-    if reply.status == "done":  # the slip was put right at once
-        assert "apple" in offer
-        return
     assert (reply.status, reply.offer) == ("refused", offer)
 
 
