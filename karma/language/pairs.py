@@ -199,7 +199,8 @@ class Pairs:
             if before in ("as", "like", "than"):
                 self._s.unread.append(one.text)
             return True
-        if deed == "slice" and group.things and before in ("into", "in") and one.told:
+        pieces = one.text.split()[-1] in words.pieces
+        if deed == "slice" and group.things and before in ("into", "in") and pieces:
             return True  # "into slices"
         helps = deed in ("wash", "fill") and bool(group.things)
         return helps and one.text in ("water", "soap") and not one.at

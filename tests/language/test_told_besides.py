@@ -45,6 +45,10 @@ def told(request):
         ("place rinsed fork in drawer", ["put Fork > Drawer"]),
         ("drop two heads of lettuce into the pot", ["put Lettuce > Pot"]),
         ("move a cooked chunk of potato to the plate", ["put Potato > Plate"]),
+        ("cut the bread into slices", ["slice Bread"]),
+        ("slice the tomato in half", ["slice Tomato"]),
+        ("halve the apple into two halves", ["slice Apple"]),
+        ("chop the lettuce into small pieces", ["slice Lettuce"]),
         # results of verbs
         ("push the laptop shut", ["close Laptop"]),
         ("swing the cabinet open", ["open Cabinet"]),
