@@ -30,6 +30,7 @@ from karma.household.uses import (
     TAPS,
     TOASTER,
 )
+from karma.language.hints import singular
 from karma.language.request_words import deed_states, request_words
 from karma.language.said_deeds import NEEDS, able_to
 
@@ -137,14 +138,30 @@ def meant_by(one: Mention, here: Collection[str]) -> tuple[str, ...]:
     Where none that is called so was seen, one that people call so as well will do.
     """
     named = here_of(one.types, here)
-    kinds = {kind_of(kind) for kind in here}
-    if any(kind_of(kind) in kinds for kind in named):
-        return named
-    alike = (
-        kind for kind in here_of(one.besides, here)
-        if kind_of(kind) in kinds or not object_types()[kind].can("pickupable")
-    )  # fmt: skip
-    return tuple(dict.fromkeys((*named, *alike)))
+    return named if _was_seen(named, here) else (*named, *_besides(one, here))
+
+
+def _admitted(one: Mention, here: Collection[str]) -> tuple[str, ...]:
+    """Return the same with what is one by its name: a side table is a table, whatever is here."""
+    by_name = (kind for kind in here_of(one.besides, here) if _is_a(kind, one))
+    return tuple(dict.fromkeys((*meant_by(one, here), *by_name)))
+
+
+def _besides(one: Mention, here: Collection[str]) -> tuple[str, ...]:
+    """Return the types that people call so as well and that are here for certain."""
+    found = here_of(one.besides, here)
+    fixed = (kind for kind in found if not object_types()[kind].can("pickupable"))
+    return tuple(kind for kind in found if _was_seen((kind,), here) or kind in {*fixed})
+
+
+def _was_seen(kinds: Sequence[str], here: Collection[str]) -> bool:
+    wholes = {kind_of(kind) for kind in here}
+    return any(kind_of(kind) in wholes for kind in kinds)
+
+
+def _is_a(kind: str, one: Mention) -> bool:
+    """Return whether the word for a type ends with that of a mention: a soap *bottle*."""
+    return spoken(kind).lower().split()[-1] == singular(one.text.lower().split()[-1])
 
 
 def _cannot_hide(kind: str) -> bool:
@@ -178,10 +195,35 @@ def stopped(
     return ""
 
 
+def put_near(
+    calls: Sequence[SkillCall], request: Request, here: Collection[str]
+) -> tuple[SkillCall, ...]:
+    """Return a program that puts near a place what was to be put there: planners put it on it.
+
+    Args:
+        calls: of the program, with short names.
+        request: what was asked.
+        here: types that the agent knows of in this room.
+    """
+    found = list(calls)
+    for deed in request.deeds:
+        places = here_of(deed.place.types, here) if deed.place and deed.near else ()
+        kinds = _of_things(deed, here)
+        puts = (
+            n for n, call in enumerate(found)
+            if call.skill == "PutObject" and call.objects[1:] and kind_of(call.objects[0]) in kinds
+        )  # fmt: skip
+        last = max(puts, default=None) if deed.deed == "put" and places else None
+        if last is not None:
+            objects = (found[last].objects[0], kind_of(places[0]))
+            found[last] = replace(found[last], skill="PutNear", objects=objects)
+    return tuple(found)
+
+
 def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
     if one is None:
         return frozenset()
-    return frozenset(kind_of(kind) for kind in meant_by(one, here) or one.types)
+    return frozenset(kind_of(kind) for kind in _admitted(one, here) or one.types)
 
 
 def _ruled_out(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:
@@ -309,7 +351,7 @@ def _in_pieces(request: Request, here: Collection[str]) -> set[str]:
     return {
         kind for one in request.mentions
         if words & set(request.whole[one.start : one.end].lower().split())
-        for kind in _kinds(one, here)
+        for kind in (*_kinds(one, here), *map(kind_of, one.holding))
     }  # fmt: skip
 
 
@@ -344,6 +386,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             or kind in along
             or loose
             or _goes_along(found, thing, request, here)
+            or _bears(found, thing, request, here)
             or (thing == found.began and (place == HAND or place in SURFACES))
         ):
             if not (kind in named and place == HAND):
@@ -383,10 +426,16 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
 
 
 def _exactly(request: Request, here: Collection[str]) -> Request:
-    """Return a request whose things are only what they are called, where that may be here."""
+    """Return a request whose things are only what they are called, where that may be here.
+
+    What is one by its name will do where no other was seen: a spray bottle, where none is plain.
+    """
 
     def only(one: Mention) -> Mention:
-        return replace(one, besides=()) if here_of(one.types, here) else one
+        if _was_seen(one.types, here):
+            return replace(one, besides=())
+        besides = tuple(kind for kind in one.besides if _is_a(kind, one))
+        return replace(one, besides=besides) if here_of(one.types, here) else one
 
     def of(deed: SaidDeed) -> SaidDeed:
         place = only(deed.place) if deed.place else None
@@ -431,6 +480,23 @@ def _goes_along(
         and not found.places(thing).isdisjoint(_kinds(one, here))
         for one in request.mentions
     )
+
+
+def _bears(found: ProgramEffects, thing: Thing, request: Request, here: Collection[str]) -> bool:
+    """Return whether a thing goes where what lies in it shall: "the pen in the mug on the desk".
+
+    The mug may be the one on the desk, or be brought there; so with "in the mug, put it on ...".
+    """
+    puts = [deed for deed in request.deeds if deed.deed == "put"]
+    for deed in puts:
+        borne = _of_things(deed, here)
+        into = {kind_of(kind) for one in deed.things for kind in one.at}
+        for other in puts:
+            into |= _kinds(other.place, here) if borne & _of_things(other, here) else set()
+        ends = found.places(thing) & _kinds(deed.place, here)
+        if kind_of(thing[0]) in into and ends and not deed.near:
+            return True
+    return False
 
 
 def _misplaced(

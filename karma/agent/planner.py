@@ -4,7 +4,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
-from karma.agent.guard import stopped
+from karma.agent.guard import put_near, stopped
 from karma.agent.inspector import Objection, hand_of, mend, narrowed, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import render, skills_of
@@ -256,6 +256,7 @@ def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
         calls = grounded(calls, answer.names)
         return stopped(calls, asked, here, request.held_id, exact=exact)
 
+    answer = replace(answer, calls=put_near(answer.calls, asked, here))
     why = reason(answer.calls)
     if not why:
         return answer, ""

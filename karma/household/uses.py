@@ -11,6 +11,7 @@ from karma.household.types import object_types
 SINK = "Sink"
 FAUCET, SHOWER_HEAD = "Faucet", "ShowerHead"
 TAPS = (FAUCET, SHOWER_HEAD)
+BELOW_SINKS = ("Cabinet",)  # what is put under the sink goes in there
 BASIN_OF: Mapping[str, str] = MappingProxyType({SINK: "SinkBasin", "Bathtub": "BathtubBasin"})
 WHOLE_OF: Mapping[str, str] = MappingProxyType({basin: of for of, basin in BASIN_OF.items()})
 BASINS = tuple(WHOLE_OF)  # things are put into the basin, and lie in it

@@ -12,6 +12,7 @@ from karma.language.pairs import Pairs
 from karma.language.request_words import is_deed, request_words
 from karma.language.sentence import SaidSentence
 from karma.language.times import time_words
+from karma.language.words import word_lists
 
 _LEAD = re.compile(
     r"(?:and |so |now |well |oh |then |, )*(?:"
@@ -110,8 +111,13 @@ class Asides:
             return False
         if not any(s.is_order(n) and s.starts_clause(n) for n in range(number)):
             return False
-        held = s.tag(verb + 1) in ("DT", "PRP$", "NN", "NNS", "PRP", "CD")
-        return not (s.known_verb(verb) and held)
+        looks = s.low(verb + 1) == "at"
+        after = verb + 1 + (looks or s.low(verb + 1) in word_lists().particles)  # "to turn on the"
+        held = s.tag(after) in ("DT", "PRP$", "NN", "NNS", "PRP", "CD")
+        to = looks or s.low(verb) in request_words().needs_place
+        led = s.low(after) in request_words().destinations and s.begins_noun(after + 1)
+        ours = s.known_verb(verb) or is_deed(s.low(verb))
+        return not (ours and (held or (to and led)))  # "to put in the sink"
 
     def _topic(self) -> None:
         """Take what stands ahead of an order: "the lettuce: wash it"."""

@@ -85,6 +85,10 @@ class Lexicon:
         own = {spoken(kind).lower(): (kind,) for kind in self._file.types}
         return {text: tuple(dict.fromkeys(kinds)) for text, kinds in found.items()} | own
 
+    def named_whole(self, phrase: str) -> bool:
+        """Return whether several words together are what a thing is called: "frying pan"."""
+        return phrase in self._by_text
+
     def besides(self, phrase: str) -> tuple[str, ...]:
         """Return the types that people call so as well: a mug is a cup, a side table a table.
 

@@ -337,7 +337,7 @@ class Nouns:
         every, one = bare.every, bare.number is None and not bare.every
         plural = self._s.tag(end - 1) in ("NNS", "NNPS") and one
         if plural and head not in lists.own_plurals and singular(text) != text:
-            every = self._s.lexicon.named(singular(text)) == types
+            every = self._types((*words[:-1], singular(head)), start) == types
         besides = self._besides(words, types)
         return replace(bare, text=text, types=types, every=every, besides=besides)
 

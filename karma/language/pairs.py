@@ -8,6 +8,9 @@ from karma.household.places import HAND
 from karma.household.saying import preposition
 from karma.household.types import object_types
 from karma.household.uses import (
+    BASIN_OF,
+    BASINS,
+    BELOW_SINKS,
     BURNER,
     FAUCET,
     FRIDGE,
@@ -32,9 +35,18 @@ _TOOLS = {
     "cool": frozenset((FRIDGE,)),
 }  # deed -> what it may be done with
 _WITH = ("water", "soap", "coffee", "care", "hands", HAND)  # that need no reading
-_OF = {"out": "out", "off": "off", "top": "on", "front": "near", "inside": "in"}  # "out of"
+_OF = {
+    "out": "out",
+    "off": "off",
+    "top": "on",
+    "front": "near",
+    "inside": "in",
+    "sides": "near",
+}  # "out of"
 _PICKS = frozenset(("fetch", "grab", "pick", "find", "locate", "retrieve", "give", "pass"))
 _CLAUSES = ("that", "which", "who", "whose", "you", "i", "we")  # "the light you switched off"
+DONE_AT_PLACES = ("heat", "cool", "cook", "toast", "fill", "look")  # to a thing, at a place
+_BELOW = ("under", "underneath", "beneath", "below")
 _LIES = ("is", "are", "'s", "lies", "lie", "lying", "stands", "sits", "was", "were", "sitting")
 
 
@@ -85,7 +97,7 @@ class _PairGroup:
             things = [replace(one, at=one.at or self.at) for one in things]
         if deed not in ("put", "take", "") and place is not None:
             if not things:
-                return Pair(things=(place,))
+                return Pair() if deed in DONE_AT_PLACES else Pair(things=(place,))
             if deed not in ("throw", "go"):
                 things = [replace(one, at=one.at or place.types) for one in things]
                 return Pair(things=tuple(things))
@@ -210,15 +222,23 @@ class Pairs:
         if before or group.places or not self._is_listed(number) or not group.things[-1].holding:
             return False
         last = group.things[-1]
-        group.things[-1] = replace(last, holding=(*last.holding, *one.types, *one.besides))
+        holding = (*last.holding, *one.types, *one.besides)
+        group.things[-1] = replace(last, holding=holding, end=one.end)
         return True
 
     def _read_with(self, one: Mention, deed: str, group: _PairGroup) -> None:
         """Read "with the salt": a name, what lies in a thing, or what something is done with."""
-        if self._names_together(group, one) or (group.places and deed in ("put", "take")):
-            return  # "on the chair with the keys"
+        if self._names_together(group, one):
+            return
+        if group.places and deed in ("put", "take"):  # "on the chair with the keys on it"
+            group.held = True
+            if self._holds(group, deed):  # or "the pan on the counter with an egg in it"
+                last = group.things[-1]
+                group.things[-1] = replace(last, holding=(*last.holding, *one.types, *one.besides))
+            return
         if self._holds(group, deed):
-            group.things[-1] = replace(group.things[-1], holding=(*one.types, *one.besides))
+            holding = (*one.types, *one.besides)
+            group.things[-1] = replace(group.things[-1], holding=holding, end=one.end)
             group.held = True
         else:
             self._read_tool(one, deed)
@@ -269,6 +289,8 @@ class Pairs:
             else:
                 self._s.unread += self._beyond(number, one, before)
                 group.near = before in words.near | (words.beside - {"under", "over"})
+                if deed == "put" and before in _BELOW and {*one.types} & {*BASINS, *BASIN_OF}:
+                    one, group.near = replace(one, types=BELOW_SINKS), False
                 group.between = before == "between"
                 group.places.append(one)
         elif not (group.places and deed in ("put", "take")):
@@ -281,6 +303,8 @@ class Pairs:
     def _tells_of_place(self, number: int, one: Mention, before: str, group: _PairGroup) -> bool:
         """Read what only says which place is meant: "the drawer of the desk", "by the sink"."""
         words = request_words()
+        if before == "of" and group.places and group.places[-1].types and not self._is_part(group):
+            return True  # "the front burner of the stove"
         if before in ("of", "in", "inside", "within") and self._is_part(group) and one.types:
             if all(object_types()[kind].can("openable") for kind in one.types):
                 group.places[-1] = one  # "the top shelf of the fridge"
@@ -382,10 +406,13 @@ class Pairs:
 
     def _of(self, of: int, earlier: str, least: int) -> str:
         """Return what "of" makes of the words before it: "on the back of" is "on"."""
-        if earlier == "top":
-            return "atop"
         lists = request_words()
-        if earlier in ("left", "right") and self._s.low(of - 2) not in ("the", "upper", "lower"):
+        if earlier == "top":
+            ahead = of - 2 - (self._s.low(of - 2) in ("the", "very"))
+            source = ahead >= least and self._s.low(ahead) in lists.sources
+            return self._s.low(ahead) if source else "atop"
+        beside = ("the", "upper", "lower", "front", "back", "rear", "top", "bottom")
+        if earlier in ("left", "right") and self._s.low(of - 2) not in beside:
             return "near"  # "left of the sink"
         if earlier not in _OF and earlier in lists.regions:
             ahead = of - 2

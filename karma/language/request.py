@@ -129,11 +129,21 @@ class RequestReader:
             return "VB"  # "rinse the fork and leave on the tray"
         if word.tag == "VBZ" and before.tag == "DT" and self._lexicon.named(word.text.lower()):
             return "NNS"  # "both watches"
+        if self._is_thing(words, number):
+            return "NN"
+        if word.tag == "JJR" and word.text.lower() in request_words().dropped:
+            return "JJ"  # "the lower shelf"
+        return self._tag_of_name(words, number, follows)
+
+    def _tag_of_name(self, words: Sequence[Word], number: int, follows: str) -> str:
+        """Return "NN" for a word that stands where a thing is named and is the name of one."""
+        word, before, name = words[number], words[number - 1], words[number].text.lower()
         if word.tag not in ("RB", "JJ", "VB", "VBP", "VBD"):
             return word.tag
-        name = word.text.lower()
-        if before.text.lower() == "to" and word.tag == "VB" and not base_of_deed(name):
-            ends = follows in ("", ".", ",", "IN", "CC")
+        if before.text.lower() == "to" and word.tag == "VB":
+            # "to chair", "from the shelf to microwave"; not "nothing to heat in the kitchen"
+            deed = bool(base_of_deed(name))
+            ends = follows in (("", ".", ",") if deed else ("", ".", ",", "IN", "CC"))
             return "NN" if ends and self._lexicon.named(name) else word.tag  # "to chair"
         joined = before.text.lower() in ("and", "or") and number + 1 < len(words)
         if joined and follows in ("IN", "TO", ".", ","):  # "the phone and remote to ..."
@@ -146,6 +156,23 @@ class RequestReader:
                 ("NN", "JJ", "VBN", "CD")
             )
         return "NN" if led and self._lexicon.named(name) else word.tag
+
+    def _is_thing(self, words: Sequence[Word], number: int) -> bool:
+        """Return whether a word is no verb but a thing: "chill lettuce", "the frying pan"."""
+        if words[number].tag not in ("VB", "VBP", "VBZ", "VBG", "MD", "RB", "JJ", "JJR", "JJS"):
+            return False
+        name, after = words[number].text.lower(), words[number + 1 : number + 2]
+        if after and self._lexicon.named_whole(f"{name} {after[0].text.lower()}"):
+            return True
+        before = words[number - 1].text.lower()
+        if words[number].tag == "MD":
+            return self._lexicon.named_whole(f"{before} {name}")
+        ends = not after or after[0].tag in ("IN", "TO", ".", ",")
+        if words[number].tag[:2] in ("RB", "JJ") and not ends:
+            return False
+        led = words[number - 1].tag[:2] in ("VB", "NN", "CD") or before == "and"
+        takes = after and after[0].tag in ("DT", "PRP", "PRP$", "RP")
+        return led and not takes and not base_of_deed(name) and bool(self._lexicon.named(name))
 
     def _is_english(self, words: Sequence[str]) -> bool:
         """Return whether more than a quarter of some words are ones that requests are made of."""
@@ -196,7 +223,15 @@ def _is_time(text: str) -> bool:
 
 
 def _begin(words: list[Word]) -> None:
-    """Let an order begin with its verb: "stow rinsed ladle in drawer"."""
+    """Let an order begin with its verb, and no order with a state.
+
+    "Stow rinsed ladle in drawer", "put a fork and washed plate away".
+    """
+    for number, word in enumerate(words[1:-1], 1):
+        joined = words[number - 1].text.lower() == "and" and word.tag in ("VBD", "VBN")
+        noun = words[number + 1].tag[:2] in ("NN", "JJ")
+        if joined and noun and word.text.lower() in deed_states():
+            words[number] = replace(word, tag="JJ", dep="amod", head=number + 1)
     if len(words) < 3 or words[1].tag not in ("VBD", "VBN") or words[2].tag[:2] not in ("NN", "JJ"):
         return
     if (
@@ -326,11 +361,11 @@ def _lacking(s: SaidSentence, deeds: Sequence[SaidDeed]) -> str:
         particle = low in ("on", "off", "in", "out", "up", "down", "away", "over", "back")
         if tag == "IN" and not particle and low not in request_words().never_mind:
             return "where"
-    return next(filter(None, map(_lacks, deeds)), "")
+    return next(filter(None, (_lacks(one, deeds[n:]) for n, one in enumerate(deeds, 1))), "")
 
 
-def _lacks(deed: SaidDeed) -> str:
-    """Return what one deed lacks."""
+def _lacks(deed: SaidDeed, later: Sequence[SaidDeed]) -> str:
+    """Return what one deed lacks, and no later one about its things says: "move it, put it on"."""
     if deed.deed in ("", "wait"):
         return ""
     if not deed.things and deed.deed not in ("coffee", "go"):
@@ -339,6 +374,11 @@ def _lacks(deed: SaidDeed) -> str:
         return "what"
     if deed.place is not None:
         return "where" if deed.place.vague else ""
+    kinds = {kind for one in deed.things for kind in one.types}
+    if any(
+        other.place and kinds & {k for one in other.things for k in one.types} for other in later
+    ):
+        return ""
     bare = deed.verb in request_words().needs_place or deed.verb.startswith("clear")
     return "where" if deed.deed == "put" and bare else ""
 

@@ -10,7 +10,7 @@ from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, LAMPS, SWITCHED_BY_A_PART
 from karma.language.asides import Asides
 from karma.language.nouns import HOLDERS, Nouns
-from karma.language.pairs import Pair, Pairs
+from karma.language.pairs import DONE_AT_PLACES, Pair, Pairs
 from karma.language.request_words import deed_states, request_words
 from karma.language.sentence import SaidSentence
 
@@ -100,6 +100,8 @@ class SentenceDeeds:
         low, lists = word.text.lower(), request_words()
         if number in s.taken or not (low[0].isalpha() or low in lists.be) or low == "lights":
             return False
+        if (word.tag, word.dep) == ("JJ", "amod") and s.low(number - 1) == "and":
+            return False  # "a fork and washed plate"
         led = s.tag(number - 1).startswith("NN") or s.low(number - 1) in ("it", "them")
         if number and led and low in lists.results:
             return False  # "pull the blinds shut"
@@ -110,7 +112,8 @@ class SentenceDeeds:
         if low in lists.auxiliaries | lists.be:
             whole = word.dep in ("ROOT", "ccomp", "conj", "advcl") and low in lists.be | {"have"}
             return whole and verb and subject is not None
-        if self._is_part(number) or (word.dep == "relcl" and not (starts and s.known_verb(number))):
+        asks = (starts or s.low(number - 1) == "to") and s.known_verb(number)  # "a mug to put in"
+        if self._is_part(number) or (word.dep == "relcl" and not asks):
             return False
         noun = s.low(number - 1) in _BEFORE_NOUNS and word.tag != "VBP"
         if noun and not (verb and subject is not None):
@@ -561,8 +564,8 @@ def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple
     things = pairs[0].things
     if FAUCET in place.types:
         return "wash", [Pair(things=things)]
-    if deed == "hold" and {*place.types} & {*LAMPS}:
-        return "look", [Pair(things=things)]
+    if place.types and {*place.types} <= {*LAMPS}:  # "take it to the lamp"
+        return ("look" if deed == "hold" else "take"), [Pair(things=things)]
     if deed == "take" and me:
         return "take", [Pair(things=tuple(replace(one, at=place.types) for one in things))]
     return "put", pairs
@@ -577,6 +580,10 @@ def sharing(deeds: Sequence[SaidDeed]) -> list[SaidDeed]:
     for number in range(1, len(found)):  # "cook the potato and put on the plate"
         if found[number].deed == "put" and found[number].place and not found[number].things:
             found[number] = replace(found[number], things=found[number - 1].things)
+    for number in range(1, len(found)):  # "get the cup, chill in the fridge"
+        one = found[number]
+        if one.deed in DONE_AT_PLACES and not one.things and found[number - 1].deed == "take":
+            found[number] = replace(one, things=found[number - 1].things)
     for number in range(len(found) - 2, -1, -1):
         one = found[number]
         if not one.things and one.deed not in ("", "go", "coffee", "wait"):
@@ -622,8 +629,18 @@ def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> li
             place = _place_meant(found, named, things) or place
         found.append(replace(deed, things=things, place=place))
         last = tuple(one for one in things if not one.vague) or last
+        last = _with_its_vessel(deed, last)
         named += [one for one in (*((place,) if place else ()), *things) if not one.vague]
     return found
+
+
+def _with_its_vessel(deed: SaidDeed, things: tuple[Mention, ...]) -> tuple[Mention, ...]:
+    """Return what "them" stands for behind "put the pen in the mug": one thing, and the mug."""
+    place, single = deed.place, len(things) == 1 and not (things[0].every or things[0].number)
+    carried = place is not None and bool(place.types) and not deed.near and all(
+        object_types()[kind].can("pickupable") for kind in place.types
+    )  # fmt: skip
+    return (*things, place) if place is not None and carried and single else things
 
 
 def _is_cleared(before: SaidDeed, deed: SaidDeed) -> bool:
@@ -639,7 +656,10 @@ def _meant_by(
 ) -> Sequence[Mention]:
     """Return what a pronoun stands for; anything else is itself."""
     if one.vague and one.text in ("them", "both", "these", "they") and last:
-        return [replace(thing, at=()) for thing in last]
+        need = NEEDS.get(deed.deed, "")
+        able = [thing for thing in named if need and any(able_to(k, need) for k in thing.types)]
+        served = not need or any(thing in able for thing in last) or not able
+        return [replace(thing, at=()) for thing in (last if served else able[-1:])]
     if one.vague and one.text in ("former", "latter"):
         kinds = [
             thing

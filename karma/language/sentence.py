@@ -132,6 +132,8 @@ class SaidSentence:
     def starts_clause(self, number: int) -> bool:
         """Return whether a word stands where an order begins."""
         before = number - 1
+        if self._runs_on(number):
+            return True
         small = _BEFORE_VERBS | request_words().sequence
         while before >= 0 and (before in self.gone or self.low(before) in small):
             if self.low(before) in ("and", "or") and before not in self.gone:
@@ -140,6 +142,14 @@ class SaidSentence:
                 return True  # "rinse the mug then put it away"
             before -= 1
         return before < 0 or self.words[before].text in _SIGNS or before in self.gone
+
+    def _runs_on(self, number: int) -> bool:
+        """Return whether an order follows the one before without a word: "slice it put it in"."""
+        bare = self.tag(number) in ("VB", "VBP", "VBD") and self.known_verb(number)
+        follows = self.low(number + 1) in ("it", "them") and self.tag(number - 1)[:2] == "NN"
+        ordered = any(self.tag(n) == "VB" for n in range(number))
+        subject = self.subject(number)
+        return bare and follows and ordered and (subject is None or self.tag(subject) == "VB")
 
     def _listed_noun(self, joint: int, number: int) -> bool:
         """Return whether a word behind "and" is one more noun of a list, not a verb."""

@@ -12,7 +12,7 @@ _COUNTS = ("half a", "half an", "a half", *NUMBERS)
 COUNT = rf"(?:\d+|{'|'.join(_COUNTS)}|an?|a few|a couple of)"
 _DAY = "|".join(DAYS)
 _NOUN = (
-    r"(?:seconds?|minutes?|mins?|hours?|days?|weeks?|weekends?|months?|years?|nights?|mornings?"
+    r"(?:seconds|minutes?|mins?|hours?|days?|weeks?|weekends?|months?|years?|nights?|mornings?"
     r"|noon|midday|afternoons?|evenings?|midnight|dawn|dusk|sunrise|sunset|breakfast|lunch|dinner"
     r"|supper|bedtime|christmas|easter|news|january|february|march|april|june|july|august"
     rf"|september|october|november|december|while|moment|{_DAY})"
@@ -21,6 +21,7 @@ _TIME = re.compile(  # a time's noun after what makes it a time ("the morning pa
     r"\b(?:(?:(?:last|this|next|these|every|each|all|some|other|in|for|before|after|since|until"
     rf"|till|by|during|at|over|within|on|{COUNT}|few|couple of) (?:the )?)+{_NOUN}"
     rf"(?: (?:ago|before|after|later|morning|afternoon|evening|night|time))?"
+    rf"|for a (?:little )?bit|(?:for|in|within|after) {COUNT} second"  # "the second shelf" is none
     rf"|(?:tomorrow|{_DAY})(?: (?:morning|afternoon|evening|night))?|tonight|yesterday|today"
     r"|recently|lately|\d{1,2}[:.]\d{2}|(?:later|ago)(?: on)?"
     rf"|(?:at|by|until|till|before|after) (?:\d{{1,2}}|{'|'.join(NUMBERS)})"

@@ -3,7 +3,7 @@
 Conditions are looked at first, every thing of a plural has its turn, and what was not done is told.
 """
 
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Protocol
@@ -299,7 +299,7 @@ def _the_one_there(
     episode: Carrier, thing: Mention, kinds: Collection[str], skills: Skills, came: Came
 ) -> Generator[Plan | SkillResult, None, str | None]:
     """Return the thing at the place that it is told by; "" for none, None: none is known yet."""
-    one = _next(episode, skills, list(kinds), set(), thing, ())
+    one = _next(episode, skills, list(kinds), set(), thing)
     elsewhere = {name for name in episode.sights(skills) if kind_of(name) in kinds}
     if one is not None or not elsewhere:
         return one
@@ -321,7 +321,7 @@ def _the_other(
     meant = {one for one in meant if kind_of(one) in kinds}
     if not meant:
         return None
-    one = _next(episode, skills, list(kinds), meant, thing, ())
+    one = _next(episode, skills, list(kinds), meant, thing)
     if one is None:
         one = yield from _another(skills, list(kinds), meant, came)
     if one is None or one in meant:
@@ -336,13 +336,11 @@ def _each(
 ) -> Iterator[Plan | SkillResult]:
     """Do a deed to each thing of a plural: to those that are known, then to what is found."""
     deed, thing = asked.deeds[0], asked.deeds[0].things[0]
-    ruled_out = {kind_of(kind) for one in asked.exclusions for kind in one.types}
+    kinds: list[str] = []
+    found: list[str] = []
     if thing.anything:
         kinds, found = yield from _whatever(episode, deed, skills, came)
-    else:
-        kinds = [kind_of(kind) for kind in meant_by(thing, episode.here(skills))]
-        found = []
-    kinds = [kind for kind in kinds if kind not in ruled_out]
+        kinds = _not_ruled_out(asked, kinds)
     wanted = thing.number
     done: list[str] = []
     failed: list[str] = []
@@ -352,16 +350,16 @@ def _each(
             came.short = True
             break
         tried = {*done, *failed}
-        one = _next(episode, skills, kinds, tried, thing, found)
-        if one is None:
-            if thing.anything or not kinds:
-                break
-            one = yield from _another(skills, kinds, tried, came)
-            if one is None or one in tried:
-                break
-            if not _told_so(episode, skills, one, thing):
-                failed.append(one)
-                continue
+        if thing.anything:
+            rest = (one for one in found if one not in tried and kind_of(one) in kinds)
+            one = next(rest, None)
+        else:
+            one = yield from _one_more(episode, asked, tried, skills, came)
+        if one is None or one in tried:
+            break
+        if not (thing.anything or _told_so(episode, skills, one, thing)):
+            failed.append(one)
+            continue
         if _holds_already(episode, skills, one, deed):
             done.append(one)
             continue
@@ -381,11 +379,32 @@ def _each(
     _tell_count(came, thing, done, failed)
 
 
+def _one_more(
+    episode: Carrier, asked: Request, tried: set[str], skills: Skills, came: Came
+) -> Generator[SkillResult, None, str | None]:
+    """Return one more thing of a plural: one that is known, else one that is searched for."""
+    thing = asked.deeds[0].things[0]
+    kinds = _not_ruled_out(asked, meant_by(thing, episode.here(skills)))
+    one = _next(episode, skills, kinds, tried, thing)
+    if one is None and kinds:
+        one = yield from _another(skills, kinds, tried, came)
+        if one is None and not tried:  # no bottle, but a spray bottle was seen on the way
+            kinds = _not_ruled_out(asked, meant_by(thing, episode.here(skills)))
+            one = _next(episode, skills, kinds, tried, thing)
+    return one
+
+
+def _not_ruled_out(asked: Request, kinds: Iterable[str]) -> list[str]:
+    """Return the kinds of wholes that a request does not leave out."""
+    ruled_out = {kind_of(kind) for one in asked.exclusions for kind in one.types}
+    return [kind for kind in dict.fromkeys(map(kind_of, kinds)) if kind not in ruled_out]
+
+
 def _tell_count(came: Came, thing: Mention, done: Sequence[str], failed: Sequence[str]) -> None:
     """Say of how many things it was done, and of which not."""
     wanted = thing.number if thing.number is not None else len(done) + len(failed)
     text = f"{len(done)} of {wanted}: {thing.text}"
-    if failed:
+    if failed and len(done) < wanted:
         text += f"; not the {', the '.join(map(name_of, failed))}"
     if len(done) < wanted or not done:
         came.short = True
@@ -398,12 +417,9 @@ def _tell_count(came: Came, thing: Mention, done: Sequence[str], failed: Sequenc
 
 
 def _next(
-    episode: Carrier, skills: Skills, kinds: Sequence[str], tried: set[str], thing: Mention,
-    found: Sequence[str],
-) -> str | None:  # fmt: skip
+    episode: Carrier, skills: Skills, kinds: Sequence[str], tried: set[str], thing: Mention
+) -> str | None:
     """Return a thing that is known and was not tried."""
-    if thing.anything:
-        return next((one for one in found if one not in tried and kind_of(one) in kinds), None)
     for object_id, sight in sorted(episode.sights(skills).items()):
         fresh = kind_of(sight.object_type) in kinds and object_id not in tried
         if fresh and _told_so(episode, skills, object_id, thing):

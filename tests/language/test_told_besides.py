@@ -125,3 +125,49 @@ def test_what_others_do_first_is_a_time(reader, text):
 def test_a_second_sentence_that_asks_is_no_remark(reader, text, wanted):
     asked = [one for request in reader.read(text) for one in told(request)]
     assert wanted in asked
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        # what the parser takes for a verb is a thing, and an order stands without "and"
+        ("cool bread and set it on the table", ["cool Bread", "put Bread > CoffeeTable"]),
+        ("lay ladle beside kettle", ["put Ladle near Kettle"]),
+        ("move newspaper from sofa to shelf", ["put Newspaper > Shelf"]),
+        ("stow a fork and mug away in the cabinet", ["put Fork > Cabinet"]),
+        ("cut the bread put it on the plate", ["slice Bread", "put Bread > Plate"]),
+        ("warm a mug in the microwave, leave it on the desk", ["heat Mug", "put Mug > Desk"]),
+        ("carry fork from drawer to sink, rinse fork", ["put Fork > Sink", "wash Fork"]),
+        ("set a fork and rinsed plate on the table", ["put Fork > CoffeeTable"]),
+        # "to" behind an order leads to one more deed, or says what it is for
+        ("cool the egg in the fridge to put in the bowl", ["cool Egg", "put Egg > Bowl"]),
+        ("bring the vase to switch on the lamp", ["take Vase", "on DeskLamp/FloorLamp"]),
+        ("turn on the lamp to read", ["on DeskLamp/FloorLamp"]),
+        ("take the book to the lamp", ["take Book"]),
+        # what "them" stands for
+        ("drop the watch in the box and set them on the shelf",
+         ["put Watch > Box", "put Watch > Shelf"]),
+        ("lay two tomatoes on the counter, then get a knife and slice them",
+         ["put Tomato > CounterTop", "take Knife", "slice Tomato"]),
+        # a deed at a place is done to the thing before it
+        ("grab the plate, heat in the microwave", ["take Plate", "heat Plate"]),
+        # where at a place
+        ("put the pan on the back left of the stove", ["put Pan > StoveBurner"]),
+        ("lay the book on the second shelf", ["put Book > Shelf"]),
+        ("bring the soap from the top of the dresser to the sink", ["put SoapBar > Sink"]),
+        ("store the spray bottle under the sink", ["put SprayBottle > Cabinet"]),
+        ("lay the cloth in the chest of drawers", ["put Cloth > Dresser"]),
+        ("set the pot on the counter with the apple in it", ["put Pot > CounterTop (Apple)"]),
+    ],
+)  # fmt: skip
+def test_terse_orders_are_read(reader, text, wanted):
+    (request,) = reader.read(text)
+    assert told(request) == wanted
+    assert request.unread == ()
+    assert request.form == "errand"
+
+
+@pytest.mark.parametrize("text", ["put the green mugs in the sink", "wash the clean white plates"])
+def test_a_plural_is_all_of_them_whatever_is_told_of_them(reader, text):
+    (request,) = reader.read(text)
+    assert request.deeds[0].things[0].every

@@ -4,7 +4,7 @@ import pytest
 from support.household import kitchen, on
 from support.talking import STORE, TAKE, agent_saying
 
-from karma.agent.guard import stopped
+from karma.agent.guard import put_near, stopped
 from karma.agent.program import parse_program
 from karma.files import to_json
 from karma.language.clauses import completed
@@ -104,6 +104,59 @@ def test_a_mug_is_a_cup_only_if_no_cup_was_meant_before(reader):
     mug = "PickupObject(robot, 'Mug')\nPutObject(robot, 'Mug', 'Sink')\n"
     assert objection(reader, "put the cup in the sink", mug) == ""
     assert "does not put the cup" in objection(reader, "put the cup in the sink", mug, exact=True)
+
+
+def test_a_side_table_is_a_table_if_the_planner_stands_by_it(reader):
+    aside = "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'SideTable')\n"
+    text, here = "put the apple on the table", (*HERE, "SideTable")
+    (request,) = reader.read(text)
+    assert stopped(parse_program(aside), request, here) == ""
+    assert "does not put" in stopped(parse_program(aside), request, here, exact=True)
+    shelf = aside.replace("SideTable", "Shelf")
+    assert "does not put" in stopped(parse_program(shelf), request, (*here, "Shelf"))
+
+
+def test_what_a_thing_lies_in_may_be_brought_along(reader):
+    along = (
+        "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'Bowl')\n"
+        "PickupObject(robot, 'Bowl')\nPutObject(robot, 'Bowl', 'DiningTable')\n"
+    )
+    assert objection(reader, "put the apple in the bowl on the dining table", along) == ""
+    assert objection(reader, "put the apple in the bowl, put it on the dining table", along) == ""
+    elsewhere = along.replace("DiningTable", "Sink")
+    text = "put the apple in the bowl on the dining table"
+    assert "does not put the apple" in objection(reader, text, elsewhere)
+
+
+def test_what_was_to_be_put_near_a_thing_is_not_put_into_it(reader):
+    program = "PickupObject(robot, 'Apple')\nPutObject(robot, 'Apple', 'Sink')\n"
+    (request,) = reader.read("put the apple next to the sink")
+    beside = put_near(parse_program(program), request, HERE)
+    assert [call.skill for call in beside] == ["PickupObject", "PutNear"]
+    assert stopped(beside, request, HERE) == ""
+    (request,) = reader.read("wash the apple and put it near the fridge")
+    washed = "PutObject(robot, 'Apple', 'Sink')\nToggleOn(robot, 'Faucet')\n"
+    put = "PutObject(robot, 'Apple', 'CounterTop')\n"
+    calls = put_near(parse_program(washed + put), request, HERE)
+    assert [str(call) for call in calls][::2] == [
+        "PutObject(robot, 'Apple', 'Sink')", "PutNear(robot, 'Apple', 'Fridge')",
+    ]  # fmt: skip
+
+
+def test_a_spray_bottle_is_a_bottle_where_none_is_plain(tmp_path):
+    table = next(one for one in kitchen().objects if one.type == "DiningTable")
+    size = (0.06, 0.06, 0.06)
+    more = [on(table, "SprayBottle", x, 0.1, size=size) for x in (1.5, 1.7)]
+    (tmp_path / "handmade.json").write_bytes(to_json(kitchen(extra=tuple(more))))
+    put = (
+        "GoToObject(robot, 'SprayBottle')\nPickupObject(robot, 'SprayBottle')\n"
+        "GoToObject(robot, 'Sink')\nPutObject(robot, 'SprayBottle', 'Sink')\n"
+    )
+    agent = agent_saying(tmp_path, [put] * 6)  # of the soap bottle it is not the program
+    reply = agent.do("put two bottles in the sink")
+    assert reply.status == "done"
+    bottles = [one for one in objects(agent).values() if one["objectType"] == "SprayBottle"]
+    assert all("Sink" in one["parentReceptacles"][0] for one in bottles)
 
 
 # ----------------------------------------------------------------- asked
