@@ -143,7 +143,7 @@ def meant_by(one: Mention, here: Collection[str]) -> tuple[str, ...]:
 
 def _admitted(one: Mention, here: Collection[str]) -> tuple[str, ...]:
     """Return the same with what is one by its name: a side table is a table, whatever is here."""
-    by_name = (kind for kind in here_of(one.besides, here) if _is_a(kind, one))
+    by_name = (kind for kind in _besides(one, here) if _is_a(kind, one))
     return tuple(dict.fromkeys((*meant_by(one, here), *by_name)))
 
 
@@ -434,7 +434,7 @@ def _exactly(request: Request, here: Collection[str]) -> Request:
     def only(one: Mention) -> Mention:
         if _was_seen(one.types, here):
             return replace(one, besides=())
-        besides = tuple(kind for kind in one.besides if _is_a(kind, one))
+        besides = tuple(k for k in one.besides if _is_a(k, one) and _was_seen((k,), here))
         return replace(one, besides=besides) if here_of(one.types, here) else one
 
     def of(deed: SaidDeed) -> SaidDeed:
