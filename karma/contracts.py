@@ -234,6 +234,7 @@ class MemoryChange:
     seen: tuple[SeenObject, ...] = ()  # the latest sight of each id
     in_view: tuple[str, ...] = ()  # ids
     gone: tuple[str, ...] = ()  # ids that are no more where they were, or no more at all
+    taken: tuple[tuple[str, str], ...] = ()  # id, and id of the place that it was first taken from
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

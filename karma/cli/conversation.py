@@ -152,6 +152,8 @@ def show_folder(agent: "Agent") -> None:
 
 def home_lines(agent: "Agent") -> list[str]:
     """Return what is said of a home that lasts; nothing of another."""
+    from karma.language.clock import time_of_day
+    from karma.talk.home import BEGINS_S
     from karma.talk.questions import age
 
     home = agent.home
@@ -162,7 +164,8 @@ def home_lines(agent: "Agent") -> list[str]:
     last, count = home.past[-1], len(home.past)
     when = age(home.clock_s - last.at_s)
     some = "1 request" if count == 1 else f"{count} requests"
-    return [f"home: {home.folder}, {some} so far; the last, {when}: {last.said}"]
+    now = time_of_day(home.clock_s + BEGINS_S)
+    return [f"home: {home.folder}, {now}; {some} so far; the last, {when}: {last.said}"]
 
 
 def converse(agent: "Agent", view: AnswerView | None = None) -> int:

@@ -106,8 +106,14 @@ class Nouns:
         for end in range(at + 1, min(at + 5, stop)):
             verb = self._s.tag(end) in ("VBD", "VBN", "VBP", "VB")
             if verb and self._s.low(end) not in request_words().auxiliaries:
-                return end + 1 + (self._s.low(end + 1) in word_lists().particles)
+                return self._joined(end + 1 + (self._s.low(end + 1) in word_lists().particles))
         return number
+
+    def _joined(self, end: int) -> int:
+        """Return where a clause ends to which one more verb is joined: "you washed and filled"."""
+        more = self._s.low(end) == "and" and self._s.tag(end + 1) in ("VBD", "VBN")
+        alone = not self._s.begins_noun(end + 2)
+        return end + 2 if more and alone else end
 
     # ------------------------------------------------------------- where one ends
 

@@ -144,6 +144,9 @@ class SentenceDeeds:
                 return True
         if s.low(number - 1) == "to" and s.low(number - 2) in request_words().vague:
             return True  # "the thing to read"
+        joined = word.tag in ("VBN", "VBD") and word.dep == "conj" and s.low(number - 1) == "and"
+        if joined and s.low(word.head - 1) in ("you", "we", "i") and word.head == number - 2:
+            return True  # "the cup that you washed and dried"
         just = s.low(number - 2) in ("you", "we") and s.low(number - 1) in ("just", "have", "first")
         return (just or s.low(number - 1) in ("you", "we")) and not s.starts_clause(number)
 

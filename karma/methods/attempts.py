@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from karma.agent.afterwards import checked
 from karma.agent.perceive import place_of
 from karma.agent.planner import grounded
+from karma.agent.program import PUTS
 from karma.agent.reading import kind_of, left_undone, put_right
 from karma.agent.refusals import NOT_FOUND
 from karma.agent.sightings import offset, shifted
@@ -91,9 +92,12 @@ def carried_out(
 
 
 def _of_one(call: SkillCall, only: Mapping[str, str]) -> SkillCall:
-    """Return a call about the one thing that is meant, not about another of its type."""
+    """Return a call about the one thing and place that is meant, not about another of its type."""
     first = only.get(kind_of(call.objects[0]))
-    if first is None or (call.skill == "PutObject" and not call.objects[1:]):
+    place = only.get(kind_of(call.objects[-1])) if call.skill in PUTS else None
+    if place is not None:
+        call = replace(call, objects=(*call.objects[:-1], place), exact=True)
+    if first is None or (not call.objects[1:] and call.skill == "PutObject"):
         return call
     return replace(call, objects=(first, *call.objects[1:]), turn=0)
 

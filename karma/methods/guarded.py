@@ -54,6 +54,7 @@ class Carrier(Protocol):
     """An episode that plans and acts."""
 
     chosen: dict[tuple[str, int], str]
+    mine: Mapping[str, str]
 
     def planned(
         self, subtask: SubTask, skills: Skills, came: "Came", only: Mapping[str, str] | None = None
@@ -186,7 +187,17 @@ def _in_turn(
     elif alone:
         yield from _the_same(episode, subtask, asked, skills, came)
     else:
-        yield from episode.planned(subtask, skills, came)
+        yield from episode.planned(subtask, skills, came, _own(episode, asked) or None)
+
+
+def _own(episode: Carrier, asked: Request) -> dict[str, str]:
+    """Return the things of one's own that a request means: kind -> id; "the other mug" is none."""
+    single = (
+        one for one in asked.mentions
+        if not (_is_several(one) or one.other or one.at or one.told)
+    )  # fmt: skip
+    kinds = {kind_of(kind) for one in single for kind in one.types}
+    return {kind: name for kind, name in episode.mine.items() if kind in kinds}
 
 
 def refusal(refused: RefusedRequest) -> Plan:
@@ -239,7 +250,8 @@ def _the_same(
     thing = asked.deeds[0].things[0]
     kinds = {kind_of(kind) for kind in meant_by(thing, episode.here(skills))}
     key = (asked.whole or asked.text, thing.start)
-    before = episode.chosen.get(key)
+    own = _own(episode, asked)
+    before = episode.chosen.get(key) or next((own[kind] for kind in kinds if kind in own), None)
     if before is None and _lies_told(asked.deeds[0]):
         before = yield from _the_one_there(episode, thing, kinds, skills, came)
         if before == "":
@@ -257,7 +269,7 @@ def _the_same(
         came.nothing_to_do = True
         came.told.append(Check(text=f"the {name_of(before)}: that is so already", found="seen"))
         return
-    only = {kind_of(before): before} if before and kind_of(before) in kinds else None
+    only = {**own, kind_of(before): before} if before and kind_of(before) in kinds else own
     yield from episode.planned(subtask, skills, came, only)
     for result in came.programs[-1].results if came.programs else ():
         used = [one for one in result.object_ids if kind_of(one) in kinds]

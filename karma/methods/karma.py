@@ -164,6 +164,7 @@ class KarmaEpisode:
         self._seen_s: dict[str, dict[str, float]] = {}  # when each was in view last
         self.clock_s = 0.0  # of the home, set by who keeps it
         self.changes: list[MemoryChange] = []  # of memory, for who keeps it
+        self.mine: Mapping[str, str] = {}  # kind -> id that its word means, by what was told
         self._named: dict[str, dict[str, str]] = {}  # furniture's names -> ids, by the room's name
         self._scene = scene.name  # of the room that the agent is in
         self.enter(scene)
@@ -386,6 +387,7 @@ class KarmaEpisode:
             seen=tuple(experience.seen.values()),
             in_view=tuple(experience.views),
             gone=tuple(sorted(experience.gone)),
+            taken=tuple(experience.taken.items()),
         )
         self.learn(change)
         self.changes.append(change)

@@ -50,6 +50,7 @@ from karma.loading.presets import preset as preset_of
 from karma.loading.worlds import world_maker
 from karma.methods.guarded import reader_of
 from karma.methods.karma import KarmaMethod, Remembered
+from karma.talk.history import in_plain_words, owned
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import with_offer
@@ -243,6 +244,8 @@ class Agent:
     def _clauses(self, instruction: str) -> list[tuple[str, Request | None]]:
         """Return what is said errand by errand, each with what it asks where that is read."""
         reader = self._method.reader
+        if reader is not None:
+            instruction = in_plain_words(instruction, self.home.past, reader).text
         if reader is None:  # without a guard what is said is only cut
             cut = context_left_out(reader_of(None).read(instruction))
             return [(text, None) for one in cut for text, _ in clauses_of(one)] or [
@@ -268,6 +271,7 @@ class Agent:
             yield RequestReply(instruction=clause, answer=answer)
             return
         self._episode.clock_s = self.home.clock_s
+        self._episode.mine = self._meant(whole)
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []
@@ -314,13 +318,21 @@ class Agent:
             return answered(asked, self._remembering(), self._method.reader)
         if asked.form not in ("statement", "teaching"):
             return None
-        told = told_of(asked, self._remembering(), self.scene.name)
+        reader = self._method.reader
+        told = told_of(asked, self._remembering(), self.scene.name, reader)
         if told is None:
             return None
         if told.change is not None:
             self._episode.learn(told.change)
             self.home.add(clause, "told", (), [told.change], self._world.last_event)
         return told.answer
+
+    def _meant(self, instruction: str) -> dict[str, str]:
+        """Return which things words mean by what was told and done: type -> id."""
+        means = owned(self.home.past)
+        if (reader := self._method.reader) is not None:
+            means.update(in_plain_words(instruction, self.home.past, reader).means)
+        return means
 
     def _remembering(self) -> Remembering:
         """Return what questions are answered from."""

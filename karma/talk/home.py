@@ -21,9 +21,11 @@ from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import LARGEST_LOG, append_line, read_bytes, read_json, to_json, write_atomic
 from karma.journal.folder import locked
 from karma.journal.steps import Action
+from karma.language.clock import HOUR_S
 
 HOMES = Path("runs/homes")
 SCENE = "kitchen_1"  # where none is said
+BEGINS_S = 8 * HOUR_S  # on the first day, a Monday: when a home's clock is at 0
 ACTION_S = 1.0  # that an action takes by the home's clock
 _CARD, _LOG = "home.json", "log.jsonl"
 

@@ -5,6 +5,7 @@ Nothing is done for a question.
 """
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,12 +18,19 @@ from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.household.uses import without_basin
+from karma.journal.formats import plural
+from karma.language.clock import read_span, unread_times
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
 from karma.methods.guarded import is_so
-from karma.talk.home import PastErrand
+from karma.talk.history import Move, looked_into, moves, owned
+from karma.talk.home import BEGINS_S, PastErrand
 
 _ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
+_MOVING = (
+    "moved", "move", "took", "put", "placed", "brought", "left", "washed", "opened", "closed",
+    "used", "touched", "changed",
+)  # fmt: skip
 _MOST = 6  # things or errands in one answer
 _OLD_S = 3600.0  # what was seen so long ago may have been moved
 _OFFER = 'Say "go and see", or /look, and I look for it.'
@@ -127,12 +135,27 @@ class _Question:
         self.things = [one for one in request.alone if one.types]
         self.unknown = [one for one in request.alone if not one.types and not one.vague]
         self.knows, self.reader = knows, reader
+        self._span, self._rest = read_span(text, knows.now_s + BEGINS_S)
         self.asks = next((word for word in self.words[:4] if word in _ASKING), "")
         self.first = self.words[0] if self.words else ""
 
     def has(self, *words: str) -> bool:
         """Return whether one of these words stands in it."""
         return any(word in self.words for word in words)
+
+    def then(self, when_s: float) -> bool:
+        """Return whether it asks about the time that something happened."""
+        if self._span is None:
+            return True
+        late = self._span.before_s - BEGINS_S
+        ends = self.knows.now_s if "since" in self.words else late
+        return self._span.after_s - BEGINS_S <= when_s <= ends
+
+    @property
+    def of_no_time(self) -> tuple[str, ...]:
+        """What is said where it names a time that was not understood."""
+        unread = unread_times(self._rest)
+        return (f"I do not know when '{unread[0]}' was: this is all.",) if unread else ()
 
     @property
     def state(self) -> str:
@@ -154,13 +177,13 @@ def _what_was_done(q: _Question) -> MemoryAnswer | None:
     past = [
         f"{q.knows.ago(one.at_s)}: {one.said} ({one.status})"
         for one in q.knows.past
-        if one.status != "told"
+        if one.status != "told" and q.then(one.at_s)
     ]
     if not past:
-        return MemoryAnswer(lines=("Nothing yet.",))
+        return MemoryAnswer(lines=("Nothing then." if q.knows.past else "Nothing yet.",))
     left = len(past) - _MOST
     more = (f"and {left} before that",) if left > 0 else ()
-    return MemoryAnswer(lines=(*reversed(past[-_MOST:]), *more))
+    return MemoryAnswer(lines=(*reversed(past[-_MOST:]), *more, *q.of_no_time))
 
 
 def _whether_it_was_done(q: _Question) -> MemoryAnswer | None:
@@ -176,16 +199,84 @@ def _whether_it_was_done(q: _Question) -> MemoryAnswer | None:
     asked = list(_deeds(q.reader, order))
     if not asked:
         return None
-    for past in reversed(q.knows.past):
+    for past in (one for one in reversed(q.knows.past) if q.then(one.at_s)):
         for deed, kinds in _deeds(q.reader, past.said):
             if any(deed == one and (kinds & types or not types) for one, types in asked):
                 when = q.knows.ago(past.at_s)
                 if past.status == "done":
-                    return MemoryAnswer(lines=(f"Yes, {when}: {past.said}.",))
+                    yes = when.capitalize() if q.asks == "when" else f"Yes, {when}"
+                    return MemoryAnswer(lines=(f"{yes}: {past.said}.",))
                 return MemoryAnswer(
                     lines=(f"I tried {when}, and it came out {past.status}: {past.said}.",)
                 )
     return MemoryAnswer(lines=("No, not that I remember.",))
+
+
+def _who_did_it(q: _Question) -> MemoryAnswer | None:
+    """Answer "who moved the apple?": from the log, or that nobody was seen."""
+    if q.asks != "who" or not q.things or q.has("in", "on", "under") or not q.has(*_MOVING):
+        return None
+    kinds = {*q.things[0].types}
+    moved = [one for one in moves(q.knows.past) if base_type(type_of(one.object_id)) in kinds]
+    if not moved:
+        name = name_of(q.things[0].types[0])
+        return MemoryAnswer(lines=(f"Nobody that I know of: I saw no {name} moved.",), known=False)
+    last = moved[-1]
+    name, when = name_of(last.object_id), q.knows.ago(last.at_s)
+    if last.told:
+        return MemoryAnswer(lines=(f"You told me {when} that the {name} was moved.",))
+    if last.said:
+        return MemoryAnswer(lines=(f"I did, {when}: {last.said}.",))
+    line = f"I do not know who. The {name} was {told_place(last.before)}; {when} I found it"
+    return MemoryAnswer(lines=(f"{line} {told_place(last.after)}.",))
+
+
+def _what_changed(q: _Question) -> MemoryAnswer | None:
+    """Tell of each thing that was moved where it was and where it is, the last one first."""
+    if q.asks != "what" or not q.has("changed", "change", "different", "moved") or q.things:
+        return None
+    known = [one for one in moves(q.knows.past) if q.then(one.at_s)]
+    last = {one.object_id: one for one in known}
+    if not last:
+        return MemoryAnswer(lines=("Nothing that I have seen.", *q.of_no_time))
+    first: dict[str, Move] = {}
+    for one in known:
+        first.setdefault(one.object_id, one)
+    told = sorted(last.values(), key=lambda one: -one.at_s)
+    lines = [
+        f"The {name_of(one.object_id)} went from {_place_words(first[one.object_id].before)} to "
+        f"{_place_words(one.after)}, {q.knows.ago(one.at_s)}: {_by(one)}."
+        for one in told
+        if first[one.object_id].before != one.after
+    ]
+    more = (f"and {len(lines) - _MOST} more",) if len(lines) > _MOST else ()
+    told_lines = (*lines[:_MOST], *more) or ("Nothing that lasted.",)
+    return MemoryAnswer(lines=(*told_lines, *q.of_no_time))
+
+
+def _by(one: Move) -> str:
+    if one.told:
+        return "so you told me"
+    return f'I did it when you said "{one.said}"' if one.said else "somebody did, not I"
+
+
+def _place_words(place: str | None) -> str:
+    if place == HAND:
+        return "my hand"
+    return f"the {name_of(place)}" if place else "somewhere"
+
+
+def _not_looked_into(q: _Question) -> MemoryAnswer | None:
+    """Answer "what have you not seen?": what has a door, and was not opened."""
+    if not (q.has("not", "'t", "never") and q.has("seen", "see", "looked", "searched")) or q.things:
+        return None
+    into = looked_into(q.knows.past)
+    shut = [name for name in q.knows.sights if has_door(type_of(name)) and name not in into]
+    if not shut:
+        return MemoryAnswer(lines=("I have looked into all that has a door and that I know of.",))
+    counts = Counter(name_of(name) for name in sorted(shut))
+    told = ", ".join(plural(count, name) for name, count in counts.items())
+    return MemoryAnswer(lines=(f"I have not looked into {len(shut)} places: {told}.",))
 
 
 def _deeds(reader: RequestReader, text: str) -> Iterator[tuple[str, frozenset[str]]]:
@@ -319,14 +410,17 @@ def _where(q: _Question) -> MemoryAnswer | None:
     lines: list[str] = []
     for thing in q.things[:1]:
         found = q.knows.of(thing)
+        own = {owned(q.knows.past).get(kind) for kind in thing.types} if q.has("my") else set()
+        mine = [one for one in found if one[0].object_id in own]
+        found = mine or found
         several = thing.every or (thing.number or 0) > 1
         seen_s = max((when for _, when in found), default=0.0)
-        if (told := _told_last(q, thing, seen_s)) is not None:
+        if not mine and (told := _told_last(q, thing, seen_s)) is not None:
             lines.append(f"You told me {q.knows.ago(told.at_s)}: {told.said.rstrip('.!')}.")
             continue
         for sight, when in found[: _MOST if several else 2]:
-            name = name_of(sight.object_id)
-            lines.append(f"The {name} is {_told(sight)}, {q.knows.seen(sight, when)}.")
+            name = f"{'Your' if mine else 'The'} {name_of(sight.object_id)}"
+            lines.append(f"{name} is {_told(sight)}, {q.knows.seen(sight, when)}.")
         on_map = [kind for kind in thing.types if kind in q.knows.furniture]
         if not found and on_map:
             lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")
@@ -377,6 +471,9 @@ def _told(sight: SeenObject) -> str:
 
 _KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
     _what_was_done,
+    _what_changed,
+    _who_did_it,
+    _not_looked_into,
     _how_many,
     _when,
     _whether_it_was_done,

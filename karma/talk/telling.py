@@ -4,11 +4,14 @@ from dataclasses import dataclass, replace
 
 from karma.agent.perceive import place_of
 from karma.contracts import MemoryChange, Mention, Request, SeenObject
+from karma.household.ids import type_of
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
+from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 from karma.methods.experience import unit_of
+from karma.talk.history import habit_in, is_owning
 from karma.talk.questions import MemoryAnswer, Remembering
 
 _NOT_NOW = frozenset(
@@ -25,8 +28,12 @@ class ToldPlace:
     change: MemoryChange | None  # None: eyes know better
 
 
-def told_of(request: Request, knows: Remembering, scene: str) -> ToldPlace | None:
-    """Return what a statement says of a thing's place; None where it says no such thing.
+def told_of(
+    request: Request, knows: Remembering, scene: str, reader: RequestReader | None = None
+) -> ToldPlace | None:
+    """Return what a statement says of a thing's place, whose it is or where it always goes.
+
+    None where it says no such thing.
 
     Of a thing that was seen the believed place moves there, if one such place is known.
 
@@ -34,16 +41,29 @@ def told_of(request: Request, knows: Remembering, scene: str) -> ToldPlace | Non
         request: whose form is "statement" or "teaching".
         knows: what is remembered.
         scene: name of the room.
+        reader: of English.
     """
+    change = MemoryChange(scene=scene, at_s=knows.now_s)
+    habit = habit_in(request.text, reader) if reader is not None else None
+    if habit is not None:
+        usual = f"the {name_of(habit[0][0])} goes {told_place(habit[1])}"
+        return ToldPlace(answer=MemoryAnswer(lines=(f"I will remember: {usual}.",)), change=change)
     thing, place = _thing_and_place(request)
     if thing is None or place is None:
         return None
-    change = MemoryChange(scene=scene, at_s=knows.now_s)
     found, places = knows.of(thing), knows.of(place)
     name, where = name_of(thing.types[0]), told_place(place.types[0])
     if found and place_of(found[0][0]) == HAND:
         held = MemoryAnswer(lines=(f"I have the {name} in my hand.",))
         return ToldPlace(answer=held, change=None)
+    own = [one for one, _ in found if _lies(one, place)] if is_owning(request.text) else []
+    if len(own) == 1:
+        where = told_place(place_of(own[0]))
+        mine = MemoryAnswer(lines=(f"I will remember: the {name} {where} is yours.",))
+        return ToldPlace(answer=mine, change=replace(change, seen=(own[0],)))
+    if own:
+        some = MemoryAnswer(lines=(f"I have seen {len(own)} {where}: which of them is yours?",))
+        return ToldPlace(answer=replace(some, known=False), change=None)
     if found and len(places) == 1:
         sight, there = found[0][0], places[0][0]
         moved = _moved(sight, there)
@@ -66,6 +86,10 @@ def _thing_and_place(request: Request) -> tuple[Mention | None, Mention | None]:
     carried = any(kinds[one].can("pickupable") for one in thing.types if one in kinds)
     holds = any(kinds[one].can("receptacle") for one in place.types if one in kinds)
     return (thing, place) if carried and holds else (None, None)
+
+
+def _lies(sight: SeenObject, place: Mention) -> bool:
+    return bool({type_of(one) for one in sight.parent_ids} & {*place.types})
 
 
 def _moved(sight: SeenObject, there: SeenObject) -> SeenObject:

@@ -13,9 +13,9 @@ import numpy as np
 from karma.contracts import Deed, Sighting
 from karma.household.places import HAND
 from karma.household.types import object_types
+from karma.language.clock import span_of, spans
 from karma.memory.lived.setting import KnownPlace
 from karma.tasks.drawing.lexicon import takes_article
-from karma.tasks.lived.clock import span_of, spans
 from karma.tasks.lived.forms import request_forms
 from karma.tasks.lived.naming import (
     meant_by,

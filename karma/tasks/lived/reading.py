@@ -11,9 +11,9 @@ from karma.contracts import Asked, Embedder, HomeQuestion, Meaning, SaidThing
 from karma.errors import KarmaError
 from karma.household.places import ROOMS
 from karma.household.types import object_types
+from karma.language.clock import SaidSpan, read_span, unread_times
 from karma.language.hints import TYPE_WORDS, Words, kept_words, singular
 from karma.memory.recall import name_in_words
-from karma.tasks.lived.clock import SaidSpan, read_span, unread_times
 from karma.tasks.lived.forms import request_forms
 
 _ASKED: tuple[tuple[str, Asked], ...] = (

@@ -11,9 +11,9 @@ from karma.benchmarks.lived.experiment import LivedExperiment, LivedRow
 from karma.benchmarks.lived.play import HomeLife
 from karma.contracts import HomeAnswer
 from karma.infer.embed.minilm import MiniLm
+from karma.language.clock import read_span, spans
 from karma.seeds import stream
 from karma.tasks.lived import Reader, answered_rightly, done, draw_request, room_right
-from karma.tasks.lived.clock import read_span, spans
 from karma.tasks.lived.request import LivedKind
 from tests.support.lived import DAY_S, HOUR_S
 

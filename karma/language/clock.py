@@ -18,6 +18,8 @@ _SPAN = re.compile(
     rf"\b(?:(?P<this>this) (?P<a>{_PART})|(?P<before>the day before yesterday)"
     rf"|(?P<yesterday>yesterday)(?: (?P<b>{_PART}))?|(?P<night>last night)"
     rf"|(?P<count>{COUNT}) (?P<unit>minute|hour|day|week)s? ago"
+    rf"|(?:(?:in|over|during|within|for) )?(?:the (?:last|past) (?:(?P<last>{COUNT}) )?"
+    rf"|(?:last|past) (?P<lasts>{COUNT}) )(?P<lasting>minute|hour|day|week)s?"
     rf"|(?P<today>earlier today|today)|(?:on )?(?:last )?(?P<day>{_DAY})s?(?: (?P<c>{_PART}))?"
     rf"|(?:at|around|about) (?:(?P<noon>noon|midday|midnight)"
     rf"|(?P<hour>\d\d?|{'|'.join(NUMBERS)})(?:[:.](?P<minute>\d\d))?"
@@ -75,6 +77,16 @@ def read_span(text: str, now_s: float) -> tuple[SaidSpan | None, str]:
     return span, rest.replace(" ?", "?").replace(" ,", ",")
 
 
+def time_of_day(now_s: float) -> str:
+    """Return a time in words.
+
+    >>> time_of_day(8.5 * HOUR_S), time_of_day(DAY_S)
+    ('Monday 8:30', 'Tuesday 0:00')
+    """
+    day, second = divmod(int(now_s), int(DAY_S))
+    return f"{DAYS[day % 7]} {second // 3600}:{second % 3600 // 60:02}"
+
+
 def unread_times(text: str) -> tuple[str, ...]:
     """Return the words of a text that speak of a time, for a text whose span was taken out.
 
@@ -89,6 +101,10 @@ def _ends(said: re.Match[str], now_s: float) -> tuple[float, float] | None:
     day = int(now_s // DAY_S)
     if said["unit"]:
         return _ago(said["count"].lower(), _UNIT_S[said["unit"].lower()], now_s)
+    if said["lasting"]:
+        unit_s = _UNIT_S[said["lasting"].lower()]
+        count = _count((said["last"] or said["lasts"] or "one").lower())
+        return (now_s - count * unit_s, now_s) if count else None
     if said["night"]:
         return (day - 1) * DAY_S + PARTS["evening"][0] * HOUR_S, day * DAY_S + 5 * HOUR_S
     if said["noon"] or said["hour"]:
@@ -108,14 +124,21 @@ def _ends(said: re.Match[str], now_s: float) -> tuple[float, float] | None:
 
 def _ago(count: str, unit_s: float, now_s: float) -> tuple[float, float] | None:
     """Return what "two days ago" covers: that day, or half a unit about that time."""
-    if count in ("a few", "a couple of"):
+    number = _count(count)
+    if not number:
         return None
-    number = 0.5 if count in _HALVES else _number(count)
     if unit_s >= DAY_S:
         day = int(now_s // DAY_S) - int(number * unit_s / DAY_S)
         return day * DAY_S, (day + 1) * DAY_S
     about = min(number, 1.0) * unit_s / 2
     return now_s - number * unit_s - about, now_s - number * unit_s + about
+
+
+def _count(word: str) -> float:
+    """Return what a count means; 0 where it is none: "a few"."""
+    if word in ("a few", "a couple of"):
+        return 0.0
+    return 0.5 if word in _HALVES else _number(word)
 
 
 def _at(said: re.Match[str], now_s: float) -> tuple[float, float] | None:

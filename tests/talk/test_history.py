@@ -1,0 +1,187 @@
+"""What the log says of things: who moved them, where they were, whose they are, where they go."""
+
+from dataclasses import replace
+
+import pytest
+from support.household import kitchen, on
+from support.talking import STORE, TAKE, WASH, agent_saying
+
+from karma.contracts import MemoryChange
+from karma.files import to_json
+from karma.language.clock import DAY_S, HOUR_S, read_span, time_of_day
+from karma.methods.guarded import reader_of
+from karma.talk.history import habit_in, in_plain_words, is_owning, moves
+
+BACK = (
+    "PickupObject(robot, 'Apple')\nGoToObject(robot, 'DiningTable')\n"
+    "PutObject(robot, 'Apple', 'DiningTable')\n"
+)
+OUT = "OpenObject(robot, 'Fridge')\n" + BACK + "CloseObject(robot, 'Fridge')\n"
+
+
+@pytest.fixture(scope="module")
+def reader():
+    return reader_of(None)
+
+
+@pytest.fixture
+def agent(tmp_path):
+    """It has washed the apple and put it into the fridge."""
+    agent = agent_saying(tmp_path, [TAKE + WASH, STORE, OUT, STORE], home=tmp_path / "home")
+    assert agent.do("wash the apple")
+    assert agent.do("put it in the fridge")
+    return agent
+
+
+def answer(agent, question):
+    return agent.do(question).parts[0].answer.lines
+
+
+def place_of(agent, kind):
+    found = agent._world.last_event.metadata["objects"]
+    return next(one for one in found if one["objectType"] == kind)["parentReceptacles"]
+
+
+# ----------------------------------------------------------------- questions
+
+
+def test_who_moved_a_thing_is_known_of_oneself(agent):
+    assert answer(agent, "who moved the apple?") == ("I did, just now: put it in the fridge.",)
+    (line,) = answer(agent, "who took the knife?")
+    assert line == "Nobody that I know of: I saw no knife moved."
+
+
+def test_what_changed_names_where_things_were_and_are(agent):
+    (line,) = answer(agent, "what changed?")
+    assert line.startswith("The apple went from the ")
+    assert "to the fridge, just now" in line
+    agent.home.wait(3 * HOUR_S)
+    assert answer(agent, "what changed in the last two hours?") == ("Nothing that I have seen.",)
+    assert "to the fridge" in answer(agent, "what changed in the last four hours?")[0]
+
+
+def test_what_somebody_else_moved_is_not_taken_for_an_own_deed(agent):
+    past = list(agent.home.past)
+    seen = next(one for one in past[-1].changes[0].seen if one.object_type == "Apple")
+    table = replace(seen, parent_ids=("DiningTable|+01.50|+00.40|-00.10",))
+    change = MemoryChange(scene=agent.scene.name, at_s=agent.home.clock_s, seen=(table,))
+    agent.home.add("find the apple", "done", (), [change], agent._world.last_event)
+    assert moves(agent.home.past)[-1].said == ""
+    (line,) = answer(agent, "who moved the apple?")
+    assert line.startswith("I do not know who. The apple was in the fridge; just now I found it on")
+    assert "somebody did, not I" in answer(agent, "what changed?")[0]
+
+
+def test_what_was_not_looked_into_is_told(agent):
+    (line,) = answer(agent, "what have you not seen yet?")
+    assert "microwave" in line
+    assert "fridge" not in line, "it was opened"
+
+
+def test_times_are_read_or_said_not_to_be_understood(agent):
+    agent.home.wait(DAY_S)  # it is Tuesday, after eight
+    assert len(answer(agent, "what did you do yesterday?")) == 2
+    assert answer(agent, "what did you do this morning?") == ("Nothing then.",)
+    assert "before lunch" in answer(agent, "what did you do before lunch?")[-1]
+
+
+def test_the_last_hours_are_a_span():
+    span, rest = read_span("what changed in the last two hours?", 10 * HOUR_S)
+    assert (span.after_s, span.before_s) == (8 * HOUR_S, 10 * HOUR_S)
+    assert rest == "what changed?"
+    assert read_span("the past hour", HOUR_S)[0].after_s == 0.0
+    assert read_span("the last few minutes", HOUR_S)[0] is None
+    assert time_of_day(2 * DAY_S + 14.25 * HOUR_S) == "Wednesday 14:15"
+
+
+# ----------------------------------------------------------------- errands that speak of the log
+
+
+def test_a_thing_is_put_back_where_it_was(agent):
+    was = place_of(agent, "Apple")
+    assert agent.do("put the apple on the dining table")
+    assert place_of(agent, "Apple") != was
+    reply = agent.do("put it back where it was")
+    assert reply.parts[0].instruction == "put the apple in the fridge"
+    assert reply.status == "done"
+    assert place_of(agent, "Apple") == was
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("put it back", "put the apple in the sink"),
+        ("please put the apple back where you found it", "please put the apple in the sink"),
+        ("bring it back to where it came from", "put the apple in the sink"),
+        ("wash the first thing you put away", "wash the apple"),
+        ("open the fridge and put it back", "open the fridge and put the apple in the sink"),
+        # of these the log knows nothing
+        ("put the vase back where it was", "put the vase back where it was"),
+        ("put it on the table", "put it on the table"),
+        ("put the apple away", "put the apple away"),
+        ("turn the lamp back on", "turn the lamp back on"),
+        ("put the apple back in the bowl", "put the apple back in the bowl"),
+    ],
+)
+def test_a_request_is_said_plainly_where_the_log_knows(agent, reader, text, plain):
+    assert in_plain_words(text, agent.home.past, reader).text == plain
+
+
+def test_the_place_is_the_very_one(agent, reader):
+    means = in_plain_words("put it back", agent.home.past, reader).means
+    assert set(means) == {"Apple", "Sink"} or set(means) == {"Apple", "SinkBasin"}
+    assert all("|" in one for one in means.values())
+
+
+# ----------------------------------------------------------------- what is told
+
+
+def test_a_habit_is_kept_and_obeyed(tmp_path, agent):
+    assert answer(agent, "the apple always goes on the dining table") == (
+        "I will remember: the apple goes on the dining table.",
+    )
+    reply = agent.do("put the apple where it belongs")
+    assert reply.parts[0].instruction == "put the apple on the dining table"
+    assert "DiningTable" in place_of(agent, "Apple")[0]
+    agent.home.leave()
+    tomorrow = agent_saying(tmp_path, [OUT], home=tmp_path / "home")
+    assert tomorrow.clauses("put the apple away") == ["put the apple on the dining table"]
+
+
+@pytest.mark.parametrize(
+    ("text", "habit"),
+    [
+        ("the apples always go in the fridge", ("Apple", "Fridge")),
+        ("I usually keep the mug in the cabinet", ("Mug", "Cabinet")),
+        ("the apple never goes in the fridge", None),
+        ("the apple is in the fridge", None),
+        ("always put the apple in the fridge", None),  # an errand
+        ("the fridge is always open", None),
+    ],
+)
+def test_habits_are_told_from_other_statements(reader, text, habit):
+    found = habit_in(text, reader)
+    assert (found and (found[0][0], found[1])) == habit
+
+
+def test_ones_own_is_meant_by_its_word(tmp_path):
+    table = next(one for one in kitchen().objects if one.type == "DiningTable")
+    more = (on(table, "Egg", 1.7, 0.1, size=(0.06, 0.06, 0.06)),)
+    (tmp_path / "handmade.json").write_bytes(to_json(kitchen(extra=more)))
+    put = "PickupObject(robot, 'Egg')\nGoToObject(robot, 'Sink')\nPutObject(robot, 'Egg', 'Sink')\n"
+    ways = ["GoToObject(robot, 'DiningTable')\n", "OpenObject(robot, 'Fridge')\n"]
+    agent = agent_saying(tmp_path, [*ways, put, put])
+    for text in ("go to the dining table", "open the fridge"):  # it has seen both eggs now
+        assert agent.do(text).status == "done"
+    assert is_owning("my egg is the one on the dining table")
+    (line,) = answer(agent, "my egg is the one on the dining table")
+    assert line == "I will remember: the egg on the dining table is yours."
+    assert answer(agent, "where is my egg?")[0].startswith("Your egg is on the dining table")
+    assert agent.do("put my egg in the sink").status == "done"
+    eggs = [
+        one for one in agent._world.last_event.metadata["objects"] if one["objectType"] == "Egg"
+    ]
+    lying = {one["objectId"]: one["parentReceptacles"][0] for one in eggs}
+    assert sorted("Sink" in place for place in lying.values()) == [False, True]
+    (mine,) = (name for name, place in lying.items() if "Sink" in place)
+    assert mine.startswith("Egg|+01.7")
