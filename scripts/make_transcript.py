@@ -4,7 +4,8 @@
 
 It runs the command itself, a conversation a room, in an empty folder, and keeps all that it
 prints. Equal weights give equal bytes. A line of the list is a request that can be done there
-("+") or not ("-"); "@" begins a room.
+("+") or not ("-"); "@" begins a room. "= 26h" goes on in the same home so much later, with lines
+("?") that ask, tell, or speak of what was.
 """
 
 import argparse
@@ -26,7 +27,10 @@ put right. "Done" and "seen" are the agent's own words, not a judge's.
 | the request | number | done, by its own account | not finished, or in part | refused | answered |
 |---|---|---|---|---|---|
 """
-KINDS = {"+": "can be done there", "-": "cannot be done, or should not"}
+KINDS = {
+    "+": "can be done there", "-": "cannot be done, or should not",
+    "?": "in a home of two days: asks, tells, or speaks of what was",
+}  # fmt: skip
 
 
 @dataclass
@@ -35,6 +39,16 @@ class Talk:
 
     scene: str
     said: list[tuple[str, str]] = field(default_factory=list)  # kind and words
+    home: str = ""  # where it goes on, or will
+    later: str = ""  # "26h": so much time has passed there
+
+    @property
+    def options(self) -> list[str]:
+        """Of the command."""
+        if not self.home:
+            return ["--fresh", "--scene", self.scene]
+        later = ["--later", self.later] if self.later else []
+        return ["--home", self.home, "--scene", self.scene, *later]
 
 
 def read(path: Path) -> list[Talk]:
@@ -43,32 +57,26 @@ def read(path: Path) -> list[Talk]:
     for line in path.read_text(encoding="utf-8").splitlines():
         mark, _, words = line.partition(" ")
         if mark == "@":
-            talks.append(Talk(words.strip()))
+            scene, _, home = words.strip().partition(" ")
+            talks.append(Talk(scene, home=home))
+        elif mark == "=":
+            talks.append(Talk(talks[-1].scene, home=talks[-1].home, later=words.strip()))
         elif mark in KINDS:
             talks[-1].said.append((mark, words.strip()))
     return talks
 
 
-def printed(talk: Talk, options: Sequence[str]) -> list[str]:
-    """Return what the command prints in an empty folder."""
-    command = [
-        str(Path(sys.executable).with_name("karma")),
-        "chat",
-        "--fresh",
-        "--scene",
-        talk.scene,
-        *options,
-    ]
-    with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env={**os.environ, "COLUMNS": "80", "PYTHONHASHSEED": "0"},
-            input="".join(f"{words}\n" for _, words in talk.said),
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+def printed(talk: Talk, options: Sequence[str], folder: Path) -> list[str]:
+    """Return what the command prints in a folder: an empty one, or that of the home so far."""
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("karma")), "chat", *talk.options, *options],
+        cwd=folder,
+        env={**os.environ, "COLUMNS": "80", "PYTHONHASHSEED": "0"},
+        input="".join(f"{words}\n" for _, words in talk.said),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode not in (0, 3, 4, 5):  # what came of the requests
         sys.exit(done.stdout + done.stderr)
     return done.stdout.splitlines()
@@ -98,18 +106,28 @@ def page(talks: Sequence[Talk], options: Sequence[str], planner: str) -> str:
     outcomes = ("done", "not finished", "refused", "answered")
     counts = {kind: dict.fromkeys(outcomes, 0) for kind in KINDS}
     parts = []
-    for talk in talks:
-        lines = printed(talk, options)
+    for talk, lines in all_printed(talks, options):
         for (kind, _), what in zip(talk.said, answers(lines), strict=True):
             counts[kind][what] += 1
         shown = "\n".join(line.rstrip() for line in lines)
-        command = f"karma chat --fresh --scene {talk.scene}"
-        parts.append(f"## {talk.scene}\n\n```\n$ {command}\n{shown}\n```\n")
+        told = f"{talk.scene}, {talk.later} later" if talk.later else talk.scene
+        command = " ".join(["karma chat", *talk.options])
+        parts.append(f"## {told}\n\n```\n$ {command}\n{shown}\n```\n")
     rows = "".join(
         f"| {KINDS[kind]} | {sum(found.values())} | {' | '.join(map(str, found.values()))} |\n"
-        for kind, found in counts.items()
-    )
+        for kind, found in counts.items() if sum(found.values())
+    )  # fmt: skip
     return HEAD.format(planner=Path(planner).name) + rows + "\n" + "\n".join(parts)
+
+
+def all_printed(talks: Sequence[Talk], options: Sequence[str]) -> Iterator[tuple[Talk, list[str]]]:
+    """Yield each conversation with what the command prints, each home in a folder of its own."""
+    with tempfile.TemporaryDirectory() as root:
+        for number, talk in enumerate(talks):
+            if not talk.later:
+                folder = Path(root) / str(number)
+                folder.mkdir()
+            yield talk, printed(talk, options, folder)
 
 
 def main() -> None:

@@ -98,8 +98,35 @@ def test_list_of_the_transcript_has_thirty_requests_of_both_kinds():
 def test_transcript_in_the_documents_is_of_that_list():
     page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8")
     lines = (ROOT / "eval" / "talk" / "said.txt").read_text(encoding="utf-8").splitlines()
-    said = [line[2:] for line in lines if line[:1] in ("+", "-")]
+    said = [line[2:] for line in lines if line[:1] in ("+", "-", "?")]
     assert re.findall(r"^> (.*)$", page, re.MULTILINE) == said
+
+
+def test_two_days_in_a_home_are_as_the_page_has_them(tmp_path):
+    """All but how sure a planner is, of which processors may differ in the last digits."""
+    said = (ROOT / "eval" / "talk" / "said.txt").read_text(encoding="utf-8")
+    days = tmp_path / "days.txt"
+    days.write_text("@ kitchen_1 days" + said.split("@ kitchen_1 days")[1].split("@ ")[0])
+    script = str(ROOT / "scripts" / "make_transcript.py")
+    command = [sys.executable, script, "--said", str(days), "--out", str(tmp_path / "days.md")]
+    subprocess.run(command, check=True, capture_output=True)
+
+    def told(text):
+        talks = text.split("\n## ")[1:3]
+        lines = (line for talk in talks for line in talk.splitlines())
+        return [line for line in lines if line and not line.startswith("  sure:")]
+
+    page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8")
+    assert told((tmp_path / "days.md").read_text(encoding="utf-8")) == told(page)
+
+
+def test_conversation_on_the_front_page_stands_in_the_transcript():
+    front = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "transcript.md").read_text(encoding="utf-8").splitlines()
+    shown = front.partition("shortened (")[2].split("```")[1].strip("\n").splitlines()
+    lines = [line.partition("   ")[0] if line.startswith(">") else line for line in shown]
+    assert len(lines) >= 8
+    assert set(lines) <= set(page)
 
 
 def test_reference_is_written_from_the_docstrings(tmp_path):
