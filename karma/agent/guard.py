@@ -5,7 +5,7 @@ word speaks of. What the words ask for is in a `Request`, what the program bring
 `ProgramEffects`; both are by types, so any mug will do for a mug.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 
 from karma.agent.effects import ProgramEffects, Thing, effects_of
@@ -187,7 +187,7 @@ def stopped(
         exact: what people call so as well will not do: no mug for a cup.
     """
     found = effects_of(with_turns(calls), held)
-    request = _exactly(request, here) if exact else request
+    request = _told_apart(_exactly(request, here) if exact else request)
     for check in (_ruled_out, _left_out, _not_asked, _too_many):
         reason = next(check(found, request, here), "")
         if reason:
@@ -425,6 +425,29 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
                 yield f"nobody asked to switch {word} the {spoken(kind)}"
 
 
+def _told_apart(request: Request) -> Request:
+    """Return a request in which a mug is no cup where both are named: "the mug and the cup"."""
+    named = [{*one.types} for one in request.mentions]
+
+    def of(one: Mention) -> Mention:
+        others = {kind for kinds in named if kinds.isdisjoint(one.types) for kind in kinds}
+        return replace(one, besides=tuple(kind for kind in one.besides if kind not in others))
+
+    return _with_mentions(request, of)
+
+
+def _with_mentions(request: Request, changed: Callable[[Mention], Mention]) -> Request:
+    """Return a request of which each thing and place is changed."""
+
+    def of(deed: SaidDeed) -> SaidDeed:
+        place = changed(deed.place) if deed.place else None
+        return replace(deed, things=tuple(map(changed, deed.things)), place=place)
+
+    return replace(
+        request, deeds=tuple(map(of, request.deeds)), rest=tuple(map(of, request.rest))
+    )  # fmt: skip
+
+
 def _exactly(request: Request, here: Collection[str]) -> Request:
     """Return a request whose things are only what they are called, where that may be here.
 
@@ -437,13 +460,7 @@ def _exactly(request: Request, here: Collection[str]) -> Request:
         besides = tuple(k for k in one.besides if _is_a(k, one) and _was_seen((k,), here))
         return replace(one, besides=besides) if here_of(one.types, here) else one
 
-    def of(deed: SaidDeed) -> SaidDeed:
-        place = only(deed.place) if deed.place else None
-        return replace(deed, things=tuple(map(only, deed.things)), place=place)
-
-    return replace(
-        request, deeds=tuple(map(of, request.deeds)), rest=tuple(map(of, request.rest))
-    )  # fmt: skip
+    return _with_mentions(request, only)
 
 
 def _too_many(found: ProgramEffects, request: Request, here: Collection[str]) -> Iterator[str]:

@@ -12,6 +12,7 @@ from karma.agent.reading import astray
 from karma.agent.recovery import program_of
 from karma.agent.refused_requests import KNOWN, cannot_be, doubted, with_words
 from karma.agent.several import with_turns
+from karma.agent.trimming import trimmed
 from karma.contracts import (
     REFUSAL_KINDS,
     Completion,
@@ -260,9 +261,8 @@ def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
     why = reason(answer.calls)
     if not why:
         return answer, ""
-    once = tuple(call for call in with_turns(answer.calls) if not call.turn)
-    if len(once) < len(answer.calls) and not reason(once):  # said twice by a small planner
-        return replace(answer, calls=once), ""
+    if part := trimmed(answer.calls, reason):
+        return replace(answer, calls=part), ""
     failure = FailedProgram(
         lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why
     )

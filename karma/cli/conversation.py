@@ -89,7 +89,7 @@ def say(agent: "Agent", instruction: str, view: AnswerView | None = None) -> "Ag
                 else:
                     lines = lines_before(moment, max(most // 2, 1))
                 if not printed:
-                    lines.insert(0, Line("said", f"{number + 1}. {clauses[number]}"))
+                    lines.insert(0, Line("said", f"{number + 1}. {moment.instruction}"))
                 show_lines(lines)
                 printed += len(lines)
                 if isinstance(moment, RequestReply):

@@ -245,8 +245,11 @@ class Pairs:
 
     def _is_region(self, number: int, one: Mention, group: _PairGroup) -> bool:
         """Return whether a phrase only says where at a place: "the back of", "in the corner"."""
-        if one.types or one.text.split()[-1] not in request_words().regions:
+        said = one.text.split()
+        if one.types or said[-1] not in request_words().regions:
             return False
+        if len(said) > 1 and self._is_listed(number):
+            return False  # "the mug and the box top"
         last = next(
             (n for n in range(number, number + 5) if self._s.low(n) in one.text.split()[-1:]),
             number,

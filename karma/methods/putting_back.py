@@ -55,6 +55,11 @@ def _tool_put_down(asked: Request, experience: Experience) -> Iterator[SkillCall
 def _is_wanted(asked: Request, name: str, skill: str) -> bool:
     """Return whether a door was to be open, or something to run."""
     deeds = ("open",) if skill == "CloseObject" else ("on", "look")
+    against = "close" if skill == "CloseObject" else "off"
+    kept = [deed for deed in asked.forbidden if deed.deed == against]
+    about = {kind_of(one) for deed in kept for thing in deed.things for one in thing.types}
+    if kept and (kind_of(type_of(name)) in about or not about):
+        return True  # "but don't close the door"
     said = [deed for deed in (*asked.deeds, *asked.rest) if deed.deed in deeds]
     kind = kind_of(type_of(name))
     if any(not deed.things or any(t.anything or t.told for t in deed.things) for deed in said):

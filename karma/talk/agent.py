@@ -50,7 +50,7 @@ from karma.loading.presets import preset as preset_of
 from karma.loading.worlds import world_maker
 from karma.methods.guarded import reader_of
 from karma.methods.karma import KarmaMethod, Remembered
-from karma.talk.history import in_plain_words, owned
+from karma.talk.history import in_plain_words, in_turn, is_taught, owned
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import with_offer
@@ -207,8 +207,8 @@ class Agent:
             raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
         before = self._now()
         parts: list[RequestReply] = []
-        clauses = self._clauses(instruction)
-        for number, (clause, asked) in enumerate(clauses):
+        number, clause = 0, ""
+        for number, (clause, asked) in enumerate(self._in_turn(instruction)):
             now = self._now()
             try:
                 for moment in self._one(clause, instruction, asked):
@@ -219,7 +219,7 @@ class Agent:
                 if len(parts) == number:
                     self._return(now)
                 if parts:
-                    stopped = next((text for text, _ in clauses[len(parts) :]), "")
+                    stopped = clause if len(parts) == number else ""
                     self._reply(before, instruction, parts, stopped=stopped)
                 raise
         self._reply(before, instruction, parts)
@@ -234,33 +234,46 @@ class Agent:
 
     def clauses(self, instruction: str) -> list[str]:
         """Return what is said, errand by errand, as it will be carried out."""
-        return [text for text, _ in self._clauses(instruction)]
+        return [text for text, _ in self._in_turn(instruction)]
 
     def is_errand(self, text: str) -> bool:
         """Return whether a text asks for something by itself."""
         reader = self._method.reader
         return reader is None or any(one.form == "errand" for one in reader.read(text))
 
-    def _clauses(self, instruction: str) -> list[tuple[str, Request | None]]:
+    def _in_turn(self, instruction: str) -> Iterator[tuple[str, Request | None]]:
+        """Yield what is said errand by errand, what speaks of the log when that holds the rest."""
+        pieces = in_turn(instruction) if self._method.reader is not None else [instruction]
+        for number, piece in enumerate(pieces):
+            yield from self._clauses(piece, pieces[:number])
+
+    def _clauses(
+        self, instruction: str, ahead: Sequence[str] = ()
+    ) -> list[tuple[str, Request | None]]:
         """Return what is said errand by errand, each with what it asks where that is read."""
         reader = self._method.reader
         if reader is not None:
-            instruction = in_plain_words(instruction, self.home.past, reader).text
+            plain = in_plain_words(instruction, self.home.past, reader)
+            instruction = plain.text
         if reader is None:  # without a guard what is said is only cut
             cut = context_left_out(reader_of(None).read(instruction))
             return [(text, None) for one in cut for text, _ in clauses_of(one)] or [
                 (instruction, None)
             ]
-        requests = context_left_out(reader.read(instruction, self._spoken_of(reader)))
+        requests = context_left_out(reader.read(instruction, self._spoken_of(reader, ahead)))
+        requests = tuple(
+            replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
+            for one in requests
+        )
         clauses: list[tuple[str, Request | None]] = [
             clause for request in requests for clause in clauses_of(request)
         ]
         return clauses or [(instruction, None)]
 
-    def _spoken_of(self, reader: RequestReader) -> tuple[Mention, ...]:
+    def _spoken_of(self, reader: RequestReader, ahead: Sequence[str] = ()) -> tuple[Mention, ...]:
         """Return what was spoken of last, for which "it" may stand."""
         last: tuple[Mention, ...] = ()
-        for text in (*self._earlier, *(reply.said for reply in self.replies)):
+        for text in (*self._earlier, *(reply.said for reply in self.replies), *ahead):
             said = [one for request in reader.read(text, last) for one in request.mentions]
             last = tuple(one for one in said if one.types) or last
         return last
@@ -316,7 +329,7 @@ class Agent:
         """Answer a question, or learn what is told; None where it is neither."""
         if asked.form == "question":
             return answered(asked, self._remembering(), self._method.reader)
-        if asked.form not in ("statement", "teaching"):
+        if asked.form not in ("statement", "teaching") and not is_taught(clause):
             return None
         reader = self._method.reader
         told = told_of(asked, self._remembering(), self.scene.name, reader)

@@ -16,7 +16,7 @@ from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.language.request import RequestReader
-from karma.language.request_words import request_words
+from karma.language.request_words import base_of_deed, request_words
 from karma.talk.home import PastErrand
 
 _LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
@@ -33,6 +33,17 @@ _ORDINAL = re.compile(
     r"(?:put (?:away|down)|moved|picked up|took|taken|handled|carried|stored)\b",
     re.IGNORECASE,
 )
+_DONE_TO = re.compile(
+    r"\b(?:the|that|whatever) (?:thing|one|object|item) (?:that |which )?(?:you|we) "
+    r"(?:have |had )?(?:just |last )?(?P<deed>[a-z]+)"
+    r"(?: (?P<way>off|up|down|away|out|(?<=turned )on|(?<=switched )on)\b)?",
+    re.IGNORECASE,
+)
+_TAUGHT = re.compile(
+    r"^\W*(?:please )?(?:remember|note|keep in mind|don't forget)(?: that|:|,) *", re.IGNORECASE
+)
+_CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
+_BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
 _MINE = re.compile(r"^\W*(?:my|mine)\b.*\bone\b", re.IGNORECASE)
 
 
@@ -82,18 +93,33 @@ def habits(past: Sequence[PastErrand], reader: RequestReader) -> dict[str, str]:
 
 
 def habit_in(text: str, reader: RequestReader) -> tuple[tuple[str, ...], str] | None:
-    """Return the types and the place of "the apples always go in the fridge"; None of no habit."""
+    """Return the types and the place of "the apples always go in the fridge"; None of no habit.
+
+    So of "remember that the apples belong in the fridge", which without its first words is asked.
+    """
+    taught, text = is_taught(text), _TAUGHT.sub("", text)
     words = {word.strip(".,!") for word in text.lower().split()}
     lists = request_words()
-    if not words & (lists.habits - lists.negations) or words & lists.negations:
-        return None
+    usual = words & (lists.habits - lists.negations) or (taught and words & _BELONGS)
     requests = reader.read(text)
-    named = [one for one in (requests[0].alone if requests else ()) if one.types]
-    if len(requests) != 1 or requests[0].form not in ("statement", "teaching") or len(named) != 2:
+    if not usual or words & lists.negations or len(requests) != 1:
+        return None
+    request = requests[0]
+    named = [one for one in request.alone if one.types]
+    if taught and len(request.deeds) == 1 and request.deeds[0].place is not None:
+        named = [*request.deeds[0].things, request.deeds[0].place]
+    elif request.form not in ("statement", "teaching"):
+        return None
+    if len(named) != 2 or not all(one.types for one in named):
         return None
     kinds, (thing, place) = object_types(), named
     carried = any(kinds[one].can("pickupable") for one in thing.types)
     return (thing.types, place.types[0]) if carried and _holds(place.types[0]) else None
+
+
+def is_taught(text: str) -> bool:
+    """Return whether a text begins so as to be kept: "remember that ..."."""
+    return bool(_TAUGHT.match(text))
 
 
 def _holds(kind: str) -> bool:
@@ -128,6 +154,30 @@ class PlainRequest:
 
     text: str
     means: Mapping[str, str]
+    unknown: tuple[str, ...] = ()  # words of it to which nothing in the log answers
+
+
+def in_turn(text: str) -> list[str]:
+    """Return a text cut ahead of what speaks of the log: what is before it is done first.
+
+    >>> in_turn("wash the mug, then put it back where it was")
+    ['wash the mug', 'put it back where it was']
+    """
+    speaks = [one.start() for kind in (_ORDINAL, _DONE_TO) for one in kind.finditer(text)]
+    speaks += [one.start() for one in _BACK.finditer(text) if _goes_back(one)]
+    cuts = [0]
+    for at in sorted(speaks):
+        ahead = [one for one in _CUTS.finditer(text, 0, at) if one.start() > 0]
+        if ahead and ahead[-1].end() > cuts[-1]:
+            cuts.append(ahead[-1].end())
+    parts = [text[a:b] for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
+    parts = [re.sub(rf"(?:{_CUTS.pattern})\s*$", "", part.strip(), flags=re.IGNORECASE).strip()
+             if n < len(parts) - 1 else part.strip() for n, part in enumerate(parts)]  # fmt: skip
+    return [part for part in parts if part] or [text]
+
+
+def _goes_back(found: re.Match[str]) -> bool:
+    return re.search(r"\b(?:back|return|where)", found[0], re.IGNORECASE) is not None
 
 
 def in_plain_words(text: str, past: Sequence[PastErrand], reader: RequestReader) -> PlainRequest:
@@ -139,8 +189,11 @@ def in_plain_words(text: str, past: Sequence[PastErrand], reader: RequestReader)
         reader: of English.
     """
     speaking = _SpeakingOfThePast(past, reader)
-    text = _ORDINAL.sub(speaking.ordinal, text)
-    return PlainRequest(_BACK.sub(speaking.back, text), speaking.means)
+    for kind, said in (
+        (_ORDINAL, speaking.ordinal), (_DONE_TO, speaking.done_to), (_BACK, speaking.back),
+    ):  # fmt: skip
+        text = kind.sub(said, text)
+    return PlainRequest(text, speaking.means, tuple(speaking.unknown))
 
 
 class _SpeakingOfThePast:
@@ -148,37 +201,51 @@ class _SpeakingOfThePast:
 
     def __init__(self, past: Sequence[PastErrand], reader: RequestReader) -> None:
         self._moves = [one for one in moves(past) if one.said]
+        self._taken = [
+            (name, place) for one in past for change in one.changes for name, place in change.taken
+        ]
         self._usual, self._reader = habits(past, reader), reader
+        self._done = [one for one in past if one.status == "done"]
         self.means: dict[str, str] = {}
+        self.unknown: list[str] = []
 
     def ordinal(self, found: re.Match[str]) -> str:
         """Return "the apple" for the first thing that was put away."""
         put = [one for one in self._moves if one.after not in (None, HAND, FLOOR)]
         if not put:
+            self.unknown.append(found[0])
             return found[0]
         name = put[0 if found["which"].lower() == "first" else -1].object_id
         self.means[base_type(type_of(name))] = name
         return f"the {name_of(name)}"
 
+    def done_to(self, found: re.Match[str]) -> str:
+        """Return "the laptop" for "the thing you just closed"."""
+        order = f"{base_of_deed(found['deed'].lower())} {found['way'] or ''} it".replace("  ", " ")
+        asked = {deed.deed or deed.verb for one in self._reader.read(order) for deed in one.deeds}
+        for errand in reversed(self._done):
+            for deed in (deed for one in self._reader.read(errand.said) for deed in one.deeds):
+                if deed.deed in asked and deed.things and deed.things[0].types:
+                    return f"the {deed.things[0].text}"
+        self.unknown.append(found[0])
+        return found[0]
+
     def back(self, found: re.Match[str]) -> str:
         """Return "put the apple on the table" for "put it back", where the log knows both."""
         said = found["it"]
         kinds = _kinds_of(said, self._reader)
-        about = [
-            one for one in self._moves
-            if not kinds or base_type(type_of(one.object_id)) in kinds
-        ]  # fmt: skip
-        last = about[-1] if about else None
-        kind = next(iter(kinds), None) or (base_type(type_of(last.object_id)) if last else "")
-        name = said if kinds or last is None else f"the {name_of(last.object_id)}"
+        moved = [(one.object_id, one.before) for one in self._moves]
+        about = [one for one in self._taken if base_type(type_of(one[0])) in kinds]
+        last = next(reversed(about if kinds else moved), None)
+        kind = next(iter(kinds), None) or (base_type(type_of(last[0])) if last else "")
+        name = said if kinds or last is None else f"the {name_of(last[0])}"
         away = re.search(r"\baway\b", found[0], re.IGNORECASE)
         if (found["habit"] or away) and kind in self._usual:
             return f"put {name} {told_place(self._usual[kind])}"
-        back = re.search(r"\b(?:back|return|where)", found[0], re.IGNORECASE)
-        if away or not back or last is None or type_of(last.before) in (HAND, FLOOR):
+        if away or not _goes_back(found) or last is None or type_of(last[1]) in (HAND, FLOOR):
             return found[0]
-        self.means |= {kind: last.object_id, base_type(type_of(last.before)): last.before}
-        return f"put {name} {told_place(last.before)}"
+        self.means |= {kind: last[0], base_type(type_of(last[1])): last[1]}
+        return f"put {name} {told_place(last[1])}"
 
 
 def _kinds_of(said: str, reader: RequestReader) -> tuple[str, ...]:

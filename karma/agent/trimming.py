@@ -1,0 +1,63 @@
+"""A program without what nobody asked for: the part of it that is what was asked, if there is one.
+
+Planners bring a pen along to a lamp, shut a door that was to stay open, say the same lines twice.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
+
+from karma.agent.reading import kind_of
+from karma.agent.several import with_turns
+from karma.contracts import SkillCall
+
+_WAYS = ("GoToObject", "Explore")
+
+
+def trimmed(
+    calls: Sequence[SkillCall], objection: Callable[[Sequence[SkillCall]], str]
+) -> tuple[SkillCall, ...]:
+    """Return a program less the fewest lines without which there is no objection; () for none.
+
+    Args:
+        calls: of the program.
+        objection: why a program is not what was asked; "" where it is.
+    """
+    numbered = with_turns(calls)
+    for left_out in _parts(numbered):
+        rest = _without(calls, left_out)
+        if rest and not objection(rest):
+            also = _ways_to_nothing(calls, left_out)
+            less = _without(calls, left_out | also)
+            return less if less and not objection(less) else rest
+    return ()
+
+
+def _without(calls: Sequence[SkillCall], left_out: frozenset[int]) -> tuple[SkillCall, ...]:
+    return tuple(call for number, call in enumerate(calls) if number not in left_out)
+
+
+def _ways_to_nothing(calls: Sequence[SkillCall], left_out: frozenset[int]) -> frozenset[int]:
+    """Return the lines that only look for or go to a thing to which nothing is done any more."""
+    used = {
+        kind_of(name) for number, call in enumerate(calls) if number not in left_out
+        if call.skill not in _WAYS for name in call.objects
+    }  # fmt: skip
+    gone = {kind_of(calls[number].objects[0]) for number in left_out} - used
+    return frozenset(
+        number for number, call in enumerate(calls)
+        if call.skill in _WAYS and kind_of(call.objects[0]) in gone
+    )  # fmt: skip
+
+
+def _parts(calls: Sequence[SkillCall]) -> Iterator[frozenset[int]]:
+    """Yield what may be left out: one line, all about a thing or a turn of it, or about two."""
+    things: dict[tuple[str, int], set[int]] = {}
+    for number, call in enumerate(calls):
+        things.setdefault((kind_of(call.objects[0]), call.turn), set()).add(number)
+    lines = [frozenset((number,)) for number in range(len(calls))]
+    groups = [frozenset(one) for one in things.values()]
+    turned = frozenset(n for n, call in enumerate(calls) if call.turn)
+    pairs = [one | other for one, other in combinations(groups, 2)]
+    yield from lines
+    yield from sorted((one for one in (*groups, turned) if one), key=len)
+    yield from sorted(pairs, key=len)
