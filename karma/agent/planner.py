@@ -261,7 +261,7 @@ def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
     why = reason(answer.calls)
     if not why:
         return answer, ""
-    if part := trimmed(answer.calls, reason):
+    if part := trimmed(answer.calls, reason, holding=request.held_id is not None):
         return replace(answer, calls=part), ""
     failure = FailedProgram(
         lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why

@@ -6,34 +6,58 @@ Planners bring a pen along to a lamp, shut a door that was to stay open, say the
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 
+from karma.agent.program import PUTS
 from karma.agent.reading import kind_of
 from karma.agent.several import with_turns
 from karma.contracts import SkillCall
 
 _WAYS = ("GoToObject", "Explore")
+_UNKNOWN = ""  # what is held before
 
 
 def trimmed(
-    calls: Sequence[SkillCall], objection: Callable[[Sequence[SkillCall]], str]
+    calls: Sequence[SkillCall],
+    objection: Callable[[Sequence[SkillCall]], str],
+    *,
+    holding: bool = False,
 ) -> tuple[SkillCall, ...]:
     """Return a program less the fewest lines without which there is no objection; () for none.
 
     Args:
         calls: of the program.
         objection: why a program is not what was asked; "" where it is.
+        holding: something is in the hand before.
     """
     numbered = with_turns(calls)
     for left_out in _parts(numbered):
         rest = _without(calls, left_out)
-        if rest and not objection(rest):
+        if rest and _can_be_held(rest, holding=holding) and not objection(rest):
             also = _ways_to_nothing(calls, left_out)
             less = _without(calls, left_out | also)
-            return less if less and not objection(less) else rest
+            rest = less if less and not objection(less) else rest
+            while rest[-1].skill in _WAYS and rest[1:] and not objection(rest[:-1]):
+                rest = rest[:-1]
+            return rest
     return ()
 
 
 def _without(calls: Sequence[SkillCall], left_out: frozenset[int]) -> tuple[SkillCall, ...]:
     return tuple(call for number, call in enumerate(calls) if number not in left_out)
+
+
+def _can_be_held(calls: Sequence[SkillCall], *, holding: bool) -> bool:
+    """Return whether nothing is taken with a full hand, or put that is not held."""
+    held = _UNKNOWN if holding else None
+    for call in calls:
+        if call.skill == "PickupObject":
+            if held not in (None, _UNKNOWN):
+                return False
+            held = call.objects[0]
+        elif call.skill in PUTS and call.objects[1:]:
+            if held not in (call.objects[0], _UNKNOWN):
+                return False
+            held = None
+    return True
 
 
 def _ways_to_nothing(calls: Sequence[SkillCall], left_out: frozenset[int]) -> frozenset[int]:
@@ -58,6 +82,8 @@ def _parts(calls: Sequence[SkillCall]) -> Iterator[frozenset[int]]:
     groups = [frozenset(one) for one in things.values()]
     turned = frozenset(n for n, call in enumerate(calls) if call.turn)
     pairs = [one | other for one, other in combinations(groups, 2)]
+    if turned:  # the same lines said twice
+        yield turned
     yield from lines
-    yield from sorted((one for one in (*groups, turned) if one), key=len)
+    yield from sorted(groups, key=len)
     yield from sorted(pairs, key=len)

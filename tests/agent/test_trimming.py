@@ -1,0 +1,93 @@
+"""Of a program only what was asked is carried out; where no part of it is, nothing."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from karma.agent.guard import stopped
+from karma.agent.program import parse_program
+from karma.agent.trimming import trimmed
+from karma.contracts import SkillCall
+from karma.methods.guarded import reader_of
+
+HERE = ("Apple", "Bread", "CounterTop", "DeskLamp", "DiningTable", "Fridge", "Mug", "Pen")
+TAKE = "GoToObject(robot, '{0}')\nPickupObject(robot, '{0}')\n"
+PUT = "GoToObject(robot, '{1}')\nPutObject(robot, '{0}', '{1}')\n"
+INTO = (
+    "GoToObject(robot, '{1}')\nOpenObject(robot, '{1}')\nPutObject(robot, '{0}', '{1}')\n"
+    "CloseObject(robot, '{1}')\n"
+)
+LIGHT = "GoToObject(robot, 'DeskLamp')\nToggleOn(robot, 'DeskLamp')\n"
+
+
+@pytest.fixture(scope="module")
+def reader():
+    return reader_of(None)
+
+
+def left(reader, text, program):
+    (request,) = reader.read(text)
+    calls = parse_program(program)
+    assert stopped(calls, request, HERE), "there is nothing to trim"
+    rest = trimmed(calls, lambda some: stopped(some, request, HERE))
+    assert not rest or stopped(rest, request, HERE) == ""
+    return [f"{call.skill} {call.objects[0]}" for call in rest]
+
+
+@pytest.mark.parametrize(
+    ("text", "program", "wanted"),
+    [
+        ("turn on the desk lamp", TAKE.format("Pen") + LIGHT,
+         ["GoToObject DeskLamp", "ToggleOn DeskLamp"]),
+        ("put the apple in the fridge but don't close the door",
+         TAKE.format("Apple") + INTO.format("Apple", "Fridge"),
+         ["GoToObject Apple", "PickupObject Apple", "GoToObject Fridge", "OpenObject Fridge",
+          "PutObject Apple"]),
+        ("put the mug on the counter",
+         TAKE.format("Mug") + PUT.format("Mug", "CounterTop") + LIGHT,
+         ["GoToObject Mug", "PickupObject Mug", "GoToObject CounterTop", "PutObject Mug"]),
+        ("put the mug on the counter",
+         (TAKE.format("Mug") + PUT.format("Mug", "CounterTop")) * 2,
+         ["GoToObject Mug", "PickupObject Mug", "GoToObject CounterTop", "PutObject Mug"]),
+        # no part of these is what was asked
+        ("put the mug on the counter",
+         TAKE.format("Apple") + PUT.format("Apple", "CounterTop"), []),
+        ("put the mug in the fridge", TAKE.format("Mug") + PUT.format("Mug", "CounterTop"), []),
+        ("slice the bread", TAKE.format("Bread") + PUT.format("Bread", "CounterTop"), []),
+    ],
+)  # fmt: skip
+def test_what_nobody_asked_for_is_left_out(reader, text, program, wanted):
+    assert left(reader, text, program) == wanted
+
+
+def test_a_mug_does_not_serve_for_the_cup_beside_it(reader):
+    (request,) = reader.read("put the mug and the cup on the counter")
+    program = parse_program(TAKE.format("Mug") + PUT.format("Mug", "CounterTop"))
+    assert "does not put the cup" in stopped(program, request, HERE)
+    (request,) = reader.read("put the cup on the counter")
+    assert stopped(program, request, HERE) == ""  # no cup was seen, and people say so
+
+
+def _calls(names):
+    skills = ("GoToObject", "PickupObject", "OpenObject", "ToggleOn")
+    return [SkillCall(skill=skills[n % 4], objects=(name,)) for n, name in enumerate(names)]
+
+
+@given(
+    st.lists(st.sampled_from(["Mug", "Pen", "Fridge"]), min_size=1, max_size=8),
+    st.sets(st.integers(0, 7)),
+)
+def test_what_is_left_keeps_its_order_and_has_no_objection(names, bad):
+    calls = _calls(names)
+    marked = {id(call): n for n, call in enumerate(calls)}
+
+    def objection(some):
+        return "no" if any(marked[id(call)] in bad for call in some) else ""
+
+    rest = trimmed(calls, objection)
+    numbers = [marked[id(call)] for call in rest]
+    assert numbers == sorted(numbers)
+    assert not rest or objection(rest) == ""
+    taken = sum(call.skill == "PickupObject" for call in calls)
+    if len(bad & set(range(len(calls)))) == 1 and len(calls) > 1 and taken < 2:
+        assert rest, "one line less is enough"
