@@ -22,8 +22,8 @@ NODES = {
     "method": [f"methods/{name}.py" for name in (
         "karma", "attempts", "experience", "picture_states", "tour")],
     "planner": [f"agent/{name}.py" for name in (
-        "planner", "prompt", "full_profile", "short_names", "program", "several", "recovery",
-        "inspector", "reading", "doubt", "refused_requests", "understood",
+        "planner", "prompt", "full_profile", "short_names", "program", "several", "trimming",
+        "recovery", "inspector", "reading", "doubt", "refused_requests", "understood",
         "guard", "effects")],
     "infer": ["infer"],
 }  # a stop of the picture -> where its code is  # fmt: skip

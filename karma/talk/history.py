@@ -40,7 +40,7 @@ _DONE_TO = re.compile(
     re.IGNORECASE,
 )
 _TAUGHT = re.compile(
-    r"^\W*(?:please )?(?:remember|note|keep in mind|don't forget)(?: that|:|,) *", re.IGNORECASE
+    r"^\W*(?:please )?(?:remember|keep in mind|note|don't forget) that +", re.IGNORECASE
 )
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
 _BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))

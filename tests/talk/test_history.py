@@ -10,7 +10,7 @@ from karma.contracts import MemoryChange
 from karma.files import to_json
 from karma.language.clock import DAY_S, HOUR_S, read_span, time_of_day
 from karma.methods.guarded import reader_of
-from karma.talk.history import habit_in, in_plain_words, is_owning, moves
+from karma.talk.history import habit_in, in_plain_words, in_turn, is_owning, moves
 
 BACK = (
     "PickupObject(robot, 'Apple')\nGoToObject(robot, 'DiningTable')\n"
@@ -185,3 +185,57 @@ def test_ones_own_is_meant_by_its_word(tmp_path):
     assert sorted("Sink" in place for place in lying.values()) == [False, True]
     (mine,) = (name for name, place in lying.items() if "Sink" in place)
     assert mine.startswith("Egg|+01.7")
+
+
+def test_what_speaks_of_the_log_waits_for_what_is_before_it(tmp_path):
+    agent = agent_saying(tmp_path, [STORE, OUT.replace("DiningTable", "CounterTop")])
+    text = "put the apple in the fridge, then put the first thing you put away on the counter"
+    reply = agent.do(text)
+    assert [part.instruction for part in reply.parts] == [
+        "put the apple in the fridge", "put the apple on the counter",
+    ]  # fmt: skip
+    assert reply.status == "done"
+    assert "CounterTop" in place_of(agent, "Apple")[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("wash the mug, then put it back where it was",
+         ["wash the mug", "put it back where it was"]),
+        ("Slice the bread. Put the thing you just sliced on the plate",
+         ["Slice the bread", "Put the thing you just sliced on the plate"]),
+        ("wash the mug and put it away", ["wash the mug and put it away"]),
+        ("put it back", ["put it back"]),
+        ("open the fridge and close it", ["open the fridge and close it"]),
+    ],
+)  # fmt: skip
+def test_only_what_speaks_of_the_log_is_cut_off(text, parts):
+    assert in_turn(text) == parts
+
+
+def test_the_thing_that_was_just_washed_is_that_one_or_is_asked_about(agent, reader):
+    past = agent.home.past
+    plain = in_plain_words("put the thing you just washed on the table", past, reader)
+    assert (plain.text, plain.unknown) == ("put the apple on the table", ())
+    text = "put the thing you just sliced on the table"
+    assert in_plain_words(text, past, reader).unknown == ("the thing you just sliced",)
+    before = agent._world.last_event
+    reply = agent.do(text)
+    assert reply.status == "asked"
+    assert agent._world.last_event is before
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "remember that the apple belongs in the fridge",
+        "Please remember that the apple goes in the fridge",
+    ],
+)
+def test_what_is_to_be_remembered_is_no_errand(tmp_path, text):
+    agent = agent_saying(tmp_path, [])
+    before = agent._world.last_event
+    assert answer(agent, text) == ("I will remember: the apple goes in the fridge.",)
+    assert agent._world.last_event is before
+    assert agent.clauses("put the apple where it belongs") == ["put the apple in the fridge"]
