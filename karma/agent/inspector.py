@@ -7,10 +7,10 @@ done. It knows types and the agent's own memory, not the world, which may still 
 Source: ours; the idea of repairing preconditions is HELPER's (Sarch et al. 2023).
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from karma.agent.program import PUTS, SKILL_OF, WAYS
+from karma.agent.program import DOOR_AFTER, PUTS, SKILL_OF, SWITCH_AFTER, WAYS
 from karma.contracts import Area, HandSpec, MemoryUnit, PlanRequest, SeenObject, Skill, SkillCall
 from karma.household.containment import fits_whole_or_cut, goes_in, has_door, vessels
 from karma.household.ids import short_type, type_of
@@ -28,6 +28,7 @@ def mend(
     known: Collection[str],
     shut: Collection[str] = (),
     cut: Collection[str] = (),
+    running: Collection[str] = (),
     held: str | None = None,
     areas: Sequence[Area] = (),
 ) -> tuple[SkillCall, ...]:
@@ -41,12 +42,14 @@ def mend(
     * What is put down before anything was picked up is what was in the hand.
     * Before something else is picked up, or the held thing is broken, what is in the hand goes to a
       known surface.
+    * What runs is switched off before its door or lid is moved.
 
     Args:
         calls: the program, with the prompt's short names.
         known: names and types whose place the agent knows.
         shut: names of things that memory has in something closed.
         cut: names of things that memory has as sliced.
+        running: types of things that were seen to run.
         held: the short name of what is in the hand.
         areas: long-term memory, for the order of searches.
     """
@@ -73,7 +76,20 @@ def mend(
             mended.append(SkillCall(skill="Explore", objects=(name,), positions=where))
         found.add(name)
         mended.append(call)
-    return tuple(mended)
+    return tuple(_switched_off(mended, running))
+
+
+def _switched_off(calls: Iterable[SkillCall], running: Collection[str]) -> Iterator[SkillCall]:
+    """Yield a program in which what runs is switched off before its door or lid is moved."""
+    on = set(running)
+    for call in calls:
+        kind = short_type(call.objects[-1])
+        if call.skill in SWITCH_AFTER:
+            (on.add if SWITCH_AFTER[call.skill] == "on" else on.discard)(kind)
+        elif call.skill in DOOR_AFTER and kind in on:
+            yield SkillCall(skill="ToggleOff", objects=call.objects[-1:])
+            on.discard(kind)
+        yield call
 
 
 def _without_cuts(calls: Sequence[SkillCall], cut: Collection[str]) -> Sequence[SkillCall]:

@@ -235,7 +235,11 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     seen = {kind for area in request.areas for kind in area.contains}
     cut = {name_of[u.object_id] for u in request.units if "sliced" in u.states}
     known = seen | set(answer.names)
-    calls = mend(answer.calls, known=known, shut=shut, cut=cut, held=held, areas=request.areas)
+    running = {short_type(one.object_type) for one in request.seen if "on" in one.states}
+    calls = mend(
+        answer.calls,
+        known=known, shut=shut, cut=cut, running=running, held=held, areas=request.areas,
+    )  # fmt: skip
     if (wrong := astray(request.first, calls, request.instruction, request.done)) is not None:
         return _astray(replace(answer, calls=calls), *wrong), None
     found = objection(calls, held=held, known=known)

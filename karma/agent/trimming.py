@@ -6,12 +6,11 @@ Planners bring a pen along to a lamp, shut a door that was to stay open, say the
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 
-from karma.agent.program import PUTS
+from karma.agent.program import PUTS, WAYS
 from karma.agent.reading import kind_of
 from karma.agent.several import with_turns
 from karma.contracts import SkillCall
 
-_WAYS = ("GoToObject", "Explore")
 _UNKNOWN = ""  # what is held before
 
 
@@ -35,7 +34,7 @@ def trimmed(
             also = _ways_to_nothing(calls, left_out)
             less = _without(calls, left_out | also)
             rest = less if less and not objection(less) else rest
-            while rest[-1].skill in _WAYS and rest[1:] and not objection(rest[:-1]):
+            while rest[-1].skill in WAYS and rest[1:] and not objection(rest[:-1]):
                 rest = rest[:-1]
             return rest
     return ()
@@ -64,12 +63,12 @@ def _ways_to_nothing(calls: Sequence[SkillCall], left_out: frozenset[int]) -> fr
     """Return the lines that only look for or go to a thing to which nothing is done any more."""
     used = {
         kind_of(name) for number, call in enumerate(calls) if number not in left_out
-        if call.skill not in _WAYS for name in call.objects
+        if call.skill not in WAYS for name in call.objects
     }  # fmt: skip
     gone = {kind_of(calls[number].objects[0]) for number in left_out} - used
     return frozenset(
         number for number, call in enumerate(calls)
-        if call.skill in _WAYS and kind_of(call.objects[0]) in gone
+        if call.skill in WAYS and kind_of(call.objects[0]) in gone
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from karma.agent.inspector import mend, objection
 from karma.agent.program import SKILLS, parse_program
-from karma.contracts import Area
+from karma.contracts import Area, SkillCall
 from karma.seeds import stream
 from karma.tasks.drawing.memories import KnownRoom
 from karma.tasks.drawing.phrases import our_book
@@ -120,3 +120,17 @@ def test_mending_twice_changes_nothing_more(number):
     once = mend(parse_program(example.program), known=())
     assert mend(once, known=()) == once
     assert {call.skill for call in once} <= {skill.name for skill in SKILLS}
+
+
+def test_what_runs_is_switched_off_before_its_door_or_lid_is_moved():
+    shut = [SkillCall(skill="CloseObject", objects=("Laptop",))]
+    lines = [str(call) for call in mend(shut, known={"Laptop"}, running={"Laptop"})]
+    assert lines == ["ToggleOff(robot, 'Laptop')", "CloseObject(robot, 'Laptop')"]
+    assert mend(shut, known={"Laptop"}) == tuple(shut)
+    cook = [SkillCall(skill=one, objects=("Microwave",))
+            for one in ("CloseObject", "ToggleOn", "OpenObject", "CloseObject")]  # fmt: skip
+    skills = [call.skill for call in mend(cook, known={"Microwave"})]
+    assert skills == ["CloseObject", "ToggleOn", "ToggleOff", "OpenObject", "CloseObject"]
+    lamp = [SkillCall(skill="ToggleOn", objects=("DeskLamp",)),
+            SkillCall(skill="OpenObject", objects=("Fridge",))]  # fmt: skip
+    assert mend(lamp, known={"DeskLamp", "Fridge"}) == tuple(lamp)
