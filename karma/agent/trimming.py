@@ -30,7 +30,7 @@ def trimmed(
     numbered = with_turns(calls)
     for left_out in _parts(numbered):
         rest = _without(calls, left_out)
-        if rest and _can_be_held(rest, holding=holding) and not objection(rest):
+        if rest and _ends_as(rest, calls, holding=holding) and not objection(rest):
             also = _ways_to_nothing(calls, left_out)
             less = _without(calls, left_out | also)
             rest = less if less and not objection(less) else rest
@@ -44,19 +44,27 @@ def _without(calls: Sequence[SkillCall], left_out: frozenset[int]) -> tuple[Skil
     return tuple(call for number, call in enumerate(calls) if number not in left_out)
 
 
-def _can_be_held(calls: Sequence[SkillCall], *, holding: bool) -> bool:
-    """Return whether nothing is taken with a full hand, or put that is not held."""
+def _ends_as(rest: Sequence[SkillCall], whole: Sequence[SkillCall], *, holding: bool) -> bool:
+    """Return whether a program can be held to its end, and nothing stays in the hand by its cut."""
+    try:
+        return _held(rest, holding=holding) in (None, _held(whole, holding=holding))
+    except ValueError:
+        return False
+
+
+def _held(calls: Sequence[SkillCall], *, holding: bool) -> str | None:
+    """Return what is in the hand at the end; ValueError where a hand is full, or lacks a thing."""
     held = _UNKNOWN if holding else None
     for call in calls:
         if call.skill == "PickupObject":
             if held not in (None, _UNKNOWN):
-                return False
+                raise ValueError(f"{held} is held")
             held = call.objects[0]
         elif call.skill in PUTS and call.objects[1:]:
             if held not in (call.objects[0], _UNKNOWN):
-                return False
+                raise ValueError(f"{call.objects[0]} is not held")
             held = None
-    return True
+    return held
 
 
 def _ways_to_nothing(calls: Sequence[SkillCall], left_out: frozenset[int]) -> frozenset[int]:
@@ -73,7 +81,7 @@ def _ways_to_nothing(calls: Sequence[SkillCall], left_out: frozenset[int]) -> fr
 
 
 def _parts(calls: Sequence[SkillCall]) -> Iterator[frozenset[int]]:
-    """Yield what may be left out: one line, all about a thing or a turn of it, or about two."""
+    """Yield what may be left out: the end, one line, all about a thing or a turn of it, or two."""
     things: dict[tuple[str, int], set[int]] = {}
     for number, call in enumerate(calls):
         things.setdefault((kind_of(call.objects[0]), call.turn), set()).add(number)
@@ -83,6 +91,7 @@ def _parts(calls: Sequence[SkillCall]) -> Iterator[frozenset[int]]:
     pairs = [one | other for one, other in combinations(groups, 2)]
     if turned:  # the same lines said twice
         yield turned
+    yield from (frozenset(range(n, len(calls))) for n in range(len(calls) - 1, 0, -1))
     yield from lines
     yield from sorted(groups, key=len)
     yield from sorted(pairs, key=len)

@@ -49,6 +49,11 @@ def left(reader, text, program):
         ("put the mug on the counter",
          (TAKE.format("Mug") + PUT.format("Mug", "CounterTop")) * 2,
          ["GoToObject Mug", "PickupObject Mug", "GoToObject CounterTop", "PutObject Mug"]),
+        ("chill the apple",
+         TAKE.format("Apple") + INTO.format("Apple", "Fridge") + "OpenObject(robot, 'Fridge')\n"
+         + TAKE.format("Apple") + PUT.format("Apple", "Mug"),
+         ["GoToObject Apple", "PickupObject Apple", "GoToObject Fridge", "OpenObject Fridge",
+          "PutObject Apple", "CloseObject Fridge", "OpenObject Fridge"]),  # it is shut again
         # no part of these is what was asked
         ("put the mug on the counter",
          TAKE.format("Apple") + PUT.format("Apple", "CounterTop"), []),
