@@ -149,9 +149,10 @@ def _admitted(one: Mention, here: Collection[str]) -> tuple[str, ...]:
 
 def _besides(one: Mention, here: Collection[str]) -> tuple[str, ...]:
     """Return the types that people call so as well and that are here for certain."""
-    found = here_of(one.besides, here)
-    fixed = (kind for kind in found if not object_types()[kind].can("pickupable"))
-    return tuple(kind for kind in found if _was_seen((kind,), here) or kind in {*fixed})
+    return tuple(
+        kind for kind in here_of(one.besides, here)
+        if _was_seen((kind,), here) or not object_types()[kind].can("pickupable")
+    )  # fmt: skip
 
 
 def _was_seen(kinds: Sequence[str], here: Collection[str]) -> bool:
@@ -175,7 +176,7 @@ def _cannot_hide(kind: str) -> bool:
 
 def stopped(
     calls: Sequence[SkillCall], request: Request, here: Collection[str], held: str | None = None,
-    *, exact: bool = False,
+    *, exact: bool = False, begun: bool = False,
 ) -> str:  # fmt: skip
     """Return why a program is not what was asked; "" where it is.
 
@@ -185,10 +186,12 @@ def stopped(
         here: types that the agent knows of in this room.
         held: what is in the hand before.
         exact: what people call so as well will not do: no mug for a cup.
+        begun: some of it was done before, and need not be done again.
     """
     found = effects_of(with_turns(calls), held)
     request = _told_apart(_exactly(request, here) if exact else request)
-    for check in (_ruled_out, _left_out, _not_asked, _too_many):
+    left_out = () if begun else (_left_out,)
+    for check in (_ruled_out, *left_out, _not_asked, _too_many):
         reason = next(check(found, request, here), "")
         if reason:
             return reason
@@ -427,7 +430,8 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
 
 def _told_apart(request: Request) -> Request:
     """Return a request in which a mug is no cup where both are named: "the mug and the cup"."""
-    named = [{*one.types} for one in request.mentions]
+    others = (one for deed in request.rest for one in deed.things)
+    named = [{*one.types} for one in (*request.mentions, *others)]
 
     def of(one: Mention) -> Mention:
         others = {kind for kinds in named if kinds.isdisjoint(one.types) for kind in kinds}

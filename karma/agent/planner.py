@@ -229,7 +229,7 @@ def _given_up(answer: Plan, reason: str) -> Plan:
 
 def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | None]:
     """Return the plan with its program mended, and the inspector's objection if it has one."""
-    held = next((n for n, object_id in answer.names.items() if object_id == request.held_id), None)
+    held = _held_name(request, answer)
     name_of = {object_id: name for name, object_id in answer.names.items()}
     shut = {name_of[u.object_id] for u in request.units if has_door(type_of(u.place_id))}
     seen = {kind for area in request.areas for kind in area.contains}
@@ -250,22 +250,32 @@ def _inspected(request: PlanRequest, answer: Plan) -> tuple[Plan, Objection | No
     return replace(answer, calls=calls, error=str(found), failure=failure), found
 
 
+def _held_name(request: PlanRequest, answer: Plan) -> str | None:
+    """Return the prompt's name of what is in the hand."""
+    return next((n for n, object_id in answer.names.items() if object_id == request.held_id), None)
+
+
 def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
     """Return an answer without its program where that is not what was asked, and why."""
     asked = request.asked
-    if asked is None or not answer.calls or request.done:
+    if asked is None or not answer.calls:
         return answer, ""
     here, exact = known_here(request), len(request.failures) < _LOOSE_AFTER
 
     def reason(calls: Sequence[SkillCall]) -> str:
         calls = grounded(calls, answer.names)
-        return stopped(calls, asked, here, request.held_id, exact=exact)
+        return stopped(calls, asked, here, request.held_id, exact=exact, begun=bool(request.done))
 
     answer = replace(answer, calls=put_near(answer.calls, asked, here))
     why = reason(answer.calls)
     if not why:
         return answer, ""
-    if part := trimmed(answer.calls, reason, holding=request.held_id is not None):
+    held = _held_name(request, answer)
+    # of what is only the rest of an errand, any part would do
+    part = () if request.done else trimmed(
+        answer.calls, lambda some: reason(some) or str(objection(some, held=held) or "")
+    )  # fmt: skip
+    if part:
         return replace(answer, calls=part), ""
     failure = FailedProgram(
         lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why

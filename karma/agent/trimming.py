@@ -6,31 +6,29 @@ Planners bring a pen along to a lamp, shut a door that was to stay open, say the
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 
-from karma.agent.program import PUTS, WAYS
+from karma.agent.effects import effects_of
+from karma.agent.program import WAYS
 from karma.agent.reading import kind_of
 from karma.agent.several import with_turns
 from karma.contracts import SkillCall
 
-_UNKNOWN = ""  # what is held before
-
 
 def trimmed(
-    calls: Sequence[SkillCall],
-    objection: Callable[[Sequence[SkillCall]], str],
-    *,
-    holding: bool = False,
+    calls: Sequence[SkillCall], objection: Callable[[Sequence[SkillCall]], str]
 ) -> tuple[SkillCall, ...]:
     """Return a program less the fewest lines without which there is no objection; () for none.
 
+    What is cut leaves nothing in the hand that the whole would have put down.
+
     Args:
         calls: of the program.
-        objection: why a program is not what was asked; "" where it is.
-        holding: something is in the hand before.
+        objection: why a program cannot work or is not what was asked; "" where neither is so.
     """
     numbered = with_turns(calls)
+    hands = (None, effects_of(numbered).held)
     for left_out in _parts(numbered):
         rest = _without(calls, left_out)
-        if rest and _ends_as(rest, calls, holding=holding) and not objection(rest):
+        if rest and effects_of(with_turns(rest)).held in hands and not objection(rest):
             also = _ways_to_nothing(calls, left_out)
             less = _without(calls, left_out | also)
             rest = less if less and not objection(less) else rest
@@ -42,29 +40,6 @@ def trimmed(
 
 def _without(calls: Sequence[SkillCall], left_out: frozenset[int]) -> tuple[SkillCall, ...]:
     return tuple(call for number, call in enumerate(calls) if number not in left_out)
-
-
-def _ends_as(rest: Sequence[SkillCall], whole: Sequence[SkillCall], *, holding: bool) -> bool:
-    """Return whether a program can be held to its end, and nothing stays in the hand by its cut."""
-    try:
-        return _held(rest, holding=holding) in (None, _held(whole, holding=holding))
-    except ValueError:
-        return False
-
-
-def _held(calls: Sequence[SkillCall], *, holding: bool) -> str | None:
-    """Return what is in the hand at the end; ValueError where a hand is full, or lacks a thing."""
-    held = _UNKNOWN if holding else None
-    for call in calls:
-        if call.skill == "PickupObject":
-            if held not in (None, _UNKNOWN):
-                raise ValueError(f"{held} is held")
-            held = call.objects[0]
-        elif call.skill in PUTS and call.objects[1:]:
-            if held not in (call.objects[0], _UNKNOWN):
-                raise ValueError(f"{call.objects[0]} is not held")
-            held = None
-    return held
 
 
 def _ways_to_nothing(calls: Sequence[SkillCall], left_out: frozenset[int]) -> frozenset[int]:

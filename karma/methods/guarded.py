@@ -330,7 +330,7 @@ def _the_other(
     """Return another thing than those that were meant before; "" for none, None: none was meant."""
     thing, whole = asked.deeds[0].things[0], asked.whole or asked.text
     meant = {one for (text, _), one in episode.chosen.items() if text == whole}
-    meant = {one for one in meant if kind_of(one) in kinds}
+    meant = {one for one in (*meant, *episode.mine.values()) if kind_of(one) in kinds}
     if not meant:
         return None
     one = _next(episode, skills, list(kinds), meant, thing)
@@ -338,7 +338,9 @@ def _the_other(
         one = yield from _another(skills, list(kinds), meant, came)
     if one is None or one in meant:
         came.short = True
-        came.told.append(Check(text=f"I found no other {thing.text}", found="otherwise"))
+        came.told.append(
+            Check(text=f"I found no other {thing.text.removeprefix('other ')}", found="otherwise")
+        )
         return ""
     return one
 

@@ -16,7 +16,8 @@ from contextlib import ExitStack, closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from karma.agent.understood import Understanding, misspelt, understood
 from karma.contracts import (
@@ -50,7 +51,7 @@ from karma.loading.presets import preset as preset_of
 from karma.loading.worlds import world_maker
 from karma.methods.guarded import reader_of
 from karma.methods.karma import KarmaMethod, Remembered
-from karma.talk.history import in_plain_words, in_turn, is_taught, owned
+from karma.talk.history import habits, in_plain_words, in_turn, is_taught, owned, with_habits
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import with_offer
@@ -68,6 +69,14 @@ MAPS = Path("runs/maps")
 ANSWER_SECONDS = 120.0  # that an answer may take unless told otherwise
 _EARLIER = 3  # requests of earlier sessions, of which "it" may be the last thing
 Moment = Understanding | Plan | SkillResult | RequestReply  # what happens while an agent acts
+
+
+class _Clause(NamedTuple):
+    """One errand or question of what is said."""
+
+    text: str
+    asked: Request | None = None  # where it is read
+    means: Mapping[str, str] = MappingProxyType({})  # type -> id, by what it says of the log
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,11 +216,11 @@ class Agent:
             raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
         before = self._now()
         parts: list[RequestReply] = []
-        number, clause = 0, ""
-        for number, (clause, asked) in enumerate(self._in_turn(instruction)):
+        number, clause = 0, _Clause("")
+        for number, clause in enumerate(self._in_turn(instruction)):
             now = self._now()
             try:
-                for moment in self._one(clause, instruction, asked):
+                for moment in self._one(clause, instruction):
                     if isinstance(moment, RequestReply):
                         parts.append(moment)
                     yield moment
@@ -219,7 +228,7 @@ class Agent:
                 if len(parts) == number:
                     self._return(now)
                 if parts:
-                    stopped = clause if len(parts) == number else ""
+                    stopped = clause.text if len(parts) == number else ""
                     self._reply(before, instruction, parts, stopped=stopped)
                 raise
         self._reply(before, instruction, parts)
@@ -234,41 +243,37 @@ class Agent:
 
     def clauses(self, instruction: str) -> list[str]:
         """Return what is said, errand by errand, as it will be carried out."""
-        return [text for text, _ in self._in_turn(instruction)]
+        return [clause.text for clause in self._in_turn(instruction)]
 
     def is_errand(self, text: str) -> bool:
         """Return whether a text asks for something by itself."""
         reader = self._method.reader
         return reader is None or any(one.form == "errand" for one in reader.read(text))
 
-    def _in_turn(self, instruction: str) -> Iterator[tuple[str, Request | None]]:
+    def _in_turn(self, instruction: str) -> Iterator[_Clause]:
         """Yield what is said errand by errand, what speaks of the log when that holds the rest."""
         pieces = in_turn(instruction) if self._method.reader is not None else [instruction]
         for number, piece in enumerate(pieces):
             yield from self._clauses(piece, pieces[:number])
 
-    def _clauses(
-        self, instruction: str, ahead: Sequence[str] = ()
-    ) -> list[tuple[str, Request | None]]:
+    def _clauses(self, instruction: str, ahead: Sequence[str] = ()) -> list[_Clause]:
         """Return what is said errand by errand, each with what it asks where that is read."""
         reader = self._method.reader
-        if reader is not None:
-            plain = in_plain_words(instruction, self.home.past, reader)
-            instruction = plain.text
         if reader is None:  # without a guard what is said is only cut
             cut = context_left_out(reader_of(None).read(instruction))
-            return [(text, None) for one in cut for text, _ in clauses_of(one)] or [
-                (instruction, None)
-            ]
-        requests = context_left_out(reader.read(instruction, self._spoken_of(reader, ahead)))
-        requests = tuple(
+            found = [_Clause(text) for one in cut for text, _ in clauses_of(one)]
+            return found or [_Clause(instruction)]
+        plain = in_plain_words(instruction, self.home.past, reader)
+        requests = context_left_out(reader.read(plain.text, self._spoken_of(reader, ahead)))
+        usual = habits(self.home.past, reader)
+        unread = [
             replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
-            for one in requests
-        )
-        clauses: list[tuple[str, Request | None]] = [
-            clause for request in requests for clause in clauses_of(request)
+            for one in (with_habits(request, usual) for request in requests)
         ]
-        return clauses or [(instruction, None)]
+        found = [
+            _Clause(text, asked, plain.means) for one in unread for text, asked in clauses_of(one)
+        ]
+        return found or [_Clause(plain.text)]
 
     def _spoken_of(self, reader: RequestReader, ahead: Sequence[str] = ()) -> tuple[Mention, ...]:
         """Return what was spoken of last, for which "it" may stand."""
@@ -278,13 +283,14 @@ class Agent:
             last = tuple(one for one in said if one.types) or last
         return last
 
-    def _one(self, clause: str, whole: str, asked: Request | None) -> Iterator[Moment]:
+    def _one(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
+        clause, asked = said.text, said.asked
         if asked is not None and (answer := self._answer(clause, asked)) is not None:
             yield RequestReply(instruction=clause, answer=answer)
             return
         self._episode.clock_s = self.home.clock_s
-        self._episode.mine = self._meant(whole)
+        self._episode.mine = {**owned(self.home.past), **said.means}
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []
@@ -339,13 +345,6 @@ class Agent:
             self._episode.learn(told.change)
             self.home.add(clause, "told", (), [told.change], self._world.last_event)
         return told.answer
-
-    def _meant(self, instruction: str) -> dict[str, str]:
-        """Return which things words mean by what was told and done: type -> id."""
-        means = owned(self.home.past)
-        if (reader := self._method.reader) is not None:
-            means.update(in_plain_words(instruction, self.home.past, reader).means)
-        return means
 
     def _remembering(self) -> Remembering:
         """Return what questions are answered from."""

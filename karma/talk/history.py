@@ -5,16 +5,17 @@ apple away" where apples go into the fridge. It is then said in plain words, and
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from karma.agent.perceive import place_of
-from karma.contracts import SeenObject
+from karma.contracts import Mention, Request, SaidDeed, SeenObject
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
+from karma.language.clauses import said
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
 from karma.talk.home import PastErrand
@@ -70,10 +71,10 @@ def moves(past: Sequence[PastErrand]) -> list[Move]:
                 name, after = sight.object_id, place_of(sight)
                 before = taken.get(name) or places.get(name)
                 if _can_move(sight) and before and before != after:
-                    said = errand.said if name in taken else ""
+                    own = errand.said if name in taken else ""
                     found.append(
                         Move(object_id=name, before=before, after=after, at_s=errand.at_s,
-                             said=said, told=errand.status == "told")
+                             said=own, told=errand.status == "told")
                     )  # fmt: skip
                 places[name] = after
     return found
@@ -112,9 +113,8 @@ def habit_in(text: str, reader: RequestReader) -> tuple[tuple[str, ...], str] | 
         return None
     if len(named) != 2 or not all(one.types for one in named):
         return None
-    kinds, (thing, place) = object_types(), named
-    carried = any(kinds[one].can("pickupable") for one in thing.types)
-    return (thing.types, place.types[0]) if carried and _holds(place.types[0]) else None
+    thing, place = named
+    return (thing.types, place.types[0]) if can_lie_in(thing, place) else None
 
 
 def is_taught(text: str) -> bool:
@@ -122,8 +122,12 @@ def is_taught(text: str) -> bool:
     return bool(_TAUGHT.match(text))
 
 
-def _holds(kind: str) -> bool:
-    return object_types()[kind].can("receptacle")
+def can_lie_in(thing: Mention, place: Mention) -> bool:
+    """Return whether what is named first can be carried, and what is named second can hold."""
+    kinds = object_types()
+    return any(kinds[one].can("pickupable") for one in thing.types) and any(
+        kinds[one].can("receptacle") for one in place.types
+    )
 
 
 def owned(past: Sequence[PastErrand]) -> dict[str, str]:
@@ -188,12 +192,40 @@ def in_plain_words(text: str, past: Sequence[PastErrand], reader: RequestReader)
         past: the home's log.
         reader: of English.
     """
+    if not any(kind.search(text) for kind in (_ORDINAL, _DONE_TO, _BACK)):
+        return PlainRequest(text, {})
     speaking = _SpeakingOfThePast(past, reader)
-    for kind, said in (
+    for kind, plainly in (
         (_ORDINAL, speaking.ordinal), (_DONE_TO, speaking.done_to), (_BACK, speaking.back),
     ):  # fmt: skip
-        text = kind.sub(said, text)
+        text = kind.sub(plainly, text)
     return PlainRequest(text, speaking.means, tuple(speaking.unknown))
+
+
+def with_habits(request: Request, usual: Mapping[str, str]) -> Request:
+    """Return a request that puts things away where they always go: "tidy the bread away".
+
+    Args:
+        request: what was asked.
+        usual: type -> type of the place.
+    """
+
+    def of(deed: SaidDeed) -> SaidDeed:
+        kinds = [kind for thing in deed.things for kind in thing.types]
+        place = next((usual[kind] for kind in kinds if kind in usual), "")
+        if deed.deed != "put" or deed.place is not None or not place:
+            return deed
+        there = Mention(text=name_of(place), start=-1, end=-1, types=(place,))
+        return replace(deed, place=there)
+
+    deeds = tuple(map(of, request.deeds))
+    if deeds == request.deeds:
+        return request
+    whole = request.lacking != "where" or all(d.place for d in deeds if d.deed == "put")
+    if not whole:
+        return replace(request, deeds=deeds)
+    errand = " and ".join(said(deed, request.whole) for deed in deeds)
+    return replace(request, deeds=deeds, form="errand", lacking="", errand=errand)
 
 
 class _SpeakingOfThePast:
@@ -232,37 +264,33 @@ class _SpeakingOfThePast:
 
     def back(self, found: re.Match[str]) -> str:
         """Return "put the apple on the table" for "put it back", where the log knows both."""
-        said = found["it"]
-        kinds = _kinds_of(said, self._reader)
+        words = found["it"]
+        kinds = _kinds_of(words, self._reader)
         moved = [(one.object_id, one.before) for one in self._moves]
         about = [one for one in self._taken if base_type(type_of(one[0])) in kinds]
         last = next(reversed(about if kinds else moved), None)
         kind = next(iter(kinds), None) or (base_type(type_of(last[0])) if last else "")
-        name = said if kinds or last is None else f"the {name_of(last[0])}"
-        away = re.search(r"\baway\b", found[0], re.IGNORECASE)
-        if (found["habit"] or away) and kind in self._usual:
-            return f"put {name} {told_place(self._usual[kind])}"
-        if away or not _goes_back(found) or last is None or type_of(last[1]) in (HAND, FLOOR):
+        name = words if kinds or last is None else f"the {name_of(last[0])}"
+        if found["habit"]:
+            place = self._usual.get(kind)
+            return found[0] if place is None else f"put {name} {told_place(place)}"
+        if not _goes_back(found) or last is None or type_of(last[1]) in (HAND, FLOOR):
             return found[0]
         self.means |= {kind: last[0], base_type(type_of(last[1])): last[1]}
         return f"put {name} {told_place(last[1])}"
 
 
-def _kinds_of(said: str, reader: RequestReader) -> tuple[str, ...]:
+def _kinds_of(words: str, reader: RequestReader) -> tuple[str, ...]:
     """Return the types that a thing's words mean; () of a pronoun."""
-    if " " not in said:
+    if " " not in words:
         return ()
-    found = reader.read(f"find {said}")
+    found = reader.read(f"find {words}")
     return next((thing.types for one in found for thing in one.mentions if thing.types), ())
 
 
 def looked_into(past: Sequence[PastErrand]) -> set[str]:
     """Return the ids of what was opened: it was looked into."""
-    return set(_opened(past))
-
-
-def _opened(past: Sequence[PastErrand]) -> Iterator[str]:
-    for errand in past:
-        for action, arguments in errand.actions:
-            if action == "OpenObject":
-                yield str(arguments.get("objectId", ""))
+    return {
+        str(arguments["objectId"]) for errand in past for action, arguments in errand.actions
+        if action == "OpenObject" and "objectId" in arguments
+    }  # fmt: skip

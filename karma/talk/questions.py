@@ -23,14 +23,11 @@ from karma.language.clock import read_span, unread_times
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
 from karma.methods.guarded import is_so
-from karma.talk.history import Move, looked_into, moves, owned
+from karma.talk.history import Move, habits, looked_into, moves, owned
 from karma.talk.home import BEGINS_S, PastErrand
 
 _ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
-_MOVING = (
-    "moved", "move", "took", "put", "placed", "brought", "left", "washed", "opened", "closed",
-    "used", "touched", "changed",
-)  # fmt: skip
+_MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
 _MOST = 6  # things or errands in one answer
 _OLD_S = 3600.0  # what was seen so long ago may have been moved
 _OFFER = 'Say "go and see", or /look, and I look for it.'
@@ -193,29 +190,36 @@ def _whether_it_was_done(q: _Question) -> MemoryAnswer | None:
         return None
     at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), -1)
     rest = [word for word in q.words[at + 1 :] if word not in ("last", "ever", "already", "yet")]
-    if at < 0 or not rest:
+    return _whether_i_did(q, rest) if at >= 0 and rest else None
+
+
+def _whether_i_did(q: _Question, rest: Sequence[str]) -> MemoryAnswer | None:
+    """Tell whether the agent has done what some words ask for: "washed", "the", "apple"."""
+    if q.reader is None:
         return None
-    order = " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])
-    asked = list(_deeds(q.reader, order))
+    asked = list(_deeds(q.reader, " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])))
     if not asked:
         return None
     for past in (one for one in reversed(q.knows.past) if q.then(one.at_s)):
         for deed, kinds in _deeds(q.reader, past.said):
             if any(deed == one and (kinds & types or not types) for one, types in asked):
                 when = q.knows.ago(past.at_s)
-                if past.status == "done":
-                    yes = when.capitalize() if q.asks == "when" else f"Yes, {when}"
-                    return MemoryAnswer(lines=(f"{yes}: {past.said}.",))
-                return MemoryAnswer(
-                    lines=(f"I tried {when}, and it came out {past.status}: {past.said}.",)
-                )
-    return MemoryAnswer(lines=("No, not that I remember.",))
+                if past.status != "done":
+                    line = f"I tried {when}, and it came out {past.status}: {past.said}."
+                    return MemoryAnswer(lines=(line,))
+                told = {"when": when.capitalize(), "who": f"I did, {when}"}
+                return MemoryAnswer(lines=(f"{told.get(q.asks, f'Yes, {when}')}: {past.said}.",))
+    nobody = "Nobody that I know of." if q.asks == "who" else "No, not that I remember."
+    return MemoryAnswer(lines=(nobody,), known=q.asks != "who")
 
 
 def _who_did_it(q: _Question) -> MemoryAnswer | None:
     """Answer "who moved the apple?": from the log, or that nobody was seen."""
-    if q.asks != "who" or not q.things or q.has("in", "on", "under") or not q.has(*_MOVING):
+    if q.asks != "who" or not q.things or q.has("in", "on", "under"):
         return None
+    if not q.has(*_MOVING):
+        deed = next((word for word in q.words[1:3] if base_of_deed(word)), "")
+        return _whether_i_did(q, [deed, *q.words[q.words.index(deed) + 1 :]]) if deed else None
     kinds = {*q.things[0].types}
     moved = [one for one in moves(q.knows.past) if base_type(type_of(one.object_id)) in kinds]
     if not moved:
@@ -233,7 +237,8 @@ def _who_did_it(q: _Question) -> MemoryAnswer | None:
 
 def _what_changed(q: _Question) -> MemoryAnswer | None:
     """Tell of each thing that was moved where it was and where it is, the last one first."""
-    if q.asks != "what" or not q.has("changed", "change", "different", "moved") or q.things:
+    asks = q.asks == "what" or q.has("anything", "something")
+    if not asks or not q.has("changed", "change", "different", "moved") or q.things:
         return None
     known = [one for one in moves(q.knows.past) if q.then(one.at_s)]
     last = {one.object_id: one for one in known}
@@ -244,8 +249,8 @@ def _what_changed(q: _Question) -> MemoryAnswer | None:
         first.setdefault(one.object_id, one)
     told = sorted(last.values(), key=lambda one: -one.at_s)
     lines = [
-        f"The {name_of(one.object_id)} went from {_place_words(first[one.object_id].before)} to "
-        f"{_place_words(one.after)}, {q.knows.ago(one.at_s)}: {_by(one)}."
+        f"The {name_of(one.object_id)} went {_way(first[one.object_id].before, one.after)}, "
+        f"{q.knows.ago(one.at_s)}: {_by(one)}."
         for one in told
         if first[one.object_id].before != one.after
     ]
@@ -258,6 +263,11 @@ def _by(one: Move) -> str:
     if one.told:
         return "so you told me"
     return f'I did it when you said "{one.said}"' if one.said else "somebody did, not I"
+
+
+def _way(before: str, after: str | None) -> str:
+    start, end = _place_words(before), _place_words(after)
+    return f"from one {name_of(before)} to another" if start == end else f"from {start} to {end}"
 
 
 def _place_words(place: str | None) -> str:
@@ -294,7 +304,7 @@ def _how_many(q: _Question) -> MemoryAnswer | None:
         return None
     if not q.things:
         return _not_seen(q)
-    found = [one for one in q.knows.of(q.things[0]) if _is_at(one[0], q.things[1:])]
+    found = [one for one in q.knows.of(q.things[0]) if is_at(one[0], q.things[1:])]
     if q.state:
         found = [one for one in found if is_so(q.state, one[0])]
     if not found:
@@ -316,7 +326,7 @@ def _what_lies_there(q: _Question) -> MemoryAnswer | None:
     lying = [
         (sight, when)
         for sight, when in q.knows.sights.values()
-        if sight.pickupable and _is_at(sight, [place])
+        if sight.pickupable and is_at(sight, [place])
     ]
     where = told_place(q.knows.of(place)[0][0].object_id if q.knows.of(place) else place.types[0])
     if not lying:
@@ -343,7 +353,7 @@ def _whether(q: _Question) -> MemoryAnswer | None:
     if q.state and not places:
         return _state_told(q, thing, found)
     if "there" in q.words[:3] or places:
-        there = [one for one in found if _is_at(one[0], places)]
+        there = [one for one in found if is_at(one[0], places)]
         sight, when = (there or found)[0]
         yes = "Yes" if there else "No, not that I saw"
         return MemoryAnswer(lines=(f"{yes}: the {name_of(sight.object_id)} is {_told(sight)}, "
@@ -407,6 +417,12 @@ def _where(q: _Question) -> MemoryAnswer | None:
         return None
     if not q.things:
         return _not_seen(q) if q.unknown else None
+    if q.reader is not None and q.has("go", "goes", "belong", "belongs", "live", "lives"):
+        usual = habits(q.knows.past, q.reader)
+        place = next((usual[kind] for kind in q.things[0].types if kind in usual), "")
+        if place:
+            name = name_of(q.things[0].types[0])
+            return MemoryAnswer(lines=(f"You told me: the {name} goes {told_place(place)}.",))
     lines: list[str] = []
     for thing in q.things[:1]:
         found = q.knows.of(thing)
@@ -454,7 +470,7 @@ def _looking(thing: Mention) -> str:
     return f"find the {name_of(thing.types[0])}"
 
 
-def _is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:
+def is_at(sight: SeenObject, places: Sequence[Mention]) -> bool:
     """Return whether a thing lies in or on one of some places; of none it always does."""
     kinds = {without_basin(kind) for place in places for kind in place.types}
     return not kinds or any(without_basin(type_of(one)) in kinds for one in sight.parent_ids)

@@ -4,15 +4,13 @@ from dataclasses import dataclass, replace
 
 from karma.agent.perceive import place_of
 from karma.contracts import MemoryChange, Mention, Request, SeenObject
-from karma.household.ids import type_of
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
-from karma.household.types import object_types
 from karma.language.request import RequestReader
 from karma.language.request_words import request_words
 from karma.methods.experience import unit_of
-from karma.talk.history import habit_in, is_owning
-from karma.talk.questions import MemoryAnswer, Remembering
+from karma.talk.history import can_lie_in, habit_in, is_owning
+from karma.talk.questions import MemoryAnswer, Remembering, is_at
 
 _NOT_NOW = frozenset(
     ("no", "was", "were", "used", "should", "belongs", "belong", "goes", "go", "will", "or",
@@ -56,7 +54,7 @@ def told_of(
     if found and place_of(found[0][0]) == HAND:
         held = MemoryAnswer(lines=(f"I have the {name} in my hand.",))
         return ToldPlace(answer=held, change=None)
-    own = [one for one, _ in found if _lies(one, place)] if is_owning(request.text) else []
+    own = [one for one, _ in found if is_at(one, [place])] if is_owning(request.text) else []
     if len(own) == 1:
         where = told_place(place_of(own[0]))
         mine = MemoryAnswer(lines=(f"I will remember: the {name} {where} is yours.",))
@@ -82,14 +80,7 @@ def _thing_and_place(request: Request) -> tuple[Mention | None, Mention | None]:
     if len(named) != 2 or otherwise & {word.strip(".,!") for word in words}:
         return None, None
     thing, place = named
-    kinds = object_types()
-    carried = any(kinds[one].can("pickupable") for one in thing.types if one in kinds)
-    holds = any(kinds[one].can("receptacle") for one in place.types if one in kinds)
-    return (thing, place) if carried and holds else (None, None)
-
-
-def _lies(sight: SeenObject, place: Mention) -> bool:
-    return bool({type_of(one) for one in sight.parent_ids} & {*place.types})
+    return (thing, place) if can_lie_in(thing, place) else (None, None)
 
 
 def _moved(sight: SeenObject, there: SeenObject) -> SeenObject:

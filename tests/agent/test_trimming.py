@@ -5,9 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from karma.agent.guard import stopped
+from karma.agent.inspector import objection
 from karma.agent.program import parse_program
 from karma.agent.trimming import trimmed
 from karma.contracts import SkillCall
+from karma.language.clauses import clauses_of
 from karma.methods.guarded import reader_of
 
 HERE = ("Apple", "Bread", "CounterTop", "DeskLamp", "DiningTable", "Fridge", "Mug", "Pen")
@@ -29,7 +31,9 @@ def left(reader, text, program):
     (request,) = reader.read(text)
     calls = parse_program(program)
     assert stopped(calls, request, HERE), "there is nothing to trim"
-    rest = trimmed(calls, lambda some: stopped(some, request, HERE))
+    rest = trimmed(
+        calls, lambda some: stopped(some, request, HERE) or str(objection(some, held=None) or "")
+    )
     assert not rest or stopped(rest, request, HERE) == ""
     return [f"{call.skill} {call.objects[0]}" for call in rest]
 
@@ -69,6 +73,12 @@ def test_a_mug_does_not_serve_for_the_cup_beside_it(reader):
     (request,) = reader.read("put the mug and the cup on the counter")
     program = parse_program(TAKE.format("Mug") + PUT.format("Mug", "CounterTop"))
     assert "does not put the cup" in stopped(program, request, HERE)
+    parts = clauses_of(request)  # of which each is planned by itself
+    assert [text for text, _ in parts] == [
+        "put the mug on the counter",
+        "put the cup on the counter",
+    ]
+    assert "does not put the cup" in stopped(program, parts[1][1], HERE)
     (request,) = reader.read("put the cup on the counter")
     assert stopped(program, request, HERE) == ""  # no cup was seen, and people say so
 
@@ -86,13 +96,23 @@ def test_what_is_left_keeps_its_order_and_has_no_objection(names, bad):
     calls = _calls(names)
     marked = {id(call): n for n, call in enumerate(calls)}
 
-    def objection(some):
+    def refused(some):
         return "no" if any(marked[id(call)] in bad for call in some) else ""
 
-    rest = trimmed(calls, objection)
+    rest = trimmed(calls, refused)
     numbers = [marked[id(call)] for call in rest]
     assert numbers == sorted(numbers)
-    assert not rest or objection(rest) == ""
+    assert not rest or refused(rest) == ""
     taken = sum(call.skill == "PickupObject" for call in calls)
     if len(bad & set(range(len(calls)))) == 1 and len(calls) > 1 and taken < 2:
         assert rest, "one line less is enough"
+
+
+def test_after_a_failure_nothing_else_is_done_either(reader):
+    (request,) = reader.read("put the bread in the toaster")
+    rest = parse_program(PUT.format("Bread", "Toaster"))
+    here = (*HERE, "Toaster")
+    assert stopped(rest, request, here, "Bread", begun=True) == ""
+    assert stopped(parse_program(LIGHT), request, here, begun=True)
+    cut = TAKE.format("Knife") + "GoToObject(robot, 'Bread')\nSliceObject(robot, 'Bread')\n"
+    assert stopped(parse_program(cut), request, here, begun=True)

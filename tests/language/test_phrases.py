@@ -50,7 +50,7 @@ ROLES = {
     "put the mug in the sink": {"mug": "thing", "sink": "destination"},
     "wash the mug on the desk": {"mug": "thing", "desk": "modifier"},
     "wash the mug in the sink": {"mug": "thing", "sink": "destination"},
-    "take the knife from the counter": {"knife": "thing", "counter": "modifier"},
+    "take the whisk out of the rack": {"whisk": "thing", "rack": "modifier"},
     "put the mug on the desk in the drawer": {
         "mug": "thing", "desk": "modifier", "drawer": "destination"},
     "turn off the light next to the bed": {"light": "thing", "bed": "modifier"},

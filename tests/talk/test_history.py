@@ -49,6 +49,8 @@ def test_who_moved_a_thing_is_known_of_oneself(agent):
     assert answer(agent, "who moved the apple?") == ("I did, just now: put it in the fridge.",)
     (line,) = answer(agent, "who took the knife?")
     assert line == "Nobody that I know of: I saw no knife moved."
+    assert answer(agent, "who washed the apple?") == ("I did, just now: wash the apple.",)
+    assert answer(agent, "who opened the microwave?") == ("Nobody that I know of.",)
 
 
 def test_what_changed_names_where_things_were_and_are(agent):
@@ -119,6 +121,7 @@ def test_a_thing_is_put_back_where_it_was(agent):
         ("put the vase back where it was", "put the vase back where it was"),
         ("put it on the table", "put it on the table"),
         ("put the apple away", "put the apple away"),
+        ("put the apple where it belongs", "put the apple where it belongs"),
         ("turn the lamp back on", "turn the lamp back on"),
         ("put the apple back in the bowl", "put the apple back in the bowl"),
     ],
@@ -145,7 +148,18 @@ def test_a_habit_is_kept_and_obeyed(tmp_path, agent):
     assert "DiningTable" in place_of(agent, "Apple")[0]
     agent.home.leave()
     tomorrow = agent_saying(tmp_path, [OUT], home=tmp_path / "home")
-    assert tomorrow.clauses("put the apple away") == ["put the apple on the dining table"]
+    for text in (
+        "put the apple away",
+        "tidy away the apple",
+        "stow the apple",
+        "clear the apple away",
+    ):
+        assert tomorrow.clauses(text) == ["put the apple on the dining table"]
+    assert tomorrow.clauses("put the apple in the sink") == ["put the apple in the sink"]
+    assert tomorrow.clauses("put the mug away") == ["put the mug away"]
+    assert answer(tomorrow, "where does the apple go?") == (
+        "You told me: the apple goes on the dining table.",
+    )
 
 
 @pytest.mark.parametrize(
@@ -170,7 +184,7 @@ def test_ones_own_is_meant_by_its_word(tmp_path):
     (tmp_path / "handmade.json").write_bytes(to_json(kitchen(extra=more)))
     put = "PickupObject(robot, 'Egg')\nGoToObject(robot, 'Sink')\nPutObject(robot, 'Egg', 'Sink')\n"
     ways = ["GoToObject(robot, 'DiningTable')\n", "OpenObject(robot, 'Fridge')\n"]
-    agent = agent_saying(tmp_path, [*ways, put, put])
+    agent = agent_saying(tmp_path, [*ways, put, put, put])
     for text in ("go to the dining table", "open the fridge"):  # it has seen both eggs now
         assert agent.do(text).status == "done"
     assert is_owning("my egg is the one on the dining table")
@@ -185,6 +199,22 @@ def test_ones_own_is_meant_by_its_word(tmp_path):
     assert sorted("Sink" in place for place in lying.values()) == [False, True]
     (mine,) = (name for name, place in lying.items() if "Sink" in place)
     assert mine.startswith("Egg|+01.7")
+    assert agent.do("put the other egg in the sink").status == "done"
+    eggs = [
+        one for one in agent._world.last_event.metadata["objects"] if one["objectType"] == "Egg"
+    ]
+    assert all("Sink" in one["parentReceptacles"][0] for one in eggs)
+
+
+def test_what_one_part_means_by_the_log_is_no_other_parts_place(tmp_path):
+    agent = agent_saying(tmp_path, [STORE])
+    agent.do("put the apple in the fridge")
+    clauses = list(agent._in_turn("find the mug, then put the apple back where it was"))
+    assert [clause.text for clause in clauses] == [
+        "find the mug", "put the apple on the dining table",
+    ]  # fmt: skip
+    assert dict(clauses[0].means) == {}
+    assert set(clauses[1].means) == {"Apple", "DiningTable"}
 
 
 def test_what_speaks_of_the_log_waits_for_what_is_before_it(tmp_path):
