@@ -1,319 +1,265 @@
-"""Install a verified bundle where there is no network and nothing but Python.
+"""Verify a bundle and install it where there is no network and nothing but Python.
 
-    tar -xOf karma.tar install.pyz > install.pyz
-    python3.11 install.pyz karma.tar --into /opt/karma
+    tar -xOf karma.tar install.py > install.py
+    python3.11 install.py karma.tar --into /opt/karma
 
-install.pyz in each bundle holds this module, those it imports and nothing else, so that the code is
-the same as that of `karma bundle install`: standard library only.
+This file travels in each bundle and runs there alone, so: standard library only.
+
+SHA256SUMS finds damage. Against a bundle that somebody has forged only the SHA-256 helps that
+`karma bundle build` prints, brought by another way.
 """
 
 import argparse
-import errno
+import fcntl
 import hashlib
+import json
 import os
 import platform
 import shutil
 import signal
-import stat
 import subprocess
 import sys
+import tarfile
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Sequence
+import zipfile
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, Any
 
-from karma.bundle.contents import CHUNK, BundleError, Contents, Member, open_bundle, places
-from karma.bundle.verify import Say, parts, verify
-
+ABOUT, SUMS, INSTALLER = "bundle.json", "SHA256SUMS", "install.py"  # first, last, this file
+FILES = (ABOUT, SUMS, INSTALLER, "LICENSE", "AIRGAP.md")
+FOLDERS = ("wheels", "models", "eval", "scenes", "thor", "licences")
+STAMP = ".karma-bundle"  # in the folder: which bundle is being installed there
 SPARE_BYTES = 64 << 20
-PATIENCE_S = 3.0
+_DAMAGE = (tarfile.TarError, zipfile.BadZipFile, OSError, EOFError, ValueError, KeyError, TypeError)
 
 
-def install(
-    bundle: Path, into: Path, *, sha256: str = "", smoke: bool = True, say: Say = lambda _: None
-) -> Contents:
-    """Verify a bundle, then install it; killed at any time, the same call goes on.
-
-    Args:
-        bundle: the file.
-        into: a folder that is new, empty, or where this bundle was being installed.
-        sha256: as `verify` has it.
-        smoke: afterwards let it carry out one instruction.
-        say: is told each step.
-
-    Raises:
-        BundleError: refused, or a step failed; `into` then has no `karma` to run.
-    """
-    say(f"verifying {bundle}")
-    contents = verify(bundle, sha256=sha256, say=say)
-    _check_here(contents)
-    into = Path(os.path.abspath(into))  # noqa: PTH100  (links are kept as they are)
-    try:
-        into.mkdir(parents=True, exist_ok=True)
-        with _alone(into) as lock:
-            programs = _Programs(into=into, lock=lock, say=say)
-            _claim(into, contents)
-            _check_room(into, contents)
-            with open_bundle(bundle) as file:
-                _unpack(file, contents, into, say)
-            _make_venv(contents, programs)
-            _write(into / "karma", _launcher(contents), executable=True)
-            try:
-                _try_out(contents, programs, smoke)
-            except BundleError:
-                (into / "karma").unlink()
-                raise
-            _write(into / ".karma-installed", contents.digest.encode() + b"\n")
-    except OSError as error:
-        raise BundleError(f"{into}: {error}; run the same command again to go on") from error
-    say(f"ready: {into / 'karma'} --help")
-    return contents
+class RefusedError(Exception):
+    """A bundle that is refused, or a step that failed; names the file or the step."""
 
 
 def here() -> tuple[str, str]:
-    """Return this machine's Python and platform as manifests name them."""
+    """Return this machine's Python and platform, such as ("3.11", "linux-x86_64")."""
     major, minor = sys.version_info[:2]
     return f"{major}.{minor}", f"{sys.platform}-{platform.machine()}"
 
 
-def _check_here(contents: Contents) -> None:
-    python, machine = here()
-    if contents.platform != machine:
-        raise BundleError(f"the bundle is for {contents.platform}, and this machine is {machine}")
-    if contents.python != python:
-        raise BundleError(
-            f"the bundle is for Python {contents.python}, and this is {python}\n"
-            f"  To fix: run this with python{contents.python}"
-        )
+def unsafe(path: str) -> bool:
+    """Return whether a path leads elsewhere or has no business in a bundle.
+
+    >>> unsafe("models/nano/planner.gguf"), unsafe("models/../../x"), unsafe("venv/bin/python")
+    (False, True, True)
+    """
+    parts = path.split("/")
+    odd = not path.isprintable() or "\\" in path or {"", ".", ".."} & set(parts)
+    return bool(odd) or (path not in FILES and (len(parts) < 2 or parts[0] not in FOLDERS))
+
+
+def verify(bundle: Path, *, sha256: str = "") -> dict[str, Any]:
+    """Check every file of a bundle without unpacking any; return what its bundle.json says.
+
+    Raises:
+        RefusedError: something is not as it must be; names the file.
+    """
+    if not bundle.is_file():
+        raise RefusedError(f"{bundle}: no such file")
+    name, found = "its begin", dict[str, str]()
+    try:
+        with bundle.open("rb") as file:
+            whole = hashlib.file_digest(file, "sha256").hexdigest() if sha256 else ""
+        if whole != sha256.lower():
+            raise RefusedError(f"{bundle}: its SHA-256 is {whole} and not {sha256.lower()}")
+        with tarfile.open(bundle, "r:") as tar:
+            for member in tar:
+                name = member.name
+                if name in found or unsafe(name):
+                    raise RefusedError(f"{bundle}: {name!r}: refused, its path is not for a bundle")
+                if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or member.issparse():
+                    raise RefusedError(f"{bundle}: {name}: refused, it is a link, or no plain file")
+                digest = hashlib.sha256()
+                with _open(tar, name) as data:
+                    while part := data.read(1 << 20):
+                        digest.update(part)
+                found[name] = digest.hexdigest()
+            about = {"python": "", "platform": "", "models": [], **json.load(_open(tar, ABOUT))}
+            lines = _open(tar, SUMS).read().decode().splitlines()
+        wanted = {line[66:]: line[:64] for line in lines}
+    except _DAMAGE as error:
+        said = f"damaged, or the bundle breaks off there: {error}"
+        raise RefusedError(f"{bundle}: at or behind {name}: {said}") from error
+    del found[SUMS]
+    for path in sorted(wanted.keys() | found.keys()):
+        if wanted.get(path) != found.get(path):
+            said = "its SHA-256 is not the one in SHA256SUMS" if path in found else "missing"
+            raise RefusedError(f"{bundle}: {path}: {said}")
+    return about
+
+
+def _open(tar: tarfile.TarFile, name: str) -> IO[bytes]:
+    """Open a member for reading; KeyError where it is not."""
+    file = tar.extractfile(name)
+    if file is None:
+        raise KeyError(name)
+    return file
+
+
+def install(bundle: Path, into: Path, *, sha256: str = "", smoke: bool = True) -> None:
+    """Verify a bundle, then install it; killed at any time, the same call does it again.
+
+    Args:
+        bundle: the file.
+        into: a folder that is new, empty, or where this bundle was being installed.
+        sha256: of the whole file, known from elsewhere; "" = not asked for.
+        smoke: afterwards let it carry out one instruction.
+
+    Raises:
+        RefusedError: refused, or a step failed; `into` then has no `karma` to run.
+    """
+    print(f"verifying {bundle}", flush=True)
+    about = verify(bundle, sha256=sha256)
+    for key, found in zip(("python", "platform"), here(), strict=True):
+        if about[key] != found:
+            raise RefusedError(f"the bundle is for {key} {about[key]}, and this is {key} {found}")
+    if not hasattr(tarfile, "data_filter"):
+        raise RefusedError("Python 3.11.4 or a later one is needed")
+    launcher = into / "karma"
+    try:
+        into.mkdir(parents=True, exist_ok=True)
+        with _alone(into), tarfile.open(bundle, "r:") as tar:
+            _claim(into, tar)
+            launcher.unlink(missing_ok=True)
+            _check_room(into, tar)
+            print(f"unpacking {len(tar.getnames())} files", flush=True)
+            tar.extractall(into, filter="data")
+            _make_venv(into)
+            _write_launcher(launcher)
+            try:
+                _try_out(launcher, about["models"], smoke)
+            except RefusedError:
+                launcher.unlink()
+                raise
+    except (OSError, tarfile.TarError) as error:
+        raise RefusedError(f"{into}: {error}\n  To fix: run the same command again") from error
+    print(f"ready: {launcher} --help", flush=True)
 
 
 @contextmanager
-def _alone(into: Path) -> Iterator[int]:
-    """Keep a second installation out; the kernel lets go when this process and its steps are dead.
-
-    Yields the lock's descriptor, which the steps inherit: what a killed installation has started
-    may live a moment longer.
-    """
-    import fcntl
-
-    with open(into / ".karma-lock", "wb", opener=_no_link) as lock:
-        until = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                if time.monotonic() > until:
-                    raise BundleError(f"{into}: another installation is at work there") from None
-                time.sleep(0.05)
-            else:
-                break
-        yield lock.fileno()
+def _alone(into: Path) -> Iterator[None]:
+    """Keep a second installation out; the kernel lets go when this process is dead."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    with os.fdopen(os.open(into / ".karma-lock", flags, 0o644), "wb") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise RefusedError(f"{into}: another installation is at work there") from None
+        yield
 
 
-def _die_together() -> Callable[[], None] | None:
-    """Return what makes a child die with this process, where the system can do that."""
-    if not sys.platform.startswith("linux"):
-        return None
-    import ctypes
-
-    prctl = ctypes.CDLL(None).prctl
-    return lambda: prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-
-
-def _claim(into: Path, contents: Contents) -> None:
+def _claim(into: Path, tar: tarfile.TarFile) -> None:
     """Refuse a folder that holds anything but this bundle's own beginnings."""
-    stamp = into / ".karma-bundle"
+    digest, stamp = hashlib.sha256(_open(tar, SUMS).read()).hexdigest(), into / STAMP
     if stamp.exists():
-        if stamp.read_bytes().strip() != contents.digest.encode():
-            raise BundleError(
+        if stamp.read_text() != digest:
+            raise RefusedError(
                 f"{into}: another bundle is installed there\n  To fix: choose another folder"
             )
     elif others := sorted(one.name for one in into.iterdir() if not one.name.startswith(".karma-")):
-        raise BundleError(f"{into}: not empty, there is {others[0]!r}\n  To fix: another folder")
-    _write(stamp, contents.digest.encode() + b"\n")
+        raise RefusedError(f"{into}: not empty, there is {others[0]!r}\n  To fix: another folder")
+    _write(stamp, digest, 0o644)
 
 
-def _check_room(into: Path, contents: Contents) -> None:
+def _check_room(into: Path, tar: tarfile.TarFile) -> None:
+    """Refuse to begin where files, and packages with their bytecode, find no room."""
     wanted = SPARE_BYTES
-    for member in contents.members:
-        there = (into / member.path).exists()
-        wanted += (0 if there else member.bytes) + int(1.3 * (member.unpacked or 0))  # bytecode too
-    if (into / "venv").exists():
-        wanted = 0  # most of it is in use already
+    for member in tar:
+        wanted += 0 if (into / member.name).exists() else member.size
+        if member.name.endswith(".whl") and not (into / "venv").exists():
+            with zipfile.ZipFile(_open(tar, member.name)) as wheel:
+                wanted += int(1.3 * sum(entry.file_size for entry in wheel.infolist()))
     free = shutil.disk_usage(into).free
     if free < wanted:
-        raise BundleError(f"{into}: {wanted >> 20} MiB are needed and {free >> 20} MiB are free")
+        raise RefusedError(f"{into}: {wanted >> 20} MiB are needed and {free >> 20} MiB are free")
 
 
-def _unpack(file: BinaryIO, contents: Contents, into: Path, say: Say) -> None:
-    """Put every file in its place, whole or not at all; what is there and right is left."""
-    root = into.resolve()
-    kept = 0
-    for number, (member, offset) in enumerate(places(contents), start=1):
-        target = into / member.path
-        if _is_right(target, member):
-            kept += 1
-            continue
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if root not in (target.parent.resolve(), *target.parent.resolve().parents):
-            raise BundleError(f"{member.path}: refused, a link leads out of {into}")
-        file.seek(offset)
-        part, digest = into / ".karma-part", hashlib.sha256()
-        with _new(part) as sink:
-            for data in parts(file, member.bytes):
-                digest.update(data)
-                sink.write(data)
-            sink.flush()
-            os.fsync(sink.fileno())
-        if digest.hexdigest() != member.sha256:
-            raise BundleError(f"{member.path}: it has changed since it was verified")
-        part.chmod(0o755 if member.executable else 0o644)
-        part.replace(target)
-        if member.bytes > 64 * CHUNK or number % 200 == 0:
-            say(f"unpacked {number} of {len(contents.members)}: {member.path}")
-    say(f"unpacked {len(contents.members)} files, {kept} of them were there already")
-
-
-def _is_right(path: Path, member: Member) -> bool:
-    try:
-        found = path.lstat()
-        if not stat.S_ISREG(found.st_mode) or found.st_size != member.bytes:
-            return False
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest() == member.sha256
-    except OSError:
-        return False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Programs:
-    """Runs the programs that an installation consists of."""
-
-    into: Path
-    lock: int
-    say: Say
-
-    def run(self, command: Sequence[str], *, count: bool = False) -> None:
-        """Run one; its output goes to the log, with `count` pip's packages are counted aloud."""
-        environment = {
-            key: value
-            for key, value in os.environ.items()
-            if not key.startswith(("PIP_", "KARMA_")) and key not in ("PYTHONPATH", "PYTHONHOME")
-        }
-        environment |= {"PIP_CONFIG_FILE": os.devnull, "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
-        path = self.into / ".karma-install.log"
-        last: list[str] = []
-        with (
-            open(path, "a", encoding="utf-8", opener=_no_link) as log,
-            tempfile.TemporaryDirectory() as folder,
-            subprocess.Popen(
-                command,
-                cwd=folder,
-                env=environment,
-                pass_fds=(self.lock,),
-                preexec_fn=_die_together(),  # noqa: PLW1509  (this process has one thread)
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                errors="replace",
-            ) as child,
-        ):
-            for number, line in enumerate(child.stdout or ()):
-                log.write(line)
-                last = [*last[-11:], line]
-                if count and (number % 20 == 19 or line.startswith("Installing ")):
-                    self.say(f"  {' '.join(line.split())[:70]}")
-        if child.returncode != 0:
-            raise BundleError(
-                f"`{' '.join(map(str, command[:3]))} ...` failed (exit code {child.returncode}):\n"
-                f"{''.join(last)}  All of it: {path}"
-            )
-
-
-def _make_venv(contents: Contents, programs: _Programs) -> None:
-    """Make the virtual environment from the wheels alone; a half-made one is made again."""
-    into, say = programs.into, programs.say
-    venv = into / "venv"
-    stamp = venv / ".karma-complete"
-    if stamp.exists() and stamp.read_bytes().strip() == contents.digest.encode():
-        say("the virtual environment is there already")
-        return
+def _make_venv(into: Path) -> None:
+    """Make the virtual environment anew, from the wheels alone."""
+    venv, wheels = into / "venv", sorted((into / "wheels").glob("*.whl"))
     if venv.exists():
-        _remove(venv)
-    wheels = [into / one.path for one in contents.members if one.path.endswith(".whl")]
+        shutil.rmtree(venv)
     pip = next((one for one in wheels if one.name.startswith("pip-")), None)
-    say(f"making a virtual environment with {len(wheels)} packages; this takes a while")
+    print(
+        f"making a virtual environment with {len(wheels)} packages; this takes a while", flush=True
+    )
     base = getattr(sys, "_base_executable", sys.executable)
-    programs.run([base, "-I", "-m", "venv", *(["--without-pip"] if pip else []), str(venv)])
-    python = str(venv / "bin" / "python")
-    program = [python, str(pip / "pip")] if pip else [python, "-m", "pip"]
+    _run(base, "-I", "-m", "venv", *(["--without-pip"] if pip else []), str(venv))
+    program = [str(venv / "bin" / "python"), *([str(pip / "pip")] if pip else ["-m", "pip"])]
     options = ("--no-index", "--no-deps", "--no-cache-dir", "--no-input", "--progress-bar", "off")
-    programs.run([*program, "install", *options, *map(str, wheels)], count=True)
-    programs.run([*program, "check"])
-    _write(stamp, contents.digest.encode() + b"\n")
+    _run(*program, "install", *options, *map(str, wheels))
+    _run(*program, "check")
 
 
-def _launcher(contents: Contents) -> bytes:
-    """Return the shell script that runs karma in its environment, wherever the folder lies."""
-    tops = {one.path.split("/")[0] for one in contents.members}
+def _write_launcher(path: Path) -> None:
+    """Write the shell script that runs karma in its environment, wherever the folder lies."""
     named = [("KARMA_MODELS", "models"), ("KARMA_SCENES", "scenes"), ("KARMA_THOR_BUILD", "thor")]
-    lines = [f': "${{{key}:=$here/{top}}}"; export {key}' for key, top in named if top in tops]
+    there = [(key, top) for key, top in named if (path.parent / top).is_dir()]
+    lines = [f': "${{{key}:=$here/{top}}}"; export {key}' for key, top in there]
     script = ["#!/bin/sh", 'here=$(CDPATH= cd -- "$(dirname -- "$0")" && pwd -P)', *lines]
     run = 'exec "$here/venv/bin/python" -P -c \'from karma.cli import app; app(prog_name="karma")\''
-    return "\n".join([*script, f'{run} "$@"', ""]).encode()
+    _write(path, "\n".join([*script, f'{run} "$@"', ""]), 0o755)
 
 
-def _try_out(contents: Contents, programs: _Programs, smoke: bool) -> None:
-    """Let the new installation check its models and, if it has our planner, do something."""
-    karma, say = str(programs.into / "karma"), programs.say
-    if contents.models:
-        say(f"karma models verify {' '.join(contents.models)}")
-        programs.run([karma, "models", "verify", *contents.models])
-    if smoke and {"karma-nano", "karma-mini"} & set(contents.models):
-        say('karma run "Open the fridge."')
-        programs.run([karma, "run", "Open the fridge."])
-    elif smoke:
-        say("karma world list")
-        programs.run([karma, "world", "list"])
-
-
-def _remove(folder: Path) -> None:
-    """Remove a folder, also while a killed installation's last process still writes into it."""
-    until = time.monotonic() + PATIENCE_S
-    while True:
-        try:
-            return shutil.rmtree(folder)
-        except OSError as error:
-            if error.errno != errno.ENOTEMPTY or time.monotonic() > until:
-                raise
-            time.sleep(0.05)
-
-
-def _new(path: Path) -> BinaryIO:
-    """Open a file that was not there; a link that somebody has put there is not followed."""
-    path.unlink(missing_ok=True)
-    return path.open("xb")
-
-
-def _no_link(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
-
-
-def _write(path: Path, data: bytes, *, executable: bool = False) -> None:
-    part = path.with_name(f".karma-{path.name.removeprefix('.karma-')}.new")
-    with _new(part) as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    part.chmod(0o755 if executable else 0o644)
+def _write(path: Path, text: str, mode: int) -> None:
+    """Write a file, whole or not at all; a link that somebody has put there is not followed."""
+    part = path.with_name(".karma-part")
+    part.unlink(missing_ok=True)
+    with part.open("x") as file:
+        file.write(text)
+    part.chmod(mode)
     part.replace(path)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def _try_out(karma: Path, models: list[str], smoke: bool) -> None:
+    """Let the new installation check its models and, if it has our planner, do something."""
+    if models:
+        _run(str(karma), "models", "verify", *models)
+    if smoke and {"karma-nano", "karma-mini"} & set(models):
+        _run(str(karma), "run", "Open the fridge.")
+    elif smoke:
+        _run(str(karma), "world", "list")
+
+
+def _run(*command: str) -> None:
+    """Run a program that prints for itself, without the network's and the caller's settings."""
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("PIP_", "KARMA_")) and key not in ("PYTHONPATH", "PYTHONHOME")
+    }
+    environment |= {"PIP_CONFIG_FILE": os.devnull, "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+    print("$", *(Path(word).name for word in command[:6]), flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            preexec_fn=_die_together,
+            check=False,
+        )
+    if done.returncode != 0:
+        raise RefusedError(f"`{' '.join(command[:4])} ...` failed (exit code {done.returncode})")
+
+
+def _die_together() -> None:
+    """Let a child die with this process, where the system can do that."""
+    if sys.platform.startswith("linux"):
+        import ctypes
+
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+
+def main(arguments: list[str] | None = None) -> int:
     """Verify or install; 0 when done, 1 when refused or failed."""
     parser = argparse.ArgumentParser(description="Install KARMA Offline from a bundle.")
     parser.add_argument("bundle", type=Path)
@@ -321,20 +267,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sha256", default="", help="the bundle's, as it was built")
     parser.add_argument("--no-smoke", action="store_true", help="run nothing afterwards")
     given = parser.parse_args(arguments)
-
-    def say(text: str) -> None:
-        sys.stdout.write(text + "\n")
-        sys.stdout.flush()
-
     try:
         if given.into is None:
-            contents = verify(given.bundle, sha256=given.sha256, say=say)
-            say(f"{given.bundle}: all {len(contents.members)} members are right")
+            about = verify(given.bundle, sha256=given.sha256)
+            python, machine, models = about["python"], about["platform"], about["models"]
+            print(
+                f"{given.bundle}: every file is right: Python {python}, {machine},",
+                f"models {', '.join(models) or 'none'}",
+            )
         else:
             smoke = not given.no_smoke
-            install(given.bundle, given.into, sha256=given.sha256, smoke=smoke, say=say)
-    except BundleError as error:
-        sys.stderr.write(f"error: {error}\n")
+            install(given.bundle, given.into.absolute(), sha256=given.sha256, smoke=smoke)
+    except RefusedError as error:
+        print(f"error: {error}", file=sys.stderr)
         return 1
     return 0
 

@@ -1,4 +1,4 @@
-"""Find the wheels of a bundle, fetch them if asked to, read their licences and needs."""
+"""Collect the wheels of a bundle by pip, and read their licences."""
 
 import os
 import shutil
@@ -6,176 +6,64 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from email.message import Message
-from email.parser import HeaderParser
-from functools import cache
+from collections.abc import Sequence
+from importlib.metadata import Distribution
 from pathlib import Path
 
-from packaging.requirements import InvalidRequirement, Requirement
-from packaging.tags import sys_tags
-from packaging.utils import InvalidWheelFilename, canonicalize_name, parse_wheel_filename
-
-from karma.bundle.contents import BundleError
-from karma.errors import FileError
-from karma.files import read_bytes
+from karma.errors import FileError, KarmaError
 
 BUILT = ".karma-llama"  # set-up's note, in the virtual environment, about llama.cpp's wheel
 EPOCH = "315532800"  # 1980-01-01, the first day that a zip can name
-_LICENCE_NAMES = ("licen", "copying", "notice", "authors")
+_LICENCE_NAMES = ("licenses/", "licen", "copying", "notice", "authors")
 _SOURCES = ("karma", "pyproject.toml", "README.md", "LICENSE")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wheel:
-    """One wheel and what its metadata say."""
+def collect(pins: Sequence[Path], own: Path, kept: Path, out: Path, *, download: bool) -> None:
+    """Put our wheel and what the pins and it need into a folder, chosen by pip for this machine.
 
-    path: Path
-    name: str  # canonical
-    version: str
-    licence: str  # SPDX where the package gives it so
-    needs: tuple[Requirement, ...]  # those that hold here, without extras
-    licence_files: tuple[str, ...]  # paths inside the wheel
-    unpacked: int  # bytes
-
-
-def read_lock(path: Path) -> list[Requirement]:
-    """Return the pinned requirements that hold on this machine.
+    Args:
+        pins: requirements files.
+        own: our wheel.
+        kept: folder of wheels at hand.
+        out: the folder to fill.
+        download: first fetch what is missing there from the index that pip is configured for; the
+            one thing here that reaches out. What exists as source only is built.
 
     Raises:
-        FileError: a line is none.
+        KarmaError: pip could not; names what is missing.
+        FileError: a wheel is none.
     """
-    found = []
-    for number, line in enumerate(read_bytes(path).decode().splitlines(), start=1):
-        text = line.split(" #")[0].strip()
-        if not text or text.startswith("#"):
-            continue
-        try:
-            one = Requirement(text)
-        except InvalidRequirement as error:
-            raise FileError(path, f"line {number}: {error}") from error
-        if one.marker is None or one.marker.evaluate():
-            found.append(one)
-    return found
+    known = ["--find-links", str(kept), "--find-links", str(kept_wheels())]
+    wanted = [word for path in pins for word in ("-r", str(path))] + [str(own)]
+    if download:
+        kept.mkdir(parents=True, exist_ok=True)
+        _pip([*known, "--wheel-dir", str(kept), *wanted, "pip"])
+    if any(kept.glob("pip-*.whl")):  # then no ensurepip is needed on the other side
+        wanted.append("pip")
+    for wheel in sorted(kept.glob("*.whl")):
+        if not zipfile.is_zipfile(wheel):
+            raise FileError(wheel, "not a whole wheel", fix="remove it, then --download")
+    fix = "`karma bundle build ... --download` where there is a package index"
+    _pip(["--no-index", *known, "--wheel-dir", str(out), *wanted], fix=fix)
 
 
-def find_wheels(wanted: Iterable[Requirement], folders: Sequence[Path]) -> list[Wheel]:
-    """Return a wheel for each requirement and for whatever those need, by name.
-
-    Raises:
-        BundleError: some are not there; names them.
-    """
-    there = _by_name(folders)
-    chosen: dict[str, Wheel] = {}
-    missing: list[str] = []
-    todo = [(one, "") for one in wanted]
-    while todo:
-        one, by = todo.pop(0)
-        name = canonicalize_name(one.name)
-        if name in chosen:
-            continue
-        path = _best(there.get(name, ()), one)
-        if path is None:
-            missing.append(f"{one}{by}")
-            continue
-        chosen[name] = read_wheel(path)
-        todo += [(need, f" (needed by {name})") for need in chosen[name].needs]
-    if missing:
-        missing = list(dict.fromkeys(missing))
-        places = ", ".join(map(str, folders))
-        more = f" and {len(missing) - 10} more" if len(missing) > 10 else ""
-        raise BundleError(
-            f"no wheel that fits this machine for {'; '.join(missing[:10])}{more}\n"
-            f"  Looked in: {places}\n"
-            "  To fix: `karma bundle build ... --download` where there is a package index"
-        )
-    return [chosen[name] for name in sorted(chosen)]
-
-
-def _by_name(folders: Sequence[Path]) -> dict[str, list[Path]]:
-    found: dict[str, list[Path]] = {}
-    for folder in folders:
-        for path in sorted(folder.glob("*.whl")):
-            try:
-                found.setdefault(parse_wheel_filename(path.name)[0], []).append(path)
-            except InvalidWheelFilename as error:
-                raise FileError(path, str(error)) from error
-    return found
-
-
-def _best(paths: Iterable[Path], wanted: Requirement) -> Path | None:
-    """Return the wheel that fits this machine best; equal ones by name."""
-    fitting = []
-    for path in paths:
-        _, version, _, tags = parse_wheel_filename(path.name)
-        ranks = [_ranks()[str(tag)] for tag in tags if str(tag) in _ranks()]
-        if ranks and wanted.specifier.contains(version, prereleases=True):
-            fitting.append((min(ranks), path.name, path))
-    return min(fitting)[2] if fitting else None
-
-
-@cache
-def _ranks() -> dict[str, int]:
-    return {str(tag): rank for rank, tag in enumerate(sys_tags())}
-
-
-def read_wheel(path: Path) -> Wheel:
-    """Read a wheel's metadata.
-
-    Raises:
-        FileError: it is damaged.
-    """
-    name, version, _, _ = parse_wheel_filename(path.name)
-    try:
-        with zipfile.ZipFile(path) as wheel:
-            entries = wheel.infolist()
-            info = next(e.filename for e in entries if e.filename.endswith(".dist-info/METADATA"))
-            said = HeaderParser().parsestr(wheel.read(info).decode("utf-8", "replace"))
-    except (zipfile.BadZipFile, OSError, StopIteration, KeyError) as error:
-        raise FileError(path, f"not a whole wheel: {error}", fix="fetch it again") from error
-    folder = info.removesuffix("METADATA")
-    inside = [e.filename for e in entries if e.filename.startswith(folder)]
-    needs = [Requirement(text) for text in said.get_all("Requires-Dist") or ()]
-    return Wheel(
-        path=path,
-        name=name,
-        version=str(version),
-        licence=_licence(said),
-        needs=tuple(r for r in needs if r.marker is None or r.marker.evaluate({"extra": ""})),
-        licence_files=tuple(sorted(p for p in inside if _is_licence(p.removeprefix(folder)))),
-        unpacked=sum(entry.file_size for entry in entries),
-    )
-
-
-def _is_licence(inside: str) -> bool:
-    if inside.endswith("/"):
-        return False
-    return inside.startswith("licenses/") or inside.lower().startswith(_LICENCE_NAMES)
-
-
-def _licence(said: Message) -> str:
-    """Return a package's licence in a line, as far as its metadata say."""
-    if expression := said.get("License-Expression"):
-        return str(expression)
-    classifiers = [str(line) for line in said.get_all("Classifier") or ()]
+def licence(wheel: Path) -> tuple[str, dict[str, bytes]]:
+    """Return a line of a package's name, version and licence, and its licence files by name."""
+    (one,) = Distribution.discover(path=[str(wheel)])
+    said = one.metadata
+    classifiers = said.get_all("Classifier") or ()
     named = [line.split(" :: ")[-1] for line in classifiers if line.startswith("License ::")]
-    first = str(said.get("License") or "").strip().split("\n")[0].strip()
-    if first and first != "UNKNOWN" and len(first) <= 60:
-        return first
-    return "; ".join(named) or first[:60] or "not stated"
-
-
-def licence_texts(wheel: Wheel) -> dict[str, bytes]:
-    """Return a wheel's licence files by their name without the folder of its metadata."""
-    with zipfile.ZipFile(wheel.path) as file:
-        return {
-            path.split("/", 1)[1].removeprefix("licenses/"): file.read(path)
-            for path in wheel.licence_files
-        }
-
-
-# ----------------------------------------------------------------- made and fetched
+    keys = ("License-Expression", "License")
+    given = next((str(said[key]).strip() for key in keys if key in said), "")
+    short = given.split("\n")[0][:60] or "; ".join(named) or "not stated"
+    texts = {}
+    with zipfile.ZipFile(wheel) as file:
+        for path in file.namelist():
+            folder, _, inside = path.partition("/")
+            if folder.endswith(".dist-info") and inside.lower().startswith(_LICENCE_NAMES):
+                texts[inside.removeprefix("licenses/")] = file.read(path)
+    texts = {name: text for name, text in texts.items() if name and not name.endswith("/")}
+    return f"{one.name} {one.version}: {short}", texts
 
 
 def own_wheel(project: Path, folder: Path) -> Path:
@@ -184,10 +72,10 @@ def own_wheel(project: Path, folder: Path) -> Path:
     It is built from a copy, since setuptools leaves things in the sources and takes them up again.
 
     Raises:
-        BundleError: it cannot be built.
+        KarmaError: it cannot be built.
     """
     if not (project / "pyproject.toml").is_file():
-        raise BundleError(f"{project}: no checkout of the project, so no wheel can be made of it")
+        raise KarmaError(f"{project}: no checkout of the project, so no wheel can be made of it")
     with tempfile.TemporaryDirectory() as name:
         copy = Path(name)
         for source in _SOURCES:
@@ -226,31 +114,11 @@ def cache_folder() -> Path:
     return Path(os.environ.get("KARMA_CACHE") or f"{home}/karma")
 
 
-def download(wanted: Sequence[Requirement], folder: Path) -> None:
-    """Fetch into `folder`, by the index that pip is configured for, what is not there.
-
-    The one thing here that reaches out; pip does it, in a process of its own. What exists as source
-    only is built.
-
-    Raises:
-        BundleError: pip could not.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as name:
-        fetched = Path(name)
-        listed = fetched / "wanted.txt"
-        lines = [str(one) for one in wanted if canonicalize_name(one.name) != "llama-cpp-python"]
-        listed.write_text("\n".join([*lines, "pip", ""]))
-        known = ["--find-links", str(folder), "--find-links", str(kept_wheels())]
-        _pip([*known, "--wheel-dir", name, "-r", str(listed)])
-        for wheel in sorted(fetched.glob("*.whl")):
-            shutil.move(wheel, folder / wheel.name)
-
-
-def _pip(arguments: Sequence[str], **environment: str) -> None:
+def _pip(arguments: Sequence[str], *, fix: str = "see the lines above", **more: str) -> None:
+    """Run `pip wheel`, in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-I", "-m", "pip", "wheel", "--no-input", "--quiet", *arguments],
-        env={**os.environ, **environment},
+        env={**os.environ, "PIP_DISABLE_PIP_VERSION_CHECK": "1", **more},
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -258,4 +126,6 @@ def _pip(arguments: Sequence[str], **environment: str) -> None:
     )
     if done.returncode != 0:
         tail = "\n".join((done.stderr or done.stdout).strip().splitlines()[-12:])
-        raise BundleError(f"pip wheel failed (exit code {done.returncode}):\n{tail}")
+        raise KarmaError(
+            f"pip wheel failed (exit code {done.returncode}):\n{tail}\n  To fix: {fix}"
+        )

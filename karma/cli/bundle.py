@@ -77,33 +77,25 @@ def bundle_build(
 
 
 @app.command("verify")
-@clear_errors
 def bundle_verify(file: File, sha256: Sha256 = "") -> None:
-    """Check every byte without unpacking; the first wrong member is named."""
-    from karma.bundle.verify import verify
-
-    with console.status("verifying ..."):
-        contents = verify(file, sha256=sha256, say=_say)
-    console.print(
-        f"[green]✓[/] all {len(contents.members)} members are right: karma {contents.karma}, "
-        f"Python {contents.python}, "
-        + escape(f"{contents.platform}, models {', '.join(contents.models)}"),
-        soft_wrap=True,
-    )
+    """Check every file without unpacking; the first wrong one is named."""
+    _installer(str(file), "--sha256", sha256)
 
 
 @app.command("install")
-@clear_errors
 def bundle_install(
     file: File,
-    into: Annotated[Path, typer.Option(help="A new or empty folder, or to go on in.")],
+    into: Annotated[Path, typer.Option(help="A new or empty folder.")],
     sha256: Sha256 = "",
     smoke: Annotated[bool, typer.Option(help="Try it out afterwards.")] = True,
 ) -> None:
-    """Verify and install, with no network; run again, it goes on where it was stopped."""
-    from karma.bundle.install import install
+    """Verify and install, with no network; stopped, the same command does it again."""
+    quick = () if smoke else ("--no-smoke",)
+    _installer(str(file), "--into", str(into), "--sha256", sha256, *quick)
 
-    begin = monotonic()
-    with console.status("installing ..."):
-        install(file, into, sha256=sha256, smoke=smoke, say=_say)
-    console.print(f"[green]✓[/] installed in {monotonic() - begin:.0f} s")
+
+def _installer(*arguments: str) -> None:
+    """Do what install.py out of the bundle does."""
+    from karma.bundle.install import main
+
+    raise typer.Exit(main(list(arguments)))

@@ -8,9 +8,7 @@ from support.abuse.faults import small_bundle
 from support.abuse.files import bundle_for
 from typer.testing import CliRunner
 
-from karma.bundle.contents import open_bundle
-from karma.bundle.install import _unpack as unpack
-from karma.bundle.verify import verify
+from karma.bundle.install import RefusedError, install
 from karma.cli import app
 from karma.errors import FileError
 from karma.world.core import scene as scenes
@@ -111,13 +109,16 @@ def test_link_planted_where_an_installation_writes_is_not_followed(tmp_path):
     mine, into = tmp_path / "mine.txt", tmp_path / "into"
     mine.write_text("mine")
     into.mkdir()
+    (into / ".karma-lock").symlink_to(mine)
+    with pytest.raises(RefusedError, match="symbolic link"):
+        install(small_bundle(), into, smoke=False)
+    (into / ".karma-lock").unlink()
     (into / ".karma-part").symlink_to(mine)
-    contents = verify(small_bundle())
-    with open_bundle(small_bundle()) as file:
-        unpack(file, contents, into, lambda _: None)
+    install(small_bundle(), into, smoke=False)
     assert mine.read_text() == "mine"
-    assert not (into / ".karma-part").is_symlink()
-    (into / "eval").rename(into / "elsewhere")
-    (into / "eval").symlink_to(tmp_path)
-    with open_bundle(small_bundle()) as file, pytest.raises(Exception, match="a link leads out"):
-        unpack(file, contents, into, lambda _: None)
+    for planted, to in (("eval/1.toml", mine), ("eval", tmp_path)):
+        (into / planted).rename(into / f".karma-was-{to.name}")
+        (into / planted).symlink_to(to)
+        with pytest.raises(RefusedError, match="outside"):
+            install(small_bundle(), into, smoke=False)
+        assert mine.read_text() == "mine"

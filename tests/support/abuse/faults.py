@@ -5,8 +5,6 @@ on to the bytes of a run that nobody disturbed.
 """
 
 import ctypes
-import hashlib
-import io
 import json
 import multiprocessing
 import os
@@ -18,7 +16,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -27,6 +24,7 @@ from typing import Any
 
 from karma.journal.run_folder import EPISODES
 from support.abuse import Case, stream
+from support.bundles import pack
 from support.paths import ROOT
 from support.run_files import TASKS, files, lines_in
 
@@ -442,35 +440,16 @@ def small_bundle() -> Path:
     """Return a bundle of one wheel, pip, and some files; made once per process."""
     import ensurepip
 
-    from karma.bundle.contents import END, MANIFEST, Member, header, manifest_bytes, padding
-    from karma.bundle.install import here
-
     sources = [*Path(ensurepip.__file__).parent.glob("_bundled/pip-*.whl")]
     parts = {f"wheels/{one.name}": one.read_bytes() for one in sources}
     parts |= {f"eval/{n}.toml": f"n = {n}\n".encode() * 20_000 for n in range(30)}
-    about: dict[str, object] = {"karma": "1", "models": []}
-    about |= zip(("python", "platform"), here(), strict=True)
-    members = [
-        Member(
-            path=name, bytes=len(data), sha256=hashlib.sha256(data).hexdigest(),
-            unpacked=_unpacked(data) if name.endswith(".whl") else None,
-        )
-        for name, data in parts.items()
-    ]  # fmt: skip
-    all_parts = {MANIFEST: manifest_bytes(about, members), **parts}
     path = Path(tempfile.mkdtemp(prefix="bundle-")) / "karma.tar"
-    pieces = [header(n, len(d)) + d + bytes(padding(len(d))) for n, d in all_parts.items()]
-    path.write_bytes(b"".join(pieces) + END)
+    path.write_bytes(pack(parts))
     return path
 
 
-def _unpacked(wheel: bytes) -> int:
-    with zipfile.ZipFile(io.BytesIO(wheel)) as file:
-        return sum(one.file_size for one in file.infolist())
-
-
 def set_up(bundle: Path, into: Path) -> None:
-    """Install as `install.pyz` does."""
+    """Install as `install.py` does."""
     from karma.bundle.install import main
 
     sys.exit(main([str(bundle), "--into", str(into), "--no-smoke"]))
@@ -487,14 +466,14 @@ def _installed(place: Path, rng: random.Random, limits: Limits | None) -> None:
         assert code == 1, said[-300:]
         assert "error: " in said, said[-300:]
         assert "Traceback" not in said, said[-600:]
-    assert not (into / ".karma-installed").exists() or child.process.exitcode == 0
+    assert not (into / "karma").exists() or child.process.exitcode == 0
     code, said = Child(set_up, bundle, into).ended()
     assert code == 0, said[-600:]
-    assert (into / ".karma-installed").exists()
+    assert (into / "karma").exists()
     for number in range(30):
         data = f"n = {number}\n".encode() * 20_000
         assert (into / "eval" / f"{number}.toml").read_bytes() == data
-    left = [one.name for one in into.iterdir() if one.name in (".karma-part", ".karma-karma.new")]
+    left = [one.name for one in into.iterdir() if one.name == ".karma-part"]
     assert not left, left
 
 

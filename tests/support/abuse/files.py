@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from karma.errors import KarmaError
 from support.abuse import Case, refused, stream
+from support.bundles import pack
 
 Read = Callable[[Path], object]
 
@@ -128,9 +130,12 @@ def _config(path: Path) -> object:
 
 
 def _bundle(path: Path) -> object:
-    from karma.bundle.verify import verify
+    from karma.bundle.install import RefusedError, verify
 
-    return verify(path, say=lambda _: None)
+    try:
+        return verify(path)
+    except RefusedError as error:
+        raise KarmaError(str(error)) from error
 
 
 # ----------------------------------------------------------------- sound ones
@@ -199,16 +204,8 @@ def _bundled() -> bytes:
 @cache
 def bundle_for(platform: str) -> bytes:
     """Return a bundle of one file for a platform."""
-    import hashlib
-
-    from karma.bundle.contents import END, MANIFEST, Member, header, manifest_bytes, padding
-
-    data = b"a licence\n"
-    member = Member(path="licences/x", bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
     about: dict[str, object] = {"karma": "1", "python": "3.11", "platform": platform, "models": []}
-    manifest = manifest_bytes(about, [member])
-    parts = [(MANIFEST, manifest), (member.path, data)]
-    return b"".join(header(n, len(d)) + d + bytes(padding(len(d))) for n, d in parts) + END
+    return pack({"licences/x": b"a licence\n"}, about=about)
 
 
 def _tensors() -> bytes:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from karma.bundle.contents import unsafe
+from karma.bundle.install import unsafe
 from karma.errors import FileError
 from karma.files import below
 from karma.journal.steps import steps_path
