@@ -9,7 +9,7 @@ import json
 import os
 import tarfile
 import tempfile
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,18 +89,23 @@ def build(out: Path, spec: BundleSpec, *, say: Say = lambda _: None) -> BuiltBun
         packages = {canonicalize_name(one.name.partition("-")[0]) for one in wheels}
         python, machine = install.here()
         models = [entry.name for entry in entries]
-        about = {"karma": karma.__version__, "python": python, "platform": machine}
-        sources = [
-            (install.ABOUT, json.dumps({**about, "models": models}, indent=1).encode()),
-            (install.INSTALLER, Path(install.__file__)),
-            *((f"wheels/{one.name}", one) for one in wheels),
-            *_model_sources(entries, packages),
-            *_folder("eval", spec.project / "eval"),
-            *_scene_sources(spec.scenes),
-            *(() if spec.thor is None else _folder("thor", spec.thor)),
-            *_licence_sources(wheels, entries),
-            *_papers(spec.project),
-        ]
+        about: dict[str, object] = {
+            "karma": karma.__version__,
+            "python": python,
+            "platform": machine,
+        }
+        about |= {"models": models}
+        sources: dict[str, Path | bytes] = {  # models may share a file
+            install.ABOUT: json.dumps(about, indent=1).encode(),
+            install.INSTALLER: Path(install.__file__),
+            **{f"wheels/{one.name}": one for one in wheels},
+            **dict(_model_sources(entries, packages)),
+            **dict(_folder("eval", spec.project / "eval")),
+            **dict(_scene_sources(spec.scenes)),
+            **({} if spec.thor is None else dict(_folder("thor", spec.thor))),
+            **dict(_licence_sources(wheels, entries)),
+            **dict(_papers(spec.project)),
+        }
         say(f"writing {len(sources)} files into {out}")
         digest = _write(out, sources)
     return BuiltBundle(
@@ -207,7 +212,7 @@ def _papers(project: Path) -> Iterator[Source]:
 # ----------------------------------------------------------------- the tar
 
 
-def _write(out: Path, sources: Sequence[Source]) -> str:
+def _write(out: Path, sources: Mapping[str, Path | bytes]) -> str:
     """Write the tar beside its place and move it there; return its SHA-256."""
     part = out.with_name(f".{out.name}.part")
     sums = []
@@ -215,7 +220,7 @@ def _write(out: Path, sources: Sequence[Source]) -> str:
         out.parent.mkdir(parents=True, exist_ok=True)
         with part.open("w+b") as file:
             with tarfile.open(fileobj=file, mode="w", format=tarfile.GNU_FORMAT) as tar:
-                for path, source in sources:
+                for path, source in sources.items():
                     sums.append(f"{_add(tar, path, source)}  {path}\n")
                 _add(tar, install.SUMS, "".join(sums).encode())
             file.flush()

@@ -310,6 +310,16 @@ def test_models_that_were_added_by_hand_travel_with_a_list_of_their_own(tmp_path
     )
 
 
+def test_models_that_share_a_file_travel_with_it_once(spec, tmp_path):
+    (tmp_path / "models" / "words.json").write_bytes(LOREM)
+    file = f'files = [{{ path = "words.json", bytes = {len(LOREM)}, sha256 = "{sha(LOREM)}" }}]\n'
+    about = 'role = "planner"\nformat = "gguf"\nlicence = "MIT"\nsource = "us"\n'
+    about += 'prompt_profile = "full"\ncontext_length = 99\n'
+    both = "".join(f'[[models]]\nname = "{name}"\n{about}{file}' for name in ("one", "two"))
+    (tmp_path / "models" / "manifest.toml").write_text(both)
+    assert listed(build(tmp_path / "a.tar", spec)).count("models/words.json") == 1
+
+
 @pytest.mark.parametrize("comes", [True, False])
 def test_model_in_a_package_travels_by_its_wheel_or_else_by_its_files(comes, tmp_path, monkeypatch):
     (tmp_path / "some_weights").mkdir()
