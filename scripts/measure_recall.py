@@ -1,6 +1,7 @@
 """How often recall puts a right unit first, before and after, with control rows.
 
     python scripts/measure_recall.py [--shared ../shared/data/recall] [--draws 3] [--save FILE]
+        [--embedder minilm | sentence:NAME]
     python scripts/measure_recall.py --draw eval/recall/questions.jsonl
     python scripts/measure_recall.py --words karma/language/type_words.json
 
@@ -9,7 +10,7 @@ Questions are our own, in words that no part of the project is trained on or emb
 there. R@1 in memories of 10 and 40 units, with 95 % intervals over words or tasks. `marks` says who
 is marked as handled: what the question tells of ("lived"), nobody ("none"), or others than what is
 meant ("against"). "before" are the figures that `eval/recall/before.json` kept of the recall as it
-was; --save writes such a file. --words writes what types are called, on the training side, with
+was; --save writes such a file. The recall is that of an experiment's row without options. --words writes what types are called, on the training side, with
 vectors, for recall to read (minutes).
 """
 
@@ -58,6 +59,7 @@ def main() -> None:
         "--sets", nargs="+", default=["ours", "household", "alfred-l", "alfred-l, phrases"]
     )
     parser.add_argument("--save", type=Path)
+    parser.add_argument("--embedder", default=Models().embedder)
     arguments = parser.parse_args()
     if arguments.draw:
         lines = map(to_json, draw_questions(EACH, unseen=True))
@@ -67,7 +69,7 @@ def main() -> None:
     if arguments.words:
         write_words(arguments.words, words_file(()), registry.load("embedders", "minilm")())
         return
-    recall = installed()
+    recall = load_resources(Models(embedder=arguments.embedder), maps=None, seed=0).recall
     found: dict[str, list[Asked]] = {}
     for name, questions in question_sets(arguments.shared).items():
         if name in arguments.sets:
@@ -77,11 +79,6 @@ def main() -> None:
     kept = read_json(BEFORE, dict[str, list[Asked]]) if BEFORE.exists() else {}
     for name, rows in found.items():
         show(name, kept.get(name, []), rows)
-
-
-def installed() -> Recall:
-    """Return the recall that an experiment's row without options has, with its words."""
-    return load_resources(Models(), maps=None, seed=0).recall
 
 
 def question_sets(shared: Path) -> dict[str, list[RecallQuestion]]:
