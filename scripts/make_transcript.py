@@ -4,8 +4,8 @@
 
 It runs the command itself, a conversation a room, in an empty folder, and keeps all that it
 prints. Equal weights give equal bytes. A line of the list is a request that can be done there
-("+") or not ("-"); "@" begins a room. "= 26h" goes on in the same home so much later, with lines
-("?") that ask, tell, or speak of what was.
+("+") or not ("-"); "@" begins a room, with a home's name and how many people live there. "= 26h"
+goes on in the same home so much later, with lines ("?") that ask, tell, or speak of what was.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -29,7 +29,7 @@ put right. "Done" and "seen" are the agent's own words, not a judge's.
 """
 KINDS = {
     "+": "can be done there", "-": "cannot be done, or should not",
-    "?": "in a home of two days: asks, tells, or speaks of what was",
+    "?": "in a home of days: asks, tells, or speaks of what was",
 }  # fmt: skip
 
 
@@ -40,6 +40,7 @@ class Talk:
     scene: str
     said: list[tuple[str, str]] = field(default_factory=list)  # kind and words
     home: str = ""  # where it goes on, or will
+    people: str = ""  # how many live there
     later: str = ""  # "26h": so much time has passed there
 
     @property
@@ -48,7 +49,8 @@ class Talk:
         if not self.home:
             return ["--fresh", "--scene", self.scene]
         later = ["--later", self.later] if self.later else []
-        return ["--home", self.home, "--scene", self.scene, *later]
+        people = ["--people", self.people] if self.people else []
+        return ["--home", self.home, "--scene", self.scene, *people, *later]
 
 
 def read(path: Path) -> list[Talk]:
@@ -57,10 +59,10 @@ def read(path: Path) -> list[Talk]:
     for line in path.read_text(encoding="utf-8").splitlines():
         mark, _, words = line.partition(" ")
         if mark == "@":
-            scene, _, home = words.strip().partition(" ")
-            talks.append(Talk(scene, home=home))
+            scene, home, people, *_ = [*words.split(), "", ""]
+            talks.append(Talk(scene, home=home, people=people))
         elif mark == "=":
-            talks.append(Talk(talks[-1].scene, home=talks[-1].home, later=words.strip()))
+            talks.append(replace(talks[-1], said=[], later=words.strip()))
         elif mark in KINDS:
             talks[-1].said.append((mark, words.strip()))
     return talks

@@ -10,8 +10,8 @@ Questions are our own, in words that no part of the project is trained on or emb
 there. R@1 in memories of 10 and 40 units, with 95 % intervals over words or tasks. `marks` says who
 is marked as handled: what the question tells of ("lived"), nobody ("none"), or others than what is
 meant ("against"). "before" are the figures that `eval/recall/before.json` kept of the recall as it
-was; --save writes such a file. The recall is that of an experiment's row without options. --words writes what types are called, on the training side, with
-vectors, for recall to read (minutes).
+was; --save writes such a file. The recall is that of an experiment's row without options. --words
+writes what types are called, on the training side, with vectors, for recall to read (minutes).
 """
 
 import argparse

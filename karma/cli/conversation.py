@@ -159,13 +159,15 @@ def home_lines(agent: "Agent") -> list[str]:
     home = agent.home
     if home.folder is None:
         return []
+    people = home.card.people
+    live = f", where {people} {'person lives' if people == 1 else 'people live'}" if people else ""
     if not home.past:
-        return [f"a new home, kept in {home.folder}"]
+        return [f"a new home, kept in {home.folder}{live}"]
     last, count = home.past[-1], len(home.past)
     when = age(home.clock_s - last.at_s)
     some = "1 request" if count == 1 else f"{count} requests"
     now = time_of_day(home.clock_s + BEGINS_S)
-    return [f"home: {home.folder}, {now}; {some} so far; the last, {when}: {last.said}"]
+    return [f"home: {home.folder}{live}, {now}; {some} so far; the last, {when}: {last.said}"]
 
 
 def converse(agent: "Agent", view: AnswerView | None = None) -> int:

@@ -38,7 +38,8 @@ def home_show(name: Name) -> None:
     from karma.talk.questions import age
 
     home = opened(name)
-    _say(f"{home.folder}: {home.scene}, {len(home.past)} requests")
+    people = f", {home.card.people} people" if home.card.people else ""
+    _say(f"{home.folder}: {home.scene}{people}, {len(home.past)} requests")
     for one in home.past[-10:]:
         _say(f"  {age(home.clock_s - one.at_s)}: {one.said} ({one.status})")
 

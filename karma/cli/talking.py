@@ -63,6 +63,10 @@ def run_command(
         str, typer.Option(help="A name or folder: the same home tomorrow. In chat the scene's own.")
     ] = "",
     later: Annotated[str, typer.Option(help='Time that has passed there, "8h", "2d".')] = "",
+    people: Annotated[
+        int | None,
+        typer.Option(min=0, max=4, help="Who live in a --home meanwhile, and move things."),
+    ] = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="In chat: no home, nothing lasts.")
     ] = False,
@@ -196,7 +200,8 @@ def run_command(
             listen=view.hear,
             answer_seconds=ANSWER_SECONDS if answer_seconds is None else answer_seconds or None,
             home=home or None,
-            later_s=_later_s(later, home),
+            later_s=_later_s(later, home, people),
+            people=people,
         )
     if agent.manner:
         console.print(escape(f"planner: {planner}, {agent.manner}"), style="dim", soft_wrap=True)
@@ -230,10 +235,12 @@ def chat_command() -> Callable[..., None]:
     return chat
 
 
-def _later_s(later: str, home: str) -> float:
+def _later_s(later: str, home: str, people: int | None) -> float:
     """Return how much time has passed in a home: as said, else by the clock at a terminal."""
     from karma.talk.home import home_folder, left_s
 
+    if people is not None and not home:
+        raise typer.BadParameter("--people live in a home that lasts: --home NAME")
     if not later:
         return left_s(home_folder(home)) if home and sys.stdin.isatty() else 0.0
     number, unit = later[:-1], later[-1:]

@@ -11,7 +11,7 @@ it learns of a room lasts in `maps`; what it has handled is remembered as long a
 and in a `home` for good.
 """
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -51,10 +51,19 @@ from karma.loading.presets import preset as preset_of
 from karma.loading.worlds import world_maker
 from karma.methods.guarded import reader_of
 from karma.methods.karma import KarmaMethod, Remembered
-from karma.talk.history import habits, in_plain_words, in_turn, is_taught, owned, with_habits
+from karma.talk.history import (
+    found_elsewhere,
+    habits,
+    in_plain_words,
+    in_turn,
+    is_taught,
+    owned,
+    with_habits,
+)
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import with_offer
+from karma.talk.people import check_people, live
 from karma.talk.questions import MemoryAnswer, Remembering, answered
 from karma.talk.replies import AgentReply, RequestReply, as_it_ends
 from karma.talk.telling import told_of
@@ -114,6 +123,7 @@ class Agent:
         listen: hears the planner's answers as they come.
         home: a name or folder: it is the same home tomorrow. None: nothing lasts.
         later_s: so much time has passed there since it was left.
+        people: who live there meanwhile, and move things; None: as many as always, at first nobody.
 
     Raises:
         KarmaError: a model, scene or option is not there or not as it should be; or the folder
@@ -138,8 +148,11 @@ class Agent:
         listen: Listener | None = None,
         home: str | Path | None = None,
         later_s: float = 0.0,
+        people: int | None = None,
     ) -> None:
-        self.home = KeptHome(None if home is None else home_folder(home), scene)
+        check_people(people or 0)
+        folder_of_home = None if home is None else home_folder(home)
+        self.home = KeptHome(folder_of_home, scene, people=people, seed=seed)
         with ExitStack() as failed:
             failed.callback(self.home.leave)  # who could not begin is in nobody's way
             self.scene = SceneRef.of(self.home.scene)
@@ -168,7 +181,7 @@ class Agent:
             self._keeper = Keeper(place, self.scene, row, named, loaded)
             self._maps = maps
             self._begin(seed)
-            self.home.wait(later_s)
+            self._wait(later_s)
             failed.pop_all()
 
     def _begin(self, seed: int) -> None:
@@ -188,6 +201,15 @@ class Agent:
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
         self.replies: list[AgentReply] = []
+
+    def _wait(self, seconds: float) -> None:
+        """Let time pass, in which people live; none of it is seen."""
+        card, now_s = self.home.card, self.home.clock_s
+        done: Iterable[tuple[str, dict[str, Any]]] = ()
+        if card.people and seconds > 0:
+            span_s = (now_s, now_s + seconds)
+            done = live(self._logged, self._world, card, span_s)
+        self.home.wait(seconds, done)
 
     # ------------------------------------------------------------- what it does
 
@@ -329,6 +351,7 @@ class Agent:
         if self._steps.actions:
             event = self._world.last_event
             self.home.add(clause, reply.status, self._steps.actions, changes, event)
+            reply = replace(reply, elsewhere=found_elsewhere(self.home.past))
         yield reply
 
     def _answer(self, clause: str, asked: Request) -> MemoryAnswer | None:
@@ -354,6 +377,7 @@ class Agent:
             furniture=self.map.types(),
             past=self.home.past,
             now_s=self.home.clock_s,
+            people=self.home.card.people,
         )
 
     def _share(self) -> EpisodePart:

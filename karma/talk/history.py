@@ -16,9 +16,11 @@ from karma.household.places import FLOOR, HAND
 from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.language.clauses import said
+from karma.language.clock import HOUR_S
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
-from karma.talk.home import PastErrand
+from karma.memory.lived.ageing import Ageing, home_prior
+from karma.talk.home import BEGINS_S, PastErrand
 
 _LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
 _IT = rf"(?P<it>it|them|that|this|(?:the|my|that|this)(?: (?!(?:{_LINKS})\b)\w+){{1,4}})"
@@ -69,15 +71,50 @@ def moves(past: Sequence[PastErrand]) -> list[Move]:
             taken = dict(change.taken)
             for sight in change.seen:
                 name, after = sight.object_id, place_of(sight)
-                before = taken.get(name) or places.get(name)
-                if _can_move(sight) and before and before != after:
-                    own = errand.said if name in taken else ""
-                    found.append(
-                        Move(object_id=name, before=before, after=after, at_s=errand.at_s,
-                             said=own, told=errand.status == "told")
-                    )  # fmt: skip
+                known, took = places.get(name), taken.get(name)
+                steps = [(known, took, ""), (took, after, errand.said)]
+                for before, then, own in steps if took else [(known, after, "")]:
+                    if _can_move(sight) and before and before != then:
+                        found.append(
+                            Move(object_id=name, before=before, after=then, at_s=errand.at_s,
+                                 said=own, told=errand.status == "told")
+                        )  # fmt: skip
                 places[name] = after
     return found
+
+
+def found_elsewhere(past: Sequence[PastErrand]) -> tuple[str, ...]:
+    """Return what is said of things that the last errand took from elsewhere than was known."""
+    taken = {name for change in past[-1].changes for name, _ in change.taken}
+    return tuple(
+        f"the {name_of(one.object_id)} was {told_place(type_of(one.after))}, not "
+        f"{told_place(type_of(one.before))}: somebody had moved it"
+        for one in moves(past)
+        if one.at_s == past[-1].at_s and one.object_id in taken and not one.said and one.after
+        and type_of(one.after) != type_of(one.before)
+    )  # fmt: skip
+
+
+def how_sure(past: Sequence[PastErrand], sight: SeenObject, when_s: float, now_s: float) -> float:
+    """Return the chance that a thing is still where it was seen, in a home with people.
+
+    What training homes showed of its type is made sharper by what this home showed: of each thing
+    that was seen twice, whether somebody else had moved it.
+    """
+    ageing = Ageing(home_prior().types)
+    last: dict[str, tuple[str | None, float]] = {}
+    for errand in past:
+        for change in errand.changes:
+            for one in filter(_can_move, change.seen):
+                place, kind, at_s = place_of(one), base_type(one.object_type), errand.at_s
+                before, before_s = last.get(one.object_id, (place, at_s))
+                if one.object_id not in dict(change.taken) and at_s - before_s > HOUR_S:
+                    hours = ageing.hours(kind, BEGINS_S + before_s, BEGINS_S + at_s)
+                    ageing.learn(one.object_id, kind, hours, moved=place != before)
+                last[one.object_id] = (place, at_s)
+    kind = base_type(sight.object_type)
+    hours = ageing.hours(kind, BEGINS_S + when_s, BEGINS_S + now_s)
+    return ageing.stays(sight.object_id, kind, hours)
 
 
 def _can_move(sight: SeenObject) -> bool:

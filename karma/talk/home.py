@@ -6,7 +6,7 @@ the world, which ends as it was left, and memory learns again what each line lef
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from time import time
@@ -34,6 +34,8 @@ class HomeCard(msgspec.Struct, frozen=True, kw_only=True):
     """What stands at the door."""
 
     scene: str  # what the world is reset to: a name, or a file wherever one stands
+    people: int = 0  # who live there while the agent is away
+    seed: int = 0  # of their days
 
 
 class PastErrand(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,7 +48,7 @@ class PastErrand(msgspec.Struct, frozen=True, kw_only=True):
     actions: tuple[tuple[str, dict[str, Any]], ...] = ()
     changes: tuple[MemoryChange, ...] = ()
     undone: int = 0  # so many errands before it never happened; it is none itself
-    waited_s: float = 0.0  # it is none itself: so much time has passed
+    waited_s: float = 0.0  # it is none itself: so much time has passed, and people did the actions
 
 
 def home_folder(name: str | Path) -> Path:
@@ -97,36 +99,51 @@ class KeptHome:
         folder: made where it is not there; None: nothing of it lasts.
         scene: what the world is reset to; of a home that is there it must be the same, "" for its
             own.
+        people: who live there; None: as many as always, in a new home nobody.
+        seed: of their days, where the home is new.
 
     Raises:
         FileError: it cannot be made, or a file in it is damaged: names the line.
-        KarmaError: somebody is in it, it is of another scene, or the scene is not said.
+        KarmaError: somebody is in it, or it is of another scene or of other people.
     """
 
-    def __init__(self, folder: Path | None, scene: str = "") -> None:
+    def __init__(
+        self, folder: Path | None, scene: str = "", *, people: int | None = None, seed: int = 0
+    ) -> None:
         self.folder = folder
-        self.scene, self.past, self.clock_s = scene or SCENE, list[PastErrand](), 0.0
+        self.card = HomeCard(scene=scene or SCENE, people=people or 0, seed=seed)
+        self.past, self.clock_s = list[PastErrand](), 0.0
+        self._story: list[PastErrand] = []  # the same, and what happened in between
         held = ExitStack()
         self.leave = finalize(self, held.close)
         if folder is not None:
-            self._open(folder, scene, held)
+            self._open(folder, scene, people, held)
 
-    def _open(self, folder: Path, scene: str, held: ExitStack) -> None:
+    @property
+    def scene(self) -> str:
+        """What the world is reset to."""
+        return self.card.scene
+
+    def _open(self, folder: Path, scene: str, people: int | None, held: ExitStack) -> None:
         fix = "end what is at work there, or name another --home; karma chat --fresh needs none"
         held.enter_context(locked(folder, fix=fix))
         try:
-            self.scene = _scene_of(folder, scene)
-            self.past = list(_read(folder / _LOG))
+            self.card = _card_of(folder, scene, people, self.card)
+            self._story = list(_read(folder / _LOG))
         except BaseException:
             self.leave()
             raise
-        self.clock_s = _clock(self.past)
-        self.past = [one for one in self.past if not one.waited_s]
+        self.clock_s = _clock(self._story)
+        self.past = [one for one in self._story if not one.waited_s]
 
-    def wait(self, seconds: float) -> None:
-        """Let time pass."""
+    def wait(self, seconds: float, done: Iterable[tuple[str, dict[str, Any]]] = ()) -> None:
+        """Let time pass; what people did meanwhile is kept."""
         if seconds > 0:
-            self._write(PastErrand(said="", status="", at_s=0.0, room="", waited_s=seconds))
+            line = PastErrand(
+                said="", status="", at_s=0.0, room="", waited_s=seconds, actions=tuple(done)
+            )
+            self._write(line)
+            self._story.append(line)
             self.clock_s += seconds
 
     def restore(self, world: World) -> None:
@@ -138,11 +155,14 @@ class KeptHome:
             KarmaError: it ends otherwise than it was left.
         """
         if self.folder is not None and not (self.folder / _CARD).exists():
-            write_atomic(self.folder / _CARD, to_json(HomeCard(scene=self.scene)))
-        for errand in self.past:
+            write_atomic(self.folder / _CARD, to_json(self.card))
+        last, same = self.past[-1] if self.past else None, True
+        for errand in self._story:
             for action, arguments in errand.actions:
                 world.step(action, **arguments)
-        if self.past and digest_of(world.last_event) != self.past[-1].room:
+            if errand is last:
+                same = digest_of(world.last_event) == errand.room
+        if not same:
             raise KarmaError(
                 f"{self.folder}: the home cannot be made again as it was left: its scene was "
                 f"edited, or other code kept it\n  To fix: karma home forget {self.folder}"
@@ -168,13 +188,14 @@ class KeptHome:
         self._write(errand)
         self.clock_s = errand.at_s
         self.past.append(errand)
+        self._story.append(errand)
 
     def go_back(self, count: int) -> None:
         """Keep only the first so many errands."""
         if undone := len(self.past) - count:
             self._write(PastErrand(said="", status="", at_s=0.0, room="", undone=undone))
             self.clock_s -= sum(len(one.actions) for one in self.past[count:]) * ACTION_S
-            del self.past[count:]
+            del self.past[count:], self._story[-undone:]
 
     def _write(self, errand: PastErrand) -> None:
         """Write a line whole, or leave the log as it was.
@@ -194,19 +215,24 @@ class KeptHome:
             raise
 
 
-def _scene_of(folder: Path, scene: str) -> str:
+def _card_of(folder: Path, scene: str, people: int | None, new: HomeCard) -> HomeCard:
     card = folder / _CARD
     if Path(scene).is_file():
         scene = str(Path(scene).resolve())
     if not card.exists():
-        return scene or SCENE
+        return msgspec.structs.replace(new, scene=scene or SCENE)
     found = read_json(card, HomeCard, fix=f"karma home forget {folder}")
     if scene and scene != found.scene:
         raise KarmaError(
             f"{folder} is a home in {found.scene}, not in {scene}\n"
             f"  To fix: --scene {found.scene}, or another --home"
         )
-    return found.scene
+    if people is not None and people != found.people:
+        raise KarmaError(
+            f"{folder} is a home of {found.people} people, not of {people}\n"
+            f"  To fix: --people {found.people}, or another --home"
+        )
+    return found
 
 
 def _read(path: Path) -> Iterator[PastErrand]:

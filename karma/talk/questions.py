@@ -23,7 +23,7 @@ from karma.language.clock import read_span, unread_times
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
 from karma.methods.guarded import is_so
-from karma.talk.history import Move, habits, looked_into, moves, owned
+from karma.talk.history import Move, habits, how_sure, looked_into, moves, owned
 from karma.talk.home import BEGINS_S, PastErrand
 
 _ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
@@ -52,6 +52,7 @@ class Remembering:
     furniture: Sequence[str]  # types on the map
     past: Sequence[PastErrand]
     now_s: float
+    people: int = 0  # who live here too
 
     def of(self, thing: Mention) -> list[tuple[SeenObject, float]]:
         """Return the sights of what a mention may mean, the last seen first."""
@@ -79,8 +80,12 @@ class Remembering:
         """Return when a thing was seen or told of, and whether that may not be so any more."""
         told_s = self._told_s(sight.object_id)
         how = f"you told me {self.ago(told_s)}" if told_s > when_s else f"seen {self.ago(when_s)}"
-        old = self.is_old(max(told_s, when_s))
-        return f"{how}; that may have changed since" if old else how
+        if not self.is_old(max(told_s, when_s)):
+            return how
+        if self.people and sight.pickupable:
+            sure = how_sure(self.past, sight, max(told_s, when_s), self.now_s)
+            return f"{how}; people live here: {sure:.1f} is the chance that it is still there"
+        return f"{how}; that may have changed since"
 
     def _told_s(self, object_id: str) -> float:
         """Return when a person last told where a thing is; before all time if nobody did."""
@@ -437,6 +442,9 @@ def _where(q: _Question) -> MemoryAnswer | None:
         for sight, when in found[: _MOST if several else 2]:
             name = f"{'Your' if mine else 'The'} {name_of(sight.object_id)}"
             lines.append(f"{name} is {_told(sight)}, {q.knows.seen(sight, when)}.")
+            moved = [m for m in moves(q.knows.past) if m.object_id == sight.object_id]
+            if q.has("was", "were") and moved:
+                lines.append(f"Before that it was {told_place(moved[-1].before)}.")
         on_map = [kind for kind in thing.types if kind in q.knows.furniture]
         if not found and on_map:
             lines.append(f"The {name_of(on_map[0])} is in this room; /map shows where.")

@@ -49,6 +49,7 @@ class RequestReply:
     record: SubTaskRecord | None = None
     answer: MemoryAnswer | None = None  # to a question; nothing was done for it
     asked: Request | None = None  # what its words ask for, where they were read
+    elsewhere: tuple[str, ...] = ()  # what was not where it was remembered
 
     @property
     def refused(self) -> str:
@@ -240,7 +241,8 @@ def lines_after(part: RequestReply, most: int = ROWS) -> list[Line]:
     eyes = [
         Line("seen" if c.found in ("seen", "done") else "not seen", f"  {c}") for c in part.checks
     ]
-    return [*told, *_cut(eyes, max(most - 1, 1))]
+    told += [Line("meant", f"  {text}") for text in part.elsewhere]
+    return [*told, *_cut(eyes, max(most - len(told), 1))]
 
 
 def reason_of(part: RequestReply) -> str:

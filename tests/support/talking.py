@@ -37,7 +37,9 @@ def resources(answers, model=None, doubt=None, maps=None, embedder=None):
     )
 
 
-def agent_saying(folder, answers, listen=None, guard=True, home=None, later_s=0.0, **given):
+def agent_saying(
+    folder, answers, listen=None, guard=True, home=None, later_s=0.0, people=None, **given
+):
     """An agent in the kitchen made by hand, with its run and its maps in a folder."""
     folder.mkdir(exist_ok=True)
     scene = folder / "handmade.json"
@@ -48,6 +50,7 @@ def agent_saying(folder, answers, listen=None, guard=True, home=None, later_s=0.
     return Agent(
         str(scene), resources=loaded, folder=folder / ("run" if home is None else _run(folder)),
         maps=maps, listen=listen, options={"guard": guard}, home=home, later_s=later_s,
+        people=people,
     )  # fmt: skip
 
 

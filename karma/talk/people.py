@@ -1,0 +1,65 @@
+"""The people of a home: what they do there while the agent is away."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from karma.contracts import World
+from karma.errors import KarmaError
+from karma.talk.home import BEGINS_S, HomeCard
+from karma.world.core.scene import load
+from karma.world.residents.habits import habits
+from karma.world.residents.household import Household
+from karma.world.sim import EmbeddedWorld
+
+DISTURBANCE = 0.25  # share of the movable things that are moved at least once a day
+
+Deed = tuple[str, dict[str, Any]]  # an action of AI2-THOR and its arguments
+
+
+def check_people(count: int) -> None:
+    """Raise KarmaError where nobody knows so many people."""
+    if not 0 <= count <= len(habits().people.names):
+        raise KarmaError(
+            f"{count} people in a home: 0 to {len(habits().people.names)}\n  To fix: --people 2"
+        )
+
+
+def live(
+    world: World, truth: EmbeddedWorld, home: HomeCard, span_s: tuple[float, float]
+) -> Iterator[Deed]:
+    """Let people live in a home between two times of its clock; yield what is done.
+
+    They are drawn in a copy of the home, and done by the world's own actions, so that a log of
+    these makes the home again. While the agent holds a thing they leave all as it is.
+
+    Args:
+        world: where it is done.
+        truth: the world behind it.
+        home: its scene, its people and the seed of their days.
+        span_s: from when to when by the home's clock.
+    """
+    if truth.state.held is not None:
+        return
+    begin_s, end_s = (BEGINS_S + time_s for time_s in span_s)
+    household = Household(
+        load(home.scene), seed=home.seed, people=home.people, disturbance=DISTURBANCE
+    )
+    household.until(begin_s)  # what was done before is over, and stands in the log
+    household.world.back_to(truth.last_event)
+    came_from, refused = "", False
+    for deed in household.until(end_s):
+        if deed.action == "PickupObject":
+            came_from, refused = deed.place_id or "", False
+        if refused:
+            continue
+        target = deed.place_id if deed.action == "PutObject" else deed.object_id
+        ways: list[Deed] = [(deed.action, {"objectId": target, "forceAction": True})]
+        if deed.action == "PutObject":  # what finds no room there goes back, or to the floor
+            ways += [
+                ("PutObject", {"objectId": came_from, "forceAction": True}),
+                ("DropHandObject", {}),
+            ]
+        for action, arguments in ways:
+            if not (refused := not world.step(action, **arguments)):
+                yield action, arguments
+                break
