@@ -35,7 +35,7 @@ SPARE_BYTES = 64 << 20
 _DAMAGE = (tarfile.TarError, zipfile.BadZipFile, OSError, EOFError, ValueError, KeyError, TypeError)
 
 
-class RefusedError(Exception):
+class BundleError(Exception):
     """A bundle that is refused, or a step that failed; names the file or the step."""
 
 
@@ -60,23 +60,23 @@ def verify(bundle: Path, *, sha256: str = "") -> dict[str, Any]:
     """Check every file of a bundle without unpacking any; return what its bundle.json says.
 
     Raises:
-        RefusedError: something is not as it must be; names the file.
+        BundleError: something is not as it must be; names the file.
     """
     if not bundle.is_file():
-        raise RefusedError(f"{bundle}: no such file")
+        raise BundleError(f"{bundle}: no such file")
     name, found = "its begin", dict[str, str]()
     try:
         with bundle.open("rb") as file:
             whole = hashlib.file_digest(file, "sha256").hexdigest() if sha256 else ""
         if whole != sha256.lower():
-            raise RefusedError(f"{bundle}: its SHA-256 is {whole} and not {sha256.lower()}")
+            raise BundleError(f"{bundle}: its SHA-256 is {whole} and not {sha256.lower()}")
         with tarfile.open(bundle, "r:") as tar:
             for member in tar:
                 name = member.name
                 if name in found or unsafe(name):
-                    raise RefusedError(f"{bundle}: {name!r}: refused, its path is not for a bundle")
+                    raise BundleError(f"{bundle}: {name!r}: refused, its path is not for a bundle")
                 if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or member.issparse():
-                    raise RefusedError(f"{bundle}: {name}: refused, it is a link, or no plain file")
+                    raise BundleError(f"{bundle}: {name}: refused, it is a link, or no plain file")
                 digest = hashlib.sha256()
                 with _open(tar, name) as data:
                     while part := data.read(1 << 20):
@@ -87,12 +87,12 @@ def verify(bundle: Path, *, sha256: str = "") -> dict[str, Any]:
         wanted = {line[66:]: line[:64] for line in lines}
     except _DAMAGE as error:
         said = f"damaged, or the bundle breaks off there: {error}"
-        raise RefusedError(f"{bundle}: at or behind {name}: {said}") from error
+        raise BundleError(f"{bundle}: at or behind {name}: {said}") from error
     del found[SUMS]
     for path in sorted(wanted.keys() | found.keys()):
         if wanted.get(path) != found.get(path):
             said = "its SHA-256 is not the one in SHA256SUMS" if path in found else "missing"
-            raise RefusedError(f"{bundle}: {path}: {said}")
+            raise BundleError(f"{bundle}: {path}: {said}")
     return about
 
 
@@ -114,15 +114,15 @@ def install(bundle: Path, into: Path, *, sha256: str = "", smoke: bool = True) -
         smoke: afterwards let it carry out one instruction.
 
     Raises:
-        RefusedError: refused, or a step failed; `into` then has no `karma` to run.
+        BundleError: refused, or a step failed; `into` then has no `karma` to run.
     """
     print(f"verifying {bundle}", flush=True)
     about = verify(bundle, sha256=sha256)
     for key, found in zip(("python", "platform"), here(), strict=True):
         if about[key] != found:
-            raise RefusedError(f"the bundle is for {key} {about[key]}, and this is {key} {found}")
+            raise BundleError(f"the bundle is for {key} {about[key]}, and this is {key} {found}")
     if not hasattr(tarfile, "data_filter"):
-        raise RefusedError("Python 3.11.4 or a later one is needed")
+        raise BundleError("Python 3.11.4 or a later one is needed")
     launcher = into / "karma"
     try:
         into.mkdir(parents=True, exist_ok=True)
@@ -136,11 +136,11 @@ def install(bundle: Path, into: Path, *, sha256: str = "", smoke: bool = True) -
             _write_launcher(launcher)
             try:
                 _try_out(launcher, about["models"], smoke)
-            except RefusedError:
+            except BundleError:
                 launcher.unlink()
                 raise
     except (OSError, tarfile.TarError) as error:
-        raise RefusedError(f"{into}: {error}\n  To fix: run the same command again") from error
+        raise BundleError(f"{into}: {error}\n  To fix: run the same command again") from error
     print(f"ready: {launcher} --help", flush=True)
 
 
@@ -152,7 +152,7 @@ def _alone(into: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise RefusedError(f"{into}: another installation is at work there") from None
+            raise BundleError(f"{into}: another installation is at work there") from None
         yield
 
 
@@ -161,11 +161,11 @@ def _claim(into: Path, tar: tarfile.TarFile) -> None:
     digest, stamp = hashlib.sha256(_open(tar, SUMS).read()).hexdigest(), into / STAMP
     if stamp.exists():
         if stamp.read_text() != digest:
-            raise RefusedError(
+            raise BundleError(
                 f"{into}: another bundle is installed there\n  To fix: choose another folder"
             )
     elif others := sorted(one.name for one in into.iterdir() if not one.name.startswith(".karma-")):
-        raise RefusedError(f"{into}: not empty, there is {others[0]!r}\n  To fix: another folder")
+        raise BundleError(f"{into}: not empty, there is {others[0]!r}\n  To fix: another folder")
     _write(stamp, digest, 0o644)
 
 
@@ -179,7 +179,7 @@ def _check_room(into: Path, tar: tarfile.TarFile) -> None:
                 wanted += int(1.3 * sum(entry.file_size for entry in wheel.infolist()))
     free = shutil.disk_usage(into).free
     if free < wanted:
-        raise RefusedError(f"{into}: {wanted >> 20} MiB are needed and {free >> 20} MiB are free")
+        raise BundleError(f"{into}: {wanted >> 20} MiB are needed and {free >> 20} MiB are free")
 
 
 def _make_venv(into: Path) -> None:
@@ -248,7 +248,7 @@ def _run(*command: str) -> None:
             check=False,
         )
     if done.returncode != 0:
-        raise RefusedError(f"`{' '.join(command[:4])} ...` failed (exit code {done.returncode})")
+        raise BundleError(f"`{' '.join(command[:4])} ...` failed (exit code {done.returncode})")
 
 
 def _die_together() -> None:
@@ -278,7 +278,7 @@ def main(arguments: list[str] | None = None) -> int:
         else:
             smoke = not given.no_smoke
             install(given.bundle, given.into.absolute(), sha256=given.sha256, smoke=smoke)
-    except RefusedError as error:
+    except BundleError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0

@@ -8,7 +8,7 @@ from support.abuse.faults import small_bundle
 from support.abuse.files import bundle_for
 from typer.testing import CliRunner
 
-from karma.bundle.install import RefusedError, install
+from karma.bundle.install import BundleError, install
 from karma.cli import app
 from karma.errors import FileError
 from karma.world.core import scene as scenes
@@ -110,7 +110,7 @@ def test_link_planted_where_an_installation_writes_is_not_followed(tmp_path):
     mine.write_text("mine")
     into.mkdir()
     (into / ".karma-lock").symlink_to(mine)
-    with pytest.raises(RefusedError, match="symbolic link"):
+    with pytest.raises(BundleError, match="symbolic link"):
         install(small_bundle(), into, smoke=False)
     (into / ".karma-lock").unlink()
     (into / ".karma-part").symlink_to(mine)
@@ -119,6 +119,6 @@ def test_link_planted_where_an_installation_writes_is_not_followed(tmp_path):
     for planted, to in (("eval/1.toml", mine), ("eval", tmp_path)):
         (into / planted).rename(into / f".karma-was-{to.name}")
         (into / planted).symlink_to(to)
-        with pytest.raises(RefusedError, match="outside"):
+        with pytest.raises(BundleError, match="outside"):
             install(small_bundle(), into, smoke=False)
         assert mine.read_text() == "mine"

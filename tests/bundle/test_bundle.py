@@ -21,7 +21,7 @@ from support.bundles import pack, wheel_bytes
 from karma.bundle import build as building
 from karma.bundle import install as installing
 from karma.bundle.build import BundleSpec, build
-from karma.bundle.install import RefusedError, install, unsafe, verify
+from karma.bundle.install import BundleError, install, unsafe, verify
 from karma.errors import FileError, KarmaError
 from karma.infer.manifest.manifest import find_model
 from karma.infer.manifest.manifest import verify as verify_model
@@ -70,7 +70,7 @@ def test_one_flipped_bit_is_refused_or_changes_no_file(tmp_path_factory, data):
     path.write_bytes(whole)
     try:
         verify(path)
-    except RefusedError:
+    except BundleError:
         return
     with tarfile.open(path) as file, tarfile.open(fileobj=io.BytesIO(sound)) as right:
         for one, other in zip(file, right, strict=True):
@@ -82,7 +82,7 @@ def test_one_flipped_bit_is_refused_or_changes_no_file(tmp_path_factory, data):
 def test_damaged_file_is_named(name, bundle):
     data = pack(GOOD)
     place = data.index(GOOD[name])
-    with pytest.raises(RefusedError, match=f"{name}: its SHA-256"):
+    with pytest.raises(BundleError, match=f"{name}: its SHA-256"):
         verify(bundle(data[:place] + b"?" + data[place + 1 :]))
 
 
@@ -92,7 +92,7 @@ def test_truncated_bundle_is_refused(tmp_path_factory, data):
     end = whole.rindex(sha(LOREM).encode())  # in SHA256SUMS, the last member
     path = tmp_path_factory.mktemp("cut") / "b.tar"
     path.write_bytes(whole[: data.draw(st.integers(0, end))])
-    with pytest.raises(RefusedError):
+    with pytest.raises(BundleError):
         verify(path)
 
 
@@ -103,13 +103,13 @@ OURS = ["eval/\nb", "venv/bin/python", "karma", ".karma-bundle", "KARMA/x", "eva
 @pytest.mark.parametrize("path", [*ELSEWHERE, *OURS])
 def test_path_that_leads_elsewhere_or_is_the_installations_own_is_refused(path, bundle):
     assert unsafe(path)
-    with pytest.raises(RefusedError, match="refused, its path") as caught:
+    with pytest.raises(BundleError, match="refused, its path") as caught:
         verify(bundle(pack({**GOOD, path: b"evil"})))
     assert repr(path) in str(caught.value)
 
 
 def test_path_that_stands_there_twice_is_refused(bundle):
-    with pytest.raises(RefusedError, match="refused, its path"):
+    with pytest.raises(BundleError, match="refused, its path"):
         verify(bundle(pack([*GOOD.items(), ("eval/x.toml", b"y")])))
 
 
@@ -121,7 +121,7 @@ ODD = [tarfile.CHRTYPE, tarfile.FIFOTYPE, tarfile.DIRTYPE, tarfile.GNUTYPE_SPARS
 def test_member_that_is_no_plain_file_is_refused(kind, bundle):
     info = tarfile.TarInfo("eval/odd")
     info.type, info.linkname = kind, "/etc/passwd"
-    with pytest.raises(RefusedError, match="eval/odd: "):
+    with pytest.raises(BundleError, match="eval/odd: "):
         verify(bundle(pack(GOOD, more=[info])))
 
 
@@ -131,33 +131,33 @@ def test_file_that_is_missing_or_not_listed_is_named(name, said, bundle):
     sums = {path: sha(data) for path, data in GOOD.items()}
     if said == "missing":
         del files[name]
-    with pytest.raises(RefusedError, match=f"{name}: .*{said}"):
+    with pytest.raises(BundleError, match=f"{name}: .*{said}"):
         verify(bundle(pack(files, sums=sums)))
 
 
 @pytest.mark.parametrize(("key", "value"), [("python", "3.2"), ("platform", "win32-AMD64")])
 def test_bundle_for_another_machine_is_not_installed(key, value, bundle, tmp_path):
     path = bundle(pack(GOOD, about={key: value}))
-    with pytest.raises(RefusedError, match="the bundle is for"):
+    with pytest.raises(BundleError, match="the bundle is for"):
         install(path, tmp_path / "there")
     assert not (tmp_path / "there").exists()
 
 
 def test_forged_bundle_is_refused_by_the_hash_from_elsewhere(bundle):
     path = bundle(pack(GOOD))
-    with pytest.raises(RefusedError, match="its SHA-256 is"):
+    with pytest.raises(BundleError, match="its SHA-256 is"):
         verify(path, sha256="0" * 64)
     verify(path, sha256=sha(path.read_bytes()).upper())
 
 
 @pytest.mark.parametrize("data", [b"", b"\0" * 1024, b"PK\3\4", LOREM * 9])
 def test_what_is_no_bundle_is_refused(data, bundle):
-    with pytest.raises(RefusedError, match="its begin: damaged"):
+    with pytest.raises(BundleError, match="its begin: damaged"):
         verify(bundle(data))
 
 
 def test_missing_bundle_is_named(tmp_path):
-    with pytest.raises(RefusedError, match=r"nowhere\.tar: no such file"):
+    with pytest.raises(BundleError, match=r"nowhere\.tar: no such file"):
         verify(tmp_path / "nowhere.tar")
 
 

@@ -25,7 +25,7 @@ from support.paths import ROOT
 
 from karma.bundle import install as installing
 from karma.bundle.build import BundleSpec, build
-from karma.bundle.install import RefusedError, install
+from karma.bundle.install import BundleError, install
 from karma.bundle.wheels import own_wheel
 from karma.infer.manifest.manifest import find_model
 from karma.journal.provenance import parts_of_planner
@@ -133,7 +133,7 @@ def test_installation_killed_at_any_step_goes_on(bundle, tmp_path):
 @pytest.mark.model
 def test_folder_that_holds_something_else_is_left_alone(bundle, tmp_path):
     (tmp_path / "thesis.txt").write_text("precious")
-    with pytest.raises(RefusedError, match=r"not empty, there is 'thesis\.txt'"):
+    with pytest.raises(BundleError, match=r"not empty, there is 'thesis\.txt'"):
         install(bundle, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [".karma-lock", "thesis.txt"]
 
@@ -141,7 +141,7 @@ def test_folder_that_holds_something_else_is_left_alone(bundle, tmp_path):
 @pytest.mark.model
 def test_folder_of_another_bundle_is_left_alone(bundle, tmp_path):
     (tmp_path / ".karma-bundle").write_text("0" * 64)
-    with pytest.raises(RefusedError, match="another bundle"):
+    with pytest.raises(BundleError, match="another bundle"):
         install(bundle, tmp_path)
 
 
@@ -149,7 +149,7 @@ def test_folder_of_another_bundle_is_left_alone(bundle, tmp_path):
 def test_second_installation_at_once_is_refused(bundle, tmp_path):
     with (tmp_path / ".karma-lock").open("wb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(RefusedError, match="another installation"):
+        with pytest.raises(BundleError, match="another installation"):
             install(bundle, tmp_path)
 
 
@@ -159,7 +159,7 @@ def test_flipped_byte_leaves_no_trace_in_the_folder(bundle, tmp_path):
     place = data.index(b"GGUF") + 2_000_000
     data[place] ^= 1
     (tmp_path / "spoilt.tar").write_bytes(data)
-    with pytest.raises(RefusedError, match=r"models/nano/planner\.gguf: its SHA-256"):
+    with pytest.raises(BundleError, match=r"models/nano/planner\.gguf: its SHA-256"):
         install(tmp_path / "spoilt.tar", tmp_path / "there")
     assert not (tmp_path / "there").exists()
 

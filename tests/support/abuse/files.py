@@ -130,11 +130,11 @@ def _config(path: Path) -> object:
 
 
 def _bundle(path: Path) -> object:
-    from karma.bundle.install import RefusedError, verify
+    from karma.bundle.install import BundleError, verify
 
     try:
         return verify(path)
-    except RefusedError as error:
+    except BundleError as error:
         raise KarmaError(str(error)) from error
 
 
