@@ -142,9 +142,16 @@ def meant_by(one: Mention, here: Collection[str]) -> tuple[str, ...]:
 
 
 def _admitted(one: Mention, here: Collection[str]) -> tuple[str, ...]:
-    """Return the same with what is one by its name: a side table is a table, whatever is here."""
+    """Return the same with what is one by its name: a side table is a table, whatever is here.
+
+    But an arm chair is no chair where one stands that is called so and nothing else.
+    """
+    meant = meant_by(one, here)
+    own = [kind for kind in meant if spoken(kind).lower() == singular(one.text.lower().split()[-1])]
+    if _was_seen(own, here):
+        return meant
     by_name = (kind for kind in _besides(one, here) if _is_a(kind, one))
-    return tuple(dict.fromkeys((*meant_by(one, here), *by_name)))
+    return tuple(dict.fromkeys((*meant, *by_name)))
 
 
 def _besides(one: Mention, here: Collection[str]) -> tuple[str, ...]:

@@ -108,9 +108,10 @@ def how_sure(past: Sequence[PastErrand], sight: SeenObject, when_s: float, now_s
             for one in filter(_can_move, change.seen):
                 place, kind, at_s = place_of(one), base_type(one.object_type), errand.at_s
                 before, before_s = last.get(one.object_id, (place, at_s))
-                if one.object_id not in dict(change.taken) and at_s - before_s > HOUR_S:
+                if at_s - before_s > HOUR_S:
+                    found = dict(change.taken).get(one.object_id, place)
                     hours = ageing.hours(kind, BEGINS_S + before_s, BEGINS_S + at_s)
-                    ageing.learn(one.object_id, kind, hours, moved=place != before)
+                    ageing.learn(one.object_id, kind, hours, moved=found != before)
                 last[one.object_id] = (place, at_s)
     kind = base_type(sight.object_type)
     hours = ageing.hours(kind, BEGINS_S + when_s, BEGINS_S + now_s)

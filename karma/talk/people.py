@@ -46,20 +46,20 @@ def live(
     )
     household.until(begin_s)  # what was done before is over, and stands in the log
     household.world.back_to(truth.last_event)
-    came_from, refused = "", False
+    came_from = ""
     for deed in household.until(end_s):
-        if deed.action == "PickupObject":
-            came_from, refused = deed.place_id or "", False
-        if refused:
-            continue
         target = deed.place_id if deed.action == "PutObject" else deed.object_id
         ways: list[Deed] = [(deed.action, {"objectId": target, "forceAction": True})]
-        if deed.action == "PutObject":  # what finds no room there goes back, or to the floor
+        if deed.action == "PickupObject":
+            came_from = deed.place_id or ""
+        elif deed.action == "PutObject" and truth.state.held is None:
+            continue  # it could not be taken
+        elif deed.action == "PutObject":  # what finds no room there goes back, or to the floor
             ways += [
                 ("PutObject", {"objectId": came_from, "forceAction": True}),
-                ("DropHandObject", {}),
+                ("DropHandObject", {"forceAction": True}),
             ]
         for action, arguments in ways:
-            if not (refused := not world.step(action, **arguments)):
+            if world.step(action, **arguments):
                 yield action, arguments
                 break

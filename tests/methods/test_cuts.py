@@ -36,6 +36,13 @@ def asked(model, said="Do it", **decoding):
     return [str(call) for call in plan.calls]
 
 
+def cuts_of(program):
+    """Where an answer is cut: each character around the end of a line, each fifth elsewhere."""
+    ends = [at for at, char in enumerate(program) if char == "\n"]
+    near = {at + step for at in [*ends, len(program)] for step in range(-2, 3)}
+    return sorted({*near, *range(1, len(program), 5)} & {*range(1, len(program) + 1)})
+
+
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("reason", [*ENDS, *CUTS, *FAULTS], ids=str)
 def test_answer_of_a_server_is_whole_or_it_is_a_fault(monkeypatch, program, reason):
@@ -50,7 +57,7 @@ def test_answer_of_a_server_is_whole_or_it_is_a_fault(monkeypatch, program, reas
 
     with wire_server(answer) as (url, _):
         model = HostedLanguageModel(endpoint(url, "m", retries=0))
-        for cut[0] in range(1, len(program) + 1, 5 if reason in FAULTS else 1):
+        for cut[0] in cuts_of(program):
             said = program[: cut[0]]
             lines = [line for line in said.splitlines() if line]
             if reason in FAULTS:

@@ -179,7 +179,7 @@ def wire_server(answer, host="127.0.0.1", port=0, pages=None, forbidden=None):
             pass
 
     server = ThreadingHTTPServer((host, port), Handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     try:
         yield f"http://{host}:{server.server_port}/v1", seen
     finally:
