@@ -19,7 +19,7 @@ import msgspec
 from karma import Agent
 from karma.files import read_bytes, to_json, write_atomic
 from karma.household.ids import type_of
-from karma.household.saying import name_of
+from karma.household.saying import name_of, told_place
 from karma.household.types import object_types
 from karma.offline import go_offline
 from karma.seeds import stream
@@ -95,13 +95,8 @@ def errands(scene: str, seed: int) -> Iterator[list[tuple[str, str, str]]]:
         day = []
         for kind in things:
             to = fits[kind].pop(int(rng.integers(len(fits[kind]))))
-            day.append((f"put the {name_of(kind)} {preposition(to)} the {name_of(to)}", kind, to))
+            day.append((f"put the {name_of(kind)} {told_place(to)}", kind, to))
         yield day
-
-
-def preposition(place: str) -> str:
-    """Return "in" or "on"."""
-    return "in" if object_types()[place].can("openable") or "Basin" in place else "on"
 
 
 def place_of(agent: Agent, kind: str) -> str | None:

@@ -62,21 +62,29 @@ def verify(bundle: Path, *, sha256: str = "") -> dict[str, Any]:
     Raises:
         BundleError: something is not as it must be; names the file.
     """
+    try:
+        return _verified(bundle, sha256)
+    except BundleError as error:
+        fix = "copy the bundle again, or build it anew: karma bundle build"
+        raise BundleError(f"{bundle}: {error}\n  To fix: {fix}") from error
+
+
+def _verified(bundle: Path, sha256: str) -> dict[str, Any]:
     if not bundle.is_file():
-        raise BundleError(f"{bundle}: no such file")
+        raise BundleError("no such file")
     name, found = "its begin", dict[str, str]()
     try:
         with bundle.open("rb") as file:
             whole = hashlib.file_digest(file, "sha256").hexdigest() if sha256 else ""
         if whole != sha256.lower():
-            raise BundleError(f"{bundle}: its SHA-256 is {whole} and not {sha256.lower()}")
+            raise BundleError(f"its SHA-256 is {whole} and not {sha256.lower()}")
         with tarfile.open(bundle, "r:") as tar:
             for member in tar:
                 name = member.name
                 if name in found or unsafe(name):
-                    raise BundleError(f"{bundle}: {name!r}: refused, its path is not for a bundle")
+                    raise BundleError(f"{name!r}: refused, its path is not for a bundle")
                 if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or member.issparse():
-                    raise BundleError(f"{bundle}: {name}: refused, it is a link, or no plain file")
+                    raise BundleError(f"{name}: refused, it is a link, or no plain file")
                 digest = hashlib.sha256()
                 with _open(tar, name) as data:
                     while part := data.read(1 << 20):
@@ -87,12 +95,12 @@ def verify(bundle: Path, *, sha256: str = "") -> dict[str, Any]:
         wanted = {line[66:]: line[:64] for line in lines}
     except _DAMAGE as error:
         said = f"damaged, or the bundle breaks off there: {error}"
-        raise BundleError(f"{bundle}: at or behind {name}: {said}") from error
+        raise BundleError(f"at or behind {name}: {said}") from error
     del found[SUMS]
     for path in sorted(wanted.keys() | found.keys()):
         if wanted.get(path) != found.get(path):
             said = "its SHA-256 is not the one in SHA256SUMS" if path in found else "missing"
-            raise BundleError(f"{bundle}: {path}: {said}")
+            raise BundleError(f"{path}: {said}")
     return about
 
 

@@ -63,7 +63,6 @@ from karma.talk.history import (
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import with_offer
-from karma.talk.people import check_people, live
 from karma.talk.questions import MemoryAnswer, Remembering, answered
 from karma.talk.replies import AgentReply, RequestReply, as_it_ends
 from karma.talk.telling import told_of
@@ -150,9 +149,12 @@ class Agent:
         later_s: float = 0.0,
         people: int | None = None,
     ) -> None:
-        check_people(people or 0)
-        folder_of_home = None if home is None else home_folder(home)
-        self.home = KeptHome(folder_of_home, scene, people=people, seed=seed)
+        if people:
+            from karma.talk.people import check_people
+
+            check_people(people)
+        at = None if home is None else home_folder(home)
+        self.home = KeptHome(at, scene, people=people, seed=seed)
         with ExitStack() as failed:
             failed.callback(self.home.leave)  # who could not begin is in nobody's way
             self.scene = SceneRef.of(self.home.scene)
@@ -204,11 +206,12 @@ class Agent:
 
     def _wait(self, seconds: float) -> None:
         """Let time pass, in which people live; none of it is seen."""
-        card, now_s = self.home.card, self.home.clock_s
         done: Iterable[tuple[str, dict[str, Any]]] = ()
-        if card.people and seconds > 0:
-            span_s = (now_s, now_s + seconds)
-            done = live(self._logged, self._world, card, span_s)
+        if self.home.card.people and seconds > 0:
+            from karma.talk.people import live  # with it the residents, whom few homes have
+
+            now_s = self.home.clock_s
+            done = live(self._logged, self._world, self.home.card, (now_s, now_s + seconds))
         self.home.wait(seconds, done)
 
     # ------------------------------------------------------------- what it does

@@ -5,7 +5,7 @@ disturbance. When its time comes a move is made by somebody who is at home and a
 world's own actions; what the world refuses does not happen and is counted.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -113,13 +113,23 @@ class Household:
     def until(self, time_s: float) -> tuple[Deed, ...]:
         """Let people live until a time; return what they did, in order."""
         before = len(self.log)
+        for move in self._due(time_s):
+            self._make(move)
+        return tuple(self.log[before:])
+
+    def skip(self, time_s: float) -> None:
+        """Go to a time; what was to be done before is not done."""
+        for _ in self._due(time_s):
+            pass
+
+    def _due(self, time_s: float) -> Iterator[_Move]:
+        """Yield the moves until a time, which it is then."""
         while self._drawn_days * DAY_S < time_s:
             self._draw_day(self._drawn_days)
             self._drawn_days += 1
         while self._waiting and self._waiting[-1].time_s < time_s:
-            self._make(self._waiting.pop())
+            yield self._waiting.pop()
         self.clock_s = max(self.clock_s, time_s)
-        return tuple(self.log[before:])
 
     def robot(self, action: str, **arguments: Any) -> WorldEvent:
         """Do one action of the robot; people live on for as long as it takes."""
