@@ -530,16 +530,15 @@ class SkillCall:
         return f"{self.skill}({', '.join(parts)})"
 
 
-Constraint = Literal["syntax", "types", "hand"]
-"""Any names; those that a skill can be done with; of those, what hand and doors allow by then."""
+Constraint = Literal["free", "syntax", "types", "hand"]
+"""Any text; programs; of names that a skill can be done with; as hand and doors allow by then."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decoding:
     """How a planner's answers are drawn."""
 
-    constrained: bool = True  # only programs that parse
-    constraint: Constraint = "types"  # what these may say
+    constraint: Constraint = "types"  # what an answer may say
     temperature: float = 0.0
     retry_temperature: float = 0.6  # once a program has failed, the same again will not help
     seed: int = 0

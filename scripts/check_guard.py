@@ -27,6 +27,7 @@ import numpy as np
 from measure_asked import MAPS, say
 from rich.progress import track
 
+from karma.agent.expert import ExpertView
 from karma.agent.guard import cannot_serve, stopped
 from karma.agent.program import SKILLS
 from karma.contracts import Completion, Prompt, Resources, SkillCall
@@ -40,7 +41,6 @@ from karma.talk.agent import asking
 from karma.talk.replies import AgentReply
 from karma.tasks.asked import AskedRequest, states_of
 from karma.tasks.drawing.alfred import names_its_place, program_of, read_sentences
-from karma.tasks.expert import ExpertView
 from karma.training.planner.sources import Sources
 
 SETS = (Path("eval/requests/asked_open.jsonl"), Path("eval/requests/do.jsonl"))

@@ -164,13 +164,14 @@ class Planner:
         rendered = render(self.profile, request, refusing=refusing)
         skills = skills_of(self.profile)
         spec = program_spec(request, rendered.names, skills, refusing=refusing)
-        if self.decoding.constraint != "syntax":
+        constraint = self.decoding.constraint
+        if constraint in ("types", "hand"):
             spec = replace(spec, narrowed=narrowed(skills, spec.objects))
-        if self.decoding.constraint not in ("syntax", "types"):
+        if constraint == "hand":
             spec = replace(spec, hand=hand_of(request, rendered.names, spec.objects))
         completion = self.model.complete(
             rendered.prompt,
-            spec=spec if self.decoding.constrained else None,
+            spec=None if constraint == "free" else spec,
             max_tokens=self.decoding.max_tokens,
             max_seconds=self.decoding.answer_seconds,
             temperature=self._temperature(request),

@@ -13,7 +13,7 @@ from karma.loading.models import Models, Row
 
 _BASE_MB = 350  # Python with torch, faiss and a world, beside the models; measured
 _SHARE = 0.8  # of the free memory, for all workers together
-_WORTH = 12  # episodes that make up for starting one worker more
+_WORTH = 6  # episodes that make up for starting one worker more
 IN_FLIGHT = 8  # requests that a server is asked at once where it does not say how many it takes
 _WORTH_WAITING = 2  # episodes, likewise, where each waits for a server
 

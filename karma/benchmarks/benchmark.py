@@ -99,7 +99,7 @@ def planner_of(models: Models, session: Session, seed: int) -> LanguageModel:
         ModelError: see `language_model`.
     """
     model, _ = language_model(
-        msgspec.structs.replace(models, constrained=False), session, None, seed
+        msgspec.structs.replace(models, constraint="free"), session, None, seed
     )
     check_asked(model, "compact")  # benchmarks' prompts are longer
     return model

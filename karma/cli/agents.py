@@ -189,6 +189,8 @@ def _done(run: "Run", workers: int, ray: str, tasks: bool) -> "Sequence[Figures]
     if spent:
         console.print(escape(spent_text(spent)), soft_wrap=True)
     console.print(escape(f"records: {run.records_path}"))
+    if words := show.conclusion(lines):
+        console.print(escape(words))
     return lines
 
 

@@ -13,6 +13,7 @@ from karma.bench.tables import left_out_of
 from karma.journal.formats import UNKNOWN, figure_text
 from karma.journal.records import EpisodeRecord
 
+_FEW = 30  # episodes of a row
 _NAME_WIDTH = 18  # of a row's name: the table of a run fits into 80 columns
 _SHOWN = {  # in it: figure -> short title
     "success": "rate", "explorations": "places", "actions": "steps", "planner_calls": "calls",
@@ -52,6 +53,21 @@ def _apart(lines: Sequence[Figures]) -> Iterator[str]:
     rates = {line.row: line.values["success_to_do"].value for line in lines if line.kind == "all"}
     if told := [f"{row} {figure_text(rate)}" for row, rate in rates.items() if rate is not None]:
         yield f"rate of those with something to do when they began: {', '.join(told)}"
+
+
+def conclusion(lines: Sequence[Figures]) -> str:
+    """Return what two rows that were judged by as many tasks have shown; "" for other runs."""
+    whole = [line for line in lines if line.kind == "all"]
+    if len(whole) != 2 or whole[0].episodes != whole[1].episodes:
+        return ""
+    first, second = (
+        f"{line.row} did {line.successes} of {line.episodes} tasks and searched "
+        f"{figure_text(line.values['explorations'].value, COLUMNS['explorations'].digits)} "
+        "places in each"
+        for line in whole
+    )
+    few = "; so few show how it works, not how well" if whole[0].episodes < _FEW else ""
+    return f"{first}, {second}{few}."
 
 
 def _spread(name: str, lines: int) -> list[str]:

@@ -103,8 +103,12 @@ def run_command(
     api: Annotated[str, typer.Option(help='"chat" or "completions" of it.')] = "chat",
     dialect: Annotated[str, typer.Option(help='Of its server, e.g. "vllm".')] = "auto",
     thinking: Annotated[str, typer.Option(help='"off" or "on", for thinking models.')] = "off",
+    constraint: Annotated[
+        str,
+        typer.Option(help='What answers may say: "free", "syntax", "types" or "hand".'),
+    ] = "types",
     constrained: Annotated[
-        bool, typer.Option(help="Hold answers to programs; a server must prove that it does.")
+        bool, typer.Option("--constrained/--no-constrained", help="--no-: --constraint free.")
     ] = True,
     refusing: Annotated[
         bool | None,
@@ -178,7 +182,7 @@ def run_command(
             "recall_text": chosen.recall_text,
             "vision": vision,
             "detector": detector,
-            "constrained": constrained,
+            "constraint": constraint if constrained else "free",
             "refusing": refusing,
             "max_tokens": max_tokens,
             "hosted": hosted,

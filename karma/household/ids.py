@@ -110,3 +110,8 @@ def short_type(name: str) -> str:
     ('Apple', 'Apple')
     """
     return name.partition("_")[0]
+
+
+def is_position(argument: str) -> bool:
+    """Return whether an argument is a place "(x, y, z)" in metres instead of a name."""
+    return argument.startswith("(")

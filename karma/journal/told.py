@@ -41,9 +41,9 @@ def read_config(folder: Path) -> Config | None:
 def told_apart(old: Config, new: Config) -> list[str]:
     """Return in what two configurations differ, their rows aside; where files lie is no difference.
 
-    >>> one = {"models": {"constrained": True}, "tasks": "/x/a.jsonl", "rows": []}
-    >>> told_apart(one, {"models": {"constrained": False}, "tasks": "/y/a.jsonl", "rows": []})
-    ['models.constrained: true became false']
+    >>> one = {"models": {"constraint": "types"}, "tasks": "/x/a.jsonl", "rows": []}
+    >>> told_apart(one, {"models": {"constraint": "free"}, "tasks": "/y/a.jsonl", "rows": []})
+    ['models.constraint: types became free']
     """
     before, after = ({k: v for k, v in one.items() if k != "rows"} for one in (old, new))
     return _changes(without_places(before), without_places(after))

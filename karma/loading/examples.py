@@ -5,13 +5,13 @@ from functools import lru_cache
 from pathlib import Path
 
 from karma import registry
+from karma.agent.expert import ExpertView
+from karma.agent.plain_programs import plain_program
 from karma.contracts import Embedder, Examples, WorkedExample
 from karma.errors import FileError
 from karma.methods.example_memory import ExampleMemory
 from karma.places import shipped
 from karma.tasks.drawing.alfred import names_its_place, program_of, read_sentences
-from karma.tasks.drawing.programs import plain_program
-from karma.tasks.expert import ExpertView
 from karma.tasks.requests import load_said
 
 EXAMPLES = 4  # told to a planner with the full prompt, if nothing else is said

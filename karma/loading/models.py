@@ -85,8 +85,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     recall_text: str = PRESETS[""].recall_text  # how a unit is put in words for recall
     vision: str = "metadata"
     detector: str = ""  # a plug-in of karma.detectors, for rows with boxes = "detector"
-    constrained: bool = True  # answers are held to programs; a server must prove that it does
-    constraint: Constraint = "types"  # what programs may say, where they are held to them
+    constraint: Constraint = "types"  # what answers may say; a server must prove that it holds them
     examples: int | None = (
         None  # told to the planner, 0 to 8; None: 4 if local, with the full prompt
     )
@@ -181,7 +180,6 @@ def load_resources(
         refusing = may_refuse(models.planner, models.refusing)
     decoding = Decoding(
         refusing=refusing,
-        constrained=models.constrained,
         constraint=models.constraint,
         temperature=models.temperature,
         seed=seed,
@@ -306,7 +304,7 @@ def language_model(
         hosted = open_planner(
             models.hosted.planner,
             session=session,
-            constrained=models.constrained,
+            constrained=models.constraint != "free",
             thinking=models.thinking,
             thinking_tokens=models.thinking_tokens,
             seed=seed,

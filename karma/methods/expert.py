@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+from karma.agent.expert import solve
 from karma.agent.perceive import truth_of
 from karma.agent.reach import SkillLimits
 from karma.agent.skills import Skills
@@ -31,7 +32,6 @@ from karma.household.ids import is_id, type_of
 from karma.methods.expert_choices import Chooser, Lessons, left
 from karma.methods.expert_view import Surroundings
 from karma.methods.options import settings_of
-from karma.tasks.expert import solve
 from karma.tasks.goals import GoalTracker, WatchedWorld
 
 PROGRAMS = 24  # written for one instruction, at most

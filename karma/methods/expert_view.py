@@ -3,15 +3,14 @@
 import math
 from collections.abc import Iterator, Sequence
 
+from karma.agent.expert import ExpertView, NamedThing
 from karma.contracts import Area, Goal, TrueObject, Truth
-from karma.household.ids import is_id, part_id, whole_id
+from karma.household.ids import is_id, is_position, part_id, whole_id
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import FLOOR, STAND_CLOSED
 from karma.household.types import object_types
 from karma.household.uses import BASIN_OF, with_wholes
 from karma.methods.expert_choices import PLACED, Lessons
-from karma.tasks.expert import ExpertView, NamedThing
-from karma.tasks.goals import is_position
 
 
 class Surroundings:

@@ -16,9 +16,9 @@ from karma.contracts import Goal, Kind, SceneRef, SubTask, Task
 from karma.errors import FileError, KarmaError
 from karma.files import check_keys, lines_of, to_json, write_atomic
 from karma.household.containment import fits_whole_or_cut
-from karma.household.ids import root_type
+from karma.household.ids import is_position, root_type
 from karma.household.types import RULES, WIDEST, RuleSet, object_type, types_with
-from karma.tasks.goals import alternatives, is_position, object_names, parse_goal
+from karma.tasks.goals import alternatives, object_names, parse_goal
 from karma.world.alfred.ids import type_now
 from karma.world.core import scene
 

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 from karma.agent.perceive import truth_of
 from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
 from karma.errors import KarmaError
+from karma.household.ids import is_position
 from karma.household.pieces import EGG, is_piece, piece_type
 from karma.household.places import NEAR_M
 from karma.household.states import END_STATES, GOAL_STATES, canonical_state
@@ -110,11 +111,6 @@ def object_names(goal: Goal) -> tuple[str, ...]:
 def alternatives(name: str) -> tuple[str, ...]:
     """Return the types or ids that a name allows, most likely first."""
     return tuple(part.strip() for part in name.split("/"))
-
-
-def is_position(argument: str) -> bool:
-    """Return whether an argument is a place "(x, y, z)" in metres instead of a name."""
-    return argument.startswith("(")
 
 
 def _names_of(goals: Sequence[Goal]) -> dict[Goal, tuple[str, ...]]:

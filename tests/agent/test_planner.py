@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from karma.agent.expert import ExpertView, NamedThing, solve
 from karma.agent.planner import Planner, grounded, program_spec
 from karma.agent.program import SKILLS, parse_program
 from karma.agent.prompt import compact
@@ -25,7 +26,6 @@ from karma.errors import ModelError
 from karma.household.places import landmark_types
 from karma.infer.programs.automaton import ProgramAutomaton
 from karma.infer.scripted import ScriptedModel
-from karma.tasks.expert import ExpertView, NamedThing, solve
 from karma.tasks.goals import parse_goal
 
 GOOD = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"
@@ -161,7 +161,7 @@ def test_plan_s_facts_error_stands_in_the_first_prompt():
 
 def test_planner_gives_a_spec_only_when_constrained():
     assert plans([GOOD])[0].specs[0].skills == SKILLS
-    assert plans([GOOD], constrained=False)[0].specs == [None]
+    assert plans([GOOD], constraint="free")[0].specs == [None]
 
 
 def test_full_profile_alone_offers_the_skills_that_are_ours():

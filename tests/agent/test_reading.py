@@ -138,7 +138,7 @@ def test_planner_asks_again_and_never_hands_on_a_program_that_is_astray(first, l
         first=program(*first),
         error="Explore: not found",
     )
-    plans = list(Planner(model, "full", Decoding(attempts=2, constrained=False)).plan(request))
+    plans = list(Planner(model, "full", Decoding(attempts=2, constraint="free")).plan(request))
     assert len(plans) == 2
     assert all(plan.calls == () and plan.error for plan in plans)
     assert "than asked for" in model.prompts[1].changing

@@ -32,9 +32,9 @@ def test_configuration_has_every_key_of_the_experiment_with_its_default():
     for kind, there in ((Experiment, found), (Models, found["models"]), (Row, found["rows"][0])):
         assert {field.name for field in msgspec.structs.fields(kind)} <= there.keys()
     models = found["models"]
-    assert (models["profile"], models["constrained"], models["max_tokens"]) == (
+    assert (models["profile"], models["constraint"], models["max_tokens"]) == (
         "compact",
-        True,
+        "types",
         512,
     )
     assert models["refusing"] in (True, False)
@@ -59,8 +59,8 @@ def test_every_method_of_ours_tells_its_options_by_what_it_refuses_others(name):
 
 def test_differences_name_each_option_and_nothing_that_is_equal():
     assert all_apart(told(), told()) == []
-    assert all_apart(told(), told(constrained=False, temperature=0.5)) == [
-        "models.constrained: true became false",
+    assert all_apart(told(), told(constraint="free", temperature=0.5)) == [
+        "models.constraint: types became free",
         "models.temperature: 0.0 became 0.5",
     ]
     words = rows_apart(told(), "a", told(), "b")
@@ -87,7 +87,7 @@ def runs(tmp_path_factory):
         f'name = "x"\ntasks = "{TASKS}"\nonly = ["simple-12"]\n{ROW}'
         f'[models]\nplanner = "{planner}"\nprofile = "compact"\n'
     )
-    for name, more in (("a", ()), ("b", ("models.constrained=false",))):
+    for name, more in (("a", ()), ("b", ("models.constraint=free",))):
         changes = Changes(settings=tuple(map(setting_of, more)))
         list(Run(path, folder / name, changes=changes).episodes())
     return folder
@@ -101,9 +101,9 @@ def compared(*runs):
 
 def test_compare_names_every_difference(runs):
     a, b = runs / "a", runs / "b"
-    assert f"{b}: models.constrained: true became false" in compared(a, b)
+    assert f"{b}: models.constraint: types became free" in compared(a, b)
     assert f"{b}:idle: row expert -> idle: method:" in compared(f"{a}:expert", f"{b}:idle")
-    assert "models.constrained" not in compared(a, copy(a, runs / "c"))
+    assert "models.constraint" not in compared(a, copy(a, runs / "c"))
 
 
 def test_compare_says_where_options_are_not_known(runs):
@@ -114,5 +114,5 @@ def test_compare_says_where_options_are_not_known(runs):
 
 def test_configuration_is_what_the_folder_keeps(runs):
     kept = json.loads((runs / "b" / CONFIG).read_text())
-    assert kept["models"]["constrained"] is False
+    assert kept["models"]["constraint"] == "free"
     assert [row["name"] for row in kept["rows"]] == ["expert", "idle"]

@@ -62,11 +62,11 @@ def test_setting_of_every_depth_is_what_the_experiment_says_then(path):
         'rows."expert".method=idle',
         "rows.*.vision=blind",
         "run.steps=false",
-        "models.constrained=false",
+        "models.constraint=free",
         "models.gpu_layers=4",
     )
     assert (found.models.temperature, found.seeds, found.run.steps) == (0.5, (3, 4), False)
-    assert (found.models.constrained, found.models.gpu_layers) == (False, 4)
+    assert (found.models.constraint, found.models.gpu_layers) == ("free", 4)
     assert [row.options for row in found.rows] == [{"recall_k": 7}, {}]
     assert [row.method for row in found.rows] == ["karma", "idle"]
     assert {row.vision for row in found.rows} == {"blind"}
@@ -92,7 +92,7 @@ def test_word_that_looks_like_a_number_stays_a_word_where_words_are_meant(path):
         ("rows.expret.method=idle", r"no such row\. Did you mean 'expert'"),
         ("rows.expert.methud=idle", "write 'method'"),
         ("models.max_tokens=many", r"models\.max_tokens = 'many': Expected `int`, got `str`"),
-        ("models.constrained=1", r"models\.constrained = 1: Expected `bool`"),
+        ("models.constraint=1", r"models\.constraint = 1: Expected `str`"),
         ("models.planner", "it is KEY=VALUE"),
         ("=x", "it is KEY=VALUE"),
         ("models.max_tokens=0", "max_tokens and thinking_tokens are 1 or more"),
@@ -169,9 +169,9 @@ def test_run_folder_of_other_settings_is_refused_by_name(path, tmp_path):
         return CliRunner().invoke(app, command)
 
     assert karma_eval("--set", "run.steps=false").exit_code == 0
-    refused = karma_eval("--set", "models.constrained=false", "--seeds", "0-1")
+    refused = karma_eval("--set", "models.constraint=free", "--seeds", "0-1")
     assert refused.exit_code == 1
-    assert "models.constrained: true became false" in refused.output
+    assert "models.constraint: types became free" in refused.output
     assert "seeds: [0] became [0,1]" in refused.output
 
 

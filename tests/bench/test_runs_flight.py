@@ -65,7 +65,7 @@ def experiment(tmp_path):
             f'name = "x"\ntasks = "{TASKS}"\nonly = {ONLY}\n'
             '[[rows]]\nname = "hosted"\noptions = { attempts = 2 }\n'
             '[models]\nplanner = "openai"\nprofile = "compact"\nembedder = "openai"\n'
-            "constrained = false\n"
+            'constraint = "free"\n'
             f"[models.hosted.planner]\n{place}[models.hosted.embedder]\n{place}"
         )
         return path

@@ -409,7 +409,7 @@ def test_other_machine_is_reached_with_leave_only_and_the_header_says_so(tmp_pat
     namespace = need_namespace("sh", "-c", WITH_ADDRESS, "sh", "true")
     (tmp_path / "x.toml").write_text(
         f'name = "x"\ntasks = "{TASKS}"\nonly = ["simple-12"]\n[[rows]]\nname = "x"\n'
-        '[models]\nplanner = "openai"\nconstrained = false\n[models.hosted.planner]\n'
+        '[models]\nplanner = "openai"\nconstraint = "free"\n[models.hosted.planner]\n'
         'base_url = "http://127.0.0.1:9/v1"\nmodel = "m"\n'
     )
     environment = {k: v for k, v in os.environ.items() if k != "KARMA_OFFLINE"}

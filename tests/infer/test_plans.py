@@ -72,7 +72,7 @@ def test_automaton_any_walk_through_it_ends_in_a_plan_that_parses(data):
     automaton = ProgramAutomaton(SPEC)
     state, text = automaton.start(), b""
     while not automaton.accepts(state):
-        coming = automaton.forced(state) or bytes(
+        coming = automaton.expected(state) or bytes(
             [data.draw(st.sampled_from(automaton.next_bytes(state)))]
         )
         text += coming

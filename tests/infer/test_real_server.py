@@ -150,7 +150,7 @@ def test_server_that_passes_over_the_grammar_is_refused_unless_told_otherwise(ll
     pages = pages_of(llama3)
     with wire_server(forwarding(llama3, {"grammar"}), pages=pages) as (url, _):
         named = r"tiny at 127\.0\.0\.1: answers are not held to programs: held to 'k-\w+' or .*\n"
-        with pytest.raises(ModelError, match=named + "  To fix: constrained = false"):
+        with pytest.raises(ModelError, match=named + "  To fix: constraint = 'free'"):
             open_planner(auto(url, api="completions"), constrained=True)
         said = open_planner(auto(url, api="completions")).complete(PROMPT, spec=FEW)
     assert said.constrained is False

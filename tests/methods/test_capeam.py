@@ -4,6 +4,7 @@ import pytest
 from support.experiences import experience
 from support.household import kitchen
 
+from karma.agent.expert import ExpertView
 from karma.agent.planner import Planner
 from karma.agent.program import parse_program
 from karma.contracts import (
@@ -24,7 +25,6 @@ from karma.methods.capeam.memory import ANYWHERE, EnvironmentMemory
 from karma.methods.capeam.method import CapeamMethod, CapeamSettings
 from karma.methods.capeam.prior import count_places, likely_places, to_toml
 from karma.tasks.drawing.alfred import GoalFacts, Sentence, facts_of, goals_of, program_of
-from karma.tasks.expert import ExpertView
 from karma.world.generation.generate import build_scene
 from karma.world.sim import EmbeddedWorld
 

@@ -77,12 +77,12 @@ def test_answer_of_a_local_model_is_whole_or_it_is_a_fault(said):
     file = resolve_planner("karma-nano")
     model = LlamaModel(file.path, sha256=file.sha256, name=file.name)
     request = PlanRequest(instruction=said, areas=AREAS, units=UNITS)
-    for held in (True, False):
-        (plan,) = Planner(model, "compact", Decoding(attempts=1, constrained=held)).plan(request)
+    for level in ("types", "free"):
+        (plan,) = Planner(model, "compact", Decoding(attempts=1, constraint=level)).plan(request)
         whole, tokens = [str(call) for call in plan.calls], plan.completion.completion_tokens
         assert whole and plan.completion.finish == "stop"
         for most in range(1, tokens + 1):
-            found = asked(model, said, constrained=held, max_tokens=most)
+            found = asked(model, said, constraint=level, max_tokens=most)
             assert found in ([], whole)
             assert not found or most >= tokens - 1  # but for a line break that ends it
     model.close()

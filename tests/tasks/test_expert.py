@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from support.paths import ROOT
 
 from karma import registry
+from karma.agent.expert import ExpertView, NamedThing, solve
 from karma.agent.program import SKILLS, parse_program
 from karma.bench.episode import run_episode
 from karma.contracts import Area, Goal, SceneRef, SubTask, Task
@@ -14,7 +15,6 @@ from karma.household.places import STAND_CLOSED
 from karma.household.types import object_types
 from karma.household.uses import KNIVES
 from karma.methods.expert import ExpertMethod
-from karma.tasks.expert import ExpertView, NamedThing, solve
 from karma.tasks.files import load_tasks
 from karma.tasks.goals import parse_goal
 from karma.world.sim import EmbeddedWorld

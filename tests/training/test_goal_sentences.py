@@ -4,6 +4,7 @@ from itertools import product
 
 import pytest
 
+from karma.agent.expert import ExpertView, NamedThing
 from karma.agent.program import parse_program
 from karma.errors import FileError
 from karma.infer.scripted import ScriptedModel
@@ -19,7 +20,6 @@ from karma.tasks.drawing.alfred import (
     truth_of,
 )
 from karma.tasks.drawing.rooms import room_of
-from karma.tasks.expert import ExpertView, NamedThing
 from karma.training.planner.reading import read_goals, tell
 from karma.training.planner.samples import draw_alfred, draw_step
 from karma.world.core import scene

@@ -5,13 +5,13 @@ import re
 import pytest
 from support.paths import ROOT
 
+from karma.agent.expert import ExpertView
 from karma.errors import ModelError
 from karma.infer.scripted import ScriptedModel
 from karma.tasks.authors import load_authors_tasks
 from karma.tasks.demonstrations import plain
 from karma.tasks.drawing.alfred import GoalFacts, Sentence, program_of, read_sentences, read_steps
 from karma.tasks.drawing.phrases import disjoint_book, our_book
-from karma.tasks.expert import ExpertView
 from karma.tasks.files import load_tasks
 from karma.tasks.requests import load_texts
 from karma.training.planner.forms import form_of, forms_of, nearest, templates_of, words_of

@@ -95,6 +95,6 @@ def _unproven(model: HostedLanguageModel, why: str) -> ModelError:
     thinks = "thinking = 'off' where the model has no <think>; " if model.manner.thinks else ""
     return ModelError(
         f"{model.name} at {model.host}: answers are not held to programs: {why}\n"
-        f"  To fix: {thinks}constrained = false under [models] (--no-constrained) samples and reads"
-        " them; or see the servers in docs/hosted.md that hold answers to a grammar"
+        f"  To fix: {thinks}constraint = 'free' under [models] (--no-constrained) samples and"
+        " reads them; or see the servers in docs/hosted.md that hold answers to a grammar"
     )

@@ -29,6 +29,7 @@ from karma.infer.manifest.manifest import check_file, sha256_of
 from karma.places import repair
 
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
+_WORTH_GUESSING = 2  # tokens: a call of two takes as long as two calls, one of three does not
 _PLANNED = 8192  # tokens that layers on a GPU leave room for, where the context is not said
 _PIECE_BYTES = 256
 _MARKS = ("\n", "|", "\x01")  # one of them goes together with no text that follows
@@ -108,6 +109,8 @@ class GgufModel:
         self.table = _token_table(self.llama)
         self._spaces = self._puts_a_space()
         self._kept: list[int] = []  # tokens whose keys and values are valid from position 0
+        self._ahead: list[int] = []  # tokens that were decoded behind the last, as a guess
+        self._row = -1  # of the last call's logits, those after the last token
         self._keeps = not (self.llama._is_recurrent or self.llama._is_hybrid)
         self._states = self._room_states(path, sha256, states or StateOptions())
 
@@ -207,7 +210,7 @@ class GgufModel:
         """
         self.make_room(len(stable) + len(changing))
         known = self._known(stable)
-        self._kept = []  # while decoding, nothing is certain
+        self._kept, self._ahead = [], []  # while decoding, nothing is certain
         try:
             if known:
                 self.llama.n_tokens = known
@@ -244,15 +247,44 @@ class GgufModel:
             states.keep(stable, taken_out(self.llama.ctx))
         return "evaluated"
 
-    def extend(self, tokens: Sequence[int], *, is_late: Callable[[], bool] = never) -> None:
-        """Decode tokens behind what was decoded last; `is_late` and errors as in `evaluate`."""
+    def extend(
+        self,
+        tokens: Sequence[int],
+        *,
+        ahead: Sequence[int] = (),
+        is_late: Callable[[], bool] = never,
+    ) -> None:
+        """Decode tokens behind what was decoded last; `is_late` and errors as in `evaluate`.
+
+        A guess of what follows goes along in the same call, which is quicker than calls of their
+        own; what comes true of it is there when the model is extended by it.
+        """
+        if tokens and self._ahead[: len(tokens)] == list(tokens):
+            del self._ahead[: len(tokens)]
+            self._row += len(tokens)
+            self.llama.n_tokens += len(tokens)
+            return
+        self._ahead, self._row = [], -1
         try:
+            if len(ahead) >= _WORTH_GUESSING and self._keeps:
+                self._decode_ahead(tokens, ahead)
+                return
             for start in range(0, len(tokens), self.n_batch):
                 if is_late():
                     raise OutOfTime
                 self.llama.eval(tokens[start : start + self.n_batch])
         except RuntimeError as error:
             raise ModelError(f"{self.name}: llama.cpp cannot decode: {error}") from error
+
+    def _decode_ahead(self, tokens: Sequence[int], ahead: Sequence[int]) -> None:
+        """Decode tokens and a guess in one call, with the logits after each."""
+        llama, first = self.llama, self.llama.n_tokens
+        both = [*tokens, *ahead][: min(self.n_batch, self.n_ctx - first)]
+        llama._ctx.kv_cache_seq_rm(-1, first, -1)
+        llama._batch.set_batch(batch=both, n_past=first, logits_all=True)
+        llama._ctx.decode(llama._batch)
+        llama.n_tokens = first + len(tokens)
+        self._ahead, self._row = both[len(tokens) :], len(tokens) - 1
 
     @property
     def decoded(self) -> int:
@@ -261,13 +293,13 @@ class GgufModel:
 
     def rewind(self, tokens: int) -> None:
         """Forget what was decoded behind the first so many tokens; there are no logits then."""
-        self.llama.n_tokens = tokens
+        self.llama.n_tokens, self._ahead = tokens, []
 
     def logits(self) -> Logits:
         """Return the logits after the last token, shape (vocabulary,), valid until the next."""
         import llama_cpp
 
-        pointer = llama_cpp.llama_get_logits_ith(self.llama.ctx, -1)
+        pointer = llama_cpp.llama_get_logits_ith(self.llama.ctx, self._row)
         return np.ctypeslib.as_array(pointer, shape=(self.vocabulary,))
 
     def _room_states(

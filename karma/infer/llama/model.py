@@ -229,7 +229,7 @@ class LlamaModel:
             return Thought("", 0)
 
         def choose() -> int:
-            return self._next(None, None, temperature, rng)[0][0]
+            return self._next(None, None, temperature, rng)[0]
 
         return think(self.gguf, spare, choose, answer)
 
@@ -250,24 +250,23 @@ class LlamaModel:
         while len(pieces) < room:
             if names and state:
                 state = names.seen(state, pieces)
-            chosen, state = self._next(automaton, state, temperature, rng, log)
+            token, state = self._next(automaton, state, temperature, rng, log)
             answer.begins()
-            if chosen[0] in table.end_tokens:
+            if token in table.end_tokens:
                 return _Decoded(b"".join(pieces), "stop", len(pieces))
-            new = [table.pieces[token] for token in chosen[: room - len(pieces)]]
-            pieces += new
+            pieces.append(table.pieces[token])
             under_way = len(pieces) < room and not answer.is_late
             if not (names and state and state.frame.names and under_way):
                 answer.came(b"".join(pieces[told:]), len(pieces) - told)
                 told = len(pieces)
             if automaton is not None and state is not None and not automaton.next_bytes(state):
                 return _Decoded(b"".join(pieces), "stop", len(pieces))
-            if automaton is not None and b"\n" in new[-1] and _circles(pieces):
+            if automaton is not None and b"\n" in pieces[-1] and _circles(pieces):
                 return _Decoded(b"".join(pieces), "cycle", len(pieces))
             if answer.is_late:
                 return _Decoded(b"".join(pieces), "time", len(pieces))
             if len(pieces) < room:
-                self.gguf.extend(chosen)
+                self.gguf.extend([token], ahead=self._expected(automaton, state, pieces))
         return _Decoded(b"".join(pieces), "length", len(pieces))
 
     def _next(
@@ -277,8 +276,7 @@ class LlamaModel:
         temperature: float,
         rng: np.random.Generator | None,
         log: CertaintyLog | None = None,
-    ) -> tuple[list[int], State | None]:
-        """Return the next token, and what then has to follow; decoded at once, that is quicker."""
+    ) -> tuple[int, State | None]:
         logits = self.gguf.logits()
         scores = logits if rng is None else gumbel(logits, temperature, rng)
         if automaton is None or state is None:
@@ -287,14 +285,19 @@ class LlamaModel:
             token, after = choose_token(scores, automaton, state, self.gguf.table)
         if log is not None:
             log.add(logits, token)
-        if automaton is None:
-            return [token], None
-        if after is None or not (text := automaton.forced(after)):
-            return [token], after
-        more = self.gguf.tokens(text.decode())
-        if b"".join(self.gguf.table.pieces[one] for one in more) != text:
-            return [token], after  # a tokenizer that cannot go on in the middle of a text
-        return [token, *more], automaton.advance(after, text)
+        return token, after
+
+    def _expected(
+        self, automaton: ProgramAutomaton | None, state: State | None, pieces: Sequence[bytes]
+    ) -> list[int]:
+        """Return tokens that the answer is likely to go on with, as it is cut when it is read."""
+        if automaton is None or state is None or not (text := automaton.expected(state)):
+            return []
+        begun = next((i for i, one in enumerate(reversed(pieces)) if b"\n" in one), len(pieces))
+        line = list(pieces[len(pieces) - begun :])
+        tokens = self.gguf.tokens((b"".join(line) + text).decode())
+        cut = [self.gguf.table.pieces[token] for token in tokens]
+        return tokens[len(line) :] if cut[: len(line)] == line else []
 
 
 def _lines(text: bytes) -> list[bytes]:

@@ -22,6 +22,7 @@ from karma.infer.programs.frames import END, Frame, followed, trie
 from karma.infer.programs.plans import plan_frame
 
 CLOSINGS = ("\n", "```", "#")  # on the line below a call: the program has ended above it
+_FAR = 64  # bytes that are looked ahead
 _MAX_POSITIONS = 100  # entries of one list, as the parser admits
 
 
@@ -163,7 +164,6 @@ class ProgramAutomaton:
         self._max_lines, self._calls = 0, frozenset[int]()
         self._begun: dict[HandSpec | None, dict[str, Callable[[], Frame]]] = {}
         self._lines: dict[HandSpec | None, Frame] = {}
-        self._jumps = isinstance(spec, PlanSpec)  # programs are decoded token by token
         if isinstance(spec, PlanSpec):
             self._start = self._line = plan_frame(spec)
             return
@@ -233,16 +233,14 @@ class ProgramAutomaton:
             return tuple(byte for byte in found if byte not in self._calls)
         return tuple(found)
 
-    def forced(self, state: State) -> bytes:
-        """Return the bytes of a plan that have to come next, up to a choice or the end."""
+    def expected(self, state: State) -> bytes:
+        """Return the bytes that follow, up to a choice, if the answer does not end before."""
         found = bytearray()
-        while (
-            self._jumps and not self.accepts(state) and len(coming := self.next_bytes(state)) == 1
-        ):
-            found += bytes(coming)
+        while len(found) < _FAR and len(coming := self.next_bytes(state)) == 1:
             after = self.advance(state, bytes(coming))
             if after is None:
                 break
+            found += bytes(coming)
             state = after
         return bytes(found)
 

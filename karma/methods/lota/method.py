@@ -208,7 +208,7 @@ class LotaGenerate:
         spec = ProgramSpec(skills=smart_skills(), objects=named_types())
         completion = self._planner.model.complete(
             prompt,
-            spec=spec if decoding.constrained else None,
+            spec=None if decoding.constraint == "free" else spec,
             max_tokens=decoding.max_tokens,
             max_seconds=decoding.answer_seconds,
             temperature=decoding.temperature,

@@ -12,6 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from karma.agent.expert import ExpertView
+from karma.agent.plain_programs import plain_program
 from karma.contracts import Goal, SkillCall
 from karma.household import uses
 from karma.household.ids import short_type, type_of
@@ -19,8 +21,6 @@ from karma.household.pieces import is_piece
 from karma.household.types import object_types
 from karma.tasks.demonstrations import read_demonstrations
 from karma.tasks.drawing.lexicon import every_word
-from karma.tasks.drawing.programs import plain_program
-from karma.tasks.expert import ExpertView
 
 _TYPES = {
     "look_at_obj_in_light": "look", "pick_and_place_simple": "simple",

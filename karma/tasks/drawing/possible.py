@@ -11,8 +11,9 @@ import msgspec
 from karma.agent.perceive import cells_of
 from karma.contracts import Goal
 from karma.household.containment import fits_whole_or_cut
+from karma.household.ids import is_position
 from karma.household.uses import covers
-from karma.tasks.goals import alternatives, is_position, object_names
+from karma.tasks.goals import alternatives, object_names
 from karma.world.core.placement import find_place
 from karma.world.core.scene import Scene, SceneObject
 from karma.world.sim import EmbeddedWorld

@@ -7,6 +7,8 @@ is in its hand), rendered by the same `karma.agent.prompt` that plans with it.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from karma.agent.expert import ExpertView, NamedThing
+from karma.agent.plain_programs import plain_program
 from karma.agent.prompt import compact
 from karma.contracts import MemoryUnit, PlanRequest, SkillCall
 from karma.household.ids import short_type
@@ -16,11 +18,9 @@ from karma.household.types import object_types
 from karma.tasks.drawing.alfred import Sentence, StepSentence, program_of
 from karma.tasks.drawing.memories import KnownRoom, Rng, draw_units, pick, place_type
 from karma.tasks.drawing.phrases import Book
-from karma.tasks.drawing.programs import plain_program
 from karma.tasks.drawing.referring_expressions import Situation
 from karma.tasks.drawing.requests import WITH_PAIRS, Ask, one_ask, pick_kind, wrapped
 from karma.tasks.drawing.several import several_asks
-from karma.tasks.expert import ExpertView, NamedThing
 from karma.training.planner.failures import draw_failure
 from karma.training.planner.lived_memories import live_memory, with_twins
 

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
+from karma.agent.expert import ExpertView
+from karma.agent.plain_programs import plain_program
 from karma.contracts import Goal, MemoryUnit, PlanRequest, RefusedRequest
 from karma.household import uses
 from karma.household.pieces import EGG, base_type, is_piece
@@ -18,9 +20,7 @@ from karma.household.states import deed_for
 from karma.household.types import object_types
 from karma.tasks.drawing.lexicon import lexicon, pick_common
 from karma.tasks.drawing.memories import KnownRoom, Rng, pick
-from karma.tasks.drawing.programs import plain_program
 from karma.tasks.drawing.requests import suits, takes
-from karma.tasks.expert import ExpertView
 from karma.tasks.requests import SaidRequest
 from karma.training.planner.samples import (
     LONGEST,

@@ -9,11 +9,11 @@ closed container, no freeing of the hand.
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from karma.agent.expert import ExpertView, solve
 from karma.contracts import Area, Goal, SkillCall
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import SURFACES, landmark_types
-from karma.tasks.expert import ExpertView, solve
 
 
 def plain_program(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, ...]:

@@ -13,11 +13,11 @@ from karma.agent.inspector import likely_areas
 from karma.contracts import Area, Goal, SkillCall
 from karma.household import uses
 from karma.household.containment import brings, fits_whole_or_cut, goes_in
+from karma.household.ids import is_position
 from karma.household.pieces import EGG, base_type, is_piece
 from karma.household.places import FLOOR, LIKELY, STAND_CLOSED, SURFACES
 from karma.household.states import END_STATES, deed_for
 from karma.household.types import object_types
-from karma.tasks.goals import is_position
 
 _Errand = tuple[str, list[Goal]]  # a subject and the goals about it
 _PLACED = ("ON", "INSIDE")
