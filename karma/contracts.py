@@ -1105,7 +1105,7 @@ class Resources:
     """What a run has loaded once, for all of its methods."""
 
     model: LanguageModel  # the planner's
-    profile: str  # of its prompts: "compact" or "full"
+    profile: str  # of its prompts: "compact", "full" or "goals"
     decoding: Decoding = Decoding()
     listen: Listener | None = None  # hears the planner's answers as they come
     hints: Hints | None = None  # where the planner has learnt to read them

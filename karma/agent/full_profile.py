@@ -1,13 +1,14 @@
 """Parts of the full prompt: furniture by name, what is in sight, what failed, what skills need."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 from karma.agent.perceive import place_of
 from karma.agent.program import SKILL_OF
 from karma.agent.short_names import in_names, name_for
 from karma.contracts import Area, FailedProgram, Fixture, PlanRequest, SeenObject, Vec3
+from karma.household.ids import short_type
 from karma.household.pieces import EGG
 from karma.household.places import FLOOR, HAND, NEAR_M
 from karma.household.types import object_types, types_with
@@ -47,6 +48,14 @@ def area_line(area: Area, names: Mapping[str, str]) -> AreaLine:
         adjacent=area.adjacent,
         things=(*named, *rest),
     )
+
+
+def furniture(areas: Sequence[Area], names: Mapping[str, str]) -> list[str]:
+    """Return what furniture a map has, by name without places, and types of what has no name."""
+    lines = [area_line(replace(area, fixtures=()), {}) for area in areas]
+    spoken = {short_type(one) for one in names}
+    rest = dict.fromkeys(kind for line in lines for kind in line.things if kind not in spoken)
+    return in_runs([*names, *rest])
 
 
 def coarse_text(position_m: Sequence[float]) -> str:

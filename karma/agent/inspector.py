@@ -245,10 +245,10 @@ def narrowed(
     places = tuple(name for name in names if _can_be(name, "receptacle"))
     found: list[tuple[str, tuple[tuple[str, ...], ...]]] = []
     for skill in skills:
-        if skill.name == "PutObject":
-            found.append((skill.name, (held, places)))
-        elif skill.name == "PutNear":
+        if skill.name in ("PutNear", "Near"):
             found.append((skill.name, (held, tuple(names))))
+        elif skill.arguments == ("object", "object"):
+            found.append((skill.name, (held, places)))
         elif skill.takes:
             found.append((skill.name, (tuple(one for one in names if _may_take(skill, one)),)))
     return tuple(found)

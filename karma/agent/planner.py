@@ -4,10 +4,11 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+from karma.agent.goal_lines import program_for
 from karma.agent.guard import put_near, stopped
 from karma.agent.inspector import Objection, hand_of, mend, narrowed, objection
 from karma.agent.program import SKILLS
-from karma.agent.prompt import render, skills_of
+from karma.agent.prompt import GOALS, render, skills_of
 from karma.agent.reading import astray
 from karma.agent.recovery import program_of
 from karma.agent.refused_requests import KNOWN, cannot_be, doubted, with_words
@@ -46,7 +47,7 @@ class Planner:
 
     Args:
         model: any `LanguageModel`.
-        profile: "compact" or "full".
+        profile: of its prompts, see `karma.agent.prompt.PROFILES`.
         decoding: how answers are drawn.
         hints: of an instruction; None: the planner reads none.
         examples: for an instruction; None: the prompt has none but its own.
@@ -179,6 +180,8 @@ class Planner:
             listen=self.listen,
         )
         answer = _read(completion, skills, refusing=refusing)
+        if self.profile == GOALS and answer.calls:
+            answer = _done_for(answer, request, rendered.names)
         if answer.refused and (reason := cannot_be(answer.refused, request)):
             failure = FailedProgram(lines=(completion.text.strip(),), failed=0, reason=reason)
             answer = _Answer(error=reason, failure=failure)
@@ -220,6 +223,16 @@ def _read(completion: Completion, skills: Sequence[Skill], *, refusing: bool) ->
         return _Answer(calls=found.calls, refused=found.refused, dropped=found.dropped)
     reason = "the answer holds no skill call"
     return _Answer(error=reason, failure=FailedProgram(lines=lines, failed=None, reason=reason))
+
+
+def _done_for(answer: _Answer, request: PlanRequest, names: Mapping[str, str]) -> _Answer:
+    """Return the program for an answer that says goals."""
+    calls = program_for(answer.calls, request.units, names)
+    if calls:
+        return replace(answer, calls=calls)
+    lines, reason = tuple(map(str, answer.calls)), "these lines leave nothing to do"
+    failure = FailedProgram(lines=lines, failed=None, reason=reason)
+    return _Answer(error=reason, failure=failure)
 
 
 def _given_up(answer: Plan, reason: str) -> Plan:

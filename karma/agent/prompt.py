@@ -22,10 +22,12 @@ from karma.agent.full_profile import (
     doors_and_switches,
     failed_line,
     failed_program,
+    furniture,
     off_the_map,
     place_name,
     skill_needs,
 )
+from karma.agent.goal_lines import GOAL_LINES
 from karma.agent.program import OUR_SKILLS, SKILLS
 from karma.agent.short_names import fixture_names, name_for, short_names, stand_ins
 from karma.contracts import Area, Hint, MemoryUnit, PlanRequest, Prompt, Skill, Vec3
@@ -34,12 +36,16 @@ from karma.files import read_bytes
 from karma.household.pieces import base_type
 from karma.household.places import HAND, landmark_types
 
+GOALS = "goals"  # the profile that asks what is to be so, not for skills
 PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(
-    {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS)}
-)  # and the skills that each offers; the nano planner has learnt 13
+    {"compact": SKILLS, "full": (*SKILLS, *OUR_SKILLS), GOALS: GOAL_LINES}
+)  # and what each offers to write: skills, or goals; the nano planner has learnt 13 skills
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
 _TEMPLATES = Path(__file__).parent / "prompts"
-TEMPLATES = ("full_stable.txt", "full_changing.txt")  # of "full", or of a folder of one's own
+TEMPLATES = (
+    "full_stable.txt",
+    "full_changing.txt",
+)  # of all but "compact", or own ones
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +102,8 @@ def render(profile: str, request: PlanRequest, *, refusing: bool = False) -> Ren
     skills = skills_of(profile)
     if profile == "compact":
         return compact(request)
-    return full(request, skills, refusing=refusing, files=template_files(profile))
+    files = template_files(profile)
+    return full(request, skills, refusing=refusing, goals=profile == GOALS, files=files)
 
 
 def compact_areas(areas: Sequence[Area]) -> str:
@@ -178,14 +185,15 @@ def full(
     skills: Sequence[Skill],
     *,
     refusing: bool = False,
+    goals: bool = False,
     files: Mapping[str, Path] | None = None,
 ) -> Rendered:
-    """Fill the profile of KARMA Fig. 8, or own templates in its place."""
+    """Fill the profile of KARMA Fig. 8, or own templates in its place, for skills or for goals."""
     stable_file, changing_file = (files or template_files("full")).values()
     held = (request.held_id, request.held_type) if request.held_id and request.held_type else None
-    furniture = [one for one in request.seen if not one.pickupable and not request.graph_text]
+    standing = [one for one in request.seen if not one.pickupable and not request.graph_text]
     areas = () if request.graph_text else request.areas
-    fixtures = fixture_names(areas, furniture, before=request.named)
+    fixtures = fixture_names(areas, standing, before=request.named)
     told = {unit.object_id: unit.place_id for unit in request.units}
     told |= {request.held_id: HAND} if request.held_id else {}
     movable = [one for one in request.seen if one.pickupable]
@@ -200,16 +208,18 @@ def full(
         skills=skills,
         needs=skill_needs(),
         refusing=refusing,
+        goals=goals,
         graph=request.graph_text,
         areas=[area_line(area, fixtures) for area in request.areas],
+        furniture=furniture(request.areas, fixtures) if goals else (),
     )
     changing = filled(
         changing_file,
         units=[(name_of[unit.object_id], unit) for unit in request.units],
         place_of=lambda unit: place_name(unit.place_id, name_of),
         seen=by_place(seen, name_of),
-        furniture=off_the_map(furniture, request.areas, fixtures),
-        doors=doors_and_switches([*furniture, *seen], name_of),
+        furniture=off_the_map(standing, request.areas, fixtures),
+        doors=doors_and_switches([*standing, *seen], name_of),
         held=name_of.get(request.held_id or ""),
         missing=dict.fromkeys(name_for(name, {}) for name in request.missing),
         earlier=dict.fromkeys(failed_line(one, name_of) for one in request.failures[:-1]),
@@ -218,6 +228,7 @@ def full(
         whole=request.whole,
         hints=request.hints,
         instruction=request.instruction,
+        goals=goals,
     )
     return Rendered(prompt=Prompt(stable=stable, changing=changing), names=names)
 

@@ -123,7 +123,9 @@ def models_add(
     licence: Annotated[str | None, typer.Option(help="SPDX name.")] = None,
     source: Annotated[str | None, typer.Option(help="Where it came from.")] = None,
     revision: Annotated[str | None, typer.Option(help="Of the source.")] = None,
-    profile: Annotated[str | None, typer.Option(help='Planners: "full" or "compact".')] = None,
+    profile: Annotated[
+        str | None, typer.Option(help='Planners: "full", "goals" or "compact".')
+    ] = None,
     context: Annotated[int | None, typer.Option(min=32, help="Tokens to open with.")] = None,
     chat: Annotated[
         bool | None,

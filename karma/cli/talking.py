@@ -74,7 +74,7 @@ def run_command(
         str,
         typer.Option(help="Name in the manifest, or a GGUF; default karma-mini, else karma-nano."),
     ] = "",
-    profile: Annotated[str, typer.Option(help='"compact" or "full".')] = "",
+    profile: Annotated[str, typer.Option(help='"compact", "full", or "goals".')] = "",
     chat: Annotated[
         bool | None,
         typer.Option("--chat/--no-chat", help="Through the GGUF's chat template; default: if any."),

@@ -10,7 +10,7 @@ import msgspec
 from msgspec.structs import force_setattr
 
 from karma import registry
-from karma.agent.prompt import render
+from karma.agent.prompt import GOALS, render
 from karma.contracts import (
     Constraint,
     Decoding,
@@ -74,7 +74,9 @@ class Models(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Which models fill the roles."""
 
     planner: str = "karma-nano"  # of models/manifest.toml, a GGUF's path, "openai", "default"
-    profile: str = ""  # "compact", "full" or a folder of templates; "" = what the manifest says
+    profile: str = (
+        ""  # "compact", "full", "goals" or a folder of templates; "" = what the manifest says
+    )
     chat: bool | None = None  # through the GGUF's own chat template; None: if it has one
     words: str = ""  # a words file, for hints; "": as the manifest says, "none": no hints
     refusing: bool | None = None  # requests may be refused; None: by who has learnt it (manifest)
@@ -192,7 +194,9 @@ def load_resources(
         profile=profile,
         decoding=decoding,
         hints=hints_for(models.planner, models.words or hosted, embedder),
-        examples=examples_for(_count(models, profile), models.examples_from, embedder),
+        examples=examples_for(
+            _count(models, profile), models.examples_from, embedder, goals=profile == GOALS
+        ),
         doubt=doubt_of(models.planner) if refusing and not hosted else None,
         recall=_recall(models.recall, models.recall_text, embedder, maps),
         vision=filled("vision_models", models.vision, models.hosted.vision, session, models),

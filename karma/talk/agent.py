@@ -19,6 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from karma.agent.prompt import GOALS
 from karma.agent.understood import Understanding, misspelt, understood
 from karma.contracts import (
     Listener,
@@ -526,4 +527,4 @@ def asking(models: Models) -> Models:
     profile = models.profile or (
         "full" if hosted else resolve_planner(models.planner).prompt_profile
     )
-    return models.computed_by({"refusing": True}) if profile == "full" else models
+    return models.computed_by({"refusing": True}) if profile in ("full", GOALS) else models

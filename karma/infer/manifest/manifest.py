@@ -62,7 +62,7 @@ class ModelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     package: str | None = None  # the files lie in this installed package, not beside the manifest
     pieces: tuple[str, ...] = ()  # packages, NAME==VERSION, that hold its file cut into pieces
     base: str = ""  # the model that its adapter changes: its first file is made of both
-    prompt_profile: Literal["compact", "full"] | None = None  # planners only
+    prompt_profile: Literal["compact", "full", "goals"] | None = None  # planners only
     chat: bool | None = (
         None  # planners only: through the GGUF's own chat template; None: if it has one
     )
@@ -112,7 +112,7 @@ class PlannerFile:
     name: str
     path: Path
     sha256: str | None = None  # None for a file that no manifest vouches for
-    prompt_profile: Literal["compact", "full"] = "full"
+    prompt_profile: Literal["compact", "full", "goals"] = "full"
     context_length: int | None = None
     chat: bool | None = None  # through its own chat template; None: if it has one
     fix: str = ""  # the step that brings the file back, where a manifest says

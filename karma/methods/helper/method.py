@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from karma.agent.planner import Planner
+from karma.agent.prompt import GOALS
 from karma.agent.skills import Skills
 from karma.contracts import (
     Embedder,
@@ -97,9 +98,12 @@ class HelperMethod:
         """Make the row from its options (the fields of `HelperSettings`).
 
         Raises:
-            KarmaError: an option is unknown or of the wrong type, or there is no text embedder.
+            KarmaError: an option is unknown or of the wrong type, there is no text embedder, or
+                the planner is asked for goals.
         """
         settings = settings_of(HelperSettings, options)
+        if resources.profile == GOALS:
+            raise KarmaError('helper\'s examples are programs; name models.profile = "full"')
         if resources.embedder is None:
             raise KarmaError("helper needs a text embedder; name one: models.embedder")
         return cls(Planner.of(resources), resources.embedder, settings)

@@ -52,6 +52,11 @@ class Sentence:
     facts: GoalFacts
     floor_plan: str = ""  # where it was said
 
+    @property
+    def wanted(self) -> tuple[Goal, ...]:
+        """What is to hold in the end."""
+        return goals_of(self.facts, self.facts.thing, self.text.lower())
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepSentence:
@@ -175,8 +180,7 @@ def goals_of(facts: GoalFacts, thing: str, text: str) -> tuple[Goal, ...]:
 
 def program_of(sentence: Sentence, view: ExpertView) -> tuple[SkillCall, ...]:
     """Return the plain program; for two things the second follows the first."""
-    facts = sentence.facts
-    return plain_program(goals_of(facts, facts.thing, sentence.text.lower()), view)
+    return plain_program(sentence.wanted, view)
 
 
 def _goal(predicate: str, *arguments: str) -> Goal:

@@ -1,0 +1,136 @@
+"""Goals as answers: a planner says what is to be so, and the expert writes the program for it.
+
+A line of goals has a sixth of a program's tokens and nothing of the order of steps, which models
+that were not trained for it get wrong. It has the form of a skill call, so that grammar, parser
+and recovery are those of programs.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from karma.agent.expert import ExpertView, NamedThing
+from karma.agent.plain_programs import plain_program
+from karma.contracts import Goal, MemoryUnit, Skill, SkillCall
+from karma.household import uses
+from karma.household.ids import short_type
+from karma.household.states import DONE_BY
+
+_STATES = {
+    "Clean": ("cleaned", "", "it was washed or rinsed"),
+    "Heat": ("heated", "", "it was warmed up"),
+    "Cook": ("cooked", "cookable", "it is cooked, fried, boiled or toasted"),
+    "Cool": ("cooled", "", "it was chilled"),
+    "Slice": ("sliced", "sliceable", "it is cut"),
+    "Fill": ("filled", "canFillWithLiquid", "it is full of water"),
+    "Empty": ("empty", "", "nothing is in it"),
+    "Break": ("broken", "breakable", "it is broken"),
+}  # line -> state, what a thing must be, words
+_SWITCHES = {
+    "Open": ("OPEN", "openable", "it is open"),
+    "Close": ("CLOSED", "openable", "it is closed"),
+    "TurnOn": ("TOGGLEON", "toggleable", "it is on; the Faucet is a tap"),
+    "TurnOff": ("TOGGLEOFF", "toggleable", "it is off"),
+}  # line -> predicate, likewise
+_PUT, _NEAR, _HOLD, _COFFEE = "Put", "Near", "Hold", "MakeCoffee"
+_BREWING = Goal(predicate="TOGGLEON", arguments=(uses.COFFEE_MACHINE,))
+
+
+def _line(name: str, doc: str, takes: str = "") -> Skill:
+    return Skill(name=name, arguments=("object",), doc=doc, takes=takes)
+
+
+def _two(name: str, doc: str) -> Skill:
+    return Skill(name=name, arguments=("object", "object"), doc=doc)
+
+
+GOAL_LINES: tuple[Skill, ...] = (
+    _two(_PUT, "the first thing lies in or on the second"),
+    _two(_NEAR, "the first thing lies near the second"),
+    _line(_HOLD, "the robot has it in its hand", "pickupable"),
+    *(_line(name, doc, takes) for name, (_, takes, doc) in _STATES.items()),
+    *(_line(name, doc, takes) for name, (_, takes, doc) in _SWITCHES.items()),
+    _line(_COFFEE, "this mug or cup is full of coffee", "canFillWithLiquid"),
+)
+"""What may be said to be so; `doc` is what the prompt says of a line."""
+
+
+def program_for(
+    lines: Sequence[SkillCall], units: Sequence[MemoryUnit], names: Mapping[str, str]
+) -> tuple[SkillCall, ...]:
+    """Return the plain program that makes goals true, which the inspector then sees through.
+
+    Args:
+        lines: of an answer.
+        units: that the prompt told of.
+        names: the prompt's short names, and their ids.
+
+    Returns:
+        The calls; () where nothing is left to do.
+    """
+    unit_of = {unit.object_id: unit for unit in units}
+    near = {line.objects[1] for line in lines if line.skill == _NEAR}
+    units_of = {name: unit_of[one] for name, one in names.items() if one in unit_of}
+    things = [
+        NamedThing(
+            name=name,
+            object_type=units_of[name].object_type if name in units_of else short_type(name),
+            states=units_of[name].states if name in units_of else (),
+            holds=name not in near,
+        )
+        for name in (*units_of, *(near - units_of.keys()))
+    ]
+    counts = Counter(goal for line in lines for goal in _goals(line))
+    goals = [replace(goal, count=count) for goal, count in counts.items()]
+    return plain_program(goals, ExpertView(things=tuple(things)))
+
+
+def _goals(line: SkillCall) -> Iterator[Goal]:
+    """Yield the goals of a line."""
+    thing = line.objects[0]
+    if line.skill in (_PUT, _NEAR):
+        yield Goal(predicate="ON", arguments=line.objects)
+    elif line.skill == _HOLD:
+        yield Goal(predicate="HOLDON", arguments=("robot", thing))
+    elif line.skill == _COFFEE:
+        yield Goal(predicate="STATE", arguments=(thing, "filled"))
+        yield _BREWING
+    elif line.skill in _STATES:
+        yield Goal(predicate="STATE", arguments=(thing, _STATES[line.skill][0]))
+    else:
+        yield Goal(predicate=_SWITCHES[line.skill][0], arguments=(thing,))
+
+
+def as_lines(goals: Sequence[Goal]) -> tuple[SkillCall, ...]:
+    """Return goals as the lines of an answer, a count as the same line again.
+
+    Of names that will do alike the first is said. () where a goal has no line.
+    """
+    fills = any(goal.predicate == "STATE" and goal.arguments[1] == "filled" for goal in goals)
+    brews = fills and _BREWING in goals
+    found: list[SkillCall] = []
+    for goal in goals:
+        if brews and goal == _BREWING:
+            continue
+        if (line := _line_of(goal, brews=brews)) is None:
+            return ()
+        found += [line] * (goal.count if line.skill == _PUT else 1)
+    return tuple(found)
+
+
+def _line_of(goal: Goal, *, brews: bool) -> SkillCall | None:
+    """Return the line that says a goal, None where there is none."""
+    first, *others = (one.partition("/")[0].strip() for one in goal.arguments)
+    match goal.predicate:
+        case "ON" | "INSIDE":
+            name, objects = _PUT, (first, *others)
+        case "HOLDON":
+            name, objects = _HOLD, tuple(others)
+        case "STATE":
+            names = {state: line for line, (state, _, _) in _STATES.items()}
+            name = names.get(DONE_BY.get(others[0], others[0]), "")
+            name, objects = _COFFEE if brews and name == "Fill" else name, (first,)
+        case predicate:
+            names = {one: line for line, (one, _, _) in _SWITCHES.items()}
+            name, objects = names.get(predicate, ""), (first,)
+    return SkillCall(skill=name, objects=objects) if name else None
