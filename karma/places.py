@@ -4,6 +4,7 @@ A checkout has `models/` and `eval/` at its top; a wheel carries copies of them 
 put there when it is built (setup.py). A folder that the user names goes before both.
 """
 
+import os
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
@@ -22,6 +23,12 @@ def is_checkout() -> bool:
 def shipped(name: Literal["models", "eval"]) -> Path:
     """Return a folder of data: the checkout's, else the copy that the wheel carries."""
     return _PARENT / name if is_checkout() else PACKAGE / "shipped" / name
+
+
+def cache() -> Path:
+    """Return $KARMA_CACHE, by default ~/.cache/karma: what was computed or built once."""
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(os.environ.get("KARMA_CACHE") or f"{home}/karma")
 
 
 def repair(in_checkout: str = "make setup") -> str:

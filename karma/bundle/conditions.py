@@ -10,10 +10,11 @@ from typing import Literal
 
 from packaging.requirements import Requirement
 
-from karma.bundle.wheels import cache_folder, kept_wheels
+from karma.bundle.wheels import kept_wheels
 from karma.errors import KarmaError
 from karma.infer.manifest.manifest import check, find_model, read_manifest
 from karma.offline import DEFAULTS, LOG, OFFLINE, SWITCHES, is_armed, network_allowed
+from karma.places import cache
 
 NEEDED = ("karma-nano", "minilm")  # what `karma run` can do with, where karma-mini is not here
 _PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy", "all_proxy")
@@ -171,7 +172,7 @@ def _folders(environment: Mapping[str, str]) -> Iterator[Finding]:
     found = f"{shared or 'not set; optional'}{'' if here else ': no such folder'}"
     fix = "unset KARMA_SHARED, or bring the reference data"
     yield _finding("KARMA_SHARED", here, found, fix, else_="note")
-    folder = cache_folder()
+    folder = cache()
     near = next(path for path in (folder, *folder.parents) if path.exists())
     writable = os.access(near, os.W_OK)
     found = f"{folder}, {'writable' if writable else 'not writable'}"

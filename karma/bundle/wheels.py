@@ -11,6 +11,7 @@ from importlib.metadata import Distribution
 from pathlib import Path
 
 from karma.errors import FileError, KarmaError
+from karma.places import cache
 
 BUILT = ".karma-llama"  # set-up's note, in the virtual environment, about llama.cpp's wheel
 EPOCH = "315532800"  # 1980-01-01, the first day that a zip can name
@@ -104,14 +105,8 @@ def kept_wheels() -> Path:
     try:
         _, _, folder = (Path(sys.prefix) / BUILT).read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError):
-        return cache_folder() / "wheels"
+        return cache() / "wheels"
     return Path(folder)
-
-
-def cache_folder() -> Path:
-    """Return $KARMA_CACHE, by default ~/.cache/karma."""
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(os.environ.get("KARMA_CACHE") or f"{home}/karma")
 
 
 def _pip(arguments: Sequence[str], *, fix: str = "see the lines above", **more: str) -> None:

@@ -49,11 +49,11 @@ def bundle_build(
 ) -> None:
     """Write a bundle: wheels, models, scenes, licences, a bill of materials."""
     from karma.bundle.build import PROJECT, BundleSpec, build
-    from karma.bundle.wheels import cache_folder
+    from karma.places import cache
 
     begin = monotonic()
     spec = BundleSpec(
-        wheels=wheels or cache_folder() / "bundle-wheels",
+        wheels=wheels or cache() / "bundle-wheels",
         download=download,
         models=tuple(models or ()),
         scenes=tuple(scenes or ()),

@@ -1,21 +1,28 @@
 """The examples that a planner is told, nearest to the request: of the written bank, or another."""
 
-from collections.abc import Iterator
+import hashlib
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import lru_cache, partial
 from pathlib import Path
+
+import numpy as np
 
 from karma import registry
 from karma.agent.expert import ExpertView
 from karma.agent.goal_lines import as_lines
 from karma.agent.plain_programs import plain_program
-from karma.contracts import Embedder, Examples, WorkedExample
-from karma.errors import FileError
+from karma.contracts import Embedder, Examples, Vectors, WorkedExample
+from karma.errors import FileError, KarmaError
+from karma.files import read_bytes, write_atomic
+from karma.infer.embed.minilm import FILES
 from karma.methods.example_memory import ExampleMemory
-from karma.places import shipped
+from karma.places import cache, shipped
 from karma.tasks.drawing.alfred import names_its_place, read_sentences
 from karma.tasks.requests import load_said
 
 EXAMPLES = 4  # told to a planner with the full prompt, if nothing else is said
+_HASH = 32  # bytes of SHA-256 before what is kept
 _EMBEDDER = "minilm"  # whatever recall uses, so that equal runs have equal examples
 
 
@@ -49,9 +56,30 @@ def read_bank(path: Path, *, goals: bool = False) -> Iterator[WorkedExample]:
         raise FileError(path, "holds no sentence with goals", fix="see eval/requests/README.md")
 
 
-@lru_cache(maxsize=2)
-def _memory(embedder: Embedder, path: Path, goals: bool) -> ExampleMemory:
-    return ExampleMemory(embedder, tuple(read_bank(path, goals=goals)))
+@lru_cache(maxsize=4)
+def _bank(path: Path, changed: float, goals: bool) -> tuple[WorkedExample, ...]:
+    """Return a bank that was changed then, in seconds."""
+    return tuple(read_bank(path, goals=goals))
+
+
+def kept_vectors(embedder: Embedder, texts: Sequence[str]) -> Vectors:
+    """Return the vectors of a bank's sentences, computed once: 15 ms each, for 700 ten seconds.
+
+    They are kept in `karma.places.cache`, by the hash of model and sentences; where that cannot be
+    written, or what is there is damaged, they are computed.
+    """
+    key = hashlib.sha256("\0".join([*FILES.values(), *texts]).encode()).hexdigest()
+    path = cache() / "vectors" / f"{key}.f32"
+    shape = len(texts), embedder.dimension
+    with suppress(KarmaError, OSError):
+        data = read_bytes(path)
+        if hashlib.sha256(data[_HASH:]).digest() == data[:_HASH]:
+            return np.frombuffer(data[_HASH:], "<f4").reshape(shape).astype(np.float32)
+    vectors = embedder.embed(texts)
+    data = vectors.astype("<f4").tobytes()
+    with suppress(KarmaError, OSError):
+        write_atomic(path, hashlib.sha256(data).digest() + data)
+    return vectors
 
 
 def examples_for(
@@ -72,5 +100,7 @@ def examples_for(
         return None
     if embedder is None or embedder.name != _EMBEDDER:
         embedder = registry.load("embedders", _EMBEDDER)()
-    memory = _memory(embedder, bank_file(named), goals)  # type: ignore[arg-type]
+    path = bank_file(named)
+    bank = _bank(path, path.stat().st_mtime if path.is_file() else 0.0, goals)
+    memory = ExampleMemory(embedder, bank, kept_vectors(embedder, [e.instruction for e in bank]))
     return lambda instruction: memory.nearest(instruction, count)[::-1]

@@ -5,7 +5,7 @@ from copy import copy
 
 import numpy as np
 
-from karma.contracts import Embedder, WorkedExample
+from karma.contracts import Embedder, Vectors, WorkedExample
 
 
 class ExampleMemory:
@@ -14,11 +14,16 @@ class ExampleMemory:
     Args:
         embedder: of instructions.
         seeds: what it begins with.
+        vectors: of their instructions, where they are known, shape (n, dimension).
     """
 
-    def __init__(self, embedder: Embedder, seeds: Sequence[WorkedExample]) -> None:
+    def __init__(
+        self, embedder: Embedder, seeds: Sequence[WorkedExample], vectors: Vectors | None = None
+    ) -> None:
         self._embedder, self._examples = embedder, list(seeds)
-        self._vectors = embedder.embed([example.instruction for example in seeds])
+        if vectors is None:
+            vectors = embedder.embed([example.instruction for example in seeds])
+        self._vectors = vectors
 
     def __len__(self) -> int:
         return len(self._examples)

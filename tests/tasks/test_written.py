@@ -4,12 +4,14 @@ import os
 import runpy
 from collections import Counter
 
+import numpy as np
 import pytest
 from support.paths import ROOT
 
 from karma.contracts import REFUSAL_KINDS
 from karma.errors import FileError
-from karma.loading.examples import bank_file, examples_for, read_bank
+from karma.infer.embed.minilm import MiniLm
+from karma.loading.examples import bank_file, examples_for, kept_vectors, read_bank
 from karma.tasks.demonstrations import plain
 from karma.tasks.files import load_tasks
 from karma.tasks.requests import load_said, load_texts
@@ -69,3 +71,33 @@ def test_alfreds_sentences_may_be_the_bank(shared):
     bank = list(read_bank(shared / "data" / "alfred" / "valid_seen.jsonl.gz"))
     assert len(bank) > 500
     assert all(one.program.startswith(("GoToObject", "Explore")) for one in bank)
+
+
+def test_vectors_of_a_bank_are_computed_once_and_damage_is_seen(monkeypatch, tmp_path):
+    monkeypatch.setenv("KARMA_CACHE", str(tmp_path))
+    texts, computed = ["wash the mug", "open the box"], []
+    embedder = MiniLm()
+    embed = embedder.embed
+
+    def counted(asked):
+        computed.append(len(asked))
+        return embed(asked)
+
+    monkeypatch.setattr(embedder, "embed", counted)
+    first = kept_vectors(embedder, texts)
+    assert np.array_equal(kept_vectors(embedder, texts), first)
+    assert computed == [2]
+    (kept,) = (tmp_path / "vectors").iterdir()
+    whole = kept.read_bytes()
+    for damaged in (whole[:-4], bytes([whole[0] ^ 1]) + whole[1:], whole[:-1] + b"\0", b""):
+        kept.write_bytes(damaged)
+        assert np.array_equal(kept_vectors(embedder, texts), first)
+        assert kept.read_bytes() == whole
+    assert computed == [2] * 5
+    assert len(kept_vectors(embedder, [*texts, "go"])) == 3  # other sentences, another file
+
+
+def test_vectors_are_computed_where_nothing_can_be_kept(monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("KARMA_CACHE", str(tmp_path / "file"))
+    assert kept_vectors(MiniLm(), ["wash the mug"]).shape == (1, 384)
