@@ -12,6 +12,7 @@ def add_to(app: typer.Typer) -> None:
     """Add the group to the top level."""
     group = typer.Typer(help="Homes that last between sessions.", no_args_is_help=True)
     group.command("list")(home_list)
+    group.command("new")(home_new)
     group.command("show")(home_show)
     group.command("forget")(home_forget)
     app.add_typer(group, name="home", rich_help_panel=ACTING)
@@ -29,6 +30,22 @@ def home_list() -> None:
         _say(folder.name)
     if not homes():
         _say(f"no home in {HOMES}; karma chat makes one")
+
+
+@clear_errors
+def home_new(
+    name: Name,
+    scene: Annotated[str, typer.Option(help="A room's name, or a scene's file.")] = "",
+    people: Annotated[int, typer.Option(help="Who live there while the agent is away.")] = 0,
+) -> None:
+    """Begin a home, which nobody has been in yet."""
+    from karma.talk.home import home_folder, new_home
+    from karma.talk.people import check_people
+    from karma.world.sim import EmbeddedWorld
+
+    check_people(people)
+    home = new_home(home_folder(name), scene, EmbeddedWorld(), people=people)
+    _say(f"{home.folder}: {home.scene}; karma chat --home {name}")
 
 
 @clear_errors

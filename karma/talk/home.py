@@ -92,6 +92,26 @@ def opened(name: str | Path) -> "KeptHome":
     return KeptHome(folder)
 
 
+def new_home(folder: Path, scene: str, world: World, *, people: int = 0) -> "KeptHome":
+    """Begin a home where there is none.
+
+    Args:
+        folder: of the home.
+        scene: what the world is reset to, "" for the usual one.
+        world: to see that the scene is one.
+        people: who live there.
+
+    Raises:
+        KarmaError: there is a home already, or no such scene.
+    """
+    if (folder / _CARD).exists():
+        raise KarmaError(f"{folder}: there is a home already\n  To fix: karma home show {folder}")
+    home = KeptHome(folder, scene, people=people)
+    world.reset(home.scene)
+    home.restore(world)
+    return home
+
+
 class KeptHome:
     """A home that one agent has for itself, as long as it lives.
 

@@ -8,12 +8,14 @@ import msgspec
 import pytest
 from support.household import kitchen
 from support.talking import AWAY, TAKE, agent_saying
+from typer.testing import CliRunner
 
 from karma import Agent
 from karma.agent.perceive import digest_of
+from karma.cli import app
 from karma.errors import FileError, KarmaError, UnwritableError
 from karma.files import to_json
-from karma.talk.home import KeptHome, forget_home, home_folder, opened
+from karma.talk.home import KeptHome, forget_home, home_folder, homes, opened
 
 OUT = "OpenObject(robot, 'Fridge')\nPickupObject(robot, 'Apple')\nCloseObject(robot, 'Fridge')\n"
 
@@ -204,3 +206,24 @@ def test_scene_that_there_is_not_makes_no_home(tmp_path):
         Agent("nowhere_7", home=tmp_path / "home", maps=tmp_path / "maps")
     with pytest.raises(KarmaError, match="there is no home"):
         opened(tmp_path / "home")
+
+
+def test_a_home_is_begun_before_anybody_is_in_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def karma_home(*words):
+        return CliRunner().invoke(app, ["home", *words])
+
+    begun = karma_home("new", "mine", "--scene", "bedroom_1", "--people", "2")
+    assert (begun.exit_code, begun.output.split(";")[0]) == (0, "runs/homes/mine: bedroom_1")
+    assert "mine" in karma_home("list").output
+    assert "bedroom_1, 2 people, 0 requests" in karma_home("show", "mine").output
+    again = karma_home("new", "mine")
+    assert again.exit_code == 1
+    assert "To fix: karma home show runs/homes/mine" in again.output
+    for wrong in (["--scene", "nowhere_7"], ["--people", "99"]):
+        refused = karma_home("new", "other", *wrong)
+        assert refused.exit_code == 1
+        assert not homes() or [one.name for one in homes()] == ["mine"]
+    assert karma_home("forget", "mine").exit_code == 0
+    assert homes() == []
