@@ -24,7 +24,7 @@ NODES = {
     "planner": [f"agent/{name}.py" for name in (
         "planner", "prompt", "full_profile", "short_names", "program", "several", "trimming",
         "recovery", "inspector", "reading", "doubt", "refused_requests", "understood",
-        "guard", "effects")],
+        "guard", "effects", "goal_lines", "expert", "plain_programs")],
     "infer": ["infer"],
 }  # a stop of the picture -> where its code is  # fmt: skip
 

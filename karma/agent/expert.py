@@ -45,6 +45,7 @@ class ExpertView:
 
     things: tuple[NamedThing, ...] = ()  # the last used first
     areas: tuple[Area, ...] = ()
+    landmarks: frozenset[str] = frozenset()  # types of immovable things, beside those of the areas
     held: NamedThing | None = None
     refused: frozenset[tuple[str, str]] = frozenset()  # a thing, and a receptacle that took it not
     shunned: frozenset[str] = frozenset()  # names of what is not to be used: out of reach, hidden
@@ -92,7 +93,8 @@ class _Draft:
 
     def has_landmark(self, kind: str) -> bool:
         """Return whether long-term memory knows an immovable thing of this type."""
-        return any(kind in area.contains for area in self.view.areas)
+        view = self.view
+        return kind in view.landmarks or any(kind in area.contains for area in view.areas)
 
     def knows(self, thing: NamedThing) -> bool:
         """Return whether the robot can go straight there."""

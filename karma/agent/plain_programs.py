@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from karma.agent.expert import ExpertView, solve
-from karma.contracts import Area, Goal, SkillCall
+from karma.contracts import Goal, SkillCall
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
 from karma.household.places import SURFACES, landmark_types
@@ -24,8 +24,7 @@ def plain_program(goals: Sequence[Goal], view: ExpertView) -> tuple[SkillCall, .
         view: only the things' names, types and states are looked at.
     """
     things = tuple(replace(thing, place=None, place_type=None) for thing in view.things)
-    home = Area(name="home", position_m=(0.0, 0.0, 0.0), contains=tuple(sorted(landmark_types())))
-    known = ExpertView(things=things, areas=(home,))
+    known = ExpertView(things=things, landmarks=frozenset(landmark_types()))
     rounds = list(_rounds(goals, known))
     calls = [call for some in rounds for call in solve(some, known)]
     wanted = {goal.arguments for some in rounds for goal in some}

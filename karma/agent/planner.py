@@ -166,9 +166,9 @@ class Planner:
         skills = skills_of(self.profile)
         spec = program_spec(request, rendered.names, skills, refusing=refusing)
         constraint = self.decoding.constraint
-        if constraint in ("types", "hand"):
+        if constraint not in ("free", "syntax"):
             spec = replace(spec, narrowed=narrowed(skills, spec.objects))
-        if constraint == "hand":
+        if constraint not in ("free", "syntax", "types"):
             spec = replace(spec, hand=hand_of(request, rendered.names, spec.objects))
         completion = self.model.complete(
             rendered.prompt,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from karma.agent.expert import ExpertView, NamedThing
-from karma.contracts import Area, Goal, TrueObject, Truth
+from karma.contracts import Goal, TrueObject, Truth
 from karma.household.ids import is_id, is_position, part_id, whole_id
 from karma.household.pieces import base_type, is_piece
 from karma.household.places import FLOOR, STAND_CLOSED
@@ -49,7 +49,7 @@ class Surroundings:
         moved = {(o, r) for r, others in in_the_way.items() for o in others}
         return ExpertView(
             things=(*(self._named(thing) for thing in self._order), *spots),
-            areas=(Area(name="everywhere", position_m=(0.0, 0.0, 0.0), contains=self._types()),),
+            landmarks=self._types(),
             held=next((self._named(self._things[name]) for name in self._held), None),
             refused=frozenset(lessons.refused) | moved,
             shunned=shunned,
@@ -57,8 +57,8 @@ class Surroundings:
             awkward=frozenset(lessons.awkward),
         )
 
-    def _types(self) -> tuple[str, ...]:
-        return tuple(sorted(with_wholes(thing.object_type for thing in self._things.values())))
+    def _types(self) -> frozenset[str]:
+        return frozenset(with_wholes(thing.object_type for thing in self._things.values()))
 
     def _named(self, thing: TrueObject) -> NamedThing:
         place = self.shut_in.get(thing.object_id)
