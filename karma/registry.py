@@ -44,7 +44,7 @@ def load(role: str, name: str) -> Any:
     except (AttributeError, ModuleNotFoundError) as error:
         said = f"{_where(role, found[name])}: {error}"
         raise UnknownNameError(f"{said}\n  To fix: {repair()}") from error
-    except Exception as error:  # a package's module may raise anything when it is imported
+    except (Exception, SystemExit) as error:  # a package's module may do anything when imported
         said = f"{_where(role, found[name])}: importing it raised {type(error).__name__}: {error}"
         raise UnknownNameError(f"{said}\n  To fix: mend or uninstall that package") from error
     if missing := _missing(role, made):

@@ -78,7 +78,7 @@ def setting_of(text: str) -> Setting:
 def _plain_value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # no TOML, or a number without end
         return text
 
 

@@ -32,7 +32,7 @@ from karma.infer.hosted.session import Session
 from karma.journal.folder import locked, read_lines, refuse_other
 from karma.journal.not_run import FILE as NOT_RUN
 from karma.journal.not_run import IN_A_ROW, NotRun, in_words, read_not_run
-from karma.journal.owned_folder import HEADER, MARK, OwnedFolder
+from karma.journal.owned_folder import HEADER, MARK, OwnedFolder, check_sealed
 from karma.journal.records import Key
 from karma.journal.run_folder import EPISODES, RESULTS, TIMINGS, benchmark_in
 
@@ -220,6 +220,7 @@ class BenchmarkRun:
             refuse_other(place, found, fix="--out another folder")
             self._owned.adopt(_OURS, read_bytes(place))
         self._owned.look()
+        check_sealed(self.folder)
         if place.exists():
             fix = f"--out another folder, or karma eval {self.path} --fresh"
             refuse_other(place, differences(read_header(self.folder), header), fix=fix)
@@ -244,6 +245,7 @@ class BenchmarkRun:
         self.records = [found[key] for chain in self.chains for key in chain.keys]
         self._owned.write(EPISODES, b"".join(map(to_json, self.records)))
         results = self.results()
+        self._owned.settle(seal=EPISODES, by=RESULTS)
         self._owned.write(RESULTS, to_json(results.figures, indent=2))
         self._owned.write(TABLE, written(results))
 
@@ -281,7 +283,8 @@ def _with(results: BenchmarkResults, not_run: Sequence[NotRun]) -> BenchmarkResu
 
 
 def read_records(folder: Path, header: BenchmarkHeader) -> tuple[Benchmark, list[Any]]:
-    """Return a run's benchmark, and its records; FileError for a damaged line."""
+    """Return a run's benchmark, and its records; FileError for a damaged line or a changed file."""
+    check_sealed(folder)
     kind = kind_of(header.benchmark, folder / HEADER)
     try:
         experiment = msgspec.convert(header.experiment, kind.experiment_kind)

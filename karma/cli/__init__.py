@@ -81,8 +81,26 @@ def main() -> None:
             signal.signal(number, _stop)
     if os.environ.get("COLUMNS") == "0":  # not known; libraries take it at its word
         del os.environ["COLUMNS"]
+    _open_standard_files()
     sys.stdout, sys.stderr = _Unheard.of(sys.stdout), _Unheard.of(sys.stderr)
+    sys.argv[1:] = map(_text_of, sys.argv[1:])
     app(prog_name="karma")
+
+
+def _open_standard_files() -> None:
+    """Have something to read and to write where a shell has closed it, as `<&-` does."""
+    for name, how in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), how, encoding="utf-8"))
+
+
+def _text_of(word: str) -> str:
+    """Return a word of the command line, in UTF-8 whatever the locale."""
+    try:
+        return word.encode("utf-8", "surrogateescape").decode()
+    except UnicodeDecodeError:
+        print(f"error: {word!a} is no text in UTF-8", file=sys.stderr)
+        sys.exit(2)
 
 
 def _stop(*_: object) -> None:

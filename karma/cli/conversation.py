@@ -31,6 +31,7 @@ CODES: Mapping[str, int] = {
     "asked": ASKED, "answered": DONE,
 }  # fmt: skip
 _WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests the first of these
+_MOST, _SHOWN = 10_000, 1_000  # characters of a line that are read; of it, that are shown
 _LOOK = ("/look", "go and see", "go and look", "look for it", "yes, look")
 _STYLES = {
     "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",
@@ -270,8 +271,7 @@ def _typed() -> Iterator[str]:
     asks = sys.stdin.isatty()
     while True:
         try:
-            line = console.input("> ") if asks else sys.stdin.readline().lstrip("\ufeff")
-            line = readable(line)
+            line = readable(console.input("> ") if asks else _line())
         except EOFError:
             console.print()
             return
@@ -283,9 +283,17 @@ def _typed() -> Iterator[str]:
         if not asks and not line:
             return
         if not asks and line.strip():
-            console.print(escape(f"> {line.strip()}"), highlight=False, soft_wrap=True)
+            console.print(escape(f"> {line.strip()[:_SHOWN]}"), highlight=False, soft_wrap=True)
         if line.strip():
             yield line.strip()
+
+
+def _line() -> str:
+    """Return a line of what is piped in, "" at the end; of one without end no more than a part."""
+    line = rest = sys.stdin.readline(_MOST)
+    while rest and not rest.endswith("\n"):
+        rest = sys.stdin.readline(_MOST)
+    return line.lstrip("\ufeff")
 
 
 def _commands() -> Mapping[str, Callable[["Agent"], None]]:

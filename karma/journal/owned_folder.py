@@ -44,6 +44,8 @@ class _Mark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     kind: Kind
     header: str = ""  # SHA-256 of `HEADER`; "" where it grows with the run
+    sealed: dict[str, str] = {}  # files that are as they stay once `by` is there: name -> SHA-256
+    by: str = ""  # the file that is written last
 
 
 class OwnedFolder:
@@ -133,8 +135,15 @@ class OwnedFolder:
                 if name in self.names or name == MARK:
                     left.unlink(missing_ok=True)
 
-    def settle(self) -> None:
-        """Put the mark's lines in order: equal runs leave equal files."""
+    def settle(self, *, seal: str = "", by: str = "") -> None:
+        """Put the mark's lines in order: equal runs leave equal files.
+
+        Args:
+            seal: a file that does not change any more.
+            by: the file that is written next, and last; without it nothing is sealed.
+        """
+        sealed = {seal: _hash(read_bytes(self.path / seal, most=LARGEST_LOG))} if seal else {}
+        self._begun = msgspec.structs.replace(self._begun, sealed=sealed, by=by)
         replace_file(self.path / MARK, self._mark())
 
     def clear(self) -> None:
@@ -193,6 +202,21 @@ def read_mark(folder: Path) -> tuple[_Mark | None, frozenset[str]]:
     first, *lines = read_bytes(path, most=LARGEST_LOG).split(b"\n")[:-1] or [b""]
     begun = decode_json(first, _Mark, path=path, fix=_FIX)
     return begun, frozenset(name for line in lines if (name := _name_in(line)))
+
+
+def check_sealed(folder: Path) -> None:
+    """See that what a finished run has sealed is as it was then.
+
+    Raises:
+        FileError: a file is another: edited, cut or damaged.
+    """
+    begun, _ = read_mark(folder)
+    if begun is None or not begun.sealed or not (folder / begun.by).exists():
+        return
+    for name, sha256 in begun.sealed.items():
+        if _hash(read_bytes(folder / name, most=LARGEST_LOG)) != sha256:
+            reason = f"is not as the run left it: its SHA-256 was {sha256}"
+            raise FileError(folder / name, reason, fix="bring it back, or karma eval FILE --fresh")
 
 
 def _name_in(line: bytes) -> str:

@@ -16,7 +16,7 @@ from karma.files import TEMPORARY, read_bytes, read_json, to_json, write_atomic
 from karma.journal.folder import brief, changed, refuse_other
 from karma.journal.not_run import FILE as NOT_RUN
 from karma.journal.not_run import NotRun, read_not_run
-from karma.journal.owned_folder import HEADER, MARK, Kind, OwnedFolder
+from karma.journal.owned_folder import HEADER, MARK, Kind, OwnedFolder, check_sealed
 from karma.journal.records import (
     EpisodeRecord,
     EpisodeTiming,
@@ -97,6 +97,7 @@ def read_run(folder: str | Path) -> RunData:
     """
     folder = Path(folder)
     header = read_header(folder / HEADER)
+    check_sealed(folder)
     return RunData(
         folder=folder,
         header=header,
@@ -225,6 +226,7 @@ class RunFolder:
         path, data = self.path / HEADER, to_json(header, indent=2)
         self._adopt(header, config)
         self._owned.look()
+        check_sealed(self.path)
         found = ["header: none"]
         if path.exists():
             found = differences(read_header(path), header, read_config(self.path), config)
@@ -322,7 +324,7 @@ class RunFolder:
         order = sorted((record.key for record in records), key=rank.__getitem__)
         by_key = {record.key: record for record in records}
         self._rewrite({k: by_key[k] for k in order}, {k: timings[k] for k in order})
-        self._owned.settle()
+        self._owned.settle(seal=EPISODES, by=RESULTS)
         self._owned.write(RESULTS, add_up([by_key[key] for key in order]))
 
     # ------------------------------------------------------------- parts

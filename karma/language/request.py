@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cached_property
 
 from karma.contracts import Condition, Form, Mention, Parser, Request, SaidDeed, Word
+from karma.errors import KarmaError
 from karma.language.asides import Asides
 from karma.language.lexicon import Lexicon
 from karma.language.nouns import Nouns
@@ -36,6 +37,7 @@ from karma.language.slips import (
 from karma.language.times import time_words
 from karma.language.words import closed_words, word_lists
 
+_LONGEST = 4000  # characters; reading takes a second then
 _ENDS = (".", "!", "?", ";", "...")
 _MODALS = ("can", "could", "would", "will", "may", "might", "won't", "ca", "wo")
 _TELL_ME = re.compile(
@@ -52,6 +54,15 @@ _DENIES = ("not", "n't", "nt", "never", "neither", "nor", "longer")  # "I want t
 _AS_PAST = ("put", "set", "cut", "shut", "let")  # verbs that are their own past
 _AGAIN = ("twice", "thrice")  # nothing is done more than once
 _OPEN_ENDS = ("the", "a", "an", "my", "to", "with", "into", "onto", "from", "and")
+
+
+def check_length(text: str) -> None:
+    """Raise KarmaError where a text is longer than anything that is said at once."""
+    if len(text) > _LONGEST:
+        raise KarmaError(
+            f"{len(text)} characters are too many for one request: {text[:40]!r}...\n"
+            f"  To fix: say it in several, of at most {_LONGEST}"
+        )
 
 
 class RequestReader:
@@ -72,7 +83,11 @@ class RequestReader:
         Args:
             text: what is said.
             before: things that were spoken of earlier, for which "it" may stand.
+
+        Raises:
+            KarmaError: it is too long.
         """
+        check_length(text)
         key = (text, tuple(replace(one, start=-1, end=-1) for one in before))
         if key not in self._kept:
             self._kept[key] = tuple(self._sentences(*key))

@@ -45,7 +45,7 @@ from karma.journal.records import SubTaskRecord
 from karma.journal.steps import LoggedWorld, StepLog
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
-from karma.language.request import RequestReader
+from karma.language.request import RequestReader, check_length
 from karma.loading.models import Models, Row, load_resources
 from karma.loading.names import check_options
 from karma.loading.presets import preset as preset_of
@@ -240,6 +240,7 @@ class Agent:
         """
         if not instruction.strip():
             raise KarmaError('what to do?\n  To fix: karma run "wash the tomato"')
+        check_length(instruction)
         before = self._now()
         parts: list[RequestReply] = []
         number, clause = 0, _Clause("")

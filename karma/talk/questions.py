@@ -467,8 +467,12 @@ def _not_seen(q: _Question) -> MemoryAnswer | None:
         return None
     if not thing.types:
         return MemoryAnswer(lines=(f"I know nothing that is called {thing.text}.",), known=False)
+    on_map = any(kind in q.knows.furniture for kind in thing.types)
+    said = f"I have not seen any {thing.text} here."
+    if on_map:
+        said = f"The {thing.text} is in this room; how it is I have not seen."
     return MemoryAnswer(
-        lines=(f"I have not seen any {thing.text} here. {_OFFER}",),
+        lines=(f"{said} {_OFFER}",),
         known=False,
         look=_looking(thing),
     )
