@@ -1,5 +1,7 @@
 """Name -> implementation, by entry point: lazy, and loud about unknown names."""
 
+import sys
+import traceback
 from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from inspect import signature
@@ -53,6 +55,21 @@ def load(role: str, name: str) -> Any:
             "  To fix: docs/plugins.md has one of each kind that works"
         )
     return made
+
+
+def plug_in_of(error: BaseException) -> str:
+    """Return which plug-in an error came out of, in words; "" where it was none.
+
+    A plug-in is what another package has registered under a role of ours.
+    """
+    files = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
+    for role in sorted(one for one in entry_points().groups if one.startswith("karma.")):
+        for entry in entry_points(group=role):
+            module = sys.modules.get(entry.module)
+            ours = entry.module.partition(".")[0] == __name__.partition(".")[0]
+            if not ours and getattr(module, "__file__", None) in files:
+                return _where(role.removeprefix("karma."), entry)
+    return ""
 
 
 def _where(role: str, entry: EntryPoint) -> str:

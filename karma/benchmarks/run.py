@@ -236,6 +236,8 @@ class BenchmarkRun:
         found = {_key(one): one for one in read_lines(place, self._kind.record_kind)}
         whole = [chain.keys for chain in self.chains if found.keys() >= {*chain.keys}]
         records = [found[key] for keys in whole for key in keys]
+        if len(records) < len(found):
+            (self.folder / RESULTS).unlink(missing_ok=True)  # it is not finished any more
         if place.exists():
             self._owned.write(EPISODES, b"".join(map(to_json, records)))
         return records

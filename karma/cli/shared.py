@@ -2,6 +2,7 @@
 
 import os
 import sys
+import traceback
 import unicodedata
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -14,6 +15,7 @@ from rich.markup import escape
 from rich.segment import Segment
 from rich.table import Table
 
+from karma import registry
 from karma.cli.wide_tables import parts_of
 from karma.errors import KarmaError
 from karma.files import to_json, write_atomic
@@ -128,7 +130,7 @@ def readable(typed: str) -> str:
 def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Turn the package's errors into a message and exit code 1, Ctrl-C and its like into 130.
 
-    Anything else is a bug.
+    Anything else is a bug: of a plug-in, which is named, or of ours.
 
     A refused attempt to reach the network is such an error also where a library has swallowed it.
     """
@@ -153,8 +155,20 @@ def clear_errors(command: Callable[..., None]) -> Callable[..., None]:
             where = f"{error.filename}: " if error.filename else ""
             _show(f"{where}{error.strerror or error}")
             raise typer.Exit(FAILED) from error
+        except Exception as error:
+            if named := registry.plug_in_of(error):
+                _show(f"{named} raised {type(error).__name__}: {error}\n{_lines_of(error)}")
+                raise typer.Exit(FAILED) from error
+            raise
 
     return wrapped
+
+
+def _lines_of(error: Exception) -> str:
+    """Return where an error was raised, the innermost last."""
+    frames = traceback.extract_tb(error.__traceback__)[-4:]
+    places = (f"  {one.filename}:{one.lineno} in {one.name}" for one in frames)
+    return "\n".join([*places, "  To fix: mend or uninstall that package"])
 
 
 def sheet_table(sheet: "Sheet") -> Table:

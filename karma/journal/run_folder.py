@@ -269,6 +269,8 @@ class RunFolder:
         found = {record.key: record for record in read_records(self.path / EPISODES)}
         kept = {key: found[key] for key in found if key in timings and self._has_steps(key)}
         timings = {key: timings[key] for key in kept}
+        if kept.keys() != found.keys():
+            (self.path / RESULTS).unlink(missing_ok=True)  # it is not finished any more
         self._rewrite(kept, timings)
         return list(kept.values()), timings
 

@@ -218,6 +218,7 @@ def test_episode_whose_step_log_is_missing_is_done_again(whole, tmp_path):
 def test_reading_a_run_that_is_under_way_changes_nothing(whole, tmp_path):
     _, folder = whole
     cut = copy(folder, tmp_path / "cut")
+    (cut / RESULTS).unlink()
     records = (cut / EPISODES).read_bytes().splitlines(keepends=True)
     (cut / EPISODES).write_bytes(b"".join(records[:4]) + records[4][:99])
     before = {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()}
@@ -228,6 +229,7 @@ def test_reading_a_run_that_is_under_way_changes_nothing(whole, tmp_path):
 def test_two_runs_at_once_in_one_folder_are_refused(whole, tmp_path):
     path, folder = whole
     cut = copy(folder, tmp_path / "cut")
+    (cut / RESULTS).unlink()
     (cut / EPISODES).write_bytes(b"")
     first, second = Run(path, cut), Run(path, cut)
     going = first.episodes()

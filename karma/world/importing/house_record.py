@@ -23,6 +23,7 @@ OUTSIDE = "exterior"  # stands in ids of walls and rooms that are no room's
 MOST_ROOMS, MOST_POINTS, MOST_DEEP = 100, 500, 20
 _LEAST_AREA_M2 = 0.1
 _LEVEL_M = 0.01  # floors closer than this lie at one height
+_FARTHEST = 1e12  # of any number in a house: metres, degrees, kilograms
 _LOOKED_AT = ("rooms", "walls", "doors", "objects", "metadata")
 
 Point = tuple[float, float]  # x, z
@@ -177,6 +178,8 @@ def _no_number(house: Mapping[str, Any]) -> str:
             return f"{key[:60]}...: more than {MOST_DEEP} things lie in one another"
         if isinstance(value, float) and not isfinite(value):
             return f"{key}: {value} is no finite number"
+        if isinstance(value, float | int) and abs(value) > _FARTHEST:
+            return f"{key}: {value} is larger than any house"
         if isinstance(value, Mapping):
             stack.extend((f"{key}.{one}", inner, depth + 1) for one, inner in value.items())
         elif isinstance(value, list | tuple):

@@ -124,6 +124,10 @@ BROKEN = {
         set_at("walls", 1, "polygon", 2, "z", math.inf),
         "walls[1].polygon[2].z: inf is no finite number",
     ),
+    "number without sense": (
+        set_at("walls", 0, "polygon", 0, "x", 1e308),
+        "walls[0].polygon[0].x: 1e+308 is larger than any house",
+    ),
     "nested too deep": (
         also("objects", nested(MOST_DEEP + 3)),
         f"more than {MOST_DEEP} things lie in one another",

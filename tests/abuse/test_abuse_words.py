@@ -1,0 +1,132 @@
+"""What is typed, piped in or planted: a message with a reason, never a traceback or silence."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.run_files import write_experiment
+
+from karma.bench.run import Run
+from karma.errors import FileError, KarmaError
+from karma.journal.run_folder import EPISODES, RESULTS, read_run
+from karma.language.request import check_length
+
+KARMA = str(Path(sys.executable).parent / "karma")
+POLICY = """
+class Odd:
+    def __init__(self, capacity): {making}
+    def touch(self, key): {touching}
+    def discard(self, key): ...
+    def __contains__(self, key): return False
+    def __len__(self): return 0
+    def __iter__(self): return iter(())
+"""
+
+
+def shell(command, folder, **environment):
+    done = subprocess.run(
+        ["bash", "-c", command],
+        cwd=folder,
+        env={**os.environ, "KARMA": KARMA, **environment},
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    said = (done.stdout + done.stderr).decode("utf-8", "replace")
+    assert "Traceback" not in said
+    return done.returncode, " ".join(said.split())
+
+
+CHAT = "$KARMA chat --planner karma-nano --fresh"
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "said"),
+    [
+        (f"{CHAT} <&-", 0, "Say what to do"),
+        ("printf 'open \\xff it\\nis the fridge open?\\n' | " + CHAT, 5, "The fridge is in this"),
+        (
+            f"(head -c 1000000 /dev/zero | tr '\\0' a; echo; echo 'go home?') | {CHAT}",
+            1,
+            "characters are too many for one request",
+        ),
+        ("$KARMA run --planner karma-nano $'open \\xff it'", 2, "is no text in UTF-8"),
+        ("$KARMA eval demo --set $'name=\\xff'", 2, "is no text in UTF-8"),
+        ("$KARMA eval demo --set seeds=$(printf '1%.0s' {1..5000})", 1, "error: "),
+        ("$KARMA models list >&-", 0, ""),
+        ("$KARMA eval nowhere.toml 2>&-", 1, ""),
+    ],
+)
+def test_closed_files_foreign_bytes_and_endless_words(tmp_path, command, code, said):
+    found, told = shell(command, tmp_path)
+    assert (found, said in told) == (code, True), told[-500:]
+
+
+def test_what_is_too_long_to_be_said_is_refused():
+    check_length("put the apple in the fridge " * 100)
+    with pytest.raises(KarmaError, match="say it in several"):
+        check_length("put the apple in the fridge " * 400)
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("import sys; sys.exit(0)", "importing it raised SystemExit"),
+        ("raise RuntimeError('\\x1b[31mred')", "importing it raised RuntimeError: \\x1b[31mred"),
+        (POLICY.format(making="raise ValueError('small')", touching="..."), "small"),
+        (POLICY.format(making="...", touching="return 1 / 0"), "raised ZeroDivisionError"),
+    ],
+)
+def test_plug_in_that_fails_is_named_and_no_run_ends_in_silence(tmp_path, body, said):
+    (tmp_path / "bad_plug.py").write_text(body)
+    about = tmp_path / "bad_plug-1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: bad-plug\nVersion: 1\n")
+    (about / "entry_points.txt").write_text("[karma.policies]\nodd = bad_plug:Odd\n")
+    command = (
+        "$KARMA eval demo --only simple-03 --row KARMA --set models.planner=karma-nano"
+        " --set 'rows.KARMA.options.policy=odd[9]' --out run"
+    )
+    code, told = shell(command, tmp_path, PYTHONPATH=str(tmp_path))
+    assert code == 1
+    assert "odd" in told
+    assert said in told
+
+
+def expert(folder):
+    path = write_experiment(
+        folder / "x.toml",
+        "karma-nano",
+        rows='[[rows]]\nname = "expert"\nmethod = "expert"\n',
+        only=["simple-11", "simple-14"],
+        more="",
+    )
+    return Run(path, folder / "run")
+
+
+def test_run_that_was_edited_after_its_end_is_believed_by_nobody(tmp_path):
+    run = expert(tmp_path)
+    assert len(list(run.episodes())) == 2
+    place, results = run.folder / EPISODES, (run.folder / RESULTS).read_bytes()
+    whole = place.read_text()
+    edits = [whole.replace(":", ": ", 1), whole[: len(whole) // 2], whole.splitlines(True)[0], ""]
+    for edited in edits:
+        place.write_text(edited)
+        for again in (lambda: read_run(run.folder), lambda: expert(tmp_path)):
+            with pytest.raises(FileError, match="is not as the run left it"):
+                again()
+        assert place.read_text() == edited
+        assert (run.folder / RESULTS).read_bytes() == results
+    place.write_text(whole)
+    assert len(read_run(run.folder).records) == 2
+    assert list(expert(tmp_path).episodes()) == []
+
+
+def test_run_that_was_stopped_goes_on(tmp_path):
+    run = expert(tmp_path)
+    next(iter(run.episodes()))
+    del run
+    assert len(list(expert(tmp_path).episodes())) == 1
+    assert read_run(tmp_path / "run").finished
