@@ -114,7 +114,7 @@ def test_workers_that_wait_for_a_server_need_no_core_each(monkeypatch, tmp_path)
 
 @pytest.mark.parametrize(
     ("free_mb", "cores", "episodes", "number"),
-    [(100_000, 4, 1000, 4), (100_000, 4, 30, 2), (100_000, 4, 3, 1), (1700, 4, 1000, 2),
+    [(100_000, 4, 1000, 4), (100_000, 4, 14, 2), (100_000, 4, 3, 1), (1700, 4, 1000, 2),
      (300, 4, 1000, 1), (100_000, 1, 1000, 1)],
 )  # fmt: skip
 def test_workers_are_as_many_as_cores_memory_and_episodes_allow(
