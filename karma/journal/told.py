@@ -43,7 +43,7 @@ def told_apart(old: Config, new: Config) -> list[str]:
 
     >>> one = {"models": {"constraint": "types"}, "tasks": "/x/a.jsonl", "rows": []}
     >>> told_apart(one, {"models": {"constraint": "free"}, "tasks": "/y/a.jsonl", "rows": []})
-    ['models.constraint: types became free']
+    ['models.constraint: "types" became "free"']
     """
     before, after = ({k: v for k, v in one.items() if k != "rows"} for one in (old, new))
     return _changes(without_places(before), without_places(after))

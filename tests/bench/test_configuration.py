@@ -60,7 +60,7 @@ def test_every_method_of_ours_tells_its_options_by_what_it_refuses_others(name):
 def test_differences_name_each_option_and_nothing_that_is_equal():
     assert all_apart(told(), told()) == []
     assert all_apart(told(), told(constraint="free", temperature=0.5)) == [
-        "models.constraint: types became free",
+        'models.constraint: "types" became "free"',
         "models.temperature: 0.0 became 0.5",
     ]
     words = rows_apart(told(), "a", told(), "b")
@@ -101,7 +101,7 @@ def compared(*runs):
 
 def test_compare_names_every_difference(runs):
     a, b = runs / "a", runs / "b"
-    assert f"{b}: models.constraint: types became free" in compared(a, b)
+    assert f'{b}: models.constraint: "types" became "free"' in compared(a, b)
     assert f"{b}:idle: row expert -> idle: method:" in compared(f"{a}:expert", f"{b}:idle")
     assert "models.constraint" not in compared(a, copy(a, runs / "c"))
 

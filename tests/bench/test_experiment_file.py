@@ -171,7 +171,7 @@ def test_run_folder_of_other_settings_is_refused_by_name(path, tmp_path):
     assert karma_eval("--set", "run.steps=false").exit_code == 0
     refused = karma_eval("--set", "models.constraint=free", "--seeds", "0-1")
     assert refused.exit_code == 1
-    assert "models.constraint: types became free" in refused.output
+    assert 'models.constraint: "types" became "free"' in refused.output
     assert "seeds: [0] became [0,1]" in refused.output
 
 
