@@ -15,6 +15,7 @@ from support.paths import ROOT
 
 from karma.bundle import wheels
 from karma.infer.manifest.manifest import find_model
+from karma.places import cache
 
 PYTHON = """#!/usr/bin/env bash
 case "$*" in
@@ -148,4 +149,4 @@ def test_bundle_takes_the_wheel_that_setup_installed(checkout, monkeypatch):
     assert (folder / "cmake-args.txt").read_text() == "-DGGML_CUDA=on\n"
     assert len(list(folder.glob("llama_cpp_python-*.whl"))) == 1
     (checkout / ".venv" / wheels.BUILT).unlink()
-    assert wheels.kept_wheels() == wheels.cache_folder() / "wheels"
+    assert wheels.kept_wheels() == cache() / "wheels"

@@ -410,7 +410,9 @@ def test_episode_that_ended_before_it_began_is_in_the_tables_only(tmp_path):
         error="RequestRefused: too long",
     )  # fmt: skip
     timing = EpisodeTiming(row=EXPERT, task="t1", seed=0, subtasks=())
-    RunFolder(folder, steps=True).commit(Finished(record=record, timing=timing))
+    files = RunFolder(folder, steps=True)
+    files.reopen()
+    files.commit(Finished(record=record, timing=timing))
     result = invoke(folder, "--episodes", "all")
     assert result.exit_code == 0, result.output
     assert "1 of 2 episodes to step through" in " ".join(result.output.split())

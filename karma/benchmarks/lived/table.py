@@ -215,10 +215,6 @@ def _kind(
     )
 
 
-def _right(requests: Iterable[ServedRequest]) -> float | None:
-    return _mean(float(one.right) for one in requests)
-
-
 def _resampled(differences: Sequence[float], kind: str) -> tuple[float | None, float | None]:
     """Return the ends of the 95 % interval of a mean over resampled homes."""
     if len(differences) < 2:

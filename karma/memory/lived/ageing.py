@@ -180,11 +180,6 @@ class Ageing:
         shape, rate = self._gamma(object_id, object_type)
         return float((rate / (rate + hours)) ** shape)
 
-    def moves_per_hour(self, object_id: str, object_type: str) -> float:
-        """Return how often a thing is moved, on average."""
-        shape, rate = self._gamma(object_id, object_type)
-        return shape / rate
-
     def _gamma(self, object_id: str, object_type: str) -> tuple[float, float]:
         """Return shape and rate for one thing: the type's mean, worth `OWN` hours, and its own."""
         prior = self._priors.get(object_type, FLAT)

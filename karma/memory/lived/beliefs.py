@@ -7,7 +7,7 @@ resident takes along is nowhere until it is seen again. A look may miss what sta
 evicts it.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -163,12 +163,6 @@ class Beliefs:
         place_id = belief.sighting.place_id
         if place_id is not None:
             self._at.get(place_id, {}).pop(belief.sighting.object_id, None)
-
-
-def of_types(beliefs: Iterable[Belief], types: Iterable[str]) -> list[Belief]:
-    """Return the beliefs about things of some types."""
-    wanted = set(types)
-    return [one for one in beliefs if one.sighting.object_type in wanted]
 
 
 def doubt_of(belief: Belief) -> tuple[float, float | None, float | None, str]:

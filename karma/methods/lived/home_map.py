@@ -4,7 +4,7 @@ It is the robot's own map of furniture, made once per home. Costs are world acti
 quarter turns and tilts of the head, by the shortest way over the cells of the floor.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,17 +74,6 @@ class HomeMap:
         for place_id, place in self.places.items():
             found.setdefault(place.room, []).append(place_id)
         return {room: tuple(ids) for room, ids in found.items()}
-
-    def round_trip(self, place_ids: Sequence[str]) -> tuple[LookSpot, ...]:
-        """Return the spots of some places in the order of a walk: the nearest next one first."""
-        left = [spot for place_id in place_ids for spot in self.spots[place_id]]
-        here, order = self.start, []
-        while left:
-            costs = self.costs_from(here)
-            here = min(left, key=lambda spot: (costs[spot.number], spot.number))
-            left.remove(here)
-            order.append(here)
-        return tuple(order)
 
     # ------------------------------------------------------------- costs
 

@@ -42,11 +42,6 @@ class Judged:
         return self.example.kind.startswith("refuse_")
 
     @property
-    def says_refuse(self) -> bool:
-        """Whether the planner refuses by itself."""
-        return self.completion.text.startswith("refuse")
-
-    @property
     def features(self) -> dict[str, float]:
         """The figures that doubt looks at."""
         certainty = self.completion.certainty

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
+from karma.agent.program import SKILL_OF
 from karma.contracts import SkillCall
 from karma.household.ids import short_type
 from karma.household.pieces import base_type
@@ -19,11 +20,6 @@ FAILED = 0.08  # share of prompts that tell of a failure
 SORTS = {"lost": 3, "missed": 2, "shut": 3, "full hand": 0.0, "empty hand": 0.5, "wrong": 4}
 HELD = 12.0  # weight of a full hand where something is held
 ALIKE = 8  # types that one may be taken for
-_CANNOT = {
-    "SliceObject": "cannot be sliced", "OpenObject": "cannot be opened",
-    "CloseObject": "cannot be closed", "ToggleOn": "cannot be switched",
-    "ToggleOff": "cannot be switched", "BreakObject": "cannot be broken",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,8 +154,8 @@ def _mistaken(
         return DrawnFailure(error=f"Explore(robot, '{other}'): {words}", calls=calls)
     if call.skill == "PutObject":
         words = f"{told.objects[0]} cannot be placed in {told.objects[1]}"
-    elif call.skill in _CANNOT:
-        words = f"{other} {_CANNOT[call.skill]}"
+    elif (skill := SKILL_OF[call.skill]).cannot and not skill.hand:
+        words = f"{other} {skill.cannot}"
     else:
         words = f"no {other} is known; Explore(robot, '{other}') first"
     return DrawnFailure(error=f"{told}: {words}", calls=calls)
