@@ -1,6 +1,6 @@
 """Goals as answers: a planner says what is to be so, and the expert writes the program for it.
 
-A line of goals has a sixth of a program's tokens and nothing of the order of steps, which models
+Lines of goals have a quarter of a program's tokens and nothing of the order of steps, which models
 that were not trained for it get wrong. It has the form of a skill call, so that grammar, parser
 and recovery are those of programs.
 """

@@ -42,10 +42,7 @@ PROFILES: Mapping[str, tuple[Skill, ...]] = MappingProxyType(
 )  # and what each offers to write: skills, or goals; the nano planner has learnt 13 skills
 _ID_REST = re.compile(r"\|[^'\s;,]*")  # what follows the type in an object id
 _TEMPLATES = Path(__file__).parent / "prompts"
-TEMPLATES = (
-    "full_stable.txt",
-    "full_changing.txt",
-)  # of all but "compact", or own ones
+TEMPLATES = ("full_stable.txt", "full_changing.txt")  # of all but "compact", or own ones
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

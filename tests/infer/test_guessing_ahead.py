@@ -48,7 +48,7 @@ def test_answers_are_those_of_one_token_after_the_other(
 ):
     found = asked(planner, task, names, temperature, refusals)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("karma.infer.llama.gguf_model._WORTH_GUESSING", 10**9)
+        patch.setattr("karma.infer.llama.gguf_model._WORTH_GUESSING", (10**9, 10**9))
         alone = asked(planner, task, names, temperature, refusals)
     assert (found.text, found.finish) == (alone.text, alone.finish)
     assert found.completion_tokens == alone.completion_tokens

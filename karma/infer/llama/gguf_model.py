@@ -29,9 +29,8 @@ from karma.infer.manifest.manifest import check_file, sha256_of
 from karma.places import repair
 
 _N_BATCH = 512  # tokens per call; measured to change nothing but memory and speed
-_WORTH_GUESSING = 3  # tokens: calls of two and three take as long as so many calls of one
-_PLAIN_TYPES = (0, 1, 7, 32)  # F32, F16, Q8_0, BF16: a call of six tokens takes as long as 2.5 of
-# one; of files in smaller blocks (Q4_K_M) as 4.4 and more, which the guesses do not make good
+_PLAIN_TYPES = (0, 1, 7, 32)  # F32, F16, Q8_0, BF16, whose sums over several tokens are cheap
+_WORTH_GUESSING = (3, 9)  # tokens ahead, of those and of other files: fewer cost as much as alone
 _PLANNED = 8192  # tokens that layers on a GPU leave room for, where the context is not said
 _PIECE_BYTES = 256
 _MARKS = ("\n", "|", "\x01")  # one of them goes together with no text that follows
@@ -114,7 +113,7 @@ class GgufModel:
         self._ahead: list[int] = []  # tokens that were decoded behind the last, as a guess
         self._row = -1  # of the last call's logits, those after the last token
         self._keeps = not (self.llama._is_recurrent or self.llama._is_hybrid)
-        self._guesses = self._keeps and metadata.get("general.file_type") in _PLAIN_TYPES
+        self._is_plain = metadata.get("general.file_type") in _PLAIN_TYPES
         self._states = self._room_states(path, sha256, states or StateOptions())
 
     def tokens(self, text: str, *, begins: bool = False, special: bool = False) -> list[int]:
@@ -269,7 +268,7 @@ class GgufModel:
             return
         self._ahead, self._row = [], -1
         try:
-            if len(ahead) >= _WORTH_GUESSING and self._guesses:
+            if self._keeps and len(ahead) >= _WORTH_GUESSING[0 if self._is_plain else 1]:
                 self._decode_ahead(tokens, ahead)
                 return
             for start in range(0, len(tokens), self.n_batch):
