@@ -3,7 +3,7 @@
 import math
 from contextlib import suppress
 
-from karma.agent.program import DOOR_AFTER, SKILL_OF
+from karma.agent.program import CHANGES, DOOR_AFTER, SKILL_OF
 from karma.agent.reach import Reach
 from karma.agent.refusals import RefusedError, hand_full, put_refused
 from karma.agent.sightings import known, means
@@ -165,6 +165,8 @@ class Handling:
         if skill == "CloseObject" and "closed" in self._log.states(sight):
             return "it is closed already"
         self._reach.act(target, skill)
+        if skill in CHANGES:
+            self._log.gain(target.object_id, CHANGES[skill])
         return ""
 
     def _held(self, name: str | None) -> SeenObject:

@@ -153,7 +153,8 @@ class Nouns:
         leads = at > begin or tag == "JJ" or low in deed_states()  # "put chilled bread away"
         if tag in _ADJECTIVES and leads and self._noun_follows(at, stop):
             return "inner"
-        if low == "of" and head == at and self._is_measure(at):
+        counted = self._s.tag(at - 1) == "CD"  # "two of the eggs"
+        if low == "of" and (head == at or counted) and self._is_measure(at):
             return "inner"
         named = tag.startswith(("VB", "JJ", "RP")) and head == at
         named = named and (at > begin or tag not in ("VBN", "VBD", "VBG"))
@@ -182,7 +183,10 @@ class Nouns:
         tag = self._s.tag(at + 1)
         if low not in ("all", "both"):
             return not tag.startswith(("NN", "JJ", "CD", "DT", "PRP$", "VBN"))
-        return following in ("of", "lies", "on", "in") and low == "all"
+        if low == "both":  # not of "them both"
+            behind = following in ("on", "in", "into", "onto", "to", "off", "back", "away")
+            return behind and self._s.tag(at - 1) != "PRP"
+        return following in ("of", "lies", "on", "in")
 
     def _noun_follows(self, at: int, stop: int) -> bool:
         for number in range(at + 1, min(at + 4, stop)):
@@ -236,7 +240,7 @@ class Nouns:
         if start < 0:
             return replace(bare, vague=True)
         if start >= end:
-            return self._without_noun(lows, bare)
+            return self._without_noun(lows, replace(bare, number=number))
         inner = self._inner(begin, start, end, lows)
         if inner is not None:
             number, every = number or inner.number, every or inner.every

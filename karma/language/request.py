@@ -12,6 +12,8 @@ from functools import cached_property
 
 from karma.contracts import Condition, Form, Mention, Parser, Request, SaidDeed, Word
 from karma.errors import KarmaError
+from karma.household.states import NEEDS
+from karma.household.types import Capability, object_types
 from karma.language.asides import Asides
 from karma.language.lexicon import Lexicon
 from karma.language.nouns import Nouns
@@ -49,10 +51,11 @@ _SMALL_TAGS = frozenset((
     "RB", "JJ", "JJR", "UH", "CC", "DT", "IN", "TO", "MD", "PRP", "PRP$", "WDT", "WP", "WRB", "RP",
     "EX", "POS", "PDT", ".", ",", "HYPH",
 ))  # of words without which a request is what it is  # fmt: skip
-_TOO = re.compile(r"\b(?:too|also|as well|likewise)\b", re.IGNORECASE)
+_TOO = re.compile(r"^(?:and|now|then)\b|\b(?:too|also|as well|likewise)\b", re.IGNORECASE)
 _DENIES = ("not", "n't", "nt", "never", "neither", "nor", "longer")  # "I want the tv not on"
 _AS_PAST = ("put", "set", "cut", "shut", "let")  # verbs that are their own past
 _AGAIN = ("twice", "thrice")  # nothing is done more than once
+_PRONOUNS = ("it", "they", "them", "that", "this", "these", "those")
 _OPEN_ENDS = ("the", "a", "an", "my", "to", "with", "into", "onto", "from", "and")
 
 
@@ -75,25 +78,34 @@ class RequestReader:
 
     def __init__(self, parser: Parser, lexicon: Lexicon) -> None:
         self._parser, self._lexicon = parser, lexicon
-        self._kept: dict[tuple[str, tuple[Mention, ...]], tuple[Request, ...]] = {}
+        self._kept: dict[tuple[object, ...], tuple[Request, ...]] = {}
 
-    def read(self, text: str, before: Sequence[Mention] = ()) -> tuple[Request, ...]:
+    def read(
+        self, text: str, before: Sequence[Mention] = (), after: Sequence[SaidDeed] = ()
+    ) -> tuple[Request, ...]:
         """Return what each sentence of a text asks; () where nothing is said.
 
         Args:
             text: what is said.
             before: things that were spoken of earlier, for which "it" may stand.
+            after: deeds that were asked for last, which "and the mug" asks for again.
 
         Raises:
             KarmaError: it is too long.
         """
         check_length(text)
-        key = (text, tuple(replace(one, start=-1, end=-1) for one in before))
+        earlier = tuple(map(_elsewhere, before))
+        deeds = tuple(
+            replace(one, start=-1, things=tuple(map(_elsewhere, one.things))) for one in after
+        )
+        key = (text, earlier, deeds)
         if key not in self._kept:
-            self._kept[key] = tuple(self._sentences(*key))
+            self._kept[key] = tuple(self._sentences(text, earlier, deeds))
         return self._kept[key]
 
-    def _sentences(self, text: str, earlier: Sequence[Mention]) -> Iterator[Request]:
+    def _sentences(
+        self, text: str, earlier: Sequence[Mention], after: Sequence[SaidDeed]
+    ) -> Iterator[Request]:
         told = (without_lead(one, is_deed, _is_time) for one in sentences_of(text) or [text])
         meant = as_meant(" ".join(told))
         if not re.search(r"\w", meant) and re.search(r"\w", text):  # nothing but courtesy
@@ -103,21 +115,26 @@ class RequestReader:
         said = without_remarks(sentences_of(meant), is_deed)
         meant = " ".join(self._plainly(one) for one in said)
         words = self._parser.parse(meant)
-        first, before, last = 0, list(earlier), list[SaidDeed]()
+        first, before, last = 0, list(earlier), after
         for number, word in enumerate(words):
             if word.text not in _ENDS and number < len(words) - 1:
                 continue
             part = words[first : number + 1]
             if any(one.text[0].isalnum() for one in part):
-                found = _going_on(self._one(meant, part, first, before), last)
+                found = _going_on(self._one(meant, part, first, before, last), last)
                 ruled_out = (one for deed in found.forbidden for one in deed.things)
                 before += [*found.alone, *ruled_out, *found.mentions]
-                last = list(found.deeds) or last
+                last = asked_last(found, last)
                 yield found
             first = number + 1
 
     def _one(
-        self, text: str, words: Sequence[Word], first: int, before: Sequence[Mention]
+        self,
+        text: str,
+        words: Sequence[Word],
+        first: int,
+        before: Sequence[Mention],
+        last: Sequence[SaidDeed],
     ) -> Request:
         ends = len(words) - 1
         if not self._is_english([word.text for word in words]):
@@ -129,7 +146,7 @@ class RequestReader:
         ]
         _begin(moved)
         named = [one for one in before if one.types]
-        return _read(SaidSentence(text, moved, self._lexicon, named))
+        return _read(SaidSentence(text, moved, self._lexicon, named, last[-1] if last else None))
 
     def _tag(self, words: Sequence[Word], number: int) -> str:
         """Return a word's tag; a thing's name behind "the" is a noun: "turn the telly off"."""
@@ -275,7 +292,8 @@ def _read(s: SaidSentence) -> Request:
     form = _question_or_talk(s)
     nouns = Nouns(s)
     if form:
-        about = tuple(nouns.all_of(range(len(s.words)))) if form == "question" else ()
+        named = nouns.all_of(range(len(s.words))) if form == "question" else ()
+        about = tuple(meant for one in named for meant in _stood_for(one, s))
         return Request(text=said, form=form, whole=s.text, alone=about)
     pairs = Pairs(s, nouns)
     asides = Asides(s, nouns, pairs)
@@ -301,6 +319,40 @@ def _read(s: SaidSentence) -> Request:
         alone=tuple(s.alone) if form != "errand" else (),
         whole=s.text,
     )
+
+
+def asked_last(request: Request, before: Sequence[SaidDeed]) -> tuple[SaidDeed, ...]:
+    """Return the deeds that were asked for last; "and the mug" is one with what it goes on from."""
+    if not (request.deeds and before and _TOO.search(request.text)):
+        return request.deeds or tuple(before)
+    first, last = request.deeds[0], before[-1]
+    if (first.deed, first.place) != (last.deed, last.place):
+        return request.deeds
+    return (replace(first, things=(*last.things, *first.things)), *request.deeds[1:])
+
+
+def _stood_for(one: Mention, s: SaidSentence) -> Sequence[Mention]:
+    """Return what a question's pronoun stands for: what was done last to what can be so."""
+    if not one.vague or one.text.lower() not in _PRONOUNS:
+        return (one,)
+    states = [request_words().seen.get(low, "") for low in s.lows()]
+    needs: set[Capability] = {NEEDS[state] for state in states if state in NEEDS}
+    if s.text[: one.start].lower().split()[-1:] in (["in"], ["on"], ["inside"], ["under"]):
+        needs.add("receptacle")  # "what is in it?"
+    last = [m for m in (s.last.things if s.last else ()) if m.types]
+    place = [s.last.place] if s.last and s.last.place else []
+    able = [
+        m for m in (*place, *s.before, *last)
+        if not needs or any(object_types()[k].can(n) for k in m.types for n in needs)
+    ]  # fmt: skip
+    several = one.text.lower() in ("they", "them", "these", "those") and able[-1:] == last[-1:]
+    found = last if several else able[-1:]
+    return [replace(m, start=one.start, end=one.end, at=()) for m in found] or (one,)
+
+
+def _elsewhere(one: Mention) -> Mention:
+    """Return a mention of another text: its place in that says nothing here."""
+    return replace(one, start=-1, end=-1)
 
 
 def _about(condition: Condition, deeds: Sequence[SaidDeed]) -> Condition:

@@ -67,7 +67,7 @@ class SentenceDeeds:
         conditions = (one.thing for one in self.asides.conditions if one.thing is not None)
         ruled_out = (one for deed in self.asides.forbidden for one in deed.things)
         before = [*self.s.before, *ruled_out, *conditions]
-        return "errand", with_antecedents(sharing(deeds), before)
+        return "errand", with_antecedents(sharing(deeds), before, self.s.last)
 
     def _ahead(self, verb: int) -> list[SaidDeed]:
         """Read "book to the desk, lamp to the shelf" ahead of the first verb."""
@@ -607,12 +607,15 @@ def of_what(forbidden: SaidDeed, deeds: Sequence[SaidDeed]) -> SaidDeed:
     return forbidden
 
 
-def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> list[SaidDeed]:
+def with_antecedents(
+    deeds: Sequence[SaidDeed], before: Sequence[Mention], earlier: SaidDeed | None = None
+) -> list[SaidDeed]:
     """Return deeds whose "it" and "them" stand for what was named before.
 
     Args:
         deeds: in their order.
         before: what was named ahead of them.
+        earlier: the deed that was asked for last ahead of them.
     """
     found: list[SaidDeed] = []
     ahead = sorted((one for one in before if one.types), key=lambda one: one.start)
@@ -622,7 +625,7 @@ def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> li
         loose = not named and any(one.vague for one in deed.things)
         fresh = [one for one in ahead if one.start < deed.start] or (ahead if loose else [])
         named, ahead = [*named, *fresh], [one for one in ahead if one not in fresh]
-        last = tuple(fresh[-1:]) or last
+        last = _together(fresh, earlier) or last
         if found and _is_cleared(found[-1], deed):
             found[-1] = replace(found[-1], deed="put", place=deed.place)
             continue
@@ -635,6 +638,16 @@ def with_antecedents(deeds: Sequence[SaidDeed], before: Sequence[Mention]) -> li
         last = _with_its_vessel(deed, last)
         named += [one for one in (*((place,) if place else ()), *things) if not one.vague]
     return found
+
+
+def _together(fresh: Sequence[Mention], earlier: SaidDeed | None) -> tuple[Mention, ...]:
+    """Return what "them" stands for: what was named last, or all that the last deed was about."""
+    last = {one.types for one in fresh[-1:]}
+    about = tuple(one for one in earlier.things if one.types) if earlier else ()
+    place = (earlier.place,) if earlier and earlier.place else ()
+    if earlier is None or not about or not last & {one.types for one in (*about, *place)}:
+        return tuple(fresh[-1:])
+    return _with_its_vessel(earlier, about)
 
 
 def _with_its_vessel(deed: SaidDeed, things: tuple[Mention, ...]) -> tuple[Mention, ...]:
@@ -662,7 +675,7 @@ def _meant_by(
         need = NEEDS.get(deed.deed, "")
         able = [thing for thing in named if need and any(able_to(k, need) for k in thing.types)]
         served = not need or any(thing in able for thing in last) or not able
-        return [replace(thing, at=()) for thing in (last if served else able[-1:])]
+        return _so_many(last if served else able[-1:], one.number)
     if one.vague and one.text in ("former", "latter"):
         kinds = [
             thing
@@ -679,9 +692,21 @@ def _meant_by(
     wanted = NEEDS.get(deed.deed)
     able = [thing for thing in named if wanted and any(able_to(one, wanted) for one in thing.types)]
     meant = (able or named)[-1]
+    if one.text == "one" and last and not one.other:  # "put one on the desk": of those
+        return _so_many([thing for thing in last if thing in able] or [meant], 1)
     if one.text in ("it", "this", "that"):
         return [replace(meant, at=())]
     return [replace(one, text=meant.text, types=meant.types, vague=False)]  # "the other one"
+
+
+def _so_many(things: Sequence[Mention], number: int | None) -> list[Mention]:
+    """Return things that were named before, of which so many are meant: "one of them"."""
+    found = [replace(thing, at=()) for thing in things]
+    if number is None:
+        return found
+    if len(found) == 1:
+        return [replace(found[0], number=number, every=False)]
+    return found[-number:]
 
 
 def _place_meant(

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from karma.contracts import Mention, Word
+from karma.contracts import Mention, SaidDeed, Word
 from karma.language.lexicon import Lexicon
 from karma.language.request_words import base_of_deed, deed_verbs, is_deed, request_words
 
@@ -24,12 +24,14 @@ class SaidSentence:
         words: of this sentence.
         lexicon: what things are called.
         before: things that were named ahead of it.
+        last: the deed that was asked for ahead of it.
     """
 
     text: str
     words: Sequence[Word]
     lexicon: Lexicon
     before: list[Mention]
+    last: SaidDeed | None = None
     taken: set[int] = field(default_factory=set)
     gone: set[int] = field(default_factory=set)  # of them, what is no part of the errand
     unread: list[str] = field(default_factory=list)

@@ -265,7 +265,7 @@ def _the_same(
         before = yield from _the_other(episode, asked, kinds, skills, came)
         if before == "":
             return
-    if before and _holds_already(episode, skills, before, asked.deeds[0]):
+    if before and _holds_already(episode, skills, before, asked.deeds[0], own):
         came.nothing_to_do = True
         came.told.append(Check(text=f"the {name_of(before)}: that is so already", found="seen"))
         return
@@ -374,7 +374,7 @@ def _each(
         if not (thing.anything or _told_so(episode, skills, one, thing)):
             failed.append(one)
             continue
-        if _holds_already(episode, skills, one, deed):
+        if _holds_already(episode, skills, one, deed, {}):
             done.append(one)
             continue
         kind = kind_of(one)
@@ -451,13 +451,22 @@ def _told_so(episode: Carrier, skills: Skills, object_id: str, thing: Mention) -
     )
 
 
-def _holds_already(episode: Carrier, skills: Skills, object_id: str, deed: SaidDeed) -> bool:
+def _holds_already(
+    episode: Carrier,
+    skills: Skills,
+    object_id: str,
+    deed: SaidDeed,
+    own: Mapping[str, str],
+) -> bool:
     sight = episode.sights(skills).get(object_id)
     if sight is None:
         return False
     if deed.deed == "put" and deed.place is not None and not deed.near:
         kinds = {kind_of(kind) for kind in deed.place.types}
-        return any(kind_of(parent) in kinds for parent in sight.parent_ids)
+        places = {own[kind] for kind in kinds if kind in own}
+        return any(
+            parent in places if places else kind_of(parent) in kinds for parent in sight.parent_ids
+        )
     after = _AFTER.get(deed.deed)
     return after is not None and bool(sight.states) and is_so(after, sight)
 

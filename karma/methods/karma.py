@@ -27,6 +27,7 @@ from karma.contracts import (
     Recalled,
     Request,
     Resources,
+    SaidDeed,
     SceneRef,
     SeenObject,
     SkillResult,
@@ -38,7 +39,7 @@ from karma.household.ids import type_of
 from karma.household.pieces import goes_by
 from karma.household.places import HAND
 from karma.language.clauses import plainly
-from karma.language.request import RequestReader
+from karma.language.request import RequestReader, asked_last
 from karma.memory.policies import make_policy
 from karma.memory.scene_graph import SceneGraph
 from karma.memory.short_term import ShortTermMemory
@@ -156,6 +157,7 @@ class KarmaEpisode:
         self._reader = method.reader
         self._beliefs = _Beliefs(world, None, ())
         self._spoken: tuple[Mention, ...] = ()  # of the last instruction that was read here
+        self._deeds: tuple[SaidDeed, ...] = ()  # likewise
         self.chosen: dict[tuple[str, int], str] = {}  # what a word of a text was found to mean
         self._world, self._folder, self._seed = world, folder, seed
         self._perception = Perception(self.settings.perception, method.vision, method.detector)
@@ -221,9 +223,10 @@ class KarmaEpisode:
         """Return what an instruction asks, for a guard; None without one."""
         if self._reader is None or subtask.asked is not None:
             return subtask.asked
-        asked = joined(self._reader.read(subtask.instruction, self._spoken))
+        asked = joined(self._reader.read(subtask.instruction, self._spoken, self._deeds))
         if asked is not None:
             self._spoken = tuple(one for one in asked.mentions if one.types) or self._spoken
+            self._deeds = asked_last(asked, self._deeds)
         return asked
 
     def planned(

@@ -28,6 +28,7 @@ from karma.contracts import (
     Plan,
     Request,
     Resources,
+    SaidDeed,
     SceneRef,
     SkillResult,
     SubTask,
@@ -45,7 +46,7 @@ from karma.journal.records import SubTaskRecord
 from karma.journal.steps import LoggedWorld, StepLog
 from karma.language.clauses import clauses_of, context_left_out
 from karma.language.lexicon import Lexicon
-from karma.language.request import RequestReader, check_length
+from karma.language.request import RequestReader, asked_last, check_length
 from karma.loading.models import Models, Row, load_resources
 from karma.loading.names import check_options
 from karma.loading.presets import preset as preset_of
@@ -53,8 +54,10 @@ from karma.loading.worlds import world_maker
 from karma.methods.guarded import reader_of
 from karma.methods.karma import KarmaMethod, Remembered
 from karma.talk.history import (
+    deeds_of,
     found_elsewhere,
     habits,
+    in_plain,
     in_plain_words,
     in_turn,
     is_taught,
@@ -291,7 +294,7 @@ class Agent:
             found = [_Clause(text) for one in cut for text, _ in clauses_of(one)]
             return found or [_Clause(instruction)]
         plain = in_plain_words(instruction, self.home.past, reader)
-        requests = context_left_out(reader.read(plain.text, self._spoken_of(reader, ahead)))
+        requests = context_left_out(reader.read(plain.text, *self._spoken_of(reader, ahead)))
         usual = habits(self.home.past, reader)
         unread = [
             replace(one, unread=(*one.unread, *(w for w in plain.unknown if w in one.text)))
@@ -302,13 +305,19 @@ class Agent:
         ]
         return found or [_Clause(plain.text)]
 
-    def _spoken_of(self, reader: RequestReader, ahead: Sequence[str] = ()) -> tuple[Mention, ...]:
-        """Return what was spoken of last, for which "it" may stand."""
+    def _spoken_of(
+        self, reader: RequestReader, ahead: Sequence[str] = ()
+    ) -> tuple[tuple[Mention, ...], tuple[SaidDeed, ...]]:
+        """Return what was spoken of last, for which "it" may stand, and what was asked for last."""
         last: tuple[Mention, ...] = ()
+        deeds: tuple[SaidDeed, ...] = ()
         for text in (*self._earlier, *(reply.said for reply in self.replies), *ahead):
-            said = [one for request in reader.read(text, last) for one in request.mentions]
-            last = tuple(one for one in said if one.types) or last
-        return last
+            said = reader.read(text, last, deeds)
+            named = (one for request in said for one in (*request.alone, *request.mentions))
+            last = tuple(one for one in named if one.types) or last
+            for one in said:
+                deeds = asked_last(one, deeds)
+        return last, deeds
 
     def _one(self, said: _Clause, whole: str) -> Iterator[Moment]:
         """Carry out one request, or answer it."""
@@ -355,7 +364,15 @@ class Agent:
         changes, self._episode.changes = self._episode.changes, []
         if self._steps.actions:
             event = self._world.last_event
-            self.home.add(clause, reply.status, self._steps.actions, changes, event)
+            self.home.add(
+                clause,
+                reply.status,
+                self._steps.actions,
+                changes,
+                event,
+                plain=in_plain(asked),
+                deeds=tuple(deeds_of(asked, results, done=reply.status == "done")),
+            )
             reply = replace(reply, elsewhere=found_elsewhere(self.home.past))
         yield reply
 

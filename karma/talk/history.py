@@ -5,11 +5,12 @@ apple away" where apples go into the fridge. It is then said in plain words, and
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.perceive import place_of
-from karma.contracts import Mention, Request, SaidDeed, SeenObject
+from karma.agent.program import DEEDS, PUTS
+from karma.contracts import Mention, Request, SaidDeed, SeenObject, SkillResult
 from karma.household.ids import type_of
 from karma.household.pieces import base_type
 from karma.household.places import FLOOR, HAND
@@ -18,9 +19,9 @@ from karma.household.types import object_types
 from karma.language.clauses import said
 from karma.language.clock import HOUR_S
 from karma.language.request import RequestReader
-from karma.language.request_words import base_of_deed, request_words
+from karma.language.request_words import base_of_deed, deed_verbs, request_words
 from karma.memory.lived.ageing import Ageing, home_prior
-from karma.talk.home import BEGINS_S, PastErrand
+from karma.talk.home import BEGINS_S, PastDeed, PastErrand
 
 _LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
 _IT = rf"(?P<it>it|them|that|this|(?:the|my|that|this)(?: (?!(?:{_LINKS})\b)\w+){{1,4}})"
@@ -47,6 +48,9 @@ _TAUGHT = re.compile(
 )
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
 _BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
+_POINTING = frozenset(
+    ("it", "them", "that", "this", "there", "one", "too", "both", "these", "those")
+)
 _MINE = re.compile(r"^\W*(?:my|mine)\b.*\bone\b", re.IGNORECASE)
 
 
@@ -72,7 +76,7 @@ def moves(past: Sequence[PastErrand]) -> list[Move]:
             for sight in change.seen:
                 name, after = sight.object_id, place_of(sight)
                 known, took = places.get(name), taken.get(name)
-                steps = [(known, took, ""), (took, after, errand.said)]
+                steps = [(known, took, ""), (took, after, errand.plain or errand.said)]
                 for before, then, own in steps if took else [(known, after, "")]:
                     if _can_move(sight) and before and before != then:
                         found.append(
@@ -81,6 +85,39 @@ def moves(past: Sequence[PastErrand]) -> list[Move]:
                         )  # fmt: skip
                 places[name] = after
     return found
+
+
+def deeds_of(
+    asked: Request | None, results: Sequence[SkillResult], *, done: bool
+) -> Iterator[PastDeed]:
+    """Yield what an errand asked for and what its skills did, to be asked about later."""
+    for deed in asked.deeds if asked is not None else ():
+        things = tuple(kind for one in deed.things for kind in one.types)
+        places = deed.place.types if deed.place is not None else ()
+        yield PastDeed(deed=deed.deed or deed.verb, things=things, places=places, done=done)
+    for result in (one for one in results if one.ok):
+        kinds = tuple(base_type(type_of(one)) for one in result.object_ids)
+        said = deed_verbs().get(DEEDS.get(result.call.skill, ""), "")
+        places = kinds[-1:] if result.call.skill in PUTS else ()
+        if said and kinds:
+            yield PastDeed(deed=said, things=kinds[:1], places=places, done=True)
+
+
+def deeds_in(errand: PastErrand, reader: RequestReader) -> tuple[PastDeed, ...]:
+    """Return what an errand asked for and did; of a log that did not keep it, by its words."""
+    if errand.deeds or errand.status == "told":
+        return errand.deeds
+    read, done = reader.read(errand.said), errand.status == "done"
+    return tuple(deed for one in read for deed in deeds_of(one, (), done=done))
+
+
+def in_plain(asked: Request | None) -> str:
+    """Return a request in plain words where its own only point at what it is about."""
+    if asked is None or not asked.deeds:
+        return ""
+    words = {word.strip(".,!?").lower() for word in asked.text.split()}
+    bare = not any(thing.start >= 0 for deed in asked.deeds for thing in deed.things)
+    return " and ".join(map(said, asked.deeds)) if bare or words & _POINTING else ""
 
 
 def found_elsewhere(past: Sequence[PastErrand]) -> tuple[str, ...]:
@@ -126,7 +163,8 @@ def habits(past: Sequence[PastErrand], reader: RequestReader) -> dict[str, str]:
     """Return where things of a type always go, as it was told last: type -> type of the place."""
     found: dict[str, str] = {}
     for errand in past:
-        if errand.status == "told" and (habit := habit_in(errand.said, reader)) is not None:
+        is_said = errand.status == "told" or _BELONGS & {*errand.said.lower().split()}
+        if is_said and (habit := habit_in(errand.said, reader)) is not None:
             found.update(dict.fromkeys(habit[0], habit[1]))
     return found
 
@@ -136,16 +174,17 @@ def habit_in(text: str, reader: RequestReader) -> tuple[tuple[str, ...], str] | 
 
     So of "remember that the apples belong in the fridge", which without its first words is asked.
     """
-    taught, text = is_taught(text), _TAUGHT.sub("", text)
+    text = _TAUGHT.sub("", text)
     words = {word.strip(".,!") for word in text.lower().split()}
     lists = request_words()
-    usual = words & (lists.habits - lists.negations) or (taught and words & _BELONGS)
+    usual = words & (lists.habits - lists.negations) or words & _BELONGS
     requests = reader.read(text)
-    if not usual or words & lists.negations or len(requests) != 1:
+    no = words & lists.negations or any(word.endswith("n't") for word in words)
+    if not usual or no or len(requests) != 1:
         return None
     request = requests[0]
     named = [one for one in request.alone if one.types]
-    if taught and len(request.deeds) == 1 and request.deeds[0].place is not None:
+    if len(request.deeds) == 1 and request.deeds[0].place is not None and words & _BELONGS:
         named = [*request.deeds[0].things, request.deeds[0].place]
     elif request.form not in ("statement", "teaching"):
         return None
@@ -312,6 +351,8 @@ class _SpeakingOfThePast:
         if found["habit"]:
             place = self._usual.get(kind)
             return found[0] if place is None else f"put {name} {told_place(place)}"
+        if _goes_back(found) and last is None and (kinds or self._moves):
+            self.unknown.append(found[0])  # the log has no place to which it would go back
         if not _goes_back(found) or last is None or type_of(last[1]) in (HAND, FLOOR):
             return found[0]
         self.means |= {kind: last[0], base_type(type_of(last[1])): last[1]}

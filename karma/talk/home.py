@@ -38,6 +38,15 @@ class HomeCard(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = 0  # of their days
 
 
+class PastDeed(msgspec.Struct, frozen=True, kw_only=True):
+    """Something that was asked for or done, by the types that it was about."""
+
+    deed: str  # of `karma/language/request_words.toml`, or a verb
+    things: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    done: bool = False  # by a skill, or with all that was asked
+
+
 class PastErrand(msgspec.Struct, frozen=True, kw_only=True):
     """One request that was carried out or tried, and all that it changed."""
 
@@ -47,6 +56,8 @@ class PastErrand(msgspec.Struct, frozen=True, kw_only=True):
     room: str  # SHA-256 of how the world was then
     actions: tuple[tuple[str, dict[str, Any]], ...] = ()
     changes: tuple[MemoryChange, ...] = ()
+    plain: str = ""  # the same where "it" and "them" were said, with what they stood for
+    deeds: tuple[PastDeed, ...] = ()
     undone: int = 0  # so many errands before it never happened; it is none itself
     waited_s: float = 0.0  # it is none itself: so much time has passed, and people did the actions
 
@@ -195,6 +206,9 @@ class KeptHome:
         actions: Sequence[Action],
         changes: Sequence[MemoryChange],
         event: Event,
+        *,
+        plain: str = "",
+        deeds: Sequence[PastDeed] = (),
     ) -> None:
         """Keep an errand; it is on the disk when this returns."""
         errand = PastErrand(
@@ -204,6 +218,8 @@ class KeptHome:
             room=digest_of(event),
             actions=tuple((one.action, one.arguments) for one in actions),
             changes=tuple(changes),
+            plain=plain,
+            deeds=tuple(deeds),
         )
         self._write(errand)
         self.clock_s = errand.at_s

@@ -6,7 +6,7 @@ Nothing is done for a question.
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.perceive import place_of
@@ -23,8 +23,8 @@ from karma.language.clock import read_span, unread_times
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
 from karma.methods.guarded import is_so
-from karma.talk.history import Move, habits, how_sure, looked_into, moves, owned
-from karma.talk.home import BEGINS_S, PastErrand
+from karma.talk.history import Move, deeds_in, deeds_of, habits, how_sure, looked_into, moves, owned
+from karma.talk.home import BEGINS_S, PastDeed, PastErrand
 
 _ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
 _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
@@ -162,8 +162,10 @@ class _Question:
     @property
     def state(self) -> str:
         """The state that it asks about, "" where it asks about none."""
-        seen = request_words().seen
-        said = next((one for one in reversed(self.words) if one in seen), "")
+        seen, lies = request_words().seen, len(self.things) > 1  # "on the table" is no state
+        said = next(
+            (one for one in reversed(self.words) if one in seen and not (lies and one == "on")), ""
+        )
         as_said = said in ("clean", "off", "empty")
         return said if as_said else seen.get(said, "")
 
@@ -172,12 +174,13 @@ class _Question:
 
 
 def _what_was_done(q: _Question) -> MemoryAnswer | None:
-    if not (q.asks == "what" and q.has("do", "done", "did") and q.has("you", "i", "we")):
+    all_of_it = q.asks == "what" or q.has("anything", "something")
+    if not (all_of_it and q.has("do", "done", "did") and q.has("you", "i", "we")):
         return None
     if q.things:
         return None
     past = [
-        f"{q.knows.ago(one.at_s)}: {one.said} ({one.status})"
+        f"{q.knows.ago(one.at_s)}: {one.plain or one.said} ({one.status})"
         for one in q.knows.past
         if one.status != "told" and q.then(one.at_s)
     ]
@@ -191,6 +194,8 @@ def _what_was_done(q: _Question) -> MemoryAnswer | None:
 def _whether_it_was_done(q: _Question) -> MemoryAnswer | None:
     if q.asks not in ("", "when") or not q.has("did", "have", "has") or q.has("see", "seen"):
         return None
+    if q.has("leave", "left") and q.state:
+        return None
     if q.reader is None or not (q.things or q.unknown):
         return None
     at = next((n for n, word in enumerate(q.words) if word in ("you", "i", "we")), -1)
@@ -202,18 +207,25 @@ def _whether_i_did(q: _Question, rest: Sequence[str]) -> MemoryAnswer | None:
     """Tell whether the agent has done what some words ask for: "washed", "the", "apple"."""
     if q.reader is None:
         return None
-    asked = list(_deeds(q.reader, " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])))
+    order = " ".join([base_of_deed(rest[0]) or rest[0], *rest[1:]])
+    asked = [
+        one
+        for request in q.reader.read(order, q.things)
+        for one in deeds_of(request, (), done=True)
+    ]
     if not asked:
         return None
     for past in (one for one in reversed(q.knows.past) if q.then(one.at_s)):
-        for deed, kinds in _deeds(q.reader, past.said):
-            if any(deed == one and (kinds & types or not types) for one, types in asked):
-                when = q.knows.ago(past.at_s)
-                if past.status != "done":
-                    line = f"I tried {when}, and it came out {past.status}: {past.said}."
-                    return MemoryAnswer(lines=(line,))
-                told = {"when": when.capitalize(), "who": f"I did, {when}"}
-                return MemoryAnswer(lines=(f"{told.get(q.asks, f'Yes, {when}')}: {past.said}.",))
+        known = deeds_in(past, q.reader)
+        found = [one for one in known if any(_is_that(one, other) for other in asked)]
+        if not found:
+            continue
+        when, said = q.knows.ago(past.at_s), past.plain or past.said
+        if not any(one.done for one in found):
+            line = f"I tried {when}, and it came out {past.status}: {said}."
+            return MemoryAnswer(lines=(line,))
+        told = {"when": when.capitalize(), "who": f"I did, {when}"}
+        return MemoryAnswer(lines=(f"{told.get(q.asks, f'Yes, {when}')}: {said}.",))
     nobody = "Nobody that I know of." if q.asks == "who" else "No, not that I remember."
     return MemoryAnswer(lines=(nobody,), known=q.asks != "who")
 
@@ -294,11 +306,11 @@ def _not_looked_into(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=(f"I have not looked into {len(shut)} places: {told}.",))
 
 
-def _deeds(reader: RequestReader, text: str) -> Iterator[tuple[str, frozenset[str]]]:
-    for request in reader.read(text):
-        for deed in request.deeds:
-            kinds = (kind for thing in deed.things for kind in thing.types)
-            yield deed.deed or deed.verb, frozenset(kinds)
+def _is_that(done: PastDeed, asked: PastDeed) -> bool:
+    """Return whether a deed is one that is asked about: of its things, and at its place."""
+    things = {*done.things} & {*asked.things} or not asked.things
+    places = {*map(without_basin, done.places)} & {*map(without_basin, asked.places)}
+    return done.deed == asked.deed and bool(things) and bool(places or not asked.places)
 
 
 # ----------------------------------------------------------------- how things are
@@ -345,8 +357,36 @@ def _what_lies_there(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=(f"{where[0].upper()}{where[1:]}: {', '.join(told[:_MOST])}{more}.",))
 
 
+def _what_is_held(q: _Question) -> MemoryAnswer | None:
+    if not q.has("holding", "hold", "carrying", "hand", "hands") or q.asks in ("where", "when"):
+        return None
+    held = [one for one, _ in q.knows.sights.values() if place_of(one) == HAND]
+    if not held:
+        return MemoryAnswer(lines=("No, nothing.",) if q.asks != "what" else ("Nothing.",))
+    kinds = {kind for thing in q.things for kind in thing.types}
+    so = q.asks == "what" or not kinds or base_type(held[0].object_type) in kinds
+    lead = "" if q.asks == "what" else "Yes: " if so else "No: "
+    return MemoryAnswer(lines=(f"{lead}I hold the {name_of(held[0].object_id)}.",))
+
+
+def _which_it_was(q: _Question) -> MemoryAnswer | None:
+    """Answer "what was the first thing you moved?", which names that thing by now."""
+    if (
+        q.asks not in ("what", "which")
+        or len(q.things) != 1
+        or q.words[1:2] not in (["was"], ["is"])
+    ):
+        return None
+    kinds = {*q.things[0].types}
+    if q.has("state", "in", "on", "inside", "under", "with"):
+        return None
+    mine = [m for m in moves(q.knows.past) if m.said and base_type(type_of(m.object_id)) in kinds]
+    return MemoryAnswer(lines=(f"The {name_of(mine[-1].object_id)}.",)) if mine else None
+
+
 def _whether(q: _Question) -> MemoryAnswer | None:
-    about = q.first in ("is", "are", "was", "were") or q.has("whether", "if")
+    left = q.first == "did" and q.has("leave", "left") and bool(q.state)  # "did you leave it open"
+    about = q.first in ("is", "are", "was", "were") or q.has("whether", "if") or left
     if not about or q.asks or not (q.things or q.unknown):
         return None
     if not q.things:
@@ -502,6 +542,8 @@ _KINDS: tuple[Callable[[_Question], MemoryAnswer | None], ...] = (
     _what_changed,
     _who_did_it,
     _not_looked_into,
+    _what_is_held,
+    _which_it_was,
     _how_many,
     _when,
     _whether_it_was_done,

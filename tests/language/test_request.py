@@ -13,7 +13,7 @@ from karma.infer.embed.minilm import MiniLm
 from karma.infer.parse.spacy import SpacyParser
 from karma.language.clauses import clauses_of, completed, context_left_out, plainly
 from karma.language.lexicon import Lexicon
-from karma.language.request import RequestReader
+from karma.language.request import RequestReader, asked_last
 from karma.language.slips import as_meant, in_order, spelt
 from karma.language.times import time_words
 
@@ -281,6 +281,52 @@ def test_it_may_stand_for_what_was_said_before(reader):
     assert deeds(request) == ["put Apple > Fridge"]
     (alone,) = reader.read("put it in the fridge")
     assert alone.form == "incomplete"
+
+
+@pytest.mark.parametrize(
+    ("turns", "wanted"),
+    [
+        (["put the pen and the pencil on the shelf", "put them on the desk"],
+         ["put Pen, Pencil > Desk"]),
+        (["turn on the floor lamp", "and the desk lamp", "turn them both off"],
+         ["off FloorLamp, DeskLamp"]),
+        (["wash the fork", "the spoon too", "put them in the drawer"],
+         ["put Fork, Spoon > Drawer"]),
+        (["put the pen in the mug", "put them on the desk"], ["put Pen, Mug > Desk"]),
+        (["put both pillows on the sofa", "put one of them on the bed"], ["put Pillow x1 > Bed"]),
+        (["put the eggs in the bowl", "put two of them in the fridge"], ["put Egg x2 > Fridge"]),
+        (["put the eggs in the bowl", "throw one of these away"], ["throw Egg x1"]),
+        (["wash the cups", "put one on the shelf"], ["put Cup x1 > Shelf"]),
+        (["wash the cups", "put both on the shelf"], ["put Cup x2 > Shelf"]),
+        (["put the apple in the fridge", "where is it?", "and the bread"], ["put Bread > Fridge"]),
+        (["put the pen on the desk; wash the mug", "and the spoon"], ["wash Spoon"]),
+    ],
+)  # fmt: skip
+def test_what_is_said_goes_on_from_the_turn_before(reader, turns, wanted):
+    named, last = (), ()
+    for text in turns:
+        read = reader.read(text, named, last)
+        said = [one for request in read for one in (*request.alone, *request.mentions)]
+        named = tuple(one for one in said if one.types) or named
+        for request in read:
+            last = asked_last(request, last)
+    assert deeds(read[-1]) == wanted
+
+
+@pytest.mark.parametrize(
+    ("before", "question", "about"),
+    [
+        ("put the apple in the fridge", "where is it?", [("Apple",)]),
+        ("put the apple in the fridge", "is it open?", [("Fridge",)]),
+        ("put the apple in the fridge", "what is in it?", [("Fridge",)]),
+        ("wash the fork and the spoon", "where are they?", [("Fork",), ("Spoon",)]),
+        ("turn on the floor lamp", "is it still on?", [("FloorLamp",)]),
+    ],
+)
+def test_a_question_s_pronoun_stands_for_what_can_be_so(reader, before, question, about):
+    (errand,) = reader.read(before)
+    (request,) = reader.read(question, errand.mentions, errand.deeds)
+    assert [one.types for one in request.alone] == about
 
 
 def test_things_may_be_told_by_what_they_are_for():

@@ -46,7 +46,9 @@ def place_of(agent, kind):
 
 
 def test_who_moved_a_thing_is_known_of_oneself(agent):
-    assert answer(agent, "who moved the apple?") == ("I did, just now: put it in the fridge.",)
+    assert answer(agent, "who moved the apple?") == (
+        "I did, just now: put the apple in the fridge.",
+    )
     (line,) = answer(agent, "who took the knife?")
     assert line == "Nobody that I know of: I saw no knife moved."
     assert answer(agent, "who washed the apple?") == ("I did, just now: wash the apple.",)
