@@ -67,7 +67,7 @@ from karma.talk.history import (
 from karma.talk.home import KeptHome, home_folder
 from karma.talk.keeping import Keeper, TalkFolder
 from karma.talk.offers import with_offer
-from karma.talk.questions import MemoryAnswer, Remembering, answered
+from karma.talk.questions import MemoryAnswer, Remembering, answered, of_another
 from karma.talk.replies import AgentReply, RequestReply, as_it_ends
 from karma.talk.telling import told_of
 from karma.talk.views import Memory, RoomMap
@@ -206,6 +206,7 @@ class Agent:
         self._earlier = tuple(one.said for one in self.home.past[-_EARLIER:])
         self._done: list[SubTaskRecord] = []
         self._before: list[_Before] = []
+        self._question = ""  # what was asked last; "" after anything else
         self.replies: list[AgentReply] = []
 
     def _wait(self, seconds: float) -> None:
@@ -293,6 +294,7 @@ class Agent:
             cut = context_left_out(reader_of(None).read(instruction))
             found = [_Clause(text) for one in cut for text, _ in clauses_of(one)]
             return found or [_Clause(instruction)]
+        instruction = of_another(instruction, self._question, reader)
         plain = in_plain_words(instruction, self.home.past, reader)
         requests = context_left_out(reader.read(plain.text, *self._spoken_of(reader, ahead)))
         usual = habits(self.home.past, reader)
@@ -379,7 +381,9 @@ class Agent:
     def _answer(self, clause: str, asked: Request) -> MemoryAnswer | None:
         """Answer a question, or learn what is told; None where it is neither."""
         if asked.form == "question":
+            self._question = clause
             return answered(asked, self._remembering(), self._method.reader)
+        self._question = ""
         if asked.form not in ("statement", "teaching") and not is_taught(clause):
             return None
         reader = self._method.reader

@@ -31,6 +31,7 @@ _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
 _MOST = 6  # things or errands in one answer
 _OLD_S = 3600.0  # what was seen so long ago may have been moved
 _OFFER = 'Say "go and see", or /look, and I look for it.'
+_OF_ANOTHER = re.compile(r"^\W*(?:and|what about|how about|or)\b.*\?\W*$", re.IGNORECASE)
 _TELLING = re.compile(r"^(?:and |so |hey )?(?:(?:can|could|would) you )?tell me |^do you know ")
 
 
@@ -126,6 +127,26 @@ def answered(
         return found
     old = any(knows.is_old(when) for _, when in knows.of(asked.things[0])[:1])
     return replace(found, look=_looking(asked.things[0])) if old else found
+
+
+def of_another(text: str, question: str, reader: RequestReader) -> str:
+    """Return "and the mug?" as the question before it, asked of the mug; else the text itself.
+
+    Args:
+        text: what is said.
+        question: what was asked last, "" where it was none.
+        reader: of English.
+    """
+    if not question or not _OF_ANOTHER.match(text):
+        return text
+    new, old = reader.read(text), reader.read(question)
+    named = [one for request in old for one in request.alone if one.start >= 0]
+    fresh = [one for request in new for one in request.alone if not one.vague]
+    whole_question = {"is", "are", "was", "did", "do"} & {*text.lower().split()}
+    if whole_question or len(new) != 1 or len(fresh) != 1 or not named:
+        return text
+    whole, instead = old[0].whole, new[0].whole[fresh[0].start : fresh[0].end]
+    return whole[: named[0].start] + instead + whole[named[0].end :]
 
 
 class _Question:
