@@ -3,8 +3,10 @@
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import signature
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -27,7 +29,7 @@ _CALLED: Mapping[str, Mapping[str, int]] = MappingProxyType(
 
 def names(role: str) -> list[str]:
     """Return the registered names of a role ("policies", "worlds", ...), sorted."""
-    return sorted(ep.name for ep in entry_points(group=f"karma.{role}"))
+    return sorted(ep.name for ep in _installed().select(group=f"karma.{role}"))
 
 
 def load(role: str, name: str) -> Any:
@@ -37,7 +39,7 @@ def load(role: str, name: str) -> Any:
         UnknownNameError: nothing has that name; the message suggests the nearest one. Or what is
             installed under it is no longer there.
     """
-    found = {ep.name: ep for ep in entry_points(group=f"karma.{role}")}
+    found = {ep.name: ep for ep in _installed().select(group=f"karma.{role}")}
     if name not in found:
         hint = did_you_mean(name, found)
         raise UnknownNameError(f"no {role} named {name!r}.{hint} Installed: {sorted(found)}")
@@ -63,13 +65,30 @@ def plug_in_of(error: BaseException) -> str:
     A plug-in is what another package has registered under a role of ours.
     """
     files = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
-    for role in sorted(one for one in entry_points().groups if one.startswith("karma.")):
-        for entry in entry_points(group=role):
+    for role in sorted(one for one in _installed().groups if one.startswith("karma.")):
+        for entry in _installed().select(group=role):
             module = sys.modules.get(entry.module)
             ours = entry.module.partition(".")[0] == __name__.partition(".")[0]
             if not ours and getattr(module, "__file__", None) in files:
                 return _where(role.removeprefix("karma."), entry)
     return ""
+
+
+def _installed() -> Any:
+    """Return all that is registered, read again where what lies on the path has changed."""
+    return _read(tuple((place, _changed_ns(place)) for place in sys.path))
+
+
+@lru_cache(maxsize=1)
+def _read(path: tuple[tuple[str, int], ...]) -> Any:
+    return entry_points()
+
+
+def _changed_ns(place: str) -> int:
+    try:
+        return Path(place).stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _where(role: str, entry: EntryPoint) -> str:
