@@ -61,6 +61,7 @@ from karma.talk.history import (
     in_plain_words,
     in_turn,
     is_taught,
+    only_needs,
     owned,
     with_habits,
 )
@@ -283,9 +284,12 @@ class Agent:
 
     def _in_turn(self, instruction: str) -> Iterator[_Clause]:
         """Yield what is said errand by errand, what speaks of the log when that holds the rest."""
-        pieces = in_turn(instruction) if self._method.reader is not None else [instruction]
+        reader = self._method.reader
+        pieces = in_turn(instruction) if reader is not None else [instruction]
         for number, piece in enumerate(pieces):
-            yield from self._clauses(piece, pieces[:number])
+            why = reader is not None and number < len(pieces) - 1 and only_needs(piece, reader)
+            if not why:  # "I still need it, put it back"
+                yield from self._clauses(piece, pieces[:number])
 
     def _clauses(self, instruction: str, ahead: Sequence[str] = ()) -> list[_Clause]:
         """Return what is said errand by errand, each with what it asks where that is read."""

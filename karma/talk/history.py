@@ -257,6 +257,15 @@ def in_turn(text: str) -> list[str]:
     return [part for part in parts if part] or [text]
 
 
+def only_needs(text: str, reader: RequestReader) -> bool:
+    """Return whether a text says no more than that something is needed: "I still need it"."""
+    deeds = [deed for request in reader.read(text) for deed in request.deeds]
+    return bool(deeds) and all(
+        deed.verb in request_words().needs and all(thing.vague for thing in deed.things)
+        for deed in deeds
+    )
+
+
 def _goes_back(found: re.Match[str]) -> bool:
     return re.search(r"\b(?:back|return|where)", found[0], re.IGNORECASE) is not None
 
