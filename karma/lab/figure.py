@@ -127,24 +127,23 @@ def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[Fig
     figure = read_toml(path, TraceFigure)
     policies = _with_bounds(sized(figure.policies, figure.sizes))
     claims_of(figure.claims, [])  # a wrong name must not come to light minutes later
+    if folder.exists():
+        OwnedFolder(folder, "figure").look()  # before tasks are drawn, which takes seconds
     pool = _pool(figure, path)
     with locked(folder):
-        yield from _run(figure, policies, pool, path, folder, fresh=fresh)
+        owned = OwnedFolder(folder, "figure")
+        if fresh and owned.look():
+            owned.clear()
+        _claim(owned, figure, pool, path)
+        yield from _run(figure, policies, pool, folder)
 
 
 def _run(
     figure: TraceFigure,
     policies: tuple[str, ...],
     pool: Pool,
-    path: Path,
     folder: Path,
-    *,
-    fresh: bool,
 ) -> Iterator[FigureProgress]:
-    owned = OwnedFolder(folder, "figure")
-    if fresh and owned.look():
-        owned.clear()
-    _claim(owned, figure, pool, path)
     places = [(workload, units) for workload in figure.workloads for units in figure.unit_sets]
     total, cells = len(places) * len(policies), []
     for number, (workload, units) in enumerate(places):

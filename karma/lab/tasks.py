@@ -12,7 +12,7 @@ and its goals; access traces need neither.
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -274,6 +274,7 @@ def _distinct(names: Iterable[str]) -> tuple[str, ...]:
 # ------------------------------------------------------------- tasks of our own
 
 
+@lru_cache(maxsize=2)
 def grammar_pool(seed: int, *, scenes: int = GRAMMAR_SCENES, tasks: int = GRAMMAR_TASKS) -> Pool:
     """Return requests of our task grammar in generated rooms, each about a thing to carry.
 

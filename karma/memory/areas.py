@@ -1,10 +1,15 @@
 """Where area nodes go: few cells from which every reachable cell is a short walk."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 
 Cell = tuple[int, int]  # grid column and row
+Numbers = NDArray[np.intp]
 
-_STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 _ROUNDS = 10  # of moving nodes to the middle of their regions; a few suffice
 
 
@@ -38,84 +43,63 @@ def spread_areas(
     for x, z in points:
         grid.setdefault((round((x - x0) / cell_m), round((z - z0) / cell_m)), (x, z))
     steps = int(spacing_m / cell_m + 1e-9)
-    nodes = _cover(sorted(grid), steps)
+    order = sorted(grid)
+    floor = _floor(order)
+    away = dijkstra(floor, unweighted=True)  # steps on foot between any two cells
+    nodes = _cover(away <= steps)
     for _ in range(_ROUNDS):
-        moved = _centred(nodes, grid.keys())
-        if moved == nodes:
+        moved = _centred(nodes, away, floor)
+        if np.array_equal(moved, nodes):
             break
         nodes = moved
-    region = _regions(nodes, grid.keys())
-    return [grid[node] for node in nodes], _touching(region)
+    return [grid[order[node]] for node in nodes], _touching(_regions(nodes, away), floor)
 
 
-def _cover(cells: Sequence[Cell], steps: int) -> list[Cell]:
-    """Return nodes so that every cell is within `steps` of one, the most useful cell first."""
-    free = frozenset(cells)
-    near = {cell: frozenset(_distances(cell, free, steps)) for cell in cells}
-    left, nodes = set(cells), []
-    while left:
-        best = max(cells, key=lambda cell: len(near[cell] & left))
-        nodes.append(best)
-        left -= near[best]
-    return sorted(nodes)
+def _floor(cells: list[Cell]) -> csr_matrix:
+    """Return which cells lie side by side."""
+    number = {cell: at for at, cell in enumerate(cells)}
+    beside = [
+        (at, number[other])
+        for (x, z), at in number.items()
+        for other in ((x + 1, z), (x, z + 1))
+        if other in number
+    ]
+    rows, columns = np.array(beside, np.intp).reshape(-1, 2).T
+    size = (len(cells), len(cells))
+    found = csr_matrix((np.ones(len(beside)), (rows, columns)), shape=size)
+    return csr_matrix(found + found.T)
 
 
-def _centred(nodes: Sequence[Cell], free: Iterable[Cell]) -> list[Cell]:
+def _cover(near: NDArray[np.bool_]) -> Numbers:
+    """Return nodes so that every cell is near to one, the most useful cell first."""
+    left, nodes = np.ones(len(near), bool), list[int]()
+    while left.any():
+        nodes.append(int(near[:, left].sum(axis=1).argmax()))
+        left &= ~near[nodes[-1]]
+    return np.array(sorted(nodes))
+
+
+def _regions(nodes: Numbers, away: NDArray[np.float64]) -> Numbers:
+    """Return for each cell its nearest node on foot; of equals the smaller number."""
+    return away[nodes].argmin(axis=0)
+
+
+def _centred(nodes: Numbers, away: NDArray[np.float64], floor: csr_matrix) -> Numbers:
     """Move each node to the cell of its region whose farthest cell is nearest."""
-    members: dict[int, set[Cell]] = {}
-    for cell, number in _regions(nodes, free).items():
-        members.setdefault(number, set()).add(cell)
-    moved = []
+    regions, moved = _regions(nodes, away), []
     for number, node in enumerate(nodes):
-        region = members[number]
-        reach = {cell: _distances(cell, region).values() for cell in sorted(region)}
-        best = min(reach, key=lambda cell: (max(reach[cell]), sum(reach[cell]), cell))
-        better = max(reach[best]) < max(reach[node]) or sum(reach[best]) < sum(reach[node])
-        moved.append(best if better else node)
-    return sorted(moved)
+        members = np.flatnonzero(regions == number)
+        inside = dijkstra(floor[members][:, members], unweighted=True)
+        farthest, total = inside.max(axis=1), inside.sum(axis=1)
+        best = np.lexsort((total, farthest))[0]
+        own = np.searchsorted(members, node)
+        better = farthest[best] < farthest[own] or total[best] < total[own]
+        moved.append(members[best] if better else node)
+    return np.sort(moved)
 
 
-def _regions(nodes: Sequence[Cell], free: Iterable[Cell]) -> dict[Cell, int]:
-    """Return for each reachable cell its nearest node on foot; of equals the smaller number."""
-    free = set(free)
-    region = {node: number for number, node in enumerate(nodes)}
-    edge = dict(region)
-    while edge:
-        following: dict[Cell, int] = {}
-        for cell, number in edge.items():
-            for other in _neighbours(cell):
-                if other in free and other not in region:
-                    following[other] = min(number, following.get(other, number))
-        region.update(following)
-        edge = following
-    return region
-
-
-def _touching(region: Mapping[Cell, int]) -> list[tuple[int, int]]:
-    pairs = set()
-    for cell, number in region.items():
-        for other in _neighbours(cell):
-            if region.get(other, number) > number:
-                pairs.add((number, region[other]))
-    return sorted(pairs)
-
-
-def _distances(
-    start: Cell, free: frozenset[Cell] | set[Cell], limit: int | None = None
-) -> dict[Cell, int]:
-    """Return the cells on foot from `start`, and how many steps away."""
-    found, edge, steps = {start: 0}, [start], 0
-    while edge and (limit is None or steps < limit):
-        steps += 1
-        following = []
-        for cell in edge:
-            for other in _neighbours(cell):
-                if other in free and other not in found:
-                    found[other] = steps
-                    following.append(other)
-        edge = following
-    return found
-
-
-def _neighbours(cell: Cell) -> tuple[Cell, ...]:
-    return tuple((cell[0] + dx, cell[1] + dz) for dx, dz in _STEPS)
+def _touching(regions: Numbers, floor: csr_matrix) -> list[tuple[int, int]]:
+    """Return the pairs of regions that lie side by side."""
+    rows, columns = floor.nonzero()
+    pairs = zip(regions[rows].tolist(), regions[columns].tolist(), strict=True)
+    return sorted({pair for pair in pairs if pair[0] < pair[1]})

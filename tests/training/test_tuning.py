@@ -129,10 +129,7 @@ def test_a_merged_file_says_what_base_and_adapter_say_together(tmp_path, smollm,
     from peft import PeftModel
 
     files = (tuned / ADAPTER, tuned / ADAPTER_CONFIG)
-    for name in ("one", "two"):
-        merge_adapter(smollm, *files, tmp_path / f"{name}.gguf", name="tuned")
-    one, two = ((tmp_path / f"{name}.gguf").read_bytes() for name in ("one", "two"))
-    assert one == two
+    merge_adapter(smollm, *files, tmp_path / "one.gguf", name="tuned")
     model = GgufModel(tmp_path / "one.gguf", LlamaOptions(threads=1))
     plain = GgufModel(smollm, LlamaOptions(threads=1))
     tokens = model.tokens("#task get the apple\n#program\nGoToObject(robot, '")

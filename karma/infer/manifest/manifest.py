@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from typing import Literal
@@ -16,7 +17,7 @@ from typing import Literal
 import msgspec
 
 from karma.errors import FileError, ModelError, UnknownNameError, did_you_mean
-from karma.files import open_regular, read_toml
+from karma.files import open_regular, read_bytes, read_toml
 from karma.infer.checks.gguf import is_gguf
 from karma.places import repair, shipped
 
@@ -159,7 +160,13 @@ def read_shipped(path: str | Path | None = None) -> Manifest:
     """
     path = manifest_path() if path is None else Path(path)
     fix = None if path.exists() else "set KARMA_MODELS to the folder that holds manifest.toml"
-    found = read_toml(path, Manifest, fix=fix)
+    return _parsed(path, read_bytes(path, fix=fix))
+
+
+@lru_cache(maxsize=4)
+def _parsed(path: Path, data: bytes) -> Manifest:
+    """Return a manifest that was read: parsing takes 20 ms, and each model asks for it."""
+    found = read_toml(path, Manifest)
     for entry in found.models:
         if any(PurePosixPath(file.path).is_absolute() for file in entry.files):
             raise FileError(path, f"model {entry.name!r}: absolute paths are for local.toml only")
