@@ -81,7 +81,8 @@ def _cover(near: NDArray[np.bool_]) -> Numbers:
 
 def _regions(nodes: Numbers, away: NDArray[np.float64]) -> Numbers:
     """Return for each cell its nearest node on foot; of equals the smaller number."""
-    return away[nodes].argmin(axis=0)
+    found: Numbers = np.argmin(away[nodes], axis=0)
+    return found
 
 
 def _centred(nodes: Numbers, away: NDArray[np.float64], floor: csr_matrix) -> Numbers:

@@ -7,7 +7,6 @@ long the context is changes no bit, so it is as long as the longest prompt so fa
 """
 
 import ctypes
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -87,7 +86,7 @@ class GgufModel:
         self.name, self.options = name or path.stem, options
         wanted = options.n_ctx or trained
         self.limit = wanted if options.beyond_training else min(wanted, trained)
-        self.n_threads = options.threads or min(2, len(os.sched_getaffinity(0)))
+        self.n_threads = options.threads
         self.n_batch = min(_N_BATCH, self.limit)
         self.n_ctx = self.limit if options.n_ctx else self.n_batch
         check_width(self.name, metadata, options)

@@ -27,7 +27,7 @@ class LlamaOptions:
     beyond_training: bool = False  # n_ctx may be more; what answers are then worth is open
     flash_attention: Switch = "auto"  # on a GPU, and where `kv` needs it
     kv: KvType = "f16"  # of the kept keys and values
-    threads: int | None = None  # None: two, or one where there is only one core
+    threads: int = 1  # more than the cores that are free wait for each other
     rpc: str = ""  # HOST:PORT of llama.cpp's rpc-server, whose device may be used
 
     def __post_init__(self) -> None:
