@@ -273,7 +273,7 @@ def _the_same(
     yield from episode.planned(subtask, skills, came, only)
     for result in came.programs[-1].results if came.programs else ():
         used = [one for one in result.object_ids if kind_of(one) in kinds]
-        if used and result.ok:
+        if used and result.ok and thing.start >= 0:  # else "it" of an earlier text
             episode.chosen.setdefault(key, used[0])
 
 

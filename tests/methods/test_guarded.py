@@ -185,6 +185,22 @@ def test_plurals_and_conditions_belong_to_the_agent(tmp_path, scene, text, statu
     assert reply.status != "done" or all(check.found != "otherwise" for check in reply.checks)
 
 
+def test_each_thing_that_they_stand_for_is_carried(tmp_path):
+    """The two words of "them" have no place of their own in the text: one was taken for the other."""
+    need_models("karma-nano")
+    agent = Agent(
+        "kitchen_1", planner="karma-nano", folder=tmp_path / "run", maps=tmp_path / "maps"
+    )
+    assert agent.do("put the fork and the spoon in the sink")
+    assert agent.do("put them on the table")
+    where = {
+        one["objectType"]: one["parentReceptacles"][0].split("|")[0]
+        for one in agent._world.last_event.metadata["objects"]
+        if one["objectType"] in ("Fork", "Spoon")
+    }
+    assert where == {"Fork": "DiningTable", "Spoon": "DiningTable"}
+
+
 def test_the_adversary_gets_no_false_done():
     need_models("karma-nano")
     done = subprocess.run(
