@@ -186,8 +186,10 @@ def test_plurals_and_conditions_belong_to_the_agent(tmp_path, scene, text, statu
 
 
 def test_each_thing_that_they_stand_for_is_carried(tmp_path):
-    """The two words of "them" have no place of their own in the text: one was taken for the other."""
+    """Neither has a place of its own in the text, so one was once taken for the other."""
     need_models("karma-nano")
+    from karma.talk.agent import Agent
+
     agent = Agent(
         "kitchen_1", planner="karma-nano", folder=tmp_path / "run", maps=tmp_path / "maps"
     )
