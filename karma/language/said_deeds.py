@@ -567,7 +567,7 @@ def _carried(deed: str, pairs: list[Pair], place: Mention, *, me: bool) -> tuple
     things = pairs[0].things
     if FAUCET in place.types:
         return "wash", [Pair(things=things)]
-    if place.types and {*place.types} <= {*LAMPS}:  # "take it to the lamp"
+    if place.types and {*place.types} <= {*LAMPS} and not pairs[-1].near:  # "take it to the lamp"
         return ("look" if deed == "hold" else "take"), [Pair(things=things)]
     if deed == "take" and me:
         return "take", [Pair(things=tuple(replace(one, at=place.types) for one in things))]

@@ -331,6 +331,9 @@ def _the_other(
     thing, whole = asked.deeds[0].things[0], asked.whole or asked.text
     meant = {one for (text, _), one in episode.chosen.items() if text == whole}
     meant = {one for one in (*meant, *episode.mine.values()) if kind_of(one) in kinds}
+    if not meant:  # "another book", said after one was put away
+        meant = {one for one in episode.handled() if kind_of(one) in kinds}
+        meant = {one for one in meant if _holds_already(episode, skills, one, asked.deeds[0], {})}
     if not meant:
         return None
     one = _next(episode, skills, list(kinds), meant, thing)

@@ -32,7 +32,9 @@ _MOST = 6  # things or errands in one answer
 _OLD_S = 3600.0  # what was seen so long ago may have been moved
 _OFFER = 'Say "go and see", or /look, and I look for it.'
 _OF_ANOTHER = re.compile(r"^\W*(?:and|what about|how about|or)\b.*\?\W*$", re.IGNORECASE)
-_TELLING = re.compile(r"^(?:and |so |hey )?(?:(?:can|could|would) you )?tell me |^do you know ")
+_TELLING = re.compile(
+    r"^(?:(?:and|so|hey|but|now|then)[, ]+)+|(?:(?:can|could|would) you )?tell me |^do you know "
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,9 +255,11 @@ def _whether_i_did(q: _Question, rest: Sequence[str]) -> MemoryAnswer | None:
 
 def _who_did_it(q: _Question) -> MemoryAnswer | None:
     """Answer "who moved the apple?": from the log, or that nobody was seen."""
-    if q.asks != "who" or not q.things or q.has("in", "on", "under"):
+    if q.asks != "who" or not q.things:
         return None
     if not q.has(*_MOVING):
+        if q.has("in", "on", "under"):  # "who is in the kitchen?"
+            return None
         deed = next((word for word in q.words[1:3] if base_of_deed(word)), "")
         return _whether_i_did(q, [deed, *q.words[q.words.index(deed) + 1 :]]) if deed else None
     kinds = {*q.things[0].types}

@@ -144,6 +144,7 @@ def test_a_second_sentence_that_asks_is_no_remark(reader, text, wanted):
         ("bring the vase to switch on the lamp", ["take Vase", "on DeskLamp/FloorLamp"]),
         ("turn on the lamp to read", ["on DeskLamp/FloorLamp"]),
         ("take the book to the lamp", ["take Book"]),
+        ("set the alarm clock beside the lamp", ["put AlarmClock near DeskLamp"]),
         ("carry the mug that you rinsed and dried to the desk", ["put Mug > Desk"]),
         # what "them" stands for
         ("drop the watch in the box and set them on the shelf",

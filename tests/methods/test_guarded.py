@@ -185,6 +185,20 @@ def test_plurals_and_conditions_belong_to_the_agent(tmp_path, scene, text, statu
     assert reply.status != "done" or all(check.found != "otherwise" for check in reply.checks)
 
 
+def test_another_is_none_of_those_that_were_put_there_before(tmp_path):
+    need_models("karma-nano")
+    from karma.talk.agent import Agent
+
+    agent = Agent(
+        "bedroom_1", planner="karma-nano", folder=tmp_path / "run", maps=tmp_path / "maps"
+    )
+    assert agent.do("put a book on the bed")
+    assert agent.do("put another book on the bed")
+    things = agent._world.last_event.metadata["objects"]
+    books = [one["parentReceptacles"] for one in things if one["objectType"] == "Book"]
+    assert sum(parents is not None and "Bed|" in parents[0] for parents in books) == 2
+
+
 def test_each_thing_that_they_stand_for_is_carried(tmp_path):
     """Neither has a place of its own in the text, so one was once taken for the other."""
     need_models("karma-nano")
