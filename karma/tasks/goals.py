@@ -17,11 +17,11 @@ ON and INSIDE are the same: the object lies in the receptacle, be it in another 
 """
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from karma.agent.perceive import truth_of
 from karma.contracts import Event, Goal, SubTask, TrueObject, Truth, World
@@ -34,7 +34,6 @@ from karma.household.uses import MOMENTARY
 from karma.tasks.deeds import DEEDS, TEMPERATURES, RememberedDeeds
 from karma.tasks.matching import fewest_missed, linked, suited
 from karma.tasks.objects import ObjectIndex
-from karma.tasks.standing import Standing
 
 ARITY = {
     "ON": 2, "INSIDE": 2, "STATE": 2, "HOLDON": 2, "TOGGLEON": 1, "TOGGLEOFF": 1, "OPEN": 1,
@@ -48,6 +47,7 @@ _FORM = re.compile(
     r"\s*(?:(?P<count>[0-9]{1,9})\s*\*\s*)?(?P<word>[A-Za-z]+)\s*\((?P<arguments>.*)\)\s*(?::\s*1)?\s*",
     re.DOTALL,
 )
+Fact = tuple[Goal, tuple[str, ...]]  # a goal and the ids of the things that it holds of
 
 
 # ----------------------------------------------------------------- reading
@@ -148,7 +148,7 @@ class GoalTracker:
     STATE(AppleSliced, heated), is it to be done to a slice itself: so it is in ALFRED.
 
     A placement counts when it holds at the end of its sub-task, or held at some moment of it and
-    nobody undid it on purpose: see `karma.tasks.standing`.
+    nobody undid it on purpose: see `Standing`.
 
     TOGGLEON of a momentary appliance (`MOMENTARY`) asks that it ran at some moment of the sub-task;
     of anything else, that it is on when asked.
@@ -337,3 +337,36 @@ def _ids(things: Sequence[TrueObject]) -> tuple[str, ...]:
 def _near(thing: TrueObject, place: Sequence[float]) -> bool:
     gaps = [a - b for a, b in zip(thing.position_m, place, strict=True)]
     return max(map(abs, gaps)) <= NEAR_M and sum(gap**2 for gap in gaps) <= NEAR_M**2
+
+
+# ----------------------------------------------------------------- what stands meanwhile
+
+
+@dataclass(slots=True)
+class Standing:
+    """Keeps what stands, over the events of one sub-task."""
+
+    goals: tuple[Goal, ...] = ()  # that it has to be told of
+    passing: frozenset[Goal] = frozenset()
+    _facts: frozenset[Fact] = field(default=frozenset())
+
+    @classmethod
+    def of(cls, subtask: SubTask) -> Self:
+        """Begin a sub-task, of which nothing has held yet."""
+        passing = frozenset(subtask.passing)
+        goals = (g for g in subtask.goals if g in passing or g.predicate in ("ON", "INSIDE"))
+        return cls(tuple(goals), passing)
+
+    def look(self, now: Collection[Fact], is_carried: Callable[[str], bool]) -> None:
+        """Take in one event.
+
+        Args:
+            now: what holds after it.
+            is_carried: says of an id whether it is in the hand, or in what is there.
+        """
+        kept = (one for one in self._facts if one[0] in self.passing or not is_carried(one[1][0]))
+        self._facts = frozenset((*now, *kept))
+
+    def has(self, goal: Goal, ids: tuple[str, ...]) -> bool:
+        """Return whether a goal stands for some things."""
+        return (goal, ids) in self._facts

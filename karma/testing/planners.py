@@ -1,13 +1,19 @@
 """Make language models of random weights: any family's architecture, or a Llama of any size."""
 
+from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from karma.infer.llama.gguf_export import add_special_tokens, add_vocabulary
+from karma.agent.prompt import render, skills_of
+from karma.contracts import PlanRequest
+from karma.household.types import object_types
+from karma.infer.llama.gguf_export import add_special_tokens, add_vocabulary, new_tokenizer
 from karma.testing.architectures import Size, language_keys, language_tensors
 from karma.testing.families import Family, find_family
 from karma.testing.random_gguf import add_keys, write_random_gguf
-from karma.testing.vocabulary import make_tokenizer
+
+TRAINED = 1200  # tokens, the family's own among them
 
 
 def make_planner(
@@ -74,3 +80,30 @@ def _add_words(writer: Any, family: Family, vocabulary: int) -> None:
     ends = {"bos": family.bos, "eos": family.eos}
     add_special_tokens(writer, tokenizer, ends, add_bos=family.add_bos)
     writer.add_chat_template(family.template)
+
+
+@lru_cache(maxsize=32)
+def make_tokenizer(family: Family, vocabulary: int = TRAINED) -> Any:
+    """Return a `tokenizers.Tokenizer` whose ids begin with the family's control tokens.
+
+    Args:
+        family: whose control tokens.
+        vocabulary: of the model; the tokenizer has no more tokens, and no more than `TRAINED`.
+    """
+    from tokenizers import AddedToken
+
+    tokenizer = new_tokenizer(
+        _texts(), min(vocabulary, TRAINED) - len(family.added), family.control
+    )
+    tokenizer.add_tokens([AddedToken(text, special=False) for text in family.added])
+    return tokenizer
+
+
+def _texts() -> Iterable[str]:
+    """Yield what planners read and write, so that a prompt takes few tokens."""
+    request = PlanRequest(instruction="put the apple in the fridge")
+    yield render("full", request).prompt.stable
+    yield from ["\n\n"] * 50  # a token: llama.cpp puts it before pictures of Idefics 3
+    for thing in object_types():
+        yield from (f"{skill.name}(robot, '{thing}')\n" for skill in skills_of("full"))
+        yield f"Explore(robot, '{thing}', ['node_1', 'node_2'])\n"

@@ -11,12 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from karma.contracts import Vec3
 from karma.errors import KarmaError
 from karma.world.actions.setup import unfit
 from karma.world.actions.table import ACTIONS
 from karma.world.core.effects import settle
-from karma.world.core.falling import come_down
-from karma.world.core.scene import Scene, load
+from karma.world.core.placement import land, lying_below, parents_in, resting
+from karma.world.core.scene import Scene, SceneObject, load
 from karma.world.core.state import (
     Images,
     Performed,
@@ -26,6 +29,7 @@ from karma.world.core.state import (
     WorldState,
     begin,
 )
+from karma.world.core.thing import GRAVITY_MS2, bottom, difference, moved, top
 from karma.world.event import WorldEvent
 
 MISUSE = frozenset({"InvalidAction", "MissingArguments", "AmbiguousAction", "InvalidArgument"})
@@ -39,6 +43,7 @@ RENDER_FLAGS: Mapping[str, str] = {  # AI2-THOR's flag -> field of state.Images
     "renderClassImage": "classes",
 }
 _PLAYER_ARGUMENTS = frozenset({"agentId", "sequenceId", "visibilityDistance"})
+_PAST = (0.0, -0.05, 0.0)  # what it has slipped through does not catch it
 
 
 class EmbeddedWorld:
@@ -187,3 +192,35 @@ def _act(last: WorldEvent, name: str, arguments: Mapping[str, Any]) -> WorldEven
     if isinstance(result, Performed):
         return event(value=result.value, first=name == "Initialize")
     return event(success=False, message=result.message, code=result.code)
+
+
+def come_down(state: WorldState) -> WorldState:
+    """Return the state with what has fallen for long enough lying where it comes to rest."""
+    changes, still = dict[str, SceneObject](), set[str]()
+    for object_id in sorted(state.falling):
+        thing = state.objects.get(object_id)
+        if thing is None or thing.parents or object_id in state.in_hand:  # taken away, or caught
+            continue
+        middle, holder = _rest(state, thing)
+        if GRAVITY_MS2 / 2 * state.time_s**2 < thing.center[1] - middle[1]:
+            still.add(object_id)
+            continue
+        there = moved(thing, difference(middle, thing.center))
+        parents = () if holder is None else parents_in(state.objects, there, holder)
+        changes[object_id] = msgspec.structs.replace(there, parents=parents)
+    objects = state.objects.changed(changes) if changes else state.objects
+    return replace(state, objects=objects, falling=frozenset(still))
+
+
+def _rest(state: WorldState, thing: SceneObject) -> tuple[Vec3, str | None]:
+    """Return where a thing's middle comes to rest, and in or on what."""
+    x, y, z = thing.center
+    round_it = [
+        one
+        for one in lying_below(state, x, z)
+        if "openable" in one.capabilities and bottom(one) < bottom(thing) and y < top(one)
+    ]
+    if not round_it:
+        return land(state, moved(thing, _PAST), x, z)
+    holder = max(round_it, key=bottom)
+    return (x, resting(thing, bottom(holder)), z), holder.id

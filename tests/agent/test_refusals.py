@@ -6,8 +6,8 @@ import re
 import pytest
 from support.household import kitchen, look, on, thing
 
+from karma.agent.perceive import reason_of
 from karma.agent.reach import SkillLimits
-from karma.agent.reasons import reason_of
 from karma.agent.refusals import contents, explained
 from karma.agent.sightings import Sightings
 from karma.agent.skills import Skills

@@ -13,9 +13,8 @@ from support.lota_alfred import FETCH, SAID, STOW, environment, listed, trial
 from support.paths import SHARED
 from support.tiny import export_tiny
 
-from karma.benchmarks.lota_alfred.answers import read_list
 from karma.benchmarks.lota_alfred.experiment import LotaRow
-from karma.benchmarks.lota_alfred.planner import followed
+from karma.benchmarks.lota_alfred.planner import followed, read_list
 from karma.benchmarks.lota_alfred.play import LotaStage, play
 from karma.benchmarks.lota_alfred.prompt import (
     LotaPromptOptions,

@@ -23,7 +23,6 @@ from karma.errors import KarmaError
 from karma.files import to_json
 from karma.infer.scripted import ScriptedModel
 from karma.methods.example_memory import ExampleMemory
-from karma.methods.helper.examples import seed_examples
 from karma.methods.helper.inspector import (
     ends_there,
     idle,
@@ -32,7 +31,7 @@ from karma.methods.helper.inspector import (
     without_object,
 )
 from karma.methods.helper.memory import ObjectMemory
-from karma.methods.helper.method import HelperMethod, HelperSettings
+from karma.methods.helper.method import HelperMethod, HelperSettings, seed_examples
 from karma.world.sim import EmbeddedWorld
 
 APPLE = "GoToObject(robot, 'Apple')\nPickupObject(robot, 'Apple')\n"

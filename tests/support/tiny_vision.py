@@ -67,10 +67,10 @@ def _tokenizer(family):
 def _processor(family, tokenizer):
     import transformers
 
-    from karma.infer.vision import processors as vision_processors
+    from karma.infer.vision.transformers import pictures_only
 
     template = TEMPLATE.replace("PICTURE", PICTURE[family])
-    kind = vision_processors.pictures_only(family)
+    kind = pictures_only(family)
     if family == "llava":
         pictures = transformers.models.llava.image_processing_pil_llava.LlavaImageProcessorPil(
             size={"height": 32, "width": 32}, do_center_crop=False, do_pad=False

@@ -3,8 +3,7 @@
 import pytest
 
 from karma.contracts import SubTask
-from karma.tasks.goals import GoalTracker
-from karma.tasks.standing import Standing
+from karma.tasks.goals import GoalTracker, Standing
 from tests.support.made_events import event, goals, thing
 
 APPLE, PLATE, FRIDGE, TABLE = "Apple|1", "Plate|1", "Fridge|1", "DiningTable|1"

@@ -19,8 +19,7 @@ from karma.household.types import object_type
 from karma.world.alfred.build import build
 from karma.world.alfred.facts import Files, gather
 from karma.world.alfred.ids import object_id
-from karma.world.alfred.mutate import without_one
-from karma.world.alfred.replay import replay, replay_all
+from karma.world.alfred.replay import replay, replay_all, without_one
 from karma.world.alfred.steps import UntranslatableError, translated, visited
 from karma.world.alfred.trial import ApiAction, read_ids, read_layouts, read_spots, read_trials
 

@@ -1,5 +1,6 @@
 """Add up days: success by kind of request, stale beliefs, doubt, effort; homes are the units."""
 
+import heapq
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
@@ -8,7 +9,6 @@ import numpy as np
 
 from karma.bench.sheet import Sheet
 from karma.bench.statistics import rate
-from karma.benchmarks.lived.bound import most_known
 from karma.benchmarks.lived.experiment import LivedExperiment
 from karma.benchmarks.lived.records import LivedRecord, ServedRequest
 from karma.journal.formats import UNKNOWN, figure_text
@@ -342,3 +342,27 @@ def remarks_on(experiment: LivedExperiment) -> list[str]:
         f"with at most {experiment.tokens} tokens of facts a question; no language model is asked.",
         "expert: the truth of now for everything ever seen, through the same reader and planner.",
     ]
+
+
+def most_known(waits: Iterable[tuple[float, float]], units: int) -> int:
+    """Return how many requests so many units could at best have served.
+
+    Args:
+        waits: of each request, when its thing was seen last and when it is asked for, seconds.
+        units: of the memory, each held for one request at a time.
+
+    >>> most_known([(0, 9), (1, 4), (2, 5), (5, 8)], 1), most_known([(0, 9), (1, 4), (2, 5)], 2)
+    (2, 2)
+    """
+    held: list[tuple[float, float]] = []  # the one that is wanted last stands first: -end, start
+    served = 0
+    for start, end in sorted(waits):
+        done = [one for one in held if -one[0] <= start]
+        if done:
+            held = [one for one in held if -one[0] > start]
+            heapq.heapify(held)
+            served += len(done)
+        heapq.heappush(held, (-end, start))
+        if len(held) > units:
+            heapq.heappop(held)
+    return served + len(held)

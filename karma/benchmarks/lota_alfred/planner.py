@@ -1,15 +1,24 @@
 """LoTa-Bench's planners: one scores every skill step after step, one writes a whole list."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from karma.benchmarks.lota_alfred.answers import Item, read_list
 from karma.benchmarks.lota_alfred.prompt import LotaPromptOptions, list_prompt, score_prompt
 from karma.contracts import LanguageModel, Scoring, ScoringModel
 from karma.world.eb_alfred.environment import Environment
 from karma.world.eb_alfred.skills import DONE
 
 _KEPT = 20_000  # characters of an answer that a record keeps
+LONGEST = 200_000  # characters that are looked at
+_MOST = 1_000  # items that are kept
+_PUT = "put down "
+_SPLIT = re.compile(r"[,;\n]+|\.\s+(?=[a-z])|(?<!step)\s+(?=\d{1,3}[.):])", re.IGNORECASE)
+_NUMBERED = re.compile(
+    r"^[\s\-*•]*(?:(?:step\s*)?\d+[.):]*\s*)?(?:robot:\s*)?(?:\d+[.):]*\s*)?", re.IGNORECASE
+)
+_ARTICLE = re.compile(r"\b(?:a|an|the)\s+")
+Item = int | str  # a skill's number, or what is no skill
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,3 +130,44 @@ def followed(name: str, *, strict: bool) -> str:
     """Return a skill as it is scored."""
     mark = "" if strict else "." if name == DONE else ","
     return f" {name}{mark}"
+
+
+def read_list(text: str, skills: Sequence[str], *, mend: bool = True) -> tuple[Item, ...]:
+    """Return the skills of an answer in their order, up to the first that ends the list.
+
+    Args:
+        text: as the planner gave it.
+        skills: as they are written; the first one ends a list.
+        mend: whether it may be written otherwise than in the source.
+    """
+    written = _plain if mend else str
+    known = {written(one): number for number, one in enumerate(skills)}
+    puts = [number for number, one in enumerate(skills) if one.startswith(_PUT)]
+    found: list[Item] = []
+    for said in _items(text[:LONGEST], mend=mend):
+        item: Item = known.get(written(said), said)
+        if item == said and puts and written(said).startswith(_PUT):
+            item = puts[0]  # whatever it names, it is what is held that goes
+        found.append(item)
+        if item == 0 or len(found) == _MOST:
+            break
+    return tuple(found)
+
+
+def _items(text: str, *, mend: bool) -> Iterator[str]:
+    if not mend:
+        yield from (one.strip(" 1234567890.") for one in text.replace("Robot: ", "").split(","))
+        return
+    for one in _SPLIT.split(text):
+        said = _NUMBERED.sub("", one).strip(" \t\r.'\"`[](){}*")
+        if said:
+            yield said
+
+
+def _plain(said: str) -> str:
+    """Return a skill without capitals and articles.
+
+    >>> _plain("Find  an Arm chair")
+    'find arm chair'
+    """
+    return " ".join(_ARTICLE.sub("", said.lower()).split())

@@ -13,10 +13,13 @@ import numpy as np
 from msgspec import Meta
 
 from karma.contracts import Frame, SeenObject
+from karma.errors import ModelError
 from karma.files import read_json
+from karma.infer.checks.folder import CheckedFolder
 from karma.infer.torch_load import (
     checked_folder,
     foreign,
+    import_transformers,
     load_weights,
     place_of,
     quiet,
@@ -24,7 +27,6 @@ from karma.infer.torch_load import (
 )
 from karma.infer.torch_options import TorchOptions
 from karma.infer.vision.pictures import cut
-from karma.infer.vision.processors import load_processor
 from karma.infer.vision.text import Profile, question, some_picture, states_told
 
 FAMILIES = {
@@ -43,6 +45,13 @@ OPTIONS_FILE = "karma.json"
 Conversation = Sequence[Mapping[str, Any]]
 _BATCH = 8  # pictures on a GPU
 LARGE = 500_000_000  # parameters; from here on what is stored in 16 bits stays so
+_PARTS = ["image_processor", "tokenizer"]
+_CLASSES = {
+    "qwen2_5_vl": "Qwen2_5_VLProcessor",
+    "smolvlm": "Idefics3Processor",  # the same placeholders for pictures
+    "idefics3": "Idefics3Processor",
+    "llava": "LlavaProcessor",
+}
 
 
 class VisionOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -239,3 +248,33 @@ def _message(role: str, text: str, *, picture: bool = False) -> dict[str, Any]:
 
 
 _TRIAL = (_message("user", "What is it?", picture=True),)
+
+
+def load_processor(folder: CheckedFolder) -> Any:
+    """Open a vision model's processor: tokenizer, picture preparation and chat template.
+
+    Raises:
+        ModelError: a file of it is missing or damaged, or there is no chat template.
+    """
+    kind = pictures_only(folder.model_type)
+    with quiet(), foreign(f"{folder.path}: its processor does not open"):
+        found = kind.from_pretrained(
+            folder.path, local_files_only=True, trust_remote_code=False, backend="pil"
+        )
+    if not (found.chat_template or found.tokenizer.chat_template):
+        raise ModelError(
+            f"{folder.path}: no chat template (chat_template.jinja, or in "
+            "tokenizer_config.json)\n  To fix: bring the instruction-tuned model's whole folder"
+        )
+    found.tokenizer.padding_side = "left"
+    return found
+
+
+def pictures_only(model_type: str) -> Any:
+    """Return a family's processor class without its video part."""
+    whole = getattr(import_transformers(), _CLASSES[model_type])
+
+    def get_attributes(cls: type) -> list[str]:
+        return _PARTS
+
+    return type(whole.__name__, (whole,), {"get_attributes": classmethod(get_attributes)})

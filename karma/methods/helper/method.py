@@ -3,12 +3,15 @@
 Where it deviates from its source is in docs/methods-helper.md.
 """
 
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+import msgspec
+
 from karma.agent.planner import Planner
+from karma.agent.program import parse_program
 from karma.agent.prompt import GOALS
 from karma.agent.skills import Skills
 from karma.contracts import (
@@ -25,11 +28,11 @@ from karma.contracts import (
     WorkedExample,
     World,
 )
-from karma.errors import KarmaError
+from karma.errors import FileError, KarmaError, ProgramError
+from karma.files import read_toml
 from karma.memory.scene_graph import SceneGraph
 from karma.methods.budget import Budget
 from karma.methods.example_memory import ExampleMemory
-from karma.methods.helper.examples import seed_examples
 from karma.methods.helper.memory import ObjectMemory
 from karma.methods.helper.run import Executor
 from karma.methods.options import settings_of
@@ -37,6 +40,7 @@ from karma.methods.tour import floor_of, position_of
 from karma.seeds import stream
 
 TRIES = 2  # of one sub-goal: the second on the next instance
+TABLE = Path(__file__).parent / "examples.toml"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -231,3 +235,34 @@ class HelperEpisode:
 
     def _may_ask(self, body: Executor) -> bool:
         return body.failures < self.settings.corrections * self.settings.failures
+
+
+class _ExampleRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    instruction: str
+    program: str
+
+
+class _ExampleTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    examples: tuple[_ExampleRow, ...]
+    errors: tuple[_ExampleRow, ...]
+
+
+def seed_examples() -> tuple[tuple[WorkedExample, ...], tuple[WorkedExample, ...]]:
+    """Return the examples to begin with, and the error examples.
+
+    Raises:
+        FileError: the table is damaged, or a program in it does not parse.
+    """
+    table = read_toml(TABLE, _ExampleTable)
+    return _examples(table.examples), _examples(table.errors)
+
+
+def _examples(rows: Sequence[_ExampleRow]) -> tuple[WorkedExample, ...]:
+    for row in rows:
+        try:
+            parse_program(row.program)
+        except ProgramError as error:
+            raise FileError(TABLE, f"example {row.instruction!r}: {error}") from error
+    return tuple(
+        WorkedExample(instruction=row.instruction, program=row.program.strip()) for row in rows
+    )

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 from karma.children import forking, starting
 from karma.errors import KarmaError
+from karma.seeds import stream
 from karma.world.alfred.build import build
 from karma.world.alfred.facts import RoomFacts
 from karma.world.alfred.goal import Deeds, goal_met, noteworthy
-from karma.world.alfred.mutate import without_one
 from karma.world.alfred.steps import UntranslatableError, translated
 from karma.world.alfred.trial import ApiAction, HighLevelStep, LowAction, Trial
 from karma.world.core.hiding import hidden_rows
@@ -228,3 +228,16 @@ def _check_arrival(world: EmbeddedWorld, goal: HighLevelStep, number: int) -> No
         shown = "|".join(f"{value:g}" for value in here)
         reason = f"is at loc|{shown}, the planner's {goal.planner_action.location}"
         raise _Mismatch(reason, number)
+
+
+def without_one(trial: Trial, seed: int) -> tuple[tuple[LowAction, ...], int | None]:
+    """Return a trial's actions but one drawn by lot, and which it was.
+
+    Each trial has a stream of its own, so the draw does not depend on which others are replayed.
+    A trial without actions is returned as it is, with None.
+    """
+    actions = trial.plan.low_actions
+    if not actions:
+        return actions, None
+    left_out = int(stream(seed, "alfred", "mutate", trial.id).integers(len(actions)))
+    return (*actions[:left_out], *actions[left_out + 1 :]), left_out

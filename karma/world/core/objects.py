@@ -1,11 +1,10 @@
 """Keep the objects of one moment, and hand on to the next what is known of them and still true."""
 
-from collections.abc import Callable, ItemsView, Iterator, Mapping, Sequence, ValuesView
+from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, Sequence, ValuesView
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
 from karma.world.core.arrays import BoxArrays
-from karma.world.core.containment import Containment
 from karma.world.core.rules import STATES
 from karma.world.core.scene import SceneObject
 from karma.world.core.thing import is_inert
@@ -158,3 +157,39 @@ class Objects(Mapping[str, SceneObject]):
         """Return what moves along when an object is picked up."""
         inside = ((child, self._items[child]) for child in self.containment.inside(object_id))
         return tuple(c for c, t in inside if "pickupable" in t.capabilities and not is_inert(t))
+
+
+class Containment:
+    """The parents and children of each object, and of those in turn."""
+
+    def __init__(self, things: Iterable[SceneObject]) -> None:
+        self.parents = {thing.id: thing.parents for thing in things}
+        found: dict[str, list[str]] = {}
+        for object_id, parents in self.parents.items():
+            for parent in parents:
+                found.setdefault(parent, []).append(object_id)
+        self.children = {parent: tuple(ids) for parent, ids in found.items()}  # direct ones
+
+    def inside(self, object_id: str) -> tuple[str, ...]:
+        """Return everything in an object, also within other things; each once, not itself."""
+        found = dict.fromkeys([object_id])
+        queue = [object_id]
+        for current in queue:
+            fresh = [child for child in self.children.get(current, ()) if child not in found]
+            found.update(dict.fromkeys(fresh))
+            queue.extend(fresh)
+        return tuple(queue[1:])
+
+    def around(self, object_id: str) -> tuple[str, ...]:
+        """Return everything an object lies in, the nearest first; each once, not itself."""
+        queue = [object_id]
+        for current in queue:
+            queue.extend(parent for parent in self.parents[current] if parent not in queue)
+        return tuple(queue[1:])
+
+    def nearest(self, object_id: str) -> list[str]:
+        """Return the chain of first parents, the object left out."""
+        chain = [object_id]
+        while (parents := self.parents[chain[-1]]) and parents[0] not in chain:
+            chain.append(parents[0])
+        return chain[1:]

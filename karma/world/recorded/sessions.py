@@ -11,7 +11,7 @@ its flags. Apart stand `visible` and `isInteractable` (geometry of boxes) and `i
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +20,11 @@ from typing import Any
 import msgspec
 
 from karma.errors import FileError
+from karma.household.ids import made_at
+from karma.household.uses import BASINS
 from karma.world.core.boxes import Cell
-from karma.world.core.scene import AgentPose, Scene
+from karma.world.core.scene import AgentPose, Scene, SceneObject
+from karma.world.core.thing import bottom, gaps
 from karma.world.importing.dump import EXPORT, Xyz, read_layouts, rows
 from karma.world.importing.scenes import scene_from_dump
 from karma.world.recorded.differences import (
@@ -36,13 +39,14 @@ from karma.world.recorded.differences import (
     shown,
     values,
 )
-from karma.world.recorded.sinking import with_falling
 from karma.world.sim import EmbeddedWorld
 
 _SETTINGS = ("visibilityDistance", "fieldOfView", "rotateStepDegrees", "snapToGrid")
 _OF_THE_CLIENT = ("sequenceId", "raise_for_failure")
 _LAYOUT_M = 0.25  # ALFRED's cells
 _ON_GRID = 0.05  # of a step
+_SUNK_M = 0.0065  # more than an id's rounding
+_FLOOR_M = 0.03  # of a basin: what was made on it was made no farther below its lower side
 
 # ----------------------------------------------------------------- the report
 
@@ -311,3 +315,26 @@ def _count(
         if not same:
             unlike.append(key)
     return unlike
+
+
+def with_falling(things: Iterable[SceneObject]) -> tuple[SceneObject, ...]:
+    """Return the objects, with those that sink through a basin in nothing, and falling."""
+    every = tuple(things)
+    basins = [one for one in every if one.type in BASINS]
+    return tuple(
+        msgspec.structs.replace(one, parents=(), is_falling=True)
+        if any(_sinks_through(one, basin) for basin in basins)
+        else one
+        for one in every
+    )
+
+
+def _sinks_through(thing: SceneObject, basin: SceneObject) -> bool:
+    made, floor = made_at(thing.id), bottom(basin)
+    if made is None or "pickupable" not in thing.capabilities:
+        return False
+    if thing.parents and basin.id not in thing.parents:
+        return False
+    x, y, z = thing.position
+    over = max(gaps(basin, x, z)) <= 0.0
+    return over and made[1] - y > _SUNK_M and made[1] > floor - _FLOOR_M and bottom(thing) < floor

@@ -5,7 +5,7 @@ from itertools import combinations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from karma.benchmarks.lived.bound import most_known
+from karma.benchmarks.lived.table import most_known
 
 WAITS = st.lists(
     st.tuples(st.integers(0, 8), st.integers(1, 8)).map(lambda one: (one[0], one[0] + one[1])),
