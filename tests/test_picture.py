@@ -14,7 +14,7 @@ import karma.contracts as contracts
 NODES = {
     "world": ["world/sim.py", "world/event.py"],
     "perceive": [f"agent/{name}.py" for name in (
-        "perceive", "eyes", "depth", "tracking", "support", "projection")],
+        "perceive", "eyes", "depth", "tracking", "projection")],
     "skills": [f"agent/{name}.py" for name in (
         "sightings", "afterwards", "naming", "walk", "refusals", "reach", "coverage", "search",
         "handling", "switching", "skills")],

@@ -6,12 +6,13 @@ By pictures the agent knows of the world what boxes, depth and a vision model te
   or a detector's boxes (`karma.agent.tracking`);
 * where they are and how big: their pixels and the depth there (`karma.agent.depth`);
 * in which state: the vision model, asked when somebody wants to know, once per view and thing;
-* what lies in what: the boxes (`karma.agent.support`), or that the agent put it there itself.
+* what lies in what: the boxes, or that the agent put it there itself.
 
 Besides it feels whether its hand is empty, knows where it stands, and hears why an action was
 refused, in the world's words: what a robot's arm and wheels would tell.
 """
 
+import math
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -22,7 +23,6 @@ from numpy.typing import NDArray
 from karma.agent import perceive
 from karma.agent.depth import Box, box_round, gap_m, joined, points_in
 from karma.agent.projection import region_of, silhouette_of
-from karma.agent.support import contents, holder_of, nearest
 from karma.contracts import (
     CameraPose,
     Capture,
@@ -46,6 +46,9 @@ _TELLING: frozenset[Capability] = frozenset(
     ("openable", "toggleable", "dirtyable", "canFillWithLiquid", "canBeUsedUp", "cookable",
      "breakable", "sliceable", "pickupable")
 )  # a type with none of them has no state that a picture could show  # fmt: skip
+_ASIDE_M = 0.05  # how far a thing's centre may be outside what holds it
+_ON_M = 0.1  # between the underside of a thing and the top that it stands on
+_NEAR_M = 1.0  # how far a switch may be from what it switches
 
 
 class Eyes(Protocol):
@@ -336,3 +339,64 @@ class PictureEyes:
         known = self._known
         ovens = [one for one in ran if one in known and known[one].object_type == MICROWAVE]
         return frozenset(name for oven in ovens for name in contents(oven, known.values()))
+
+
+def holder_of(thing: SeenObject, others: Iterable[SeenObject]) -> str | None:
+    """Return the id of what a thing that can be carried lies on, or else in; None if nothing does.
+
+    Of several tops the nearest below counts, of several boxes round it the smallest.
+    """
+    kind = object_types().get(thing.object_type)
+    if kind is None or not thing.pickupable:
+        return None
+    on, inside = [], []
+    bottom = thing.box_center_m[1] - thing.box_size_m[1] / 2
+    for other in others:
+        place = object_types()[other.object_type]
+        if other.object_id == thing.object_id or not place.can("receptacle"):
+            continue
+        if not kind.fits(place) or not _over(thing, other):
+            continue
+        low, high = _heights(other)
+        if abs(bottom - high) <= _ON_M:
+            on.append((abs(bottom - high), other.object_id))
+        elif low - _ASIDE_M <= bottom and thing.box_center_m[1] <= high:
+            inside.append((math.prod(other.box_size_m), other.object_id))
+    return min(on or inside, default=(0.0, None))[1]
+
+
+def nearest(one: SeenObject, kind: str, others: Iterable[SeenObject]) -> SeenObject | None:
+    """Return the nearest thing of a type round another one, None if there is none."""
+    near = [
+        (math.dist(one.box_center_m, other.box_center_m), other.object_id, other)
+        for other in others
+        if other.object_type == kind
+    ]
+    gap, _, found = min(near, default=(math.inf, "", one))
+    return found if gap <= _NEAR_M else None
+
+
+def contents(place: str, things: Iterable[SeenObject]) -> set[str]:
+    """Return the ids of what lies in a place, and in that again."""
+    things = list(things)
+    inside, waiting = set[str](), [place]
+    while waiting:
+        holder = waiting.pop()
+        for thing in things:
+            if holder in thing.parent_ids and thing.object_id not in inside:
+                inside.add(thing.object_id)
+                waiting.append(thing.object_id)
+    return inside
+
+
+def _over(thing: SeenObject, other: SeenObject) -> bool:
+    return all(
+        abs(thing.box_center_m[axis] - other.box_center_m[axis])
+        <= other.box_size_m[axis] / 2 + _ASIDE_M
+        for axis in (0, 2)
+    )
+
+
+def _heights(one: SeenObject) -> tuple[float, float]:
+    half = one.box_size_m[1] / 2
+    return one.box_center_m[1] - half, one.box_center_m[1] + half

@@ -46,7 +46,7 @@ _DONE_TO = re.compile(
 _TAUGHT = re.compile(
     r"^\W*(?:please )?(?:remember|keep in mind|note|don't forget) that +", re.IGNORECASE
 )
-_AND_BACK = re.compile(r"(?:,? and|,)? (?:then )?back(?: again)?(?=[.!]?$)", re.IGNORECASE)
+_AND_BACK = re.compile(r"(?:,? and|, then| then)+ back(?: again)?(?=[.!]?$)", re.IGNORECASE)
 _CUTS = re.compile(r"[.;!]|,? (?:and )?then\b|,|\band\b", re.IGNORECASE)
 _BELONGS = frozenset(("belongs", "belong", "goes", "go", "lives", "live"))
 _POINTING = frozenset(
@@ -245,7 +245,7 @@ def in_turn(text: str) -> list[str]:
     >>> in_turn("wash the mug, then put it back where it was")
     ['wash the mug', 'put it back where it was']
     """
-    text = _there_and_back(text)
+    text = _AND_BACK.sub(", then put it back where it was", text)  # "to the bath, then back again"
     speaks = [one.start() for kind in (_ORDINAL, _DONE_TO) for one in kind.finditer(text)]
     speaks += [one.start() for one in _BACK.finditer(text) if _goes_back(one)]
     cuts = [0]
@@ -257,16 +257,6 @@ def in_turn(text: str) -> list[str]:
     parts = [re.sub(rf"(?:{_CUTS.pattern})\s*$", "", part.strip(), flags=re.IGNORECASE).strip()
              if n < len(parts) - 1 else part.strip() for n, part in enumerate(parts)]  # fmt: skip
     return [part for part in parts if part] or [text]
-
-
-def _there_and_back(text: str) -> str:
-    """Return "to the bath, then back again" with what "back" asks for; other texts as they are.
-
-    >>> _there_and_back("take the towel to the tub, then back again")
-    'take the towel to the tub, then put it back where it was'
-    """
-    led = re.search(r"\b(?:and|then)(?: then)? back(?: again)?[.!]?$", text, re.IGNORECASE)
-    return text if led is None else _AND_BACK.sub(", then put it back where it was", text)
 
 
 def only_needs(text: str, reader: RequestReader) -> bool:

@@ -1,21 +1,28 @@
 """Live one home with one memory, day by day, and say what came of every request."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 from karma.benchmarks.benchmark import Chain
 from karma.benchmarks.lived.experiment import EXPERT, HomeSpec, LivedExperiment, LivedRow
-from karma.benchmarks.lived.expert import ExpertMemory
 from karma.benchmarks.lived.records import CheckedDoubt, LivedRecord, ServedRequest
 from karma.benchmarks.lived.schedule import DAY_S, HOUR_S, DayItem, day_plan
 from karma.benchmarks.lived.trace import HomeTrace, HomeTracer
-from karma.contracts import Embedder, HomeMemory, HomeMoment, Sighting
+from karma.contracts import (
+    Embedder,
+    Fact,
+    HomeMemory,
+    HomeMoment,
+    HomeQuestion,
+    LikelyPlace,
+    Sighting,
+)
 from karma.memory.lived.designs import DESIGNS
-from karma.memory.lived.setting import MemorySetting
+from karma.memory.lived.setting import KnownPlace, MemorySetting
 from karma.methods.lived.body import HomeRobot, sighting_of
 from karma.methods.lived.home_map import HomeMap, LookSpot
-from karma.methods.lived.recalling import types_meant
+from karma.methods.lived.recalling import fits, is_of_past, types_meant
 from karma.methods.lived.serve import Server
 from karma.seeds import stream
 from karma.tasks.lived import (
@@ -351,3 +358,68 @@ def traced(
         return records, tracer.trace()
     finally:
         life.close()
+
+
+class ExpertMemory:
+    """A `HomeMemory` that is never wrong about the present; a ceiling, no design.
+
+    It knows where everything is that the robot has ever seen, and only that: of things never seen
+    it knows nothing, as every other memory.
+
+    Args:
+        now: tells where every movable thing is now.
+        places: furniture of the home.
+    """
+
+    name = "expert"
+
+    def __init__(
+        self, now: Callable[[], Mapping[str, Sighting]], places: Mapping[str, KnownPlace]
+    ) -> None:
+        self._now, self._places = now, places
+        self._facts: list[Fact] = []
+        self._seen: dict[str, Sighting] = {}
+
+    def take_in(self, moment: HomeMoment) -> None:
+        """Keep everything."""
+        for seen in moment.seen:
+            self._facts.append(Fact(sighting=seen, deed=moment.deed))
+            self._seen[seen.object_id] = seen
+
+    def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
+        """Return what fits: the truth of now, and what was, the newest first."""
+        said, found = question.thing, []
+        past = is_of_past(said) or question.asked in ("time", "who")
+        if not past:
+            now = self._now()
+            types = types_meant(said)
+            for object_id in self._seen:
+                seen = now.get(object_id)
+                if seen is not None and (not types or seen.object_type in types):
+                    found.append(Fact(sighting=seen, holds=1.0))
+            found.sort(key=lambda fact: not fits(fact, said, self._places))
+            return found[:k]
+        then = question.asked == "place" and not said.who and not said.action
+        for fact in reversed(self._facts):
+            earlier = said.before_s is None or fact.sighting.time_s <= said.before_s
+            before = then and earlier and self._is_meant(fact, question)
+            if before or fits(fact, said, self._places):
+                found.append(fact)
+                if len(found) == k:
+                    break
+        return found
+
+    def _is_meant(self, fact: Fact, question: HomeQuestion) -> bool:
+        types = types_meant(question.thing)
+        return not types or fact.sighting.object_type in types
+
+    def likely_places(self, question: HomeQuestion) -> Sequence[LikelyPlace]:
+        """Return nothing: it knows."""
+        return ()
+
+    def size_bytes(self) -> int:
+        """Return 0: it is no memory that anybody could keep."""
+        return 0
+
+    def close(self) -> None:
+        """Nothing is kept."""

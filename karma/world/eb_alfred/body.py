@@ -3,22 +3,34 @@
 What differs with `strict` is listed in docs/alfred-benchmarks.md.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from karma.household.ids import is_part, root_type, type_of
-from karma.household.uses import BASIN_OF, FAUCET, SINK
+from karma.household.ids import is_id, is_part, root_type, type_of
+from karma.household.uses import BASIN_OF, BASINS, FAUCET, FRIDGE, MICROWAVE, SINK
 from karma.world.alfred.goal import Deeds, noteworthy
+from karma.world.core.view import CAMERA_M
 from karma.world.eb_alfred.actions import NumberedAction
 from karma.world.eb_alfred.choosing import Thing, by_id, nearest
-from karma.world.eb_alfred.going import go_to
 from karma.world.eb_alfred.protocol import EB_ALFRED, RoomProtocol
-from karma.world.eb_alfred.putting import is_basin, put_at
 from karma.world.event import WorldEvent
 from karma.world.sim import EmbeddedWorld
 
 _OPENINGS = (("MoveBack",), ("MoveBack", "MoveRight"), ("MoveLeft", "MoveLeft"), ())
+_AS_TOLD_M = 0.9 + 0.75  # the camera's height in the source, which is too high
+_TILT = 0.9  # of the angle to the object
+_LOOK_DEG = 15.0
+_BEFORE: tuple[tuple[tuple[str, int], ...], ...] = (
+    (),
+    (("LookUp", 2),),
+    (("LookDown", 4),),
+    (("LookUp", 2), ("MoveBack", 1)),
+    (("MoveAhead", 1), ("MoveRight", 4)),
+    (("MoveLeft", 8),),
+    (("MoveRight", 4),),  # the source also turns the hand, which changes nothing here
+)
 
 
 @dataclass(slots=True)
@@ -211,3 +223,122 @@ _DROPPED = "putting it down failed, and it was dropped"
 
 def _word(action: NumberedAction) -> str:
     return root_type(action.object_id) if action.object_id else action.noun
+
+
+_TRIES, _FROM_THE_SIDE = 20, 10
+_LEAST_DEG, _MOST_DEG = -30.0, 60.0  # that AI2-THOR's looks reach
+
+
+def go_to(world: EmbeddedWorld, thing: Thing, *, strict: bool) -> bool:
+    """Teleport to the cell nearest to an object's origin, turned to it; tell if one was free.
+
+    Args:
+        world: of the episode.
+        thing: an object of its metadata.
+        strict: tilt as from the source's height, and beyond what looks reach.
+    """
+    x, y, z = (float(thing["position"][axis]) for axis in "xyz")
+    state = world.state
+    height = _AS_TOLD_M if strict else state.pose.position_m[1] + CAMERA_M
+    for cell_x, cell_z in _cells(world, thing):
+        if state.room.key(cell_x, cell_z) not in state.cells:
+            continue
+        far = math.hypot(x - cell_x, z - cell_z)
+        tilt = _TILT * math.degrees(math.atan2(height - y, far))
+        if not strict:
+            tilt = min(max(tilt, _LEAST_DEG), _MOST_DEG)
+        event = world.step(
+            "TeleportFull",
+            x=cell_x,
+            y=state.pose.position_m[1],
+            z=cell_z,
+            rotation={"x": 0.0, "y": _yaw(x - cell_x, z - cell_z), "z": 0.0},
+            horizon=tilt,
+            standing=True,
+            forceAction=strict,  # else a tilt that looks do not reach is refused
+        )
+        if event.success:
+            return True
+    return False
+
+
+def _cells(world: EmbeddedWorld, thing: Thing) -> Iterator[tuple[float, float]]:
+    """Yield the cells to try; those of fridges and microwaves from the front first."""
+    x, z = float(thing["position"]["x"]), float(thing["position"]["z"])
+    ranked = sorted(world.state.room.cells.values(), key=lambda at: (math.dist(at, (x, z)), at))[
+        :_TRIES
+    ]
+    kind = root_type(thing["objectId"])
+    if kind not in (FRIDGE, MICROWAVE):
+        yield from ranked
+        return
+    turn = float(thing["rotation"]["y"])
+    near = ranked[:_FROM_THE_SIDE]
+    for at in near:
+        off = abs((_yaw(x - at[0], z - at[1]) - turn + 180.0) % 360.0 - 180.0)
+        if 70.0 < off < 110.0 if kind == FRIDGE else off < 20.0 or off > 160.0:
+            yield at
+    yield from near
+
+
+def _yaw(right: float, ahead: float) -> float:
+    return math.degrees(math.atan2(right, ahead)) % 360.0
+
+
+def put_at(world: EmbeddedWorld, target: str, *, basin_first: bool = True, strict: bool) -> bool:
+    """Put what is held at a target; return whether that was done. The pose stays as tried last.
+
+    Args:
+        world: of the episode.
+        target: id or type.
+        basin_first: whether a basin is tried before what is nearer of it and its sink; unless
+            strict, it always is, since here what lies on a rim lies in no basin.
+        strict: whether it is tried at another object of the type after that.
+    """
+    last = ""
+    parts_first = (basin_first or not strict) and root_type(target) in BASIN_OF
+    for elsewhere in (False, True) if strict else (False,):
+        other_than = last if elsewhere else ""
+        for steps in _BEFORE:
+            for place in _places(world, target, other_than, parts_first, strict):
+                last = place
+                _shift(world, steps)
+                if _put_there(world, place):
+                    return True
+    return False
+
+
+def is_basin(one: Thing) -> bool:
+    """Return whether an object is the basin of a sink or bathtub."""
+    return one["objectType"] in BASINS
+
+
+def _places(
+    world: EmbeddedWorld, target: str, other_than: str, parts_first: bool, strict: bool
+) -> Iterator[str]:
+    """Yield what is tried from one pose: the object itself, or the nearest of the type."""
+    things = world.last_event.objects
+    if is_id(target) and not other_than:
+        basins = (one["objectId"] for one in things if is_basin(one))
+        yield from (one for one in basins if is_part(one, of=target))
+        yield target
+        return
+    word = root_type(target)
+    for parts_only in (parts_first, not parts_first):
+        found = nearest(things, word, parts_only=parts_only, other_than=other_than, any_lid=strict)
+        if found is not None:
+            yield found["objectId"]
+
+
+def _shift(world: EmbeddedWorld, steps: tuple[tuple[str, int], ...]) -> None:
+    for name, times in steps:
+        more = {"degrees": _LOOK_DEG} if name.startswith("Look") else {}
+        for _ in range(times):
+            world.step(name, **more)
+
+
+def _put_there(world: EmbeddedWorld, place: str) -> bool:
+    """Put into what is in view, whether or not its type takes such things."""
+    if place not in world.state.sight.visible:
+        return False
+    return world.step("PutObject", objectId=place, forceAction=True).success
