@@ -333,7 +333,7 @@ def _not_looked_into(q: _Question) -> MemoryAnswer | None:
 
 def _is_that(done: PastDeed, asked: PastDeed) -> bool:
     """Return whether a deed is one that is asked about: of its things, and at its place."""
-    things = {*done.things} & {*asked.things} or not asked.things
+    things = {*done.things} & {*asked.things}
     places = {*map(without_basin, done.places)} & {*map(without_basin, asked.places)}
     return done.deed == asked.deed and bool(things) and bool(places or not asked.places)
 
@@ -383,7 +383,8 @@ def _what_lies_there(q: _Question) -> MemoryAnswer | None:
 
 
 def _what_is_held(q: _Question) -> MemoryAnswer | None:
-    if not q.has("holding", "hold", "carrying", "hand", "hands") or q.asks in ("where", "when"):
+    own = re.search(r"\byour hands?\b", " ".join(q.words))  # not "the hand towel"
+    if not (own or q.has("holding", "hold", "carrying")) or q.asks in ("where", "when"):
         return None
     held = [one for one, _ in q.knows.sights.values() if place_of(one) == HAND]
     if not held:

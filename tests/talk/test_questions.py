@@ -38,6 +38,9 @@ def agent(tmp_path_factory):
         ("did you wash the apple?", "Yes, 1 hour ago: wash the apple."),
         ("have you washed the apple?", "Yes, 1 hour ago: wash the apple."),
         ("did you slice the apple?", "No, not that I remember."),
+        ("did you wash the banana?", "No, not that I remember."),
+        ("what is in your hand?", "Nothing."),
+        ("is the hand towel clean?", "I have not seen any hand towel here."),
         # what was done on the way is known too, with its place
         ("did you put the apple in the fridge?", "Yes, 1 hour ago: put the apple in the fridge."),
         ("did you put the apple in the cabinet?", "No, not that I remember."),
