@@ -15,6 +15,7 @@ from karma.errors import KarmaError
 from karma.household.states import NEEDS
 from karma.household.types import Capability, object_types
 from karma.language.asides import Asides
+from karma.language.clauses import said
 from karma.language.lexicon import Lexicon
 from karma.language.nouns import Nouns
 from karma.language.pairs import Pairs
@@ -95,9 +96,7 @@ class RequestReader:
         """
         check_length(text)
         earlier = tuple(map(_elsewhere, before))
-        deeds = tuple(
-            replace(one, start=-1, things=tuple(map(_elsewhere, one.things))) for one in after
-        )
+        deeds = tuple(map(_earlier, after))
         key = (text, earlier, deeds)
         if key not in self._kept:
             self._kept[key] = tuple(self._sentences(text, earlier, deeds))
@@ -281,7 +280,8 @@ def _going_on(request: Request, last: Sequence[SaidDeed]) -> Request:
         return request
     again = last if too[0].lower() == "likewise" else last[-1:]  # "do the same with a spoon"
     deeds = tuple(replace(deed, things=request.alone) for deed in again)
-    return replace(request, form="errand", lacking="", deeds=deeds, alone=())
+    errand = " and ".join(said(deed, request.whole) for deed in deeds)
+    return replace(request, form="errand", lacking="", deeds=deeds, alone=(), errand=errand)
 
 
 # ----------------------------------------------------------------- one sentence
@@ -348,6 +348,11 @@ def _stood_for(one: Mention, s: SaidSentence) -> Sequence[Mention]:
     several = one.text.lower() in ("they", "them", "these", "those") and able[-1:] == last[-1:]
     found = last if several else able[-1:]
     return [replace(m, start=one.start, end=one.end, at=()) for m in found] or (one,)
+
+
+def _earlier(deed: SaidDeed) -> SaidDeed:
+    place = _elsewhere(deed.place) if deed.place is not None else None
+    return replace(deed, start=-1, things=tuple(map(_elsewhere, deed.things)), place=place)
 
 
 def _elsewhere(one: Mention) -> Mention:

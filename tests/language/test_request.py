@@ -313,6 +313,12 @@ def test_what_is_said_goes_on_from_the_turn_before(reader, turns, wanted):
     assert deeds(read[-1]) == wanted
 
 
+def test_what_asks_for_the_same_again_is_planned_by_whole_words(reader):
+    (first,) = reader.read("could you please put the apple on the wooden table")
+    (again,) = reader.read("and the bread", first.mentions, first.deeds)
+    assert [text for text, _ in clauses_of(again)] == ["put the bread on the wooden table"]
+
+
 @pytest.mark.parametrize(
     ("before", "question", "about"),
     [
