@@ -185,8 +185,9 @@ def habit_in(text: str, reader: RequestReader) -> tuple[tuple[str, ...], str] | 
         return None
     request = requests[0]
     named = [one for one in request.alone if one.types]
-    if len(request.deeds) == 1 and request.deeds[0].place is not None and words & _BELONGS:
-        named = [*request.deeds[0].things, request.deeds[0].place]
+    belongs = [one for one in request.deeds if one.verb in _BELONGS]  # not of "go and put it"
+    if len(request.deeds) == 1 and belongs and belongs[0].place is not None:
+        named = [*belongs[0].things, belongs[0].place]
     elif request.form not in ("statement", "teaching"):
         return None
     if len(named) != 2 or not all(one.types for one in named):

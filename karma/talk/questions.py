@@ -495,7 +495,10 @@ def _where(q: _Question) -> MemoryAnswer | None:
             name = name_of(q.things[0].types[0])
             return MemoryAnswer(lines=(f"You told me: the {name} goes {told_place(place)}.",))
     lines: list[str] = []
-    for thing in q.things[:1]:
+    carried = [
+        one for one in q.things if any(object_types()[k].can("pickupable") for k in one.types)
+    ]
+    for thing in carried if q.has("are", "were") and carried else q.things[:1]:
         found = q.knows.of(thing)
         own = {owned(q.knows.past).get(kind) for kind in thing.types} if q.has("my") else set()
         mine = [one for one in found if one[0].object_id in own]

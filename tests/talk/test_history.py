@@ -173,6 +173,9 @@ def test_a_habit_is_kept_and_obeyed(tmp_path, agent):
         ("the apple is in the fridge", None),
         ("always put the apple in the fridge", None),  # an errand
         ("the fridge is always open", None),
+        ("the apple belongs in the fridge", ("Apple", "Fridge")),
+        ("go and put the apple in the fridge", None),
+        ("my brother lives here, put the book on the desk", None),
     ],
 )
 def test_habits_are_told_from_other_statements(reader, text, habit):

@@ -70,6 +70,11 @@ def test_answer(agent, question, answer):
     assert len(agent.home.past) == past
 
 
+def test_each_thing_that_is_asked_about_is_told(agent):
+    lines = agent.do("where are the knife and the apple?").parts[0].answer.lines
+    assert [line.partition(" is ")[0] for line in lines] == ["The knife", "The apple"]
+
+
 def test_a_question_goes_on_from_the_one_before(agent):
     """Pronouns stand for what was spoken of last, and "and the kettle?" asks the same again."""
     for question, answer in (
