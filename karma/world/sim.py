@@ -1,8 +1,8 @@
 """Simulate AI2-THOR 5.0.0's vocabulary over a scene file, headless and deterministic.
 
 Covered: the actions in `ACTIONS`, all event and object fields, containment, visibility, heat,
-cold, water, coffee, slicing, breaking, pictures. Not covered: mesh physics; docs/world.md lists
-every simplification.
+cold, water, coffee, slicing, breaking, pictures. Not covered: mesh physics;
+docs/simplifications.md lists every simplification.
 """
 
 from collections.abc import Mapping
