@@ -19,7 +19,7 @@ HISTORY = ROOT / "CHANGELOG.md"  # it names what is no more
 NOW = [page for page in PAGES if page != HISTORY]
 FOREIGN = {"InteractionObject"}  # classes of others
 MADE_LATER = ("models/weights", "models/local.toml")  # by users, ignored by git
-NEEDS = re.compile(r"^\| `([^`]+)` \| (.+) \|$", re.MULTILINE)
+NEEDS = re.compile(r"^\| (`[^|]+`) \| (.+) \|$", re.MULTILINE)
 PATHS = re.compile(r"(?<![\w/.~-])((?:karma|docs|tests|scripts|eval|models)/[\w./*-]*[\w*/])")
 
 
@@ -27,7 +27,11 @@ PATHS = re.compile(r"(?<![\w/.~-])((?:karma|docs|tests|scripts|eval|models)/[\w.
 def needs() -> dict[tuple[str, ...], str]:
     """Return what each command needs, by its first words, from the table of docs/README.md."""
     table = text_of(ROOT / "docs/README.md").partition("## What each command needs")[2]
-    return {tuple(command.split()): need for command, need in NEEDS.findall(table)}
+    return {
+        tuple(command.split()): need
+        for listed, need in NEEDS.findall(table)
+        for command in re.findall(r"`([^`]+)`", listed)
+    }
 
 
 def row_of(words: list[str]) -> tuple[str, ...] | None:

@@ -78,7 +78,7 @@ def _load(path: str | Path) -> Iterable[Task]:
             if known is None or known.sha256 != row.sha256:
                 raise FileError(
                     path, f"{name}: none of the authors' tasks as they were published",
-                    fix="tasks of your own as JSONL: docs/runs.md",
+                    fix="tasks of your own as JSONL: eval/alfred_l/README.md",
                 )  # fmt: skip
             yield _task(row, known, _KINDS[title])
 
