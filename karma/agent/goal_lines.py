@@ -6,15 +6,18 @@ and recovery are those of programs.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from karma.agent.expert import ExpertView, NamedThing
+from karma.agent.guard import in_pieces, meant_by, switch_of
 from karma.agent.plain_programs import plain_program
-from karma.contracts import Goal, MemoryUnit, Skill, SkillCall
+from karma.contracts import Goal, MemoryUnit, Mention, Request, SaidDeed, Skill, SkillCall
 from karma.household import uses
 from karma.household.ids import short_type
 from karma.household.states import DONE_BY
+from karma.language.request_words import deed_states
+from karma.language.said_deeds import able_to
 
 _STATES = {
     "Clean": ("cleaned", "", "it was washed or rinsed"),
@@ -33,6 +36,12 @@ _SWITCHES = {
     "TurnOff": ("TOGGLEOFF", "toggleable", "it is off"),
 }  # line -> predicate, likewise
 _PUT, _NEAR, _HOLD, _COFFEE = "Put", "Near", "Hold", "MakeCoffee"
+_ASKED = {
+    "wash": "Clean", "heat": "Heat", "cook": "Cook", "toast": "Cook", "cool": "Cool",
+    "slice": "Slice", "fill": "Fill", "empty": "Empty", "break": "Break", "open": "Open",
+    "close": "Close", "on": "TurnOn", "off": "TurnOff", "take": _HOLD, "coffee": _COFFEE,
+}  # deed that words ask for -> line  # fmt: skip
+_MOVES = ("put", "throw")
 _BREWING = Goal(predicate="TOGGLEON", arguments=(uses.COFFEE_MACHINE,))
 
 
@@ -134,3 +143,61 @@ def _line_of(goal: Goal, *, brews: bool) -> SkillCall | None:
             names = {one: line for line, (one, _, _) in _SWITCHES.items()}
             name, objects = names.get(predicate, ""), (first,)
     return SkillCall(skill=name, objects=objects) if name else None
+
+
+def asked_lines(asked: Request, here: Collection[str]) -> tuple[SkillCall, ...]:
+    """Return the goals of a request as its words were read, for want of a planner's answer.
+
+    Args:
+        asked: each thing of it has to be one whole of a type, not one of several, a piece, or known
+            by its past, its state or what lies in it.
+        here: types that the agent knows of in this room.
+
+    Returns:
+        The lines in the order of the deeds; () where one has no line.
+    """
+    found: list[SkillCall] = []
+    if in_pieces(asked, here):
+        return ()
+    for number, deed in enumerate(asked.deeds):
+        moved = {kind for one in asked.deeds[number + 1 :] for kind in _moved(one)}
+        lines = [_asked_line(deed, one, here) for one in deed.things or (None,)]
+        if not all(lines):
+            return ()
+        held = deed.deed == "take" and moved & {kind for one in deed.things for kind in one.types}
+        found += [line for line in lines if line is not None and not held]
+    return tuple(dict.fromkeys(found))
+
+
+def _moved(deed: SaidDeed) -> Iterator[str]:
+    """Yield the types of what a deed moves, beside taking it."""
+    if deed.deed in _MOVES:
+        yield from (kind for one in deed.things for kind in one.types)
+
+
+def _asked_line(deed: SaidDeed, thing: Mention | None, here: Collection[str]) -> SkillCall | None:
+    kind = _asked_type(thing, here)
+    name, objects = _ASKED.get(deed.deed, ""), [kind]
+    match deed.deed:
+        case "put":
+            name, objects = _NEAR if deed.near else _PUT, [kind, _asked_type(deed.place, here)]
+        case "throw":
+            name, objects = _PUT, [kind, uses.BIN]
+        case "coffee":
+            objects = [uses.COFFEE_CUP]
+        case "on" | "off" if kind not in uses.TAPS:
+            objects = [switch_of(kind)]
+    takes = next((line.takes for line in GOAL_LINES if line.name == name), "")
+    able = name and all(objects) and (not takes or able_to(objects[0], takes))
+    return SkillCall(skill=name, objects=tuple(objects)) if able else None
+
+
+def _asked_type(one: Mention | None, here: Collection[str]) -> str:
+    """Return the likeliest type that a mention means here; "" where words alone do not tell."""
+    if one is None or one.told or one.anything or one.every or one.other or one.holding:
+        return ""
+    if (one.number or 1) > 1:
+        return ""
+    if deed_states().keys() & one.text.lower().split():  # "the empty roll": a look must tell
+        return ""
+    return next(iter(meant_by(one, here)), "")

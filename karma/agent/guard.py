@@ -28,6 +28,7 @@ from karma.household.uses import (
     MICROWAVE,
     SINK,
     TAPS,
+    TOASTED,
     TOASTER,
 )
 from karma.language.hints import singular
@@ -48,7 +49,7 @@ _RUNS: dict[str, frozenset[str]] = {
     "look": frozenset(LAMPS),
 }  # deed -> what may run for it  # fmt: skip
 TOOLS: dict[str, frozenset[str]] = {
-    "slice": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
+    "slice": frozenset(KNIVES), "toast": frozenset(KNIVES), "cook": frozenset(("Pan", "Pot")),
     "heat": frozenset(("Pan", "Pot")), "coffee": frozenset((COFFEE_CUP, "Cup")),
 }  # deed -> what may be moved for it  # fmt: skip
 FOR_GOOD = ("throw", "fling", "break", "slice", "empty")  # deeds that nothing takes back
@@ -101,8 +102,9 @@ def _unknown(deed: SaidDeed, here: Collection[str]) -> RefusedRequest | None:
         kinds = meant_by(one, here)
         if not kinds:
             return _refused("place" if one.types else "thing", (one.text,))
-        need = NEEDS.get(deed.deed, "")
-        if need and not any(able_to(kind, need) for kind in kinds):
+        needs = (NEEDS.get(deed.deed, ""), "pickupable" if deed.deed == "fill" else "")
+        able = any(all(able_to(kind, need) for need in needs if need) for kind in kinds)
+        if not able:  # a plant cannot be brought to the tap
             return _refused("impossible", (f"{deed.verb} the {one.text}",))
     return _unknown_place(deed, deed.place, here) if deed.place is not None else None
 
@@ -355,7 +357,7 @@ def _done(
             return found.did(deed.deed, kinds)
 
 
-def _in_pieces(request: Request, here: Collection[str]) -> set[str]:
+def in_pieces(request: Request, here: Collection[str]) -> set[str]:
     """Return the kinds of which a piece is meant: "a slice of bread", "the cut apple"."""
     words = request_words().pieces | {"sliced", "cut"}
     return {
@@ -379,7 +381,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
     own_only = request
     request = replace(request, deeds=tuple(dict.fromkeys((*request.deeds, *request.rest))))
     deeds = {deed.deed for deed in request.deeds} | stated(request)
-    pieces = _in_pieces(request, here)
+    pieces = in_pieces(request, here)
     deeds |= {"slice"} if pieces else set()
     named = {kind for one in request.mentions for kind in _kinds(one, here)}
     loose = any(one.anything or one.told for one in request.mentions)
@@ -410,7 +412,7 @@ def _not_asked(found: ProgramEffects, request: Request, here: Collection[str]) -
             for d in request.deeds
             if loose or not d.things or any(kind in _kinds(one, here) for one in d.things)
         }
-        cut = deed == "slice" and kind in pieces
+        cut = deed == "slice" and (kind in pieces or (kind == TOASTED and "toast" in own))
         cracked = deed == "break" and kind == EGG and "cook" in own
         if (
             deed in FOR_GOOD

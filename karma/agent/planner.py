@@ -4,7 +4,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
-from karma.agent.goal_lines import program_for
+from karma.agent.goal_lines import asked_lines, program_for
 from karma.agent.guard import put_near, stopped
 from karma.agent.inspector import Objection, hand_of, mend, narrowed, objection
 from karma.agent.program import SKILLS
@@ -115,7 +115,8 @@ class Planner:
                 reasons.add(lasting)
             answer, held_back = _held_back(request, answer)
             if is_last:
-                answer = self._last(answer, held_back, reasons if attempt else set())
+                reasons = reasons if attempt else set()
+                answer = yield from self._last(request, answer, held_back, reasons)
             yield answer
             if answer.failure is None:
                 return
@@ -123,10 +124,18 @@ class Planner:
             said = request.plain or request.instruction
             request = replace(request, error=answer.error, failures=failures, instruction=said)
 
-    def _last(self, answer: Plan, held_back: str, reasons: set[str]) -> Plan:
-        """Return the last answer as it stands: carried out, or the request refused."""
+    def _last(
+        self, request: PlanRequest, answer: Plan, held_back: str, reasons: set[str]
+    ) -> Generator[Plan, None, Plan]:
+        """Return the last answer as it stands: carried out, or the request refused.
+
+        One that the guard holds back is yielded, where the words alone have a program instead.
+        """
         if held_back:
-            return _refused_by_guard(answer, held_back)
+            own = _by_the_words(request, answer)
+            if own is not None:
+                yield answer
+            return own or _refused_by_guard(answer, held_back)
         if not answer.calls:
             return answer
         answer = replace(answer, error="", failure=None)
@@ -295,6 +304,26 @@ def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
         lines=tuple(map(str, answer.calls)), failed=max(len(answer.calls) - 1, 0), reason=why
     )
     return replace(answer, calls=(), error=why, failure=failure), why
+
+
+def _by_the_words(request: PlanRequest, answer: Plan) -> Plan | None:
+    """Return a program for what the words were read as, where no answer of the model would do.
+
+    It passes what an answer has to pass, and stands as an answer of no tokens.
+    """
+    if request.asked is None:
+        return None
+    lines = asked_lines(request.asked, known_here(request))
+    calls = program_for(lines, request.units, answer.names) if lines else ()
+    text = "".join(f"{call}\n" for call in calls)
+    said = Completion(
+        text=text, finish="stop", prompt_tokens=0, reused_tokens=0, completion_tokens=0,
+        first_token_s=None, total_s=0.0,
+    )  # fmt: skip
+    own = replace(answer, completion=said, calls=calls, error="", failure=None)
+    own, _ = _inspected(request, own) if calls else (own, None)
+    own, _ = _held_back(request, own) if own.failure is None else (own, "")
+    return own if own.calls and own.failure is None else None
 
 
 def _contradicted(refused: RefusedRequest, asked: Request) -> bool:

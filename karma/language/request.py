@@ -26,7 +26,7 @@ from karma.language.request_words import (
     is_deed,
     request_words,
 )
-from karma.language.said_deeds import SentenceDeeds, of_what
+from karma.language.said_deeds import SentenceDeeds, able_to, of_what
 from karma.language.sentence import SaidSentence
 from karma.language.slips import (
     as_meant,
@@ -299,6 +299,7 @@ def _read(s: SaidSentence) -> Request:
     asides = Asides(s, nouns, pairs)
     asides.read()
     form, deeds = SentenceDeeds(s, nouns, pairs, asides).read()
+    deeds = _into_what_was_opened(deeds)
     asides.conditions = [_about(one, deeds) for one in asides.conditions]
     lacking = _lacking(s, deeds) if form == "errand" else ""
     if form == "errand":
@@ -434,6 +435,19 @@ def _lacking(s: SaidSentence, deeds: Sequence[SaidDeed]) -> str:
         if tag == "IN" and not particle and low not in request_words().never_mind:
             return "where"
     return next(filter(None, (_lacks(one, deeds[n:]) for n, one in enumerate(deeds, 1))), "")
+
+
+def _into_what_was_opened(deeds: Sequence[SaidDeed]) -> list[SaidDeed]:
+    """Return deeds, what is put nowhere put into what was opened: "open the drawer, put it in"."""
+    found: list[SaidDeed] = []
+    for number, deed in enumerate(deeds):
+        doors = [
+            one for earlier in found if earlier.deed == "open" for one in earlier.things
+            if any(able_to(kind, "receptacle") for kind in one.types)
+        ]  # fmt: skip
+        where = doors and deed.deed == "put" and _lacks(deed, deeds[number + 1 :]) == "where"
+        found.append(replace(deed, place=doors[-1]) if where else deed)
+    return found
 
 
 def _lacks(deed: SaidDeed, later: Sequence[SaidDeed]) -> str:

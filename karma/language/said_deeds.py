@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from karma.contracts import Form, Mention, SaidDeed
 from karma.household.containment import hangs_on
 from karma.household.types import object_types
-from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, LAMPS, SWITCHED_BY_A_PART
+from karma.household.uses import BASIN_OF, BASINS, BIN, FAUCET, LAMPS, SWITCHED_BY_A_PART, TAPS
 from karma.language.asides import Asides
 from karma.language.nouns import HOLDERS, Nouns
 from karma.language.pairs import DONE_AT_PLACES, Pair, Pairs
@@ -25,6 +25,8 @@ _BEFORE_NOUNS = frozenset((
 _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
 _ASKED_OF_YOU = ("could", "can", "would", "will")
 _SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
+_IS_SOMEWHERE = ("be", "go", "belong", "stand", "sit", "lie", "live", "rest", "end")
+_HOW_IT_IS = ("be", "go", "have", "get", "look", "smell", "seem", "feel", "turn")
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
 _MOVED = (
@@ -86,7 +88,7 @@ class SentenceDeeds:
     def _told(self) -> Form:
         """Return what a sentence is that asks for nothing; keep what it speaks of."""
         kept = set(self.s.taken)
-        self.s.alone = self.nouns.all_of(range(len(self.s.words)))
+        self.s.alone += self.nouns.all_of(range(len(self.s.words)))
         self.s.taken = kept
         words = set(self.s.lows())
         taught = words & (request_words().habits | request_words().taught)
@@ -102,6 +104,8 @@ class SentenceDeeds:
             return False
         if (word.tag, word.dep) == ("JJ", "amod") and s.low(number - 1) == "and":
             return False  # "a fork and washed plate"
+        if number == 0 and self._is_put_there(low):
+            return False
         led = s.tag(number - 1).startswith("NN") or s.low(number - 1) in ("it", "them")
         if number and led and low in lists.results:
             return False  # "pull the blinds shut"
@@ -124,6 +128,11 @@ class SentenceDeeds:
         return verb and not (
             loose and word.dep in ("acl", "amod", "prep", "pcomp", "pobj") and not starts
         )
+
+    def _is_put_there(self, low: str) -> bool:
+        """Return whether a sentence begins with a thing that has a place: "sponge on the sink"."""
+        with_place = self.s.low(1) in request_words().destinations
+        return with_place and self.pairs.deed_at(0)[2] == 1 and bool(self.s.lexicon.named(low))
 
     def _is_part(self, number: int) -> bool:
         """Return whether a verb goes with another: "needs slicing", "the cup you just washed"."""
@@ -226,7 +235,7 @@ class SentenceDeeds:
         me = self._for_me(number, end)
         if text == "read" and me:
             deed = ""  # aloud
-        deed, pairs = self._meant(deed, text, pairs, coffee=said, me=me)
+        deed, pairs = self._meant(_of_taps(deed, pairs), text, pairs, coffee=said, me=me)
         if not deed:
             self.s.unread.append(text)
         hangs = word.lemma == "hang"
@@ -435,22 +444,32 @@ class SentenceDeeds:
             end = s.clause_end(number + 1, orders=False)
         asked = needed or helpers & _MODALS or self._is_wished(begin, number)
         if not (asked or self._moves(number, end, who)) or habit or who in _PERSONS or not about:
+            self._only_says(number, end, [] if habit or who in _PERSONS else about, begin)
             return []
         s.taken.update(range(begin, number + 1))
         after = range(number + 1, end)
         if helpers & request_words().negations:  # "it shouldn't be left open": only told
             s.before += [one for one in about if one.types]
+            s.alone += [one for one in about if one.types]
             s.drop(begin, end)
             return []
         place = self.pairs.read(after, "put")[0]
         deed, text, _ = self.pairs.deed_at(number)
-        if needed or word.lemma in ("be", "go", "belong", "stand"):
+        if needed or word.lemma in _IS_SOMEWHERE:
             deed = self._needed(after, place, about)
         if not deed:
             return []
         s.taken.update(after)
         pair = _hung(replace(place, things=tuple(about[:3])), hangs=text == "hang")
         return [_said(text, deed, word.start, pair)]
+
+    def _only_says(self, number: int, end: int, about: Sequence[Mention], begin: int) -> None:
+        """Leave out what is told of a thing ahead of an order: "the egg has gone off, bin it"."""
+        s, named = self.s, [one for one in about if one.types]
+        told = s.words[number].lemma in _HOW_IT_IS and not self.pairs.has_place(range(number, end))
+        if told and named and any(s.is_order(n) for n in range(end, len(s.words))):
+            s.before += named
+            s.drop(begin, end)
 
     def _subjects(self, begin: int, end: int) -> list[Mention]:
         """Return what a sentence is about; a place only says which: "the mug on the desk"."""
@@ -548,6 +567,14 @@ def _said(verb: str, deed: str, start: int, pair: Pair) -> SaidDeed:
     return SaidDeed(
         verb=verb, deed=deed, start=start, things=pair.things, place=pair.place, near=pair.near
     )
+
+
+def _of_taps(deed: str, pairs: Sequence[Pair]) -> str:
+    """Return a deed as it is meant of what water comes from: "close the tap" switches it off."""
+    kinds = {kind for pair in pairs for one in pair.things for kind in one.types}
+    if not kinds or not kinds <= {*TAPS}:
+        return deed
+    return {"open": "on", "close": "off"}.get(deed, deed)
 
 
 def _hung(pair: Pair, *, hangs: bool) -> Pair:

@@ -24,15 +24,10 @@ def read_gguf_tokenizer(path: Path) -> Any:
         )
     except KeyError as error:
         raise FileError(path, f"no {error.args[0]} in it") from error
-    own = gguf.TokenType.USER_DEFINED
-    vocabulary = {
-        text: place
-        for place, (text, kind) in enumerate(zip(tokens, kinds, strict=True))
-        if kind != own
-    }
+    vocabulary = {text: place for place, text in enumerate(tokens)}
     tokenizer = bare_tokenizer(vocabulary, [_pair(merge) for merge in merges], pre)
     for text, kind in zip(tokens, kinds, strict=True):
-        if kind in (gguf.TokenType.CONTROL, own):
+        if kind in (gguf.TokenType.CONTROL, gguf.TokenType.USER_DEFINED):
             special = kind == gguf.TokenType.CONTROL
             tokenizer.add_tokens([AddedToken(text, normalized=False, special=special)])
     if any(tokenizer.token_to_id(text) != place for place, text in enumerate(tokens)):
