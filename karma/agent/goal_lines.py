@@ -188,7 +188,9 @@ def _asked_line(deed: SaidDeed, thing: Mention | None, here: Collection[str]) ->
         case "on" | "off" if kind not in uses.TAPS:
             objects = [switch_of(kind)]
     takes = next((line.takes for line in GOAL_LINES if line.name == name), "")
-    able = name and all(objects) and (not takes or able_to(objects[0], takes))
+    if not (name and all(objects)):
+        return None
+    able = not takes or able_to(objects[0], takes) or (name, objects[0]) == ("Cook", uses.TOASTED)
     return SkillCall(skill=name, objects=tuple(objects)) if able else None
 
 

@@ -396,7 +396,7 @@ class Agent:
             return None
         if told.change is not None:
             self._episode.learn(told.change)
-            self.home.add(clause, "told", (), [told.change], self._world.last_event)
+            self.home.add(clause, told.about, (), [told.change], self._world.last_event)
         return told.answer
 
     def _remembering(self) -> Remembering:

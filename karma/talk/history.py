@@ -21,7 +21,7 @@ from karma.language.clock import HOUR_S
 from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, deed_verbs, request_words
 from karma.memory.lived.ageing import Ageing, home_prior
-from karma.talk.home import BEGINS_S, PastDeed, PastErrand
+from karma.talk.home import BEGINS_S, PLACE_TOLD, TOLD, PastDeed, PastErrand
 
 _LINKS = "in|on|into|onto|to|at|under|from|near|next|back|away|where|wherever|with|and|then"
 _IT = rf"(?P<it>it|them|that|this|(?:the|my|that|this)(?: (?!(?:{_LINKS})\b)\w+){{1,4}})"
@@ -82,7 +82,7 @@ def moves(past: Sequence[PastErrand]) -> list[Move]:
                     if _can_move(sight) and before and before != then:
                         found.append(
                             Move(object_id=name, before=before, after=then, at_s=errand.at_s,
-                                 said=own, told=errand.status == "told")
+                                 said=own, told=errand.status == PLACE_TOLD)
                         )  # fmt: skip
                 places[name] = after
     return found
@@ -106,7 +106,7 @@ def deeds_of(
 
 def deeds_in(errand: PastErrand, reader: RequestReader) -> tuple[PastDeed, ...]:
     """Return what an errand asked for and did; of a log that did not keep it, by its words."""
-    if errand.deeds or errand.status == "told":
+    if errand.deeds or errand.status in TOLD:
         return errand.deeds
     read, done = reader.read(errand.said), errand.status == "done"
     return tuple(deed for one in read for deed in deeds_of(one, (), done=done))
@@ -164,7 +164,7 @@ def habits(past: Sequence[PastErrand], reader: RequestReader) -> dict[str, str]:
     """Return where things of a type always go, as it was told last: type -> type of the place."""
     found: dict[str, str] = {}
     for errand in past:
-        is_said = errand.status == "told" or _BELONGS & {*errand.said.lower().split()}
+        is_said = errand.status == PLACE_TOLD or _BELONGS & {*errand.said.lower().split()}
         if is_said and (habit := habit_in(errand.said, reader)) is not None:
             found.update(dict.fromkeys(habit[0], habit[1]))
     return found
@@ -213,7 +213,7 @@ def owned(past: Sequence[PastErrand]) -> dict[str, str]:
     """Return what is whose: type -> id of the thing that "my mug is the one ..." was said of."""
     found: dict[str, str] = {}
     for errand in past:
-        if errand.status == "told" and is_owning(errand.said):
+        if errand.status == PLACE_TOLD and is_owning(errand.said):
             for sight in (one for change in errand.changes for one in change.seen):
                 found[base_type(sight.object_type)] = sight.object_id
     return found

@@ -60,12 +60,12 @@ def with_offer(
     if slip is not None:
         word, right = slip
         return replace(taken, offer=re.sub(rf"\b{re.escape(word)}\b", right, clause))
-    if refused.kind == "statement" and (offer := _against(asked)):
+    if refused.kind == "statement" and (offer := offer_against(asked)):
         return replace(taken, offer=offer, question=f"Should I {offer}?")
     return taken
 
 
-def _against(told: Request) -> str:
+def offer_against(told: Request) -> str:
     """Return what would end what a statement tells of one thing: "the plate is filthy"."""
     named = [one for one in told.alone if one.types]
     words = [word.strip(".,!") for word in told.text.lower().split()]

@@ -24,7 +24,14 @@ from karma.language.request import RequestReader
 from karma.language.request_words import base_of_deed, request_words
 from karma.methods.guarded import is_so
 from karma.talk.history import Move, deeds_in, deeds_of, habits, how_sure, looked_into, moves, owned
-from karma.talk.home import BEGINS_S, PastDeed, PastErrand
+from karma.talk.home import (
+    BEGINS_S,
+    PLACE_TOLD,
+    STATE_TOLD,
+    TOLD,
+    PastDeed,
+    PastErrand,
+)
 
 _ASKING = ("where", "when", "how", "who", "what", "which", "whose", "why")
 _MOVING = ("moved", "took", "put", "placed", "brought", "left", "carried")
@@ -79,10 +86,10 @@ class Remembering:
         """Return whether what was seen then may be otherwise by now."""
         return self.now_s - when_s > _OLD_S
 
-    def seen(self, sight: SeenObject, when_s: float) -> str:
+    def seen(self, sight: SeenObject, when_s: float, about: str = PLACE_TOLD) -> str:
         """Return when a thing was seen or told of, and whether that may not be so any more."""
-        told_s = self._told_s(sight.object_id)
-        how = f"you told me {self.ago(told_s)}" if told_s > when_s else f"seen {self.ago(when_s)}"
+        told_s = self._told_s(sight.object_id, about)
+        how = f"you told me {self.ago(told_s)}" if told_s >= when_s else f"seen {self.ago(when_s)}"
         if not self.is_old(max(told_s, when_s)):
             return how
         if self.people and sight.pickupable:
@@ -90,15 +97,15 @@ class Remembering:
             return f"{how}; people live here: {sure:.1f} is the chance that it is still there"
         return f"{how}; that may have changed since"
 
-    def _told_s(self, object_id: str) -> float:
-        """Return when a person last told where a thing is; before all time if nobody did."""
-        told = (one for one in self.past if one.status == "told")
-        about = (
+    def _told_s(self, object_id: str, about: str) -> float:
+        """Return when a person last told that of a thing; before all time if nobody did."""
+        told = (
             one.at_s
-            for one in told
-            if any(object_id == s.object_id for change in one.changes for s in change.seen)
+            for one in self.past
+            if one.status == about
+            and any(object_id == s.object_id for change in one.changes for s in change.seen)
         )
-        return max(about, default=-1.0)
+        return max(told, default=-1.0)
 
 
 def age(seconds: float) -> str:
@@ -205,7 +212,7 @@ def _what_was_done(q: _Question) -> MemoryAnswer | None:
     past = [
         f"{q.knows.ago(one.at_s)}: {one.plain or one.said} ({one.status})"
         for one in q.knows.past
-        if one.status != "told" and q.then(one.at_s)
+        if one.status not in TOLD and q.then(one.at_s)
     ]
     if not past:
         return MemoryAnswer(lines=("Nothing then." if q.knows.past else "Nothing yet.",))
@@ -448,10 +455,12 @@ def _state_told(
         return MemoryAnswer(lines=(line,), known=False, look=_looking(thing))
     if yes:
         whole = f"all {len(some)} that I have seen are" if several else f"the {name} is"
-        return MemoryAnswer(lines=(f"Yes, {whole} {word}; {q.knows.seen(sight, when)}.",))
+        return MemoryAnswer(
+            lines=(f"Yes, {whole} {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
+        )
     where = f" {_told(sight)}" if several and place_of(sight) else ""
     return MemoryAnswer(
-        lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(sight, when)}.",)
+        lines=(f"No, the {name}{where} is not {word}; {q.knows.seen(sight, when, STATE_TOLD)}.",)
     )
 
 
@@ -466,7 +475,9 @@ def _how_it_is(q: _Question) -> MemoryAnswer | None:
     sight, when = found[0]
     states = ", ".join(sight.states) or "as it was: I have seen nothing special about it"
     return MemoryAnswer(
-        lines=(f"The {name_of(sight.object_id)}: {states}; {q.knows.seen(sight, when)}.",)
+        lines=(
+            f"The {name_of(sight.object_id)}: {states}; {q.knows.seen(sight, when, STATE_TOLD)}.",
+        )
     )
 
 
@@ -523,7 +534,7 @@ def _where(q: _Question) -> MemoryAnswer | None:
 def _told_last(q: _Question, thing: Mention, since_s: float) -> PastErrand | None:
     """Return what a person told of a thing after it was seen."""
     for past in reversed(q.knows.past):
-        if past.status == "told" and past.at_s >= since_s and q.reader is not None:
+        if past.status == PLACE_TOLD and past.at_s >= since_s and q.reader is not None:
             about = (one for request in q.reader.read(past.said) for one in request.alone[:2])
             if any({*thing.types} & {*one.types} for one in about):
                 return past

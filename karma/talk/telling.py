@@ -1,35 +1,46 @@
-"""What a person tells the agent: where a thing is. It is believed until eyes say otherwise."""
+"""What a person tells: where a thing is, and how. It is believed until eyes know better."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from karma.agent.perceive import place_of
 from karma.contracts import MemoryChange, Mention, Request, SeenObject
 from karma.household.places import HAND
 from karma.household.saying import name_of, told_place
+from karma.household.states import ENDS
 from karma.language.request import RequestReader
-from karma.language.request_words import request_words
+from karma.language.request_words import base_of_deed, deed_verbs, request_words
 from karma.methods.experience import unit_of
 from karma.talk.history import can_lie_in, habit_in, is_owning
+from karma.talk.home import PLACE_TOLD, STATE_TOLD
+from karma.talk.offers import offer_against
 from karma.talk.questions import MemoryAnswer, Remembering, is_at
 
 _NOT_NOW = frozenset(
     ("no", "was", "were", "used", "should", "belongs", "belong", "goes", "go", "will", "or",
      "maybe", "if")
 )  # fmt: skip
+_AFTER = {
+    "wash": "clean", "open": "opened", "close": "closed", "on": "on", "off": "off",
+    "slice": "sliced", "cook": "cooked", "toast": "cooked", "heat": "heated", "cool": "cooled",
+    "fill": "filled", "empty": "empty", "break": "broken",
+}  # deed that somebody says to have done -> state  # fmt: skip
+_IN_WORDS = {"opened": "open", "heated": "warm", "cooled": "cold", "sliced": "cut"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToldPlace:
-    """Where a thing is, by a person's words, and what that leaves in memory."""
+    """Where or how a thing is, by a person's words, and what that leaves in memory."""
 
-    answer: MemoryAnswer
+    answer: MemoryAnswer | None  # None: it may ask for something, too ("the plate is filthy")
     change: MemoryChange | None  # None: eyes know better
+    about: str = PLACE_TOLD
 
 
 def told_of(
     request: Request, knows: Remembering, scene: str, reader: RequestReader | None = None
 ) -> ToldPlace | None:
-    """Return what a statement says of a thing's place, whose it is or where it always goes.
+    """Return what a statement says of a thing's place or state, or where it always goes.
 
     None where it says no such thing.
 
@@ -46,6 +57,8 @@ def told_of(
     if habit is not None:
         usual = f"the {name_of(habit[0][0])} goes {told_place(habit[1])}"
         return ToldPlace(answer=MemoryAnswer(lines=(f"I will remember: {usual}.",)), change=change)
+    if (told := _state_told(request, knows, change)) is not None:
+        return told
     thing, place = _thing_and_place(request)
     if thing is None or place is None:
         return None
@@ -72,12 +85,60 @@ def told_of(
     )
 
 
+def _state_told(request: Request, knows: Remembering, change: MemoryChange) -> ToldPlace | None:
+    """Return what "the mug is clean now" and "I washed the plate" leave in memory."""
+    words = [word.strip(".,!;") for word in request.text.lower().replace("n't", " n't").split()]
+    named = [one for one in request.alone if one.types]
+    state = _state_said(words)
+    if len(named) != 1 or not state or _otherwise() & {*words}:
+        return None
+    found, name = knows.of(named[0]), name_of(named[0].types[0])
+    asks = bool(offer_against(request))
+    if len(found) > 1 and not asks:
+        which = f"I have seen {len(found)} of them: which {name}, and where is it?"
+        return ToldPlace(answer=MemoryAnswer(lines=(which,), known=False), change=None)
+    if len(found) != 1:
+        return None
+    sight = found[0][0]
+    line = f"I will remember: the {name} is {_IN_WORDS.get(state, state)}."
+    return ToldPlace(
+        answer=None if asks else MemoryAnswer(lines=(line,)),
+        change=replace(change, seen=(replace(sight, states=_with(sight.states, state)),)),
+        about=STATE_TOLD,
+    )
+
+
+def _state_said(words: Sequence[str]) -> str:
+    """Return the state that words say a thing is in, "" for none.
+
+    >>> _state_said("i just washed the plate".split()), _state_said("i wash the plate".split())
+    ('clean', '')
+    """
+    if words[:1] in (["i"], ["we"], ["i've"], ["we've"]):
+        bases = ((word, base_of_deed(word)) for word in words[1:4])
+        done = (base for word, base in bases if base and (word != base or word in ("cut", "shut")))
+        return _AFTER.get(deed_verbs().get(next(done, ""), ""), "")
+    seen = request_words().seen if {"is", "are", "'s"} & {*words} else {}
+    return next((seen[word] for word in reversed(words) if word in seen), "")
+
+
+def _with(states: Sequence[str], state: str) -> tuple[str, ...]:
+    """Return states with one that has come, as a look shows them: none for "empty"."""
+    shown = {"clean": "cleaned", "empty": ""}.get(state, state)
+    ended = {"empty": "filled"}.get(state) or ENDS.get(shown)
+    kept = [one for one in states if one != ended]
+    return tuple(sorted({*kept, shown} - {""}))
+
+
+def _otherwise() -> frozenset[str]:
+    """Return the words by which a statement is not of what is so now."""
+    return _NOT_NOW | request_words().habits | request_words().negations
+
+
 def _thing_and_place(request: Request) -> tuple[Mention | None, Mention | None]:
     words = request.text.lower().replace("n't", " n't").split()
     named = [one for one in request.alone if one.types]
-    lists = request_words()
-    otherwise = _NOT_NOW | lists.habits | lists.negations
-    if len(named) != 2 or otherwise & {word.strip(".,!") for word in words}:
+    if len(named) != 2 or _otherwise() & {word.strip(".,!") for word in words}:
         return None, None
     thing, place = named
     return (thing, place) if can_lie_in(thing, place) else (None, None)

@@ -274,3 +274,41 @@ def test_what_is_to_be_remembered_is_no_errand(tmp_path, text):
     assert answer(agent, text) == ("I will remember: the apple goes in the fridge.",)
     assert agent._world.last_event is before
     assert agent.clauses("put the apple where it belongs") == ["put the apple in the fridge"]
+
+
+def test_how_a_thing_is_by_a_persons_words_is_kept_and_told_as_theirs(agent):
+    """The agent itself has washed it and put it away."""
+    (seen,) = answer(agent, "is the apple dirty?")
+    assert seen.startswith("No, the apple is not dirty; seen")
+    filthy = agent.do("the apple is dirty again")  # that may ask for something
+    assert filthy.offer == "wash the apple"
+    (told,) = answer(agent, "is the apple dirty?")
+    assert told == "Yes, the apple is dirty; you told me just now."
+    assert answer(agent, "I just washed the apple") == ("I will remember: the apple is clean.",)
+    (told,) = answer(agent, "is the apple clean?")
+    assert told == "Yes, the apple is clean; you told me just now."
+    (place,) = answer(agent, "where is the apple?")
+    assert "you told me" not in place  # that was seen
+    assert "I will remember: the fridge is open." in answer(agent, "I opened the fridge")
+    (told,) = answer(agent, "is the fridge open?")
+    assert told == "Yes, the fridge is open; you told me just now."
+    assert "told" not in " ".join(answer(agent, "what did you do?"))
+
+
+@pytest.mark.parametrize(
+    "said",
+    ["I wash the apple every day", "the apple was dirty", "the apple is not dirty",
+     "I always close the fridge", "I forgot to close the fridge"],
+)  # fmt: skip
+def test_what_is_not_so_now_is_no_state_that_is_told(agent, said):
+    before = answer(agent, "is the apple dirty?"), answer(agent, "is the fridge open?")
+    agent.do(said)
+    assert (answer(agent, "is the apple dirty?"), answer(agent, "is the fridge open?")) == before
+
+
+def test_told_state_outlives_the_session(tmp_path, agent):
+    agent.do("I opened the fridge")
+    agent.home.leave()
+    again = agent_saying(tmp_path, [], home=tmp_path / "home")
+    (told,) = answer(again, "is the fridge open?")
+    assert "you told me" in told
