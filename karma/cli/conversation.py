@@ -2,7 +2,8 @@
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
@@ -32,6 +33,7 @@ CODES: Mapping[str, int] = {
 }  # fmt: skip
 _WORST = (STOPPED, FAILED, UNFINISHED, ASKED, REFUSED)  # of several requests the first of these
 _MOST, _SHOWN = 10_000, 1_000  # characters of a line that are read; of it, that are shown
+TYPED, _KEPT = "typed.txt", 500  # what was typed in a home, and how many lines of it
 _LOOK = ("/look", "go and see", "go and look", "look for it", "yes, look")
 _STYLES = {
     "said": "bold", "meant": "cyan", "sure": "dim", "asked": "yellow", "did": "green",
@@ -182,7 +184,7 @@ def converse(agent: "Agent", view: AnswerView | None = None) -> int:
     for line in (*home_lines(agent), f"{agent.map.lines()[0]}. Say what to do, or /help."):
         console.print(escape(line), soft_wrap=True)
     try:
-        for typed in _typed():
+        for typed in _typed(agent.home.folder):
             if typed.split()[0] == "/quit":
                 break
             typed = _looking(agent) if typed.lower().rstrip(".!") in _LOOK else typed
@@ -262,16 +264,41 @@ def tell_stopped(agent: "Agent", said: int) -> None:
     console.print(escape(told), style="yellow", soft_wrap=True, highlight=False)
 
 
-def _typed() -> Iterator[str]:
+def _typed(home: Path | None = None) -> Iterator[str]:
     """Yield what is typed, without blank lines; Ctrl-D, and Ctrl-C at the prompt, end it.
+
+    Args:
+        home: folder of the home, which keeps what was typed for the arrow keys.
 
     Raises:
         KeyboardInterrupt: it was stopped, and nobody types.
     """
-    asks = sys.stdin.isatty()
+    if not sys.stdin.isatty():
+        yield from _lines(asks=False)
+        return
+    try:
+        import readline  # with it `input` knows arrow keys, and what was typed before
+    except ImportError:
+        yield from _lines(asks=True)
+        return
+    kept = None if home is None else home / TYPED
+    readline.clear_history()
+    readline.set_history_length(_KEPT)
+    with suppress(OSError):
+        if kept is not None:
+            kept.touch()
+            readline.read_history_file(kept)
+    for line in _lines(asks=True):
+        yield line
+        with suppress(OSError):  # whoever cannot write it types on
+            if kept is not None:
+                readline.append_history_file(1, kept)
+
+
+def _lines(*, asks: bool) -> Iterator[str]:
     while True:
         try:
-            line = readable(console.input("> ") if asks else _line())
+            line = readable(input("> ") if asks else _line())
         except EOFError:
             console.print()
             return
