@@ -532,6 +532,10 @@ class SentenceDeeds:
         if "do" in self.s.lows(body.start, body.stop)[:1]:
             self.s.unread.append("do")
         kept = set(self.s.taken)
+        if body and self._is_unknown_verb(body.start):
+            low = self.s.low(body.start)
+            self.s.unread.append(low)
+            return "errand", [_said(low, "", self.s.words[body.start].start, Pair())]
         found = self.nouns.all_of(body)
         if not found:
             ruled_out = self.asides.exclusions or self.asides.forbidden or self.asides.times
@@ -551,6 +555,17 @@ class SentenceDeeds:
             return "errand", [_said("put", "put", start, pair) for pair in pairs]
         self.s.alone = found
         return "incomplete", []
+
+    def _is_unknown_verb(self, number: int) -> bool:
+        """Return whether a word is ahead of its thing as a verb is: "flush the toilet"."""
+        s, low = self.s, self.s.low(number)
+        lists = request_words()
+        small = (
+            lists.links | lists.every | lists.anything | lists.auxiliaries | lists.be | lists.talk
+        )
+        small |= lists.small_verbs | lists.sequence | lists.never_mind | lists.vague
+        word = number == 0 and low.isalpha() and low not in small and s.tag(number)[:2] != "DT"
+        return word and s.tag(number + 1) in ("DT", "PRP$") and not s.lexicon.named(low)
 
 
 def able_to(kind: str, need: str) -> bool:

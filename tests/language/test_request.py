@@ -58,6 +58,12 @@ def deeds(request):
         ("my remote belongs on the sofa, put it there",
          ["put RemoteControl > Sofa", "put RemoteControl > Sofa"]),
         ("put the spud on the plate and the biro in the mug", None),
+        ("whip the pillow onto the chair... the armchair I mean", ["put Pillow > ArmChair"]),
+        ("put the book on the desk... actually the shelf", ["put Book > Shelf"]),
+        ("I want to read, turn on the desk lamp", ["on DeskLamp"]),
+        ("bring the newspaper over here", ["take Newspaper"]),
+        ("pour the water out of the bowl", ["empty Bowl"]),
+        ("run a bath", ["fill Bathtub"]),  # which no tap of ours does: refused, not walked to
         ("sponge on the counter", ["put DishSponge > CounterTop"]),
         ("watch in the box", ["put Watch > Box"]),
         ("the kettle should sit on the stove", ["put Kettle > StoveBurner/StoveKnob"]),
@@ -423,3 +429,15 @@ def test_there_is_a_place_that_was_named_and_can_hold(reader, text, place):
     found = last.deeds[-1].place
     assert (found.types or None if found is not None else None) == place
     assert (last.lacking == "where") == (place is None)
+
+
+def test_order_to_look_whether_something_is_so_is_a_question(reader):
+    for text in ("can you check if the stove is off", "see whether there is any bread"):
+        (request,) = reader.read(text)
+        assert (request.form, request.deeds) == ("question", ())
+
+
+def test_verb_that_is_unknown_is_one_although_its_sentence_parses_as_a_name(reader):
+    (request,) = reader.read("flush the toilet")
+    assert request.form == "errand"
+    assert "flush" in request.unread
