@@ -219,7 +219,7 @@ def _check(text: str, found: Found, note: str = "") -> Check:
 def taken_back(
     earlier: Sequence[SkillResult],
     later: Sequence[SkillResult],
-    kinds: Collection[str],
+    own: Collection[tuple[str, str]],
     asked: Collection[tuple[str, str]],
 ) -> tuple[Check, ...]:
     """Return what later calls undid of earlier ones.
@@ -227,8 +227,8 @@ def taken_back(
     Args:
         earlier: calls of one request.
         later: those of the requests after it.
-        kinds: of the things that the first request is about.
-        asked: deed and kind of thing of the later requests: what they undo so is meant.
+        own: deed and kind of thing of the first request: what was only on its way is no matter.
+        asked: those of the later requests: what they undo so is meant.
     """
     before, after = _Ends(), _Ends()
     for ends, results in ((before, earlier), (after, later)):
@@ -243,9 +243,8 @@ def taken_back(
     ):
         for thing, end in old.items():
             now, kind = new.get(thing), _kind(thing)
-            if kind not in kinds or any((deed, kind) in asked for deed in deeds):
-                continue
-            if now and (now.word, now.place) != (end.word, end.place):
+            wanted, meant = (any((deed, kind) in some for deed in deeds) for some in (own, asked))
+            if wanted and not meant and now and _text(now) != _text(end):
                 text, note = _text(end), _text(now).partition(" is ")[2]
                 found.append(Check(text=text, found="otherwise", note=f"now it is {note}"))
     return tuple(found)

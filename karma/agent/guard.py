@@ -232,6 +232,25 @@ def put_near(
     return tuple(found)
 
 
+def kept_open(
+    calls: Sequence[SkillCall], request: Request, here: Collection[str]
+) -> tuple[SkillCall, ...]:
+    """Return a program that does not close what the same sentence asks to open.
+
+    Args:
+        calls: of the program, with short names.
+        request: what was asked, with the rest of its sentence.
+        here: types that the agent knows of in this room.
+    """
+    deeds = [*request.rest, *(one for one in request.deeds if one not in request.rest)]
+    last = {kind: one.deed for one in deeds if one.deed in ("open", "close")
+            for kind in _of_things(one, here)}  # fmt: skip
+    stay = {kind for kind, deed in last.items() if deed == "open"}
+    return tuple(
+        one for one in calls if not (one.skill == "CloseObject" and kind_of(one.objects[0]) in stay)
+    )
+
+
 def _kinds(one: Mention | None, here: Collection[str]) -> frozenset[str]:
     if one is None:
         return frozenset()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from karma.agent.goal_lines import asked_lines, program_for
-from karma.agent.guard import put_near, stopped
+from karma.agent.guard import kept_open, put_near, stopped
 from karma.agent.inspector import Objection, hand_of, mend, narrowed, objection
 from karma.agent.program import SKILLS
 from karma.agent.prompt import GOALS, render, skills_of
@@ -285,11 +285,12 @@ def _held_back(request: PlanRequest, answer: Plan) -> tuple[Plan, str]:
         return answer, ""
     here, exact = known_here(request), len(request.failures) < _LOOSE_AFTER
 
-    def reason(calls: Sequence[SkillCall]) -> str:
-        calls = grounded(calls, answer.names)
-        return stopped(calls, asked, here, request.held_id, exact=exact, begun=bool(request.done))
+    def reason(some: Sequence[SkillCall]) -> str:
+        meant = grounded(some, answer.names)
+        return stopped(meant, asked, here, request.held_id, exact=exact, begun=bool(request.done))
 
-    answer = replace(answer, calls=put_near(answer.calls, asked, here))
+    calls = kept_open(put_near(answer.calls, asked, here), asked, here)
+    answer = replace(answer, calls=calls)
     why = reason(answer.calls)
     if not why:
         return answer, ""

@@ -26,6 +26,7 @@ _MODALS = frozenset(("should", "must", "can", "could", "ought", "may", "might"))
 _ASKED_OF_YOU = ("could", "can", "would", "will")
 _SWITCHES = frozenset(("turn", "switch", "flip", "flick", "get", "have", "power"))
 _IS_SOMEWHERE = ("be", "go", "belong", "stand", "sit", "lie", "live", "rest", "end")
+_LEADING = ("once", "when", "if", "after", "before", "until", "till", "while", "unless", "so")
 _HOW_IT_IS = ("be", "go", "have", "get", "look", "smell", "seem", "feel", "turn")
 _PERSONS = ("i", "we", "you", "he", "she", "they")
 _FINDS = ("find", "locate", "look for", "search for", "show", "hunt")
@@ -466,6 +467,8 @@ class SentenceDeeds:
     def _only_says(self, number: int, end: int, about: Sequence[Mention], begin: int) -> None:
         """Leave out what is told of a thing ahead of an order: "the egg has gone off, bin it"."""
         s, named = self.s, [one for one in about if one.types]
+        if begin and s.low(begin - 1) in _LEADING:  # "once the lamp is off, ..."
+            return
         told = s.words[number].lemma in _HOW_IT_IS and not self.pairs.has_place(range(number, end))
         if told and named and any(s.is_order(n) for n in range(end, len(s.words))):
             s.before += named

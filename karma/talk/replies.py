@@ -85,8 +85,7 @@ def as_it_ends(parts: Sequence[RequestReply]) -> tuple[RequestReply, ...]:
     for number, part in enumerate(parts):
         later = parts[number + 1 :]
         results = [result for one in later for result in one.results]
-        kinds = {kind for _, kind in _deeds_of([part])}
-        undone = taken_back(part.results, results, kinds, _deeds_of(later))
+        undone = taken_back(part.results, results, _deeds_of([part]), _deeds_of(later))
         texts = {check.text for check in undone}
         kept = [check for check in part.checks if check.text not in texts]
         found.append(replace(part, checks=(*kept, *undone)) if undone else part)

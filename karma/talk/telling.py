@@ -132,7 +132,8 @@ def _with(states: Sequence[str], state: str) -> tuple[str, ...]:
 
 def _otherwise() -> frozenset[str]:
     """Return the words by which a statement is not of what is so now."""
-    return _NOT_NOW | request_words().habits | request_words().negations
+    lists = request_words()
+    return _NOT_NOW | lists.habits | lists.negations | lists.needs
 
 
 def _thing_and_place(request: Request) -> tuple[Mention | None, Mention | None]:

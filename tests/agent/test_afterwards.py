@@ -108,20 +108,32 @@ def did(skill, *objects, ok=True):
 
 def test_what_a_later_request_took_back_unasked_is_not_so_any_more():
     earlier, later = [did("PickupObject", BOOK)], [did("PutObject", BOOK, DESK)]
-    (check,) = taken_back(earlier, later, {"Book"}, {("cool", "Apple")})
+    (check,) = taken_back(earlier, later, {("take", "Book")}, {("cool", "Apple")})
     assert str(check) == "the book is in the hand: no, now it is on the desk"
 
 
 def test_what_a_later_request_asks_to_undo_is_meant():
     earlier, later = [did("PickupObject", BOOK)], [did("PutObject", BOOK, DESK)]
-    assert not taken_back(earlier, later, {"Book"}, {("put", "Book")})
-    assert taken_back(earlier, later, {"Book"}, {("wash", "Book")})
+    assert not taken_back(earlier, later, {("take", "Book")}, {("put", "Book")})
+    assert taken_back(earlier, later, {("take", "Book")}, {("wash", "Book")})
     switched = [did("ToggleOn", TV)], [did("ToggleOff", TV)]
-    assert not taken_back(*switched, {"Television"}, {("off", "Television")})
-    assert taken_back(*switched, {"Television"}, {("look", "Television")})
+    assert not taken_back(*switched, {("on", "Television")}, {("off", "Television")})
+    assert taken_back(*switched, {("on", "Television")}, {("look", "Television")})
 
 
 def test_failed_calls_and_things_that_nobody_asked_about_take_nothing_back():
     earlier = [did("PickupObject", BOOK)]
-    assert not taken_back(earlier, [did("PutObject", BOOK, DESK, ok=False)], {"Book"}, set())
-    assert not taken_back(earlier, [did("PutObject", BOOK, DESK)], {"Apple"}, set())
+    assert not taken_back(
+        earlier, [did("PutObject", BOOK, DESK, ok=False)], {("take", "Book")}, set()
+    )
+    assert not taken_back(earlier, [did("PutObject", BOOK, DESK)], {("take", "Apple")}, set())
+
+
+def test_what_was_only_on_the_way_or_is_so_again_is_not_taken_back():
+    sink, oven = "Sink|1|2|3", "Microwave|1|2|3"
+    washed = [did("PickupObject", BOOK), did("PutObject", BOOK, sink)]
+    moved = [did("PickupObject", BOOK), did("PutObject", BOOK, oven)]
+    assert not taken_back(washed, moved, {("wash", "Book")}, {("heat", "Book")})
+    assert taken_back(washed, moved, {("put", "Book")}, {("heat", "Book")})
+    again = [did("PickupObject", BOOK), did("PutObject", BOOK, "Microwave|9|9|9")]
+    assert not taken_back(moved, again, {("put", "Book")}, {("heat", "Book")})

@@ -8,7 +8,7 @@ import pytest
 
 from karma.agent.expert import ExpertView
 from karma.agent.goal_lines import GOAL_LINES, as_lines, asked_lines, program_for
-from karma.agent.guard import cannot_serve, stopped
+from karma.agent.guard import cannot_serve, kept_open, stopped
 from karma.agent.inspector import narrowed
 from karma.agent.plain_programs import plain_program
 from karma.agent.planner import Planner
@@ -219,3 +219,15 @@ def test_answer_that_does_what_was_asked_is_carried_out_as_it_is(reader):
     right = "GoToObject(robot, 'Mug')\nPickupObject(robot, 'Mug')\n"
     _, (only,) = asked_of(reader, "bring me the mug", [right], attempts=2)
     assert only.completion.text == right
+
+
+def test_what_a_sentence_asks_to_open_is_not_closed_behind_what_is_put_in(reader):
+    (asked,) = reader.read("open the fridge and put the egg inside")
+    closing = parse_program(
+        "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\n"
+        "PutObject(robot, 'Egg', 'Fridge')\nCloseObject(robot, 'Fridge')\n", SKILLS,
+    )  # fmt: skip
+    assert "CloseObject" not in {one.skill for one in kept_open(closing, asked, HERE)}
+    for said in ("put the egg in the fridge", "open the fridge, put the egg in and close it"):
+        (asked,) = reader.read(said)
+        assert kept_open(closing, asked, HERE) == tuple(closing)

@@ -431,6 +431,11 @@ def test_there_is_a_place_that_was_named_and_can_hold(reader, text, place):
     assert (last.lacking == "where") == (place is None)
 
 
+def test_clause_of_time_is_no_remark_that_is_left_out(reader):
+    (request,) = reader.read("once the lamp is off, bring me the mug")
+    assert request.unread
+
+
 def test_order_to_look_whether_something_is_so_is_a_question(reader):
     for text in ("can you check if the stove is off", "see whether there is any bread"):
         (request,) = reader.read(text)
