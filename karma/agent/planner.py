@@ -114,9 +114,7 @@ class Planner:
             if answer.calls or answer.error:
                 reasons.add(lasting)
             answer, held_back = _held_back(request, answer)
-            if is_last:
-                reasons = reasons if attempt else set()
-                answer = yield from self._last(request, answer, held_back, reasons)
+            answer = yield from self._settled(request, answer, held_back, attempt, reasons)
             yield answer
             if answer.failure is None:
                 return
@@ -124,18 +122,21 @@ class Planner:
             said = request.plain or request.instruction
             request = replace(request, error=answer.error, failures=failures, instruction=said)
 
-    def _last(
-        self, request: PlanRequest, answer: Plan, held_back: str, reasons: set[str]
+    def _settled(
+        self, request: PlanRequest, answer: Plan, held_back: str, attempt: int, reasons: set[str]
     ) -> Generator[Plan, None, Plan]:
-        """Return the last answer as it stands: carried out, or the request refused.
+        """Return an answer as it stands; one that is held back again gives way to words alone."""
+        is_last = attempt == self.decoding.attempts - 1
+        own = _by_the_words(request, answer) if held_back and (attempt or is_last) else None
+        if own is not None:
+            yield answer
+            return own
+        return self._last(answer, held_back, reasons if attempt else set()) if is_last else answer
 
-        One that the guard holds back is yielded, where the words alone have a program instead.
-        """
+    def _last(self, answer: Plan, held_back: str, reasons: set[str]) -> Plan:
+        """Return the last answer as it stands: carried out, or the request refused."""
         if held_back:
-            own = _by_the_words(request, answer)
-            if own is not None:
-                yield answer
-            return own or _refused_by_guard(answer, held_back)
+            return _refused_by_guard(answer, held_back)
         if not answer.calls:
             return answer
         answer = replace(answer, error="", failure=None)

@@ -427,7 +427,9 @@ def _whether(q: _Question) -> MemoryAnswer | None:
     thing, places = q.things[0], q.things[1:]
     found = q.knows.of(thing)
     if not found:
-        return _not_seen(q)
+        told = _told_last(q, thing, -1.0, STATE_TOLD) if q.state else None
+        said = told and f"You told me {q.knows.ago(told.at_s)}: {told.said.rstrip('.!')}."
+        return MemoryAnswer(lines=(said,)) if said else _not_seen(q)
     if q.state and not places:
         return _state_told(q, thing, found)
     if "there" in q.words[:3] or places:
@@ -531,10 +533,12 @@ def _where(q: _Question) -> MemoryAnswer | None:
     return MemoryAnswer(lines=tuple(lines)) if lines else _not_seen(q)
 
 
-def _told_last(q: _Question, thing: Mention, since_s: float) -> PastErrand | None:
+def _told_last(
+    q: _Question, thing: Mention, since_s: float, kind: str = PLACE_TOLD
+) -> PastErrand | None:
     """Return what a person told of a thing after it was seen."""
     for past in reversed(q.knows.past):
-        if past.status == PLACE_TOLD and past.at_s >= since_s and q.reader is not None:
+        if past.status == kind and past.at_s >= since_s and q.reader is not None:
             about = (one for request in q.reader.read(past.said) for one in request.alone[:2])
             if any({*thing.types} & {*one.types} for one in about):
                 return past

@@ -97,6 +97,9 @@ def _state_told(request: Request, knows: Remembering, change: MemoryChange) -> T
     if len(found) > 1 and not asks:
         which = f"I have seen {len(found)} of them: which {name}, and where is it?"
         return ToldPlace(answer=MemoryAnswer(lines=(which,), known=False), change=None)
+    if not found and not asks:
+        line = f"I will remember that you said so; I have seen no {name} yet."
+        return ToldPlace(answer=MemoryAnswer(lines=(line,)), change=change, about=STATE_TOLD)
     if len(found) != 1:
         return None
     sight = found[0][0]

@@ -196,9 +196,9 @@ def asked_of(reader, said, answers, **decoding):
 
 def test_words_alone_plan_where_no_answer_does_what_was_asked(reader):
     wrong = "GoToObject(robot, 'Mug')\nPickupObject(robot, 'Mug')\n"
-    asked, made = asked_of(reader, "toast the bread", [wrong] * 3, attempts=3)
+    asked, made = asked_of(reader, "toast the bread", [wrong] * 4, attempts=4)
     *answers, last = made
-    assert len(answers) == 3
+    assert len(answers) == 2  # the second time is enough
     assert all("toast" in one.error and not one.calls for one in answers)
     assert last.refused is None
     assert last.completion.completion_tokens == 0  # no model said it

@@ -306,6 +306,12 @@ def test_what_is_not_so_now_is_no_state_that_is_told(agent, said):
     assert (answer(agent, "is the apple dirty?"), answer(agent, "is the fridge open?")) == before
 
 
+def test_state_of_a_thing_that_was_never_seen_is_told_as_it_was_said(agent):
+    (line,) = answer(agent, "I washed the ladle")
+    assert line == "I will remember that you said so; I have seen no ladle yet."
+    assert answer(agent, "is the ladle clean?") == ("You told me just now: I washed the ladle.",)
+
+
 def test_told_state_outlives_the_session(tmp_path, agent):
     agent.do("I opened the fridge")
     agent.home.leave()
