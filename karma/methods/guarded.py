@@ -39,11 +39,17 @@ from karma.household.uses import BASINS, LAMPS
 from karma.language.clauses import context_left_out, said
 from karma.language.lexicon import Lexicon
 from karma.language.request import RequestReader
+from karma.language.request_words import request_words
 from karma.methods.attempts import Programs
 from karma.methods.putting_back import put_back
 
 _PLACES = 12  # of a kind that are looked over
 _DONE_SOMEWHERE = ("wash", "fill", "heat", "cook", "cool", "toast", "empty")  # "in the sink"
+_LOST = (
+    "throw",
+    "fling",
+    "break",
+)  # deeds after which nobody can look whether it was the right one
 _IN_VAIN = 2  # things of a plural that may fail before the rest is left
 _SWITCHED = (*LAMPS, "LightSwitch", "Television")  # "everything" that is switched off
 _SHOWN_BY = {"clean": "dirty", "empty": "filled"}  # a look shows the other; so with "off"
@@ -252,17 +258,8 @@ def _the_same(
     key = (asked.whole or asked.text, thing.start)
     own = _own(episode, asked)
     before = episode.chosen.get(key) or next((own[kind] for kind in kinds if kind in own), None)
-    if before is None and _lies_told(asked.deeds[0]):
-        before = yield from _the_one_there(episode, thing, kinds, skills, came)
-        if before == "":
-            return
-    if before is None and _is_one_of_some(asked):
-        before, alike = _told_apart(episode, skills, kinds)
-        if alike:
-            yield refusal(RefusedRequest(kind="which", by="guard", words=alike))
-            return
-    if thing.other and before is None:
-        before = yield from _the_other(episode, asked, kinds, skills, came)
+    if before is None:
+        before = yield from _told_apart_by_words(episode, asked, kinds, skills, came)
         if before == "":
             return
     if before and _holds_already(episode, skills, before, asked.deeds[0], own):
@@ -275,6 +272,41 @@ def _the_same(
         used = [one for one in result.object_ids if kind_of(one) in kinds]
         if used and result.ok and thing.start >= 0:  # else "it" of an earlier text
             episode.chosen.setdefault(key, used[0])
+
+
+def _told_apart_by_words(
+    episode: Carrier, asked: Request, kinds: Collection[str], skills: Skills, came: Came
+) -> Generator[Plan | SkillResult, None, str | None]:
+    """Return the one of several that words tell of; "" where none is, None: any will do."""
+    deed, thing = asked.deeds[0], asked.deeds[0].things[0]
+    found: str | None = None
+    if deed.deed in _LOST:
+        found = _told_by_its_state(episode, thing, kinds, skills)
+        if found == "":
+            yield refusal(RefusedRequest(kind="unclear", by="guard", words=(thing.text,)))
+    if found is None and _lies_told(deed):
+        found = yield from _the_one_there(episode, thing, kinds, skills, came)
+    if found is None and _is_one_of_some(asked):
+        found, alike = _told_apart(episode, skills, kinds)
+        if alike:
+            yield refusal(RefusedRequest(kind="which", by="guard", words=alike))
+            return ""
+    if found is None and thing.other:
+        found = yield from _the_other(episode, asked, kinds, skills, came)
+    return found
+
+
+def _told_by_its_state(
+    episode: Carrier, thing: Mention, kinds: Collection[str], skills: Skills
+) -> str | None:
+    """Return the thing that was seen so: "the empty roll"; "" for none, None: no state is told."""
+    states = (request_words().seen.get(word, "") for word in thing.text.lower().split()[:-1])
+    state = next(filter(None, states), "")
+    fills = any(object_types()[kind].can("canFillWithLiquid") for kind in kinds)
+    state = "used up" if state == "empty" and not fills else state
+    sights = sorted(episode.sights(skills).items()) if state else ()
+    fits = (one for one, sight in sights if kind_of(one) in kinds and is_so(state, sight))
+    return next(fits, "") if state else None
 
 
 def _is_one_of_some(asked: Request) -> bool:

@@ -365,9 +365,11 @@ class _SpeakingOfThePast:
             return found[0] if place is None else f"put {name} {told_place(place)}"
         if _goes_back(found) and last is None and (kinds or self._moves):
             self.unknown.append(found[0])  # the log has no place to which it would go back
-        if not _goes_back(found) or last is None or type_of(last[1]) in (HAND, FLOOR):
+        if not _goes_back(found) or last is None or type_of(last[1]) == HAND:
             return found[0]
-        self.means |= {kind: last[0], base_type(type_of(last[1])): last[1]}
+        self.means[kind] = last[0]
+        if type_of(last[1]) != FLOOR:
+            self.means[base_type(type_of(last[1]))] = last[1]
         return f"put {name} {told_place(last[1])}"
 
 

@@ -304,7 +304,9 @@ def _what_changed(q: _Question) -> MemoryAnswer | None:
         if first[one.object_id].before != one.after
     ]
     more = (f"and {len(lines) - _MOST} more",) if len(lines) > _MOST else ()
-    told_lines = (*lines[:_MOST], *more) or ("Nothing that lasted.",)
+    again = ", the ".join(name_of(one.object_id) for one in told[:_MOST])
+    lasted = f"Nothing that lasted: where it was before is the {again}."
+    told_lines = (*lines[:_MOST], *more) or (lasted,)
     return MemoryAnswer(lines=(*told_lines, *q.of_no_time))
 
 

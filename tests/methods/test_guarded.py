@@ -138,10 +138,19 @@ def test_statuses_and_codes(tmp_path, text, status, code):
 
 
 def test_a_stubborn_planner_is_not_followed(tmp_path):
-    agent = agent_saying(tmp_path, [STORE])
+    """Its program is not carried out; what is is that of the words, where they tell what is meant.
+
+    Which bowl is the clean one, they do not.
+    """
+    agent = agent_saying(tmp_path, [STORE, STORE])
     reply = agent.do("put the bowl in the fridge")
+    assert {call.objects[0] for one in reply.parts[0].plans for call in one.calls} >= {"Bowl"}
+    assert "Apple" not in {
+        name for one in reply.parts[0].plans for c in one.calls for name in c.objects
+    }
+    reply = agent.do("put the clean bowl in the fridge")
     assert reply.status == "refused"
-    assert "does not put the bowl" in repr(reply)
+    assert "does not put the clean bowl" in repr(reply)
     assert not reply.parts[0].results
 
 
