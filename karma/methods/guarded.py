@@ -61,6 +61,7 @@ class Carrier(Protocol):
 
     chosen: dict[tuple[str, int], str]
     mine: Mapping[str, str]
+    told: Collection[str]
 
     def planned(
         self, subtask: SubTask, skills: Skills, came: "Came", only: Mapping[str, str] | None = None
@@ -494,7 +495,7 @@ def _holds_already(
     own: Mapping[str, str],
 ) -> bool:
     sight = episode.sights(skills).get(object_id)
-    if sight is None:
+    if sight is None or object_id in episode.told:  # so is only what its own eyes have seen
         return False
     if deed.deed == "put" and deed.place is not None and not deed.near:
         kinds = {kind_of(kind) for kind in deed.place.types}

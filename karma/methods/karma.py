@@ -167,6 +167,7 @@ class KarmaEpisode:
         self.clock_s = 0.0  # of the home, set by who keeps it
         self.changes: list[MemoryChange] = []  # of memory, for who keeps it
         self.mine: Mapping[str, str] = {}  # kind -> id that its word means, by what was told
+        self.told: Collection[str] = ()  # ids of which somebody else says where or how they are
         self._named: dict[str, dict[str, str]] = {}  # furniture's names -> ids, by the room's name
         self._scene = scene.name  # of the room that the agent is in
         self.enter(scene)

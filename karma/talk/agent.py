@@ -333,6 +333,7 @@ class Agent:
             return
         self._episode.clock_s = self.home.clock_s
         self._episode.mine = {**owned(self.home.past), **said.means}
+        self._episode.told = self._remembering().told()
         subtask = SubTask(instruction=clause, whole=clause if asked else whole, asked=asked)
         taken: list[Understanding] = []
         plans: list[Plan] = []

@@ -97,6 +97,13 @@ class Remembering:
             return f"{how}; people live here: {sure:.1f} is the chance that it is still there"
         return f"{how}; that may have changed since"
 
+    def told(self) -> set[str]:
+        """Return the ids of which a person told where or how they are after they were seen."""
+        return {
+            name for name, (_, when_s) in self.sights.items()
+            if max(self._told_s(name, about) for about in TOLD) >= when_s
+        }  # fmt: skip
+
     def _told_s(self, object_id: str, about: str) -> float:
         """Return when a person last told that of a thing; before all time if nobody did."""
         told = (

@@ -306,6 +306,18 @@ def test_what_is_not_so_now_is_no_state_that_is_told(agent, said):
     assert (answer(agent, "is the apple dirty?"), answer(agent, "is the fridge open?")) == before
 
 
+def test_what_only_a_person_says_to_be_so_is_done_all_the_same(tmp_path):
+    """They may be wrong; "that is so already" is said of what its own eyes have seen."""
+    program = "GoToObject(robot, 'Fridge')\nCloseObject(robot, 'Fridge')\n"
+    opened = "GoToObject(robot, 'Fridge')\nOpenObject(robot, 'Fridge')\n"
+    agent = agent_saying(tmp_path, [opened, program], home=tmp_path / "home")
+    assert agent.do("open the fridge")
+    assert answer(agent, "I closed the fridge") == ("I will remember: the fridge is closed.",)
+    assert agent.do("close the fridge")
+    found = agent._world.last_event.metadata["objects"]
+    assert not next(one for one in found if one["objectType"] == "Fridge")["isOpen"]
+
+
 def test_state_of_a_thing_that_was_never_seen_is_told_as_it_was_said(agent):
     (line,) = answer(agent, "I washed the ladle")
     assert line == "I will remember that you said so; I have seen no ladle yet."
