@@ -31,8 +31,6 @@ class TrueMemory:
         prior: what is known of homes before one is known; None: of the training homes.
     """
 
-    name = "ours"
-
     def __init__(
         self,
         setting: MemorySetting,

@@ -19,8 +19,6 @@ class TrueUnits(TrueMemory):
         setting: of the home; `units` lines.
     """
 
-    name = "ours, ten units"
-
     def __init__(self, setting: MemorySetting) -> None:
         super().__init__(setting)
         self._policy = NeedTruthCost(setting.units, self._worth)

@@ -61,7 +61,7 @@ class Effort:
     recalls: int = 0
     tokens: int = 0
     first: Sighting | None = None  # the thing that it took to be meant, where memory had it
-    doubts: list[tuple[float | None, bool]] = field(default_factory=list)  # holds, and was so
+    doubts: list[Fact] = field(default_factory=list)  # of now, before anything was done
     went_by: list[Fact] = field(default_factory=list)  # what memory said, in the order of use
 
 
@@ -173,7 +173,7 @@ class Server:
         target = targets[0]
         fact = target.fact
         if fact is not None:
-            self._note_doubt(fact)
+            self.effort.doubts.append(fact)
         if fact is not None and not self._looks_first(question, fact):
             return _answer(self._robot, fact.sighting, fact.holds)
         seen = self._find(question, targets[:1], self._settings.budget_looks)
@@ -232,8 +232,7 @@ class Server:
         told = self._recall(question)
         newest = [(one, told.latest(one)) for one in ids_of(told.facts)]
         facts = [fact for _, fact in newest if fact and fits(fact, said, self._places)]
-        for fact in facts:
-            self._note_doubt(fact)
+        self.effort.doubts += facts
         if not facts and not self._recall(plain(question)).facts:
             return HomeAnswer(unknown=True)
         there = [fact for fact in facts if fact.holds is None or fact.holds >= COUNTED]
@@ -261,7 +260,7 @@ class Server:
     def _errand(self, question: HomeQuestion) -> HomeAnswer:
         targets = self._meant(question)
         if targets and targets[0].fact is not None and targets[0].fact.ended_s is None:
-            self._note_doubt(targets[0].fact)
+            self.effort.doubts.append(targets[0].fact)
         if not targets and not self._settings.closed_loop:
             return HomeAnswer(unknown=True)
         if not targets and not self._may_be_searched(question.thing):
@@ -372,9 +371,6 @@ class Server:
                 effort.stale += 1
                 effort.stale_actions += self._robot.actions - before
         return found
-
-    def _note_doubt(self, fact: Fact) -> None:
-        self.effort.doubts.append((fact.holds, self._robot.is_still_so(fact.sighting)))
 
 
 def _answer(robot: HomeRobot, seen: Sighting, sure: float | None) -> HomeAnswer:

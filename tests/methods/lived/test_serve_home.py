@@ -1,4 +1,4 @@
-"""Requests served in a home: things are brought, answers come from memory, stale beliefs give way."""
+"""Requests served in a home: things are brought, memory answers, stale beliefs give way."""
 
 from dataclasses import replace
 
