@@ -19,10 +19,12 @@ from karma.contracts import (
     Sighting,
 )
 from karma.memory.lived.designs import DESIGNS
+from karma.memory.lived.said import is_of_past, types_meant
 from karma.memory.lived.setting import KnownPlace, MemorySetting
 from karma.methods.lived.body import HomeRobot
 from karma.methods.lived.home_map import HomeMap, LookSpot
-from karma.methods.lived.recalling import fits, is_of_past, types_meant
+from karma.methods.lived.recalling import fits
+from karma.methods.lived.search import nearest_next
 from karma.methods.lived.serve import Server
 from karma.seeds import stream
 from karma.tasks.lived import (
@@ -69,7 +71,7 @@ def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredH
     if tracer is not None:
         tracer.enter(scene, household, robot)
     robot.wait(TOUR_H * HOUR_S)
-    for place_id in near_order(robot, tuple(home.places)):
+    for place_id in nearest_next(robot, home.places):
         robot.look_at(place_id)
     return TouredHome(
         map=home,
@@ -82,16 +84,6 @@ def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredH
 
 
 toured = lru_cache(maxsize=2)(tour)  # one for all rows of a home
-
-
-def near_order(robot: HomeRobot, place_ids: tuple[str, ...]) -> Iterator[str]:
-    """Yield places, each the nearest from where the robot then stands."""
-    left, spots = list(place_ids), robot.map.spots
-    while left:
-        costs = robot.map.costs_from(robot.at)
-        best = min(left, key=lambda one: (min(costs[s.number] for s in spots[one]), one))
-        left.remove(best)
-        yield best
 
 
 class HomeLife:
@@ -205,7 +197,7 @@ class HomeLife:
         """Walk through all rooms and look at all open furniture; return the actions."""
         before = self._robot.actions
         shown = tuple(one for one, place in self._map.places.items() if not place.openable)
-        for place_id in near_order(self._robot, shown):
+        for place_id in nearest_next(self._robot, shown):
             self._robot.look_at(place_id)
         return self._robot.actions - before
 

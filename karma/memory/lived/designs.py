@@ -12,6 +12,7 @@ from itertools import chain
 import numpy as np
 
 from karma.contracts import Deed, Fact, HomeMemory, HomeMoment, HomeQuestion, LikelyPlace, Sighting
+from karma.memory.lived.said import is_said_place, ranks_of
 from karma.memory.lived.setting import MemorySetting, sighting_text
 from karma.memory.lived.texts import TextVectors, best_first
 from karma.memory.lived.true_memory import TrueMemory
@@ -116,7 +117,7 @@ class LastSeen(NoMemory):
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
         """Return the facts about the types that may be meant, the likelier type first."""
-        ranks = {meaning.name: rank for rank, meaning in enumerate(question.thing.types)}
+        ranks = ranks_of(question.thing)
         seen = self._facts.values()
         facts = [fact for fact in seen if not ranks or fact.sighting.object_type in ranks]
         facts.sort(key=lambda one: (ranks.get(one.sighting.object_type, 0), -one.sighting.time_s))
@@ -274,7 +275,7 @@ class TemporalGraph(NoMemory):
         edges = [edge for edge in self._edges if _valid(edge, question)]
         if not edges:
             return ()
-        names = {meaning.name: 1.0 / (1 + rank) for rank, meaning in enumerate(said.types)}
+        names = {name: 1.0 / (1 + rank) for name, rank in ranks_of(said).items()}
         cosine = self._texts.similarities(question)[[edge.text for edge in edges]]
         words = [
             names.get(edge.seen.object_type, 0.0)
@@ -359,12 +360,8 @@ class ReMEmbRStyle(NoMemory):
 
     def _is_at(self, caption: _Caption, question: HomeQuestion) -> bool:
         said = question.thing
-        return any(
-            (not said.place_types or place.place_type in said.place_types)
-            and (not said.room or said.room == place.room_kind)
-            for place_id in caption.place_ids
-            if (place := self._places.get(place_id)) is not None
-        )
+        known = caption.place_ids & self._places.keys()
+        return any(is_said_place(self._places[place_id], said) for place_id in known)
 
 
 DESIGNS: Mapping[str, Callable[[MemorySetting], HomeMemory]] = {

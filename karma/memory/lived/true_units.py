@@ -40,7 +40,7 @@ class TrueUnits(TrueMemory):
         leaves = count(object_id)
         if leaves is not None:
             self._beliefs.forget(leaves)
-            self._history.drop(leaves)
+            self._log.drop(leaves)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
         """Return what fits; what is told was needed."""

@@ -69,14 +69,15 @@ class HomeRobot:
                 self.watch(start, begun_s)
         return event
 
-    def look(self, looked_over: Sequence[str] = (), since_s: float | None = None) -> HomeMoment:
-        """Take note of what is in view, and of the places that were looked over since a time."""
+    def look(self, over: str | None = None, since_s: float | None = None) -> HomeMoment:
+        """Take note of what is in view, and of a place that was looked all over since a time."""
         view = self._sees()
+        shows = any(one.object_id == over and "closed" not in one.states for one in view.seen)
         shown = (*view.seen, *filter(None, [view.held]))
         moment = HomeMoment(
             time_s=self.time_s, room=self.at.room,
             seen=tuple(self._sighting(one) for one in shown if one.pickupable),
-            looked_over=tuple(looked_over), looked_since_s=since_s,
+            looked_over=(over,) if over and shows else (), looked_since_s=since_s,
         )  # fmt: skip
         self._tell(moment)
         return moment
@@ -91,10 +92,7 @@ class HomeRobot:
                 continue
             reached += 1
             opened = self._open(place_id)
-            place = self._in_view(place_id)
-            shows = place is not None and "closed" not in place.states
-            all_of_it = reached == len(order) and shows
-            moment = self.look((place_id,) if all_of_it else (), began_s)
+            moment = self.look(place_id if reached == len(order) else None, began_s)
             if until is not None and until(moment):
                 return True
             if opened:
@@ -105,13 +103,14 @@ class HomeRobot:
         """Pick a thing up, if need be from another spot of the place it is in or on."""
         if self.held is not None:
             return False
-        if self._act("PickupObject", objectId=object_id):
-            return self._took(object_id)
-        spots = self.map.spots.get(place_id or "", ())
-        for spot in [spot for spot in spots if spot != self.at][:TURNS]:
-            if self.go(spot) and self._act("PickupObject", objectId=object_id):
-                return self._took(object_id)
-        return False
+        others = [one for one in self.map.spots.get(place_id or "", ()) if one != self.at]
+        taken = self._act("PickupObject", objectId=object_id) or any(
+            self.go(spot) and self._act("PickupObject", objectId=object_id)
+            for spot in others[:TURNS]
+        )
+        if taken:
+            self.look()
+        return taken
 
     def put(self, place_id: str) -> bool:
         """Bring what is held to a place and put it in or on there."""
@@ -152,14 +151,10 @@ class HomeRobot:
         """Open a place that is not seen standing open; return whether it was opened."""
         if not self.map.places[place_id].openable:
             return False
-        place = self._in_view(place_id)
-        if place is not None and "closed" not in place.states:
+        seen = self._sees().seen
+        if any(one.object_id == place_id and "closed" not in one.states for one in seen):
             return False
         return self._act("OpenObject", objectId=place_id)
-
-    def _took(self, object_id: str) -> bool:
-        self.look()
-        return True
 
     def _act(self, action: str, **arguments: object) -> bool:
         before = len(self.household.log)
@@ -188,9 +183,6 @@ class HomeRobot:
 
     def _sees(self, touched: Collection[str] = ()) -> Observation:
         return observe(self.household.world.last_event, touched=touched)
-
-    def _in_view(self, object_id: str) -> SeenObject | None:
-        return next((one for one in self._sees().seen if one.object_id == object_id), None)
 
     def _sighting(self, seen: SeenObject) -> Sighting:
         """Return where a movable thing is now: the furniture that it is in or on."""
