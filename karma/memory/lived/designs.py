@@ -25,7 +25,7 @@ _RANK = 60.0  # of reciprocal rank fusion, as usual
 
 
 @dataclass(slots=True)
-class _Row:
+class _StoredFact:
     """A fact as designs store it."""
 
     fact: Fact
@@ -39,7 +39,7 @@ class _Row:
         """Where the thing was."""
         return self.fact.sighting
 
-    def says(self, new: "_Row") -> bool:
+    def says(self, new: "_StoredFact") -> bool:
         """Return whether a new row tells nothing else: no deed, the same words and place."""
         same_place = self.seen.place_id == new.seen.place_id
         return new.fact.deed is None and self.text == new.text and same_place
@@ -79,19 +79,19 @@ class NoMemory:
     def close(self) -> None:
         """Nothing is to be kept."""
 
-    def _store(self, new: _Row) -> None:
+    def _store(self, new: _StoredFact) -> None:
         """Keep a row, or not."""
 
-    def _rows(self) -> Iterable[_Row]:
+    def _rows(self) -> Iterable[_StoredFact]:
         """Return what is kept, the first of equals first."""
         return ()
 
-    def _row(self, seen: Sighting, deed: Deed | None) -> _Row:
+    def _row(self, seen: Sighting, deed: Deed | None) -> _StoredFact:
         text = sighting_text(seen, self._places)
         fact, number = Fact(sighting=seen, deed=deed), self._texts.number(text)
-        return _Row(fact=fact, text=number, size=len(text), since_s=seen.time_s)
+        return _StoredFact(fact=fact, text=number, size=len(text), since_s=seen.time_s)
 
-    def _nearest(self, rows: Sequence[_Row], question: HomeQuestion, k: int) -> list[Fact]:
+    def _nearest(self, rows: Sequence[_StoredFact], question: HomeQuestion, k: int) -> list[Fact]:
         if not rows:
             return []
         near = self._texts.similarities(question)
@@ -136,14 +136,14 @@ class AppendOnly(NoMemory):
 
     def __init__(self, setting: MemorySetting) -> None:
         super().__init__(setting)
-        self._by_text: list[list[_Row]] = []  # in order of time
+        self._by_text: list[list[_StoredFact]] = []  # in order of time
 
-    def _store(self, new: _Row) -> None:
+    def _store(self, new: _StoredFact) -> None:
         if new.text == len(self._by_text):
             self._by_text.append([])
         self._by_text[new.text].append(new)
 
-    def _rows(self) -> Iterable[_Row]:
+    def _rows(self) -> Iterable[_StoredFact]:
         return chain.from_iterable(self._by_text)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
@@ -166,14 +166,14 @@ class Mem0Style(NoMemory):
 
     def __init__(self, setting: MemorySetting) -> None:
         super().__init__(setting)
-        self._facts: dict[str, _Row] = {}  # by object
+        self._facts: dict[str, _StoredFact] = {}  # by object
 
-    def _store(self, new: _Row) -> None:
+    def _store(self, new: _StoredFact) -> None:
         old = self._facts.get(new.seen.object_id)
         if old is None or not old.says(new):
             self._facts[new.seen.object_id] = new
 
-    def _rows(self) -> Iterable[_Row]:
+    def _rows(self) -> Iterable[_StoredFact]:
         return self._facts.values()
 
 
@@ -186,10 +186,10 @@ class MemGptStyle(NoMemory):
 
     def __init__(self, setting: MemorySetting) -> None:
         super().__init__(setting)
-        self._context: dict[str, _Row] = {}  # by object, the last seen last
-        self._archive: list[_Row] = []
+        self._context: dict[str, _StoredFact] = {}  # by object, the last seen last
+        self._archive: list[_StoredFact] = []
 
-    def _store(self, new: _Row) -> None:
+    def _store(self, new: _StoredFact) -> None:
         old = self._context.pop(new.seen.object_id, None)
         if old is not None and (old.text != new.text or old.fact.deed is not None):
             self._archive.append(old)
@@ -197,7 +197,7 @@ class MemGptStyle(NoMemory):
         if len(self._context) > self._most:
             self._archive.append(self._context.pop(next(iter(self._context))))
 
-    def _rows(self) -> Iterable[_Row]:
+    def _rows(self) -> Iterable[_StoredFact]:
         return (*self._context.values(), *self._archive)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
@@ -221,7 +221,7 @@ class KarmaUnits(NoMemory):
         super().__init__(setting)
         window = max(self._most - 1, 1)
         self._policy = make_policy(policy.format(self._most, window, self._most - window))
-        self._units: dict[str, _Row] = {}  # by object, the last handled first
+        self._units: dict[str, _StoredFact] = {}  # by object, the last handled first
         self._vector_bytes = 0
 
     def take_in(self, moment: HomeMoment) -> None:
@@ -229,7 +229,7 @@ class KarmaUnits(NoMemory):
         if moment.deed is not None:
             super().take_in(moment)
 
-    def _store(self, new: _Row) -> None:
+    def _store(self, new: _StoredFact) -> None:
         self._units = {new.seen.object_id: new} | {
             key: one for key, one in self._units.items() if key != new.seen.object_id
         }
@@ -237,7 +237,7 @@ class KarmaUnits(NoMemory):
         if left is not None and left not in self._policy:
             del self._units[left]
 
-    def _rows(self) -> Iterable[_Row]:
+    def _rows(self) -> Iterable[_StoredFact]:
         return self._units.values()
 
 
@@ -252,10 +252,10 @@ class TemporalGraph(NoMemory):
 
     def __init__(self, setting: MemorySetting) -> None:
         super().__init__(setting)
-        self._edges: list[_Row] = []
-        self._current: dict[str, _Row] = {}  # by object
+        self._edges: list[_StoredFact] = []
+        self._current: dict[str, _StoredFact] = {}  # by object
 
-    def _store(self, new: _Row) -> None:
+    def _store(self, new: _StoredFact) -> None:
         edge = self._current.get(new.seen.object_id)
         if edge is not None and edge.says(new):
             edge.fact = replace(edge.fact, sighting=new.seen)
@@ -265,7 +265,7 @@ class TemporalGraph(NoMemory):
         self._edges.append(new)
         self._current[new.seen.object_id] = new
 
-    def _rows(self) -> Iterable[_Row]:
+    def _rows(self) -> Iterable[_StoredFact]:
         return self._edges
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
@@ -289,7 +289,7 @@ class TemporalGraph(NoMemory):
         return [_told(edges[at], past) for at in best_first(fused, k)]
 
 
-def _valid(edge: _Row, question: HomeQuestion) -> bool:
+def _valid(edge: _StoredFact, question: HomeQuestion) -> bool:
     said = question.thing
     if said.who or said.action or question.asked in ("time", "who"):
         return True  # an event is over: its edge may have ended
@@ -299,7 +299,7 @@ def _valid(edge: _Row, question: HomeQuestion) -> bool:
     return edge.since_s <= said.before_s and (edge.ended_s is None or edge.ended_s > after)
 
 
-def _told(edge: _Row, past: bool) -> Fact:
+def _told(edge: _StoredFact, past: bool) -> Fact:
     if past:
         return replace(edge.fact, sighting=replace(edge.seen, time_s=edge.since_s))
     return replace(edge.fact, ended_s=edge.ended_s)
@@ -310,7 +310,7 @@ class _Caption:
     """What one view shows, written without a model."""
 
     time_s: float
-    rows: tuple[_Row, ...]  # of what it names
+    rows: tuple[_StoredFact, ...]  # of what it names
     place_ids: frozenset[str]  # of all that is in view
 
 
