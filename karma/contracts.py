@@ -863,7 +863,6 @@ class Fact:
     deed: Deed | None = None  # that it came about by, where the memory knows one
     holds: float | None = None  # chance that it is still so; None: the memory has no notion of it
     ended_s: float | None = None  # when the memory learnt that it was so no more; None: not so
-    score: float = 0.0  # how well it fits the question; larger is better
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -1070,8 +1069,6 @@ class HomeMemory(Protocol):
 
     Made as `made(setting)`, see `karma.memory.lived.setting.MemorySetting`.
     """
-
-    name: str
 
     def take_in(self, moment: HomeMoment) -> None:
         """Learn from one moment; moments come in the order of their times."""

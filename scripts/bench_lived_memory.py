@@ -140,7 +140,6 @@ def _text_query(at: int, size: str) -> EpisodeQuery:
         text=f"something soft to wash up with, number {at} of {size}",
         after_s=(at % 25) * DAY_S,
         before_s=(at % 25 + 4) * DAY_S,
-        place_types=(KINDS[at % len(KINDS)],),
         state="dirty" if at % 2 else "",
     )
 

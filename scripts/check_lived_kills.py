@@ -24,6 +24,7 @@ from rich.progress import track
 
 from karma.contracts import Vectors
 from karma.infer.embed.minilm import MiniLm
+from karma.memory.lived import ageing, likely
 from karma.memory.lived.episodes import EpisodeLog
 from karma.memory.lived.setting import MemorySetting
 from karma.memory.lived.true_memory import LOG, TrueMemory
@@ -56,8 +57,9 @@ def lived_week(folder: Path) -> Iterator[int]:
 def digest(folder: Path) -> str:
     """Return the SHA-256 of all that a log holds, read by a connection of its own."""
     log = EpisodeLog(folder / LOG, _NoTexts(), {})
-    rows = [repr(pair) for pair in log.episodes()]
-    kept = [json.dumps(log.kept(name)) for name in ("looked", "ageing", "visits", "doubts")]
+    rows = [repr(one) for one in log.episodes()]
+    parts = ("looked", "doubts", *ageing.PARTS, *likely.PARTS)
+    kept = [json.dumps(log.kept(name)) for name in parts]
     log.close()
     return sha256("\n".join([*rows, *kept]).encode()).hexdigest()
 

@@ -1,8 +1,9 @@
 """Looking for a thing whose place is not known: area by area, then in what can be opened."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from typing import Any, TypeVar
 
 from karma.agent.coverage import before, spots
 from karma.agent.reach import Reach
@@ -15,6 +16,7 @@ from karma.household.ids import type_of
 from karma.household.places import FLOOR
 from karma.household.types import object_types
 
+Place = TypeVar("Place")
 _LEFT_TO_CLOSE = 30  # actions; with fewer nothing is opened that would be left standing open
 _HORIZONS = (30.0, 0.0)  # tables and the floor, then shelves
 
@@ -167,10 +169,7 @@ class Search:
 
     def _nearest_next(self, points: Iterable[Vec3]) -> Iterator[Vec3]:
         """Yield points, each time the one nearest to where the agent has come to."""
-        rest = list(points)
-        while rest:
-            rest.sort(key=lambda point: (self._walker.gap(point), point))
-            yield rest.pop(0)
+        return best_next(points, lambda point: (self._walker.gap(point), point))
 
     def _cover(self, within_m: float) -> list[Vec3]:
         """Return cells so that every cell is near one of them, or near one looked round from."""
@@ -324,6 +323,14 @@ class Search:
 
     def _farthest(self, points: Iterable[Vec3]) -> Vec3:
         return max(points, key=lambda point: (self._walker.gap(point), point))
+
+
+def best_next(places: Iterable[Place], rank: Callable[[Place], Any]) -> Iterator[Place]:
+    """Yield places to look at, each time the one that ranks lowest by then."""
+    rest = list(places)
+    while rest:
+        rest.remove(best := min(rest, key=rank))
+        yield best
 
 
 def cover(

@@ -19,10 +19,12 @@ from karma.contracts import (
     Sighting,
 )
 from karma.memory.lived.designs import DESIGNS
+from karma.memory.lived.said import is_of_past, types_meant
 from karma.memory.lived.setting import KnownPlace, MemorySetting
-from karma.methods.lived.body import HomeRobot, sighting_of
+from karma.methods.lived.body import HomeRobot
 from karma.methods.lived.home_map import HomeMap, LookSpot
-from karma.methods.lived.recalling import fits, is_of_past, types_meant
+from karma.methods.lived.recalling import fits
+from karma.methods.lived.search import nearest_next
 from karma.methods.lived.serve import Server
 from karma.seeds import stream
 from karma.tasks.lived import (
@@ -35,7 +37,6 @@ from karma.tasks.lived import (
     room_right,
 )
 from karma.world.core.placement import find_place
-from karma.world.core.thing import is_inert
 from karma.world.houses import build_home
 from karma.world.residents import Household
 
@@ -66,11 +67,11 @@ def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredH
     )  # fmt: skip
     moments: list[HomeMoment] = []
     robot = HomeRobot(household, home, moments.append)
-    start = positions(household, home)
+    start = household.now(home.places)
     if tracer is not None:
         tracer.enter(scene, household, robot)
     robot.wait(TOUR_H * HOUR_S)
-    for place_id in near_order(robot, tuple(home.places)):
+    for place_id in nearest_next(robot, home.places):
         robot.look_at(place_id)
     return TouredHome(
         map=home,
@@ -83,31 +84,6 @@ def tour(spec: HomeSpec, seed: int, tracer: HomeTracer | None = None) -> TouredH
 
 
 toured = lru_cache(maxsize=2)(tour)  # one for all rows of a home
-
-
-def positions(household: Household, home: HomeMap) -> dict[str, Sighting]:
-    """Return where every movable thing is, by the furniture that it is in or on."""
-
-    def room_of(place_id: str | None) -> str:
-        place = home.places.get(place_id or "")
-        return place.room if place is not None else ""
-
-    state = household.world.state
-    return {
-        thing.id: sighting_of(state, thing, home, household.clock_s, room_of)
-        for thing in state.objects.values()
-        if "pickupable" in thing.capabilities and not is_inert(thing)
-    }
-
-
-def near_order(robot: HomeRobot, place_ids: tuple[str, ...]) -> Iterator[str]:
-    """Yield places, each the nearest from where the robot then stands."""
-    left, spots = list(place_ids), robot.map.spots
-    while left:
-        costs = robot.map.costs_from(robot.at)
-        best = min(left, key=lambda one: (min(costs[s.number] for s in spots[one]), one))
-        left.remove(best)
-        yield best
 
 
 class HomeLife:
@@ -147,7 +123,7 @@ class HomeLife:
 
     def now(self) -> dict[str, Sighting]:
         """Return where every movable thing is."""
-        return positions(self._household, self._map)
+        return self._household.now(self._map.places)
 
     def day(self, day: int) -> LivedRecord:
         """Live one day."""
@@ -221,7 +197,7 @@ class HomeLife:
         """Walk through all rooms and look at all open furniture; return the actions."""
         before = self._robot.actions
         shown = tuple(one for one, place in self._map.places.items() if not place.openable)
-        for place_id in near_order(self._robot, shown):
+        for place_id in nearest_next(self._robot, shown):
             self._robot.look_at(place_id)
         return self._robot.actions - before
 
@@ -274,10 +250,7 @@ class HomeLife:
             and _type_read(request, types_meant(question.thing)),
             knew=_knew(request, effort.first, truth) if request.kind in PLACED else None,
             known_s=known_s if known_s is None else round(known_s, 1),
-            doubts=tuple(
-                CheckedDoubt(holds=None if holds is None else round(holds, 4), was_so=so)
-                for holds, so in effort.doubts
-            ),
+            doubts=tuple(_checked(fact, truth) for fact in effort.doubts),
         )
         if self._tracer is not None:
             self._tracer.served(request, truth, effort.went_by, answer, served)
@@ -315,6 +288,15 @@ def _knew(request: LivedRequest, taken: Sighting | None, truth: Mapping[str, Sig
     if taken is None or taken.object_id not in request.object_ids:
         return False
     return taken.place_id == truth[taken.object_id].place_id
+
+
+def _checked(fact: Fact, truth: Mapping[str, Sighting]) -> CheckedDoubt:
+    """Return what a memory thought of a fact of now, and whether it is so."""
+    there = truth.get(fact.sighting.object_id)
+    return CheckedDoubt(
+        holds=None if fact.holds is None else round(fact.holds, 4),
+        was_so=there is not None and there.place_id == fact.sighting.place_id,
+    )
 
 
 def _type_read(request: LivedRequest, types: tuple[str, ...]) -> bool:
@@ -370,8 +352,6 @@ class ExpertMemory:
         now: tells where every movable thing is now.
         places: furniture of the home.
     """
-
-    name = "expert"
 
     def __init__(
         self, now: Callable[[], Mapping[str, Sighting]], places: Mapping[str, KnownPlace]

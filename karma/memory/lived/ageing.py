@@ -9,7 +9,7 @@ that is added by its share of places.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate
@@ -29,6 +29,7 @@ WEEK = (5, 2)  # days of each, in this order
 HOME = 8.0  # moves that the priors are worth against how busy this home is
 SURE = 0.005  # chances are kept so far from 0 and 1
 OWN = 48.0  # hours of evidence that a type's rate is worth for one thing of it
+PARTS = OF_HOME, OF_TYPES, OF_THINGS = "moves of the home", "moves of types", "moves of things"
 
 
 class TypePrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -105,7 +106,7 @@ class OwnTime:
 @dataclass(slots=True)
 class _Evidence:
     moves: float = 0.0
-    hours: float = 0.0
+    hours: float = 0.0  # of the home: the moves that were to be expected
 
 
 def _until_moved(per_hour: float, hours: float) -> float:
@@ -131,45 +132,37 @@ class Ageing:
         self._priors = priors
         self._times = {name: OwnTime(prior.by_hour) for name, prior in priors.items()}
         self._any_time = OwnTime()
-        self._types: dict[str, _Evidence] = {}
-        self._things: dict[str, _Evidence] = {}
-        self._moves, self._expected = 0.0, 0.0  # of all things, and by the priors alone
-        self._fresh: dict[str, None] = {}  # keys learnt of since they were told last
+        self._shown: dict[str, dict[str, _Evidence]] = {part: {} for part in PARTS}
+        self._fresh: dict[tuple[str, str], None] = {}  # learnt of since it was told last
 
     def learn(self, object_id: str, object_type: str, hours: float, *, moved: bool) -> None:
         """Count what was found after a time: still there, or moved at some time in between."""
         shape, rate = self._gamma(object_id, object_type)
         exposure = _until_moved(shape / rate, hours) if moved else hours
         prior = self._priors.get(object_type, FLAT)
-        self._moves += moved
-        self._expected += exposure * prior.moves / prior.hours
-        self._fresh |= {f"type {object_type}": None, f"thing {object_id}": None}
-        for table, key in ((self._types, object_type), (self._things, object_id)):
-            evidence = table.setdefault(key, _Evidence())
+        expected = exposure * prior.moves / prior.hours  # moves, by the prior alone
+        for part, name, more in (
+            (OF_HOME, "", expected), (OF_TYPES, object_type, exposure),
+            (OF_THINGS, object_id, exposure),
+        ):  # fmt: skip
+            evidence = self._shown[part].setdefault(name, _Evidence())
             evidence.moves += moved
-            evidence.hours += exposure
+            evidence.hours += more
+            self._fresh[part, name] = None
 
-    def fresh(self) -> dict[str, Any]:
-        """Return what was learnt since this was asked last, by keys for `learn_again`."""
-        found: dict[str, Any] = {}
-        for key in self._fresh:
-            kind, _, name = key.partition(" ")
-            evidence = (self._types if kind == "type" else self._things)[name]
-            found[key] = (evidence.moves, evidence.hours)
-        if found:
-            found["home"] = (self._moves, self._expected)
+    def fresh(self) -> dict[str, dict[str, Any]]:
+        """Return what was learnt since this was asked last, by part and name."""
+        found: dict[str, dict[str, Any]] = {}
+        for part, name in self._fresh:
+            evidence = self._shown[part][name]
+            found.setdefault(part, {})[name] = (evidence.moves, evidence.hours)
         self._fresh.clear()
         return found
 
-    def learn_again(self, kept: Mapping[str, Any]) -> None:
-        """Take over what was learnt before a restart."""
-        for key, (moves, hours) in kept.items():
-            kind, _, name = key.partition(" ")
-            if kind == "home":
-                self._moves, self._expected = moves, hours
-            else:
-                table = self._types if kind == "type" else self._things
-                table[name] = _Evidence(moves, hours)
+    def learn_again(self, kept: Callable[[str], Mapping[str, Any]]) -> None:
+        """Take over what was learnt before a restart, by part."""
+        for part, shown in self._shown.items():
+            shown |= {name: _Evidence(*values) for name, values in kept(part).items()}
 
     def hours(self, object_type: str, start_s: float, end_s: float) -> float:
         """Return how many hours of a type's own time lie between two times."""
@@ -183,8 +176,10 @@ class Ageing:
     def _gamma(self, object_id: str, object_type: str) -> tuple[float, float]:
         """Return shape and rate for one thing: the type's mean, worth `OWN` hours, and its own."""
         prior = self._priors.get(object_type, FLAT)
-        kind = self._types.get(object_type, _Evidence())
-        busy = (HOME + self._moves) / (HOME + self._expected)
+        home, kind, own = (
+            self._shown[part].get(name, _Evidence())
+            for part, name in ((OF_HOME, ""), (OF_TYPES, object_type), (OF_THINGS, object_id))
+        )
+        busy = (HOME + home.moves) / (HOME + home.hours)
         mean = (prior.moves * busy + kind.moves) / (prior.hours + kind.hours)
-        own = self._things.get(object_id, _Evidence())
         return mean * OWN + own.moves, OWN + own.hours

@@ -8,31 +8,17 @@ evicts it.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 from karma.contracts import Deed, HomeMoment, Sighting
 from karma.household.places import HAND
 from karma.memory.lived.ageing import Ageing
-from karma.memory.lived.episodes import LoggedEpisode
+from karma.memory.lived.episodes import Belief
 
-Reason = Literal["", "not there", "seen elsewhere", "otherwise", "carried off"]
 ROBOT = "robot"
 OVERLOOKED = 0.01  # chance that a look does not show what is known to be there; 39 of 5,552
 KEPT = 0.5  # chance from which on a thing is still believed to be where a look did not show it
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Belief:
-    """The last that is known of one thing."""
-
-    sighting: Sighting
-    since_s: float  # from when on it was seen to be so
-    deed: Deed | None = None  # that it came about by
-    chance: float = 1.0  # that it was still so when it was looked for last
-    looked_s: float | None = None  # when that was; None: it was seen since
-    ended_s: float | None = None
-    reason: Reason = ""  # why it ended, or why the one before it did
 
 
 class Beliefs:
@@ -70,9 +56,8 @@ class Beliefs:
         self._fresh.clear()
         return found
 
-    def take_over(self, episode: LoggedEpisode, doubt: Sequence[Any] | None) -> Belief:
+    def take_over(self, belief: Belief, doubt: Sequence[Any] | None) -> None:
         """Believe what a log says that goes on, with the doubt that was kept of it."""
-        belief = Belief(sighting=episode.sighting, since_s=episode.since_s, deed=episode.deed)
         if doubt is not None:
             chance, looked_s, ended_s, reason = doubt  # see `doubt_of`
             belief = replace(
@@ -81,7 +66,6 @@ class Beliefs:
         self._keep(belief)
         if belief.ended_s is not None:
             self._leave(belief)
-        return belief
 
     def take_in(self, moment: HomeMoment) -> list[tuple[Belief | None, Belief]]:
         """Correct beliefs by a moment; return what changed: the belief before, and the new one."""

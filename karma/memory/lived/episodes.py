@@ -10,9 +10,9 @@ from them.
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import faiss
 import numpy as np
@@ -22,17 +22,18 @@ from karma.errors import FileError
 from karma.memory.lived.setting import KnownPlace, sighting_text
 
 APPLICATION = 0x4B524D41  # "KRMA", in the file's header
-VERSION = 1
+VERSION = 2
 MOST_EPISODES = 200_000  # closed ones kept; beyond it the oldest go
 SPARE = 0.02  # share of the most that goes at once, so that it is not done for every row
 NEAREST = 64  # texts that are looked up at once
 FEW = 2_000  # episodes that fit all but the text: so many are ranked one by one
+Reason = Literal["", "not there", "seen elsewhere", "otherwise", "carried off"]
 _TABLES = """
 create table if not exists texts (id integer primary key, text text unique not null);
 create table if not exists episodes (
     id integer primary key, object_id text not null, object_type text not null, place_id text,
-    place_type text not null, room text not null, room_kind text not null, states text not null,
-    x real not null, y real not null, z real not null, since_s real not null, until_s real not null,
+    room text not null, states text not null, x real not null, y real not null, z real not null,
+    since_s real not null, until_s real not null,
     who text not null, action text not null, deed text, is_open integer not null,
     text_id integer not null
 );
@@ -40,8 +41,6 @@ create index if not exists by_text on episodes (text_id, until_s);
 create index if not exists by_type on episodes (object_type, since_s);
 create index if not exists by_time on episodes (since_s);
 create index if not exists by_end on episodes (is_open, until_s);
-create index if not exists by_place on episodes
-    (place_type, until_s, since_s, states, text_id);
 create index if not exists by_deed on episodes (who, action, since_s);
 create table if not exists kept (
     part text not null, name text not null, value text not null, primary key (part, name)
@@ -50,18 +49,16 @@ create table if not exists kept (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LoggedEpisode:
-    """One thing at one place in one state, from a first to a last sighting of it."""
+class Belief:
+    """The last that is known of one thing: an episode of it, and what is doubted of that."""
 
     sighting: Sighting  # the last
-    since_s: float
+    since_s: float  # from when on it was seen to be so
     deed: Deed | None = None  # that it began with
-
-    def seen_at(self, before_s: float | None) -> Sighting:
-        """Return it as it was seen last before a time."""
-        if before_s is None or self.sighting.time_s <= before_s:
-            return self.sighting
-        return replace(self.sighting, time_s=max(self.since_s, before_s))
+    chance: float = 1.0  # that it was still so when it was looked for last
+    looked_s: float | None = None  # when that was; None: it was seen since
+    ended_s: float | None = None
+    reason: Reason = ""  # why it ended, or why the one before it did
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,8 +69,6 @@ class EpisodeQuery:
     text: str = ""  # the nearest texts first; "" the newest first
     after_s: float | None = None
     before_s: float | None = None
-    place_types: tuple[str, ...] = ()
-    room_kind: str = ""
     state: str = ""
     who: str = ""
     action: str = ""
@@ -108,6 +103,10 @@ class EpisodeLog:
         self._index: Any = None
         self._indexed: set[int] = set()
         self._closed = self._count("is_open = 0")
+        rows = self._base.execute(
+            "select object_id, id, until_s from episodes where is_open = 1 order by since_s, id"
+        )
+        self._open = {object_id: (number, until_s) for object_id, number, until_s in rows}
 
     def __len__(self) -> int:
         return self._count("1")
@@ -117,41 +116,47 @@ class EpisodeLog:
 
     # ------------------------------------------------------------- writing
 
-    def begin(self, episode: LoggedEpisode) -> int:
-        """Write an episode that goes on; return its number."""
-        seen, deed = episode.sighting, episode.deed
-        place = self._places.get(seen.place_id or "")
-        x, y, z = seen.position_m
+    def begin(self, belief: Belief) -> None:
+        """Write an episode that goes on; each thing has one."""
+        seen, deed = belief.sighting, belief.deed
         cursor = self._base.execute(
-            "insert into episodes (object_id, object_type, place_id, place_type, room, room_kind,"
-            " states, x, y, z, since_s, until_s, who, action, deed, is_open, text_id)"
-            " values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, 1, ?)",
+            "insert into episodes (object_id, object_type, place_id, room, states, x, y, z,"
+            " since_s, until_s, who, action, deed, is_open, text_id)"
+            " values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, 1, ?)",
             (
-                seen.object_id, seen.object_type, seen.place_id,
-                place.place_type if place else "", seen.room,
-                place.room_kind if place else seen.room.rpartition("_")[0],
-                f" {' '.join(seen.states)} ", x, y, z, episode.since_s, seen.time_s,
+                seen.object_id, seen.object_type, seen.place_id, seen.room,
+                f" {' '.join(seen.states)} ", *seen.position_m, belief.since_s, seen.time_s,
                 deed.who if deed else "", deed.action if deed else "",
                 _deed_text(deed), self._text_id(sighting_text(seen, self._places)),
             ),
         )  # fmt: skip
-        return int(cursor.lastrowid or 0)
+        self._open[seen.object_id] = (int(cursor.lastrowid or 0), seen.time_s)
 
-    def extend(self, number: int, until_s: float) -> None:
-        """Note the last sighting of an episode that goes on."""
-        self._base.execute("update episodes set until_s = ? where id = ?", (until_s, number))
+    def extend(self, belief: Belief) -> None:
+        """Note when the thing of an episode that goes on was seen last."""
+        seen = belief.sighting
+        number, until_s = self._open.get(seen.object_id, (0, seen.time_s))
+        if until_s != seen.time_s:
+            self._base.execute(
+                "update episodes set until_s = ? where id = ?", (seen.time_s, number)
+            )
+            self._open[seen.object_id] = (number, seen.time_s)
 
-    def end(self, number: int, until_s: float) -> None:
-        """End an episode with its last sighting; the oldest go when there are too many."""
-        self._base.execute(
-            "update episodes set until_s = ?, is_open = 0 where id = ?", (until_s, number)
-        )
-        self._closed += 1
+    def end(self, belief: Belief) -> None:
+        """End the episode of a belief; the oldest go when there are too many."""
+        number, _ = self._open.pop(belief.sighting.object_id, (0, 0.0))
+        if number:
+            self._base.execute(
+                "update episodes set until_s = ?, is_open = 0 where id = ?",
+                (belief.sighting.time_s, number),
+            )
+            self._closed += 1
         if self._closed > self._most:
             self._make_room(self._closed - self._most + int(self._most * SPARE))
 
     def drop(self, object_id: str) -> None:
         """Forget all episodes of a thing."""
+        self._open.pop(object_id, None)
         self._base.execute("delete from episodes where object_id = ?", (object_id,))
         self._closed = self._count("is_open = 0")
 
@@ -208,13 +213,13 @@ class EpisodeLog:
 
     # ------------------------------------------------------------- reading
 
-    def episodes(self, *, only_open: bool = False) -> Iterator[tuple[int, LoggedEpisode]]:
-        """Yield all episodes, or those that go on, with their numbers, by their beginnings."""
+    def episodes(self, *, only_open: bool = False) -> Iterator[Belief]:
+        """Yield all episodes, or those that go on, by their beginnings."""
         which = "where is_open = 1 " if only_open else ""
         for row in self._base.execute(f"{_SELECT} {which}order by since_s, id"):
-            yield row[0], _episode(row)
+            yield _episode(row)
 
-    def recall(self, query: EpisodeQuery, k: int) -> list[LoggedEpisode]:
+    def recall(self, query: EpisodeQuery, k: int) -> list[Belief]:
         """Return at most k episodes that fit; of a text the nearest first, else the newest."""
         where, values = _conditions(query)
         if not query.text:
@@ -234,9 +239,9 @@ class EpisodeLog:
 
     def _by_text(
         self, where: str, values: Sequence[Any], ranked: Sequence[int], k: int
-    ) -> list[LoggedEpisode]:
+    ) -> list[Belief]:
         """Return episodes text by text, the nearest texts first, the newest of each first."""
-        found: list[LoggedEpisode] = []
+        found: list[Belief] = []
         glue = "and" if where else "where"
         for first in range(0, len(ranked), NEAREST):
             numbers = ranked[first : first + NEAREST]
@@ -252,7 +257,7 @@ class EpisodeLog:
                 break
         return found
 
-    def _one(self, number: int) -> LoggedEpisode:
+    def _one(self, number: int) -> Belief:
         return _episode(self._base.execute(f"{_SELECT} where id = ?", (number,)).fetchone())
 
     def _ranked(self, text: str) -> list[int]:
@@ -327,9 +332,8 @@ def _conditions(query: EpisodeQuery) -> tuple[str, tuple[Any, ...]]:
             one(f"{column} in ({','.join('?' * len(wanted))})", *wanted)
 
     of("object_type", query.types)
-    of("place_type", query.place_types)
-    for column in ("room_kind", "who", "action"):
-        of(column, tuple(filter(None, [getattr(query, column)])))
+    of("who", tuple(filter(None, [query.who])))
+    of("action", tuple(filter(None, [query.action])))
     if query.state:
         one("states like ?", f"% {query.state} %")
     if query.by_deed:
@@ -362,9 +366,9 @@ def _deed_of(text: str | None) -> Deed | None:
     )  # fmt: skip
 
 
-def _episode(row: Sequence[Any]) -> LoggedEpisode:
+def _episode(row: Sequence[Any]) -> Belief:
     _, object_id, kind, place_id, room, states, x, y, z, since_s, until_s, deed, _ = row
-    return LoggedEpisode(
+    return Belief(
         sighting=Sighting(
             time_s=until_s, object_id=object_id, object_type=kind, place_id=place_id, room=room,
             position_m=(x, y, z), states=_words(states),

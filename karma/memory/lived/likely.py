@@ -1,13 +1,15 @@
 """Where a thing may be: where it has been, its like has been, and such things are at all."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from karma.memory.lived.ageing import HomePrior, TypePrior
 from karma.memory.lived.setting import KnownPlace
 
 OWN_VISIT, LIKE_VISIT, PRIOR = 1.0, 0.15, 4.0  # what one counts against another
 _SPREAD = 0.15  # of the prior, over all places of the home
+PARTS = OF_THINGS, OF_TYPES = "places of things", "places of types"
 
 
 class PlaceShares:
@@ -20,41 +22,39 @@ class PlaceShares:
 
     def __init__(self, prior: HomePrior, places: Mapping[str, KnownPlace]) -> None:
         self._prior, self._places = prior.types, places
-        self._own: dict[str, Counter[str]] = {}
-        self._like: dict[str, Counter[str]] = {}
+        self._visits: dict[str, dict[str, Counter[str]]] = {part: {} for part in PARTS}
         self._kinds = Counter(_kind(place) for place in places.values())
         self._base: dict[str, dict[str, float]] = {}
-        self._fresh: dict[str, None] = {}  # keys that changed since they were told last
+        self._fresh: dict[tuple[str, str], None] = {}  # that changed since it was told last
 
     def visit(self, object_id: str, object_type: str, place_id: str | None) -> None:
         """Count that a thing has come to a place."""
-        if place_id in self._places:
-            self._fresh |= {f"own {object_id}": None, f"like {object_type}": None}
-            self._own.setdefault(object_id, Counter())[str(place_id)] += 1
-            self._like.setdefault(object_type, Counter())[str(place_id)] += 1
+        if place_id not in self._places:
+            return
+        for part, name in ((OF_THINGS, object_id), (OF_TYPES, object_type)):
+            self._visits[part].setdefault(name, Counter())[str(place_id)] += 1
+            self._fresh[part, name] = None
 
-    def fresh(self) -> dict[str, dict[str, int]]:
-        """Return the counts that changed since this was asked last, by keys for `visit_again`."""
-        found = {}
-        for key in self._fresh:
-            kind, _, name = key.partition(" ")
-            found[key] = dict((self._own if kind == "own" else self._like)[name])
+    def fresh(self) -> dict[str, dict[str, Any]]:
+        """Return the counts that changed since this was asked last, by part and name."""
+        found: dict[str, dict[str, Any]] = {}
+        for part, name in self._fresh:
+            found.setdefault(part, {})[name] = dict(self._visits[part][name])
         self._fresh.clear()
         return found
 
-    def visit_again(self, kept: Mapping[str, Mapping[str, int]]) -> None:
-        """Take over counts of before a restart."""
-        for key, counts in kept.items():
-            kind, _, name = key.partition(" ")
-            (self._own if kind == "own" else self._like)[name] = Counter(counts)
+    def visit_again(self, kept: Callable[[str], Mapping[str, Any]]) -> None:
+        """Take over counts of before a restart, by part."""
+        for part, visits in self._visits.items():
+            visits |= {name: Counter(counts) for name, counts in kept(part).items()}
 
     def of(self, object_ids: Iterable[str], object_type: str) -> dict[str, float]:
         """Return each place's share for a thing that may be one of some, summing to 1."""
         found = dict(self._base_of(object_type))
-        for place_id, times in self._like.get(object_type, {}).items():
+        for place_id, times in self._visits[OF_TYPES].get(object_type, {}).items():
             found[place_id] = found.get(place_id, 0.0) + LIKE_VISIT * times
         for object_id in object_ids:
-            for place_id, times in self._own.get(object_id, {}).items():
+            for place_id, times in self._visits[OF_THINGS].get(object_id, {}).items():
                 found[place_id] = found.get(place_id, 0.0) + OWN_VISIT * times
         total = sum(found.values())
         return {place_id: share / total for place_id, share in found.items()} if total else {}

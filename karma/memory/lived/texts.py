@@ -1,6 +1,7 @@
 """Distinct texts with their vectors, and what a question is looked up by."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ def query_text(question: HomeQuestion) -> str:
     return ", ".join(dict.fromkeys([said.phrase or question.text, *names]))
 
 
-def best_first(scores: Sequence[float] | NDArray[np.float32], k: int) -> NDArray[np.intp]:
+def best_first(scores: Sequence[float] | NDArray[np.floating[Any]], k: int) -> NDArray[np.intp]:
     """Return the numbers of the k best scores, the earlier of equals first."""
     values = np.asarray(scores)
     order: NDArray[np.intp] = np.argsort(-values, kind="stable")[:k]

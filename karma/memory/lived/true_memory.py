@@ -1,6 +1,6 @@
 """A memory that stays true: beliefs that age and give way, their history, and likely places."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from math import isfinite
@@ -9,17 +9,17 @@ from karma.contracts import Fact, HomeMoment, HomeQuestion, LikelyPlace, SaidThi
 from karma.errors import FileError
 from karma.household.places import HAND
 from karma.memory.lived.ageing import SURE, Ageing, AskedFor, HomePrior, home_prior
-from karma.memory.lived.beliefs import OVERLOOKED, Belief, Beliefs, doubt_of
-from karma.memory.lived.episodes import MOST_EPISODES, EpisodeLog, LoggedEpisode
-from karma.memory.lived.history import EpisodeHistory
+from karma.memory.lived.beliefs import OVERLOOKED, Beliefs, doubt_of
+from karma.memory.lived.episodes import MOST_EPISODES, Belief, EpisodeLog, EpisodeQuery
 from karma.memory.lived.likely import PlaceShares
+from karma.memory.lived.said import has_states, is_of_past, is_said_place, ranks_of, types_meant
 from karma.memory.lived.setting import MemorySetting
 
-MARGIN = 0.03  # below the best meaning, within which another type may be meant as well
 OTHERS = 0.08  # chance that is left for places of no opinion
 ELSEWHERE = 0.05  # what a place counts that is not of the kind that was said
 AS_AGED = AskedFor()
 LOG = "episodes.sqlite"
+FOUND = 256  # episodes that one question may be about
 
 
 class TrueMemory:
@@ -30,8 +30,6 @@ class TrueMemory:
         most_episodes: closed ones that its log keeps.
         prior: what is known of homes before one is known; None: of the training homes.
     """
-
-    name = "ours"
 
     def __init__(
         self,
@@ -49,7 +47,6 @@ class TrueMemory:
         folder = setting.folder
         self._place = path = None if folder is None else folder / LOG
         self._log = EpisodeLog(path, setting.embedder, setting.places, most_episodes=most_episodes)
-        self._history = EpisodeHistory(self._log)
         self._looked: dict[str, float] = {}  # place -> when it was looked over last
         self._restore()
 
@@ -66,8 +63,8 @@ class TrueMemory:
             if old is None or old.sighting.place_id != seen.place_id:
                 self._shares.visit(seen.object_id, seen.object_type, seen.place_id)
             if old is not None:
-                self._history.close(old)
-            self._history.add(new)
+                self._log.end(old)
+            self._log.begin(new)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
         """Return what fits: of the past from the history, of now from beliefs with chances."""
@@ -75,7 +72,7 @@ class TrueMemory:
         past = said.who or said.action or said.before_s is not None
         if past or question.asked in ("time", "who"):
             return self._past(question, k)
-        ranks = _ranks(said)
+        ranks = ranks_of(said)
         found = [
             belief for belief in self._beliefs if not ranks or belief.sighting.object_type in ranks
         ]
@@ -86,7 +83,7 @@ class TrueMemory:
     def likely_places(self, question: HomeQuestion) -> Sequence[LikelyPlace]:
         """Return where the thing is likely to be: believed, habitual, usual for its type."""
         said = question.thing
-        kinds = list(_meant(said))
+        kinds = types_meant(said)
         known = [belief for one in said.ids if (belief := self._beliefs.get(one)) is not None]
         mine = known or [
             one
@@ -132,15 +129,15 @@ class TrueMemory:
         """Make what was learnt so far survive: called when an instruction is finished."""
         self._write_down()
         self._log.keep("looked", {"all": self._looked})
-        self._log.keep("ageing", self._ageing.fresh())
-        self._log.keep("visits", self._shares.fresh())
+        for part, values in (self._ageing.fresh() | self._shares.fresh()).items():
+            self._log.keep(part, values)
         self._log.commit()
 
     def _write_down(self) -> None:
         """Bring the log up to what is believed."""
         fresh = self._beliefs.fresh()
         for belief in fresh:
-            self._history.extend(belief)
+            self._log.extend(belief)
         self._log.keep("doubts", {one.sighting.object_id: doubt_of(one) for one in fresh})
 
     def close(self) -> None:
@@ -162,12 +159,11 @@ class TrueMemory:
             raise FileError(self._place or LOG, reason, fix=fix)
         self._log.keep("home", {"places": home})
         self._looked = self._log.kept("looked").get("all", {})
-        self._ageing.learn_again(self._log.kept("ageing"))
-        self._shares.visit_again(self._log.kept("visits"))
+        self._ageing.learn_again(self._log.kept)
+        self._shares.visit_again(self._log.kept)
         doubts = self._log.kept("doubts")
-        for number, episode in self._log.episodes(only_open=True):
-            belief = self._beliefs.take_over(episode, doubts.get(episode.sighting.object_id))
-            self._history.take_over(number, belief)
+        for belief in self._log.episodes(only_open=True):
+            self._beliefs.take_over(belief, doubts.get(belief.sighting.object_id))
 
     # ------------------------------------------------------------- now
 
@@ -229,46 +225,45 @@ class TrueMemory:
 
     def _fits(self, belief: Belief, said: SaidThing) -> bool:
         """Return whether states and place of a belief are as said."""
-        seen = belief.sighting
-        states = all(
-            state in seen.states or (state == "cleaned" and "dirty" not in seen.states)
-            for state in said.states
-        )
-        return states and self._is_said(belief.sighting.place_id, said)
+        return has_states(belief.sighting, said) and self._is_said(belief.sighting.place_id, said)
 
     def _is_said(self, place_id: str | None, said: SaidThing) -> bool:
-        """Return whether a place is of the kind, and in the room, that was said."""
-        place = self._places.get(place_id or "")
-        there = not said.place_types or (place and place.place_type in said.place_types)
-        room = not said.room or (place is not None and said.room in (place.room_kind, place.room))
-        return bool(there and room)
+        return is_said_place(self._places.get(place_id or ""), said)
 
     # ------------------------------------------------------------- then
 
     def _past(self, question: HomeQuestion, k: int) -> list[Fact]:
-        """Return episodes of the asked time, the newest first, then older ones."""
-        said = question.thing
+        """Return episodes of the asked person, deed and time, the likelier types first.
+
+        Of a type the newest comes first; where none is known the words are looked up.
+        """
+        said, ranks = question.thing, ranks_of(question.thing)
         self._write_down()
-        text = said.phrase or question.text
-        found = list(self._history.find(_ranks(said), said, question.asked, text))
-        return [_told(one, said) for one in found[:k]]
+        query = EpisodeQuery(
+            types=tuple(ranks),
+            text="" if ranks else said.phrase or question.text,
+            after_s=said.after_s if said.who or said.action else None,
+            before_s=said.before_s,
+            who=said.who,
+            action=said.action,
+            by_deed=question.asked == "who",
+            state=next((one for one in said.states if one != "cleaned"), ""),  # not dirty, it is
+        )
+        found = self._log.recall(query, FOUND)
+        if query.state and not found:  # it was never seen so
+            found = self._log.recall(replace(query, state=""), FOUND)
+        found.sort(key=lambda one: ranks.get(one.sighting.object_type, 0))
+        return [_told(one, said.before_s) for one in found[:k]]
 
 
-def _told(episode: LoggedEpisode, said: SaidThing) -> Fact:
-    """Return an episode as a fact, at the latest time of it that was asked for."""
-    return Fact(sighting=episode.seen_at(said.before_s), deed=episode.deed)
+def _told(episode: Belief, before_s: float | None) -> Fact:
+    """Return an episode as a fact, as it was seen last before a time."""
+    seen = episode.sighting
+    if before_s is not None and seen.time_s > before_s:
+        seen = replace(seen, time_s=max(episode.since_s, before_s))
+    return Fact(sighting=seen, deed=episode.deed)
 
 
 def is_described(said: SaidThing) -> bool:
     """Return whether a thing is known by a deed, a time, a state, or what it was beside."""
-    past = said.who or said.action or said.after_s is not None or said.before_s is not None
-    return bool(past or said.states or said.beside is not None)
-
-
-def _meant(said: SaidThing) -> Iterator[str]:
-    best = said.types[0].similarity if said.types else 0.0
-    return (one.name for one in said.types if one.similarity >= best - MARGIN)
-
-
-def _ranks(said: SaidThing) -> dict[str, int]:
-    return {meaning.name: rank for rank, meaning in enumerate(said.types)}
+    return is_of_past(said) or bool(said.states or said.beside is not None)

@@ -19,8 +19,6 @@ class TrueUnits(TrueMemory):
         setting: of the home; `units` lines.
     """
 
-    name = "ours, ten units"
-
     def __init__(self, setting: MemorySetting) -> None:
         super().__init__(setting)
         self._policy = NeedTruthCost(setting.units, self._worth)
@@ -42,7 +40,7 @@ class TrueUnits(TrueMemory):
         leaves = count(object_id)
         if leaves is not None:
             self._beliefs.forget(leaves)
-            self._history.drop(leaves)
+            self._log.drop(leaves)
 
     def recall(self, question: HomeQuestion, k: int) -> Sequence[Fact]:
         """Return what fits; what is told was needed."""

@@ -2,22 +2,22 @@
 
 A walk is one `TeleportFull` to the spot that it leads to, charged and timed as the shortest walk
 over the cells there (`HomeMap`); residents go on living meanwhile. Everything else is one world
-action each. What it sees is what the world's own sight shows from there.
+action each. What it sees is what `karma.agent.perceive` reads of the world's event.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 
-from karma.contracts import Deed, HomeMoment, Pose, Sighting
+from karma.agent.perceive import observe
+from karma.contracts import Deed, HomeMoment, Observation, Pose, SeenObject, Sighting
 from karma.household.places import HAND
+from karma.household.types import object_types
 from karma.methods.lived.home_map import HomeMap, LookSpot
-from karma.world.core.objects import Objects
 from karma.world.core.rules import rules
-from karma.world.core.scene import SceneObject
-from karma.world.core.state import WorldState
-from karma.world.core.thing import is_inert
-from karma.world.residents import Household, states_of
+from karma.world.residents import Household
 
 TURNS = 2  # spots that a hand is tried from before it gives up
+UNTOLD = frozenset(("off", "closed", "heated"))  # words of `State` that no sighting keeps
 
 
 class HomeRobot:
@@ -45,7 +45,8 @@ class HomeRobot:
     @property
     def held(self) -> str | None:
         """Id of what is in the hand."""
-        return self.household.world.state.held
+        held = self._sees().held
+        return None if held is None else held.object_id
 
     def wait(self, time_s: float, *, watching: bool = True) -> None:
         """Let time pass; deeds of residents in the same room are seen."""
@@ -53,7 +54,7 @@ class HomeRobot:
 
     def go(self, spot: LookSpot) -> bool:
         """Walk to a spot; False where the world refuses it."""
-        steps, begun_s, start = self.map.cost(self.at, spot), self.time_s, self._pose()
+        steps, begun_s, start = self.map.cost(self.at, spot), self.time_s, self.at.pose
         x, y, z = spot.pose.position_m
         there = {"x": x, "y": y, "z": z, "rotation": spot.pose.yaw_deg}
         event = self._act(
@@ -68,13 +69,15 @@ class HomeRobot:
                 self.watch(start, begun_s)
         return event
 
-    def look(self, looked_over: Sequence[str] = (), since_s: float | None = None) -> HomeMoment:
-        """Take note of what is in view, and of the places that were looked over since a time."""
-        state = self.household.world.state
-        seen = tuple(sightings(state, self.map, self.time_s, self._room_of_place))
+    def look(self, over: str | None = None, since_s: float | None = None) -> HomeMoment:
+        """Take note of what is in view, and of a place that was looked all over since a time."""
+        view = self._sees()
+        shows = any(one.object_id == over and "closed" not in one.states for one in view.seen)
+        shown = (*view.seen, *filter(None, [view.held]))
         moment = HomeMoment(
-            time_s=self.time_s, room=self.at.room, seen=seen, looked_over=tuple(looked_over),
-            looked_since_s=since_s,
+            time_s=self.time_s, room=self.at.room,
+            seen=tuple(self._sighting(one) for one in shown if one.pickupable),
+            looked_over=(over,) if over and shows else (), looked_since_s=since_s,
         )  # fmt: skip
         self._tell(moment)
         return moment
@@ -88,32 +91,26 @@ class HomeRobot:
             if not self.go(spot):
                 continue
             reached += 1
-            opened = self.is_shut(place_id) and self._act("OpenObject", objectId=place_id)
-            shows = place_id in self.household.world.state.sight.visible
-            all_of_it = reached == len(order) and shows and not self.is_shut(place_id)
-            moment = self.look((place_id,) if all_of_it else (), began_s)
+            opened = self._open(place_id)
+            moment = self.look(place_id if reached == len(order) else None, began_s)
             if until is not None and until(moment):
                 return True
             if opened:
                 self._act("CloseObject", objectId=place_id)
         return False
 
-    def is_shut(self, place_id: str) -> bool:
-        """Return whether a place must be opened to see what is in it."""
-        thing = self.household.world.state.objects[place_id]
-        return "openable" in thing.capabilities and thing.openness <= 0
-
     def take(self, object_id: str, place_id: str | None) -> bool:
         """Pick a thing up, if need be from another spot of the place it is in or on."""
         if self.held is not None:
             return False
-        if self._act("PickupObject", objectId=object_id):
-            return self._took(object_id)
-        spots = self.map.spots.get(place_id or "", ())
-        for spot in [spot for spot in spots if spot != self.at][:TURNS]:
-            if self.go(spot) and self._act("PickupObject", objectId=object_id):
-                return self._took(object_id)
-        return False
+        others = [one for one in self.map.spots.get(place_id or "", ()) if one != self.at]
+        taken = self._act("PickupObject", objectId=object_id) or any(
+            self.go(spot) and self._act("PickupObject", objectId=object_id)
+            for spot in others[:TURNS]
+        )
+        if taken:
+            self.look()
+        return taken
 
     def put(self, place_id: str) -> bool:
         """Bring what is held to a place and put it in or on there."""
@@ -121,7 +118,7 @@ class HomeRobot:
         for spot in self.map.spots.get(place_id, ())[:TURNS]:
             if held is None or not self.go(spot):
                 continue
-            opened = self.is_shut(place_id) and self._act("OpenObject", objectId=place_id)
+            opened = self._open(place_id)
             done = self._act("PutObject", objectId=place_id)
             if done:
                 self.look()
@@ -145,25 +142,19 @@ class HomeRobot:
 
     def close(self, place_id: str) -> None:
         """Close a place that was opened to take something out."""
-        if "openable" in self.household.world.state.objects[place_id].capabilities:
+        if self.map.places[place_id].openable:
             self._act("CloseObject", objectId=place_id)
-
-    def is_still_so(self, seen: Sighting) -> bool:
-        """Return whether a thing is where it was seen: the truth, for figures only."""
-        state = self.household.world.state
-        thing = state.objects.get(seen.object_id)
-        if thing is None or is_inert(thing) or thing.id in state.in_hand:
-            return False
-        return resting_place(state.objects, thing, self.map) == seen.place_id
 
     # ------------------------------------------------------------- what happens
 
-    def _pose(self) -> Pose:
-        return self.household.world.state.pose
-
-    def _took(self, object_id: str) -> bool:
-        self.look()
-        return True
+    def _open(self, place_id: str) -> bool:
+        """Open a place that is not seen standing open; return whether it was opened."""
+        if not self.map.places[place_id].openable:
+            return False
+        seen = self._sees().seen
+        if any(one.object_id == place_id and "closed" not in one.states for one in seen):
+            return False
+        return self._act("OpenObject", objectId=place_id)
 
     def _act(self, action: str, **arguments: object) -> bool:
         before = len(self.household.log)
@@ -174,82 +165,57 @@ class HomeRobot:
 
     def _witness(self, deeds: Sequence[Deed], *, watching: bool = True) -> None:
         """Tell of the deeds that were the robot's own or happened in its room."""
-        if not watching:
+        near = [one for one in deeds if one.who == "robot" or one.room == self.at.room]
+        if not near or not watching:
             return
-        for deed in deeds:
-            if deed.who == "robot" or deed.room == self.at.room:
-                self._tell(self._moment_of(deed))
+        types = object_types()
+        carried = [one for one in near if types[one.object_type].can("pickupable")]
+        things: dict[str, SeenObject] = {}
+        if carried:
+            told = {one for deed in carried for one in (deed.object_id, deed.place_id or "")}
+            view = self._sees(told)
+            shown = (*view.seen, *view.touched, *filter(None, [view.held]))
+            things = {one.object_id: one for one in shown}
+        for deed in near:
+            self._tell(self._moment_of(deed, things))
 
-    def _moment_of(self, deed: Deed) -> HomeMoment:
-        objects = self.household.world.state.objects
-        thing = objects.get(deed.object_id)
+    # ------------------------------------------------------------- what is seen
+
+    def _sees(self, touched: Collection[str] = ()) -> Observation:
+        return observe(self.household.world.last_event, touched=touched)
+
+    def _sighting(self, seen: SeenObject) -> Sighting:
+        """Return where a movable thing is now: the furniture that it is in or on."""
+        place_id = self._furniture(seen)
+        place = self.map.places.get(place_id or "")
+        return Sighting(
+            time_s=self.time_s,
+            object_id=seen.object_id,
+            object_type=seen.object_type,
+            place_id=place_id,
+            room=self.at.room if place is None else place.room,
+            position_m=seen.box_center_m,
+            states=tuple(word for word in seen.states if word not in UNTOLD),
+        )
+
+    def _moment_of(self, deed: Deed, things: Mapping[str, SeenObject]) -> HomeMoment:
+        """Return a deed that was seen, with where it left the thing."""
+        thing, place_id = things.get(deed.object_id), deed.place_id
         seen: tuple[Sighting, ...] = ()
-        if thing is not None and "pickupable" in thing.capabilities:
-            in_hand = deed.action == "PickupObject"
-            place = HAND if in_hand else _furniture(objects, deed.place_id, self.map)
+        if thing is not None and thing.pickupable:
+            if deed.action == "PickupObject":
+                place_id = HAND
+            elif place_id is not None and place_id not in self.map.places:
+                place_id = self._furniture(things.get(place_id))
+            sight = self._sighting(thing)
             seen = (
-                Sighting(
-                    time_s=deed.time_s,
-                    object_id=deed.object_id,
-                    object_type=deed.object_type,
-                    place_id=place,
-                    room=deed.room,
-                    position_m=thing.center,
-                    states=deed.states,
+                replace(
+                    sight, time_s=deed.time_s, place_id=place_id, room=deed.room, states=deed.states
                 ),
             )
         return HomeMoment(time_s=deed.time_s, room=self.at.room, seen=seen, deed=deed)
 
-    def _room_of_place(self, place_id: str | None) -> str:
-        place = self.map.places.get(place_id or "")
-        return place.room if place is not None else self.at.room
-
-
-def sightings(
-    state: WorldState, home: HomeMap, time_s: float, room_of: Callable[[str | None], str]
-) -> Iterator[Sighting]:
-    """Yield the movable things in view, in the order of the scene."""
-    visible = state.sight.visible
-    for object_id in state.objects:
-        if object_id not in visible:
-            continue
-        thing = state.objects[object_id]
-        if "pickupable" in thing.capabilities and not is_inert(thing):
-            yield sighting_of(state, thing, home, time_s, room_of)
-
-
-def sighting_of(
-    state: WorldState,
-    thing: SceneObject,
-    home: HomeMap,
-    time_s: float,
-    room_of: Callable[[str | None], str],
-) -> Sighting:
-    """Return where a movable thing is now: the furniture that it is in or on."""
-    held = thing.id in state.in_hand
-    place = HAND if held else resting_place(state.objects, thing, home)
-    return Sighting(
-        time_s=time_s,
-        object_id=thing.id,
-        object_type=thing.type,
-        place_id=place,
-        room=room_of(place),
-        position_m=thing.center,
-        states=states_of(thing),
-    )
-
-
-def resting_place(objects: Objects, thing: SceneObject, home: HomeMap) -> str | None:
-    """Return the id of the furniture that a thing lies in or on, however deep; None: the floor."""
-    for parent in thing.parents:
-        found = _furniture(objects, parent, home)
-        if found is not None:
-            return found
-    return None
-
-
-def _furniture(objects: Objects, place_id: str | None, home: HomeMap) -> str | None:
-    if place_id is None or place_id in home.places:
-        return place_id
-    thing = objects.get(place_id)
-    return None if thing is None else resting_place(objects, thing, home)
+    def _furniture(self, thing: SeenObject | None) -> str | None:
+        """Return the id of the furniture that a thing lies in or on, however deep; None: none."""
+        holders = () if thing is None else thing.parent_ids
+        return next((one for one in holders if one == HAND or one in self.map.places), None)

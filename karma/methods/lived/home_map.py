@@ -63,11 +63,6 @@ class HomeMap:
         """Return how many world actions the shortest way from one spot to another takes."""
         return int(self._costs[start.number, end.number])
 
-    def costs_from(self, start: LookSpot) -> NDArray[np.int32]:
-        """Return the costs to all spots, by their numbers."""
-        row: NDArray[np.int32] = self._costs[start.number]
-        return row
-
     def in_rooms(self) -> Mapping[str, tuple[str, ...]]:
         """Return the ids of the places of each room."""
         found: dict[str, list[str]] = {}

@@ -5,14 +5,14 @@ and matched with what was said. Nothing is known here that no fact says.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from karma.contracts import Fact, HomeMemory, HomeQuestion, SaidThing, Sighting
+from karma.memory.lived.said import has_states, is_said_place, types_meant
 from karma.memory.lived.setting import KnownPlace, sighting_text
 
 MOST_FACTS = 64  # asked of a memory at once
-MARGIN = 0.03  # below the best meaning, within which another type may be meant as well
 DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
 _TOKEN = re.compile(r"\w+|[^\w\s]")
 _DAY_S = 86_400.0
@@ -84,19 +84,6 @@ def recollect(
     return Recollection(facts=tuple(told), tokens=spent)
 
 
-def types_meant(said: SaidThing) -> tuple[str, ...]:
-    """Return the object types that words may mean: the nearest, and what is about as near."""
-    if not said.types:
-        return ()
-    best = said.types[0].similarity
-    return tuple(one.name for one in said.types if one.similarity >= best - MARGIN)
-
-
-def is_of_past(said: SaidThing) -> bool:
-    """Return whether a thing is known by what was, not by what is."""
-    return bool(said.who or said.action or said.after_s is not None or said.before_s is not None)
-
-
 def fits(
     fact: Fact, said: SaidThing, places: Mapping[str, KnownPlace], *, beside: str | None = None
 ) -> bool:
@@ -112,34 +99,18 @@ def fits(
     types = types_meant(said)
     return (
         (not types or seen.object_type in types)
-        and _has_states(seen, said.states)
+        and has_states(seen, said)
         and _is_there(seen, said, places)
         and (beside is None or seen.place_id == beside)
         and _happened(fact, said)
     )
 
 
-def _has_states(seen: Sighting, states: Iterable[str]) -> bool:
-    """Return whether a thing has all states; "cleaned" is what is not dirty."""
-    return all(
-        state in seen.states or (state == "cleaned" and "dirty" not in seen.states)
-        for state in states
-    )
-
-
 def _is_there(seen: Sighting, said: SaidThing, places: Mapping[str, KnownPlace]) -> bool:
     if seen.place_id is not None and seen.place_id in places:
-        return is_said_place(seen.place_id, said, places)
+        return is_said_place(places[seen.place_id], said)
     kind = seen.room.rpartition("_")[0]
     return not said.place_types and (not said.room or said.room in (kind, seen.room))
-
-
-def is_said_place(place_id: str, said: SaidThing, places: Mapping[str, KnownPlace]) -> bool:
-    """Return whether furniture is of the kind, and in the room, that was said."""
-    place = places.get(place_id)
-    if place is None or (said.place_types and place.place_type not in said.place_types):
-        return False
-    return not said.room or said.room in (place.room_kind, place.room)
 
 
 def _happened(fact: Fact, said: SaidThing) -> bool:

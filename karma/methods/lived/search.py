@@ -1,13 +1,13 @@
 """In which order places are looked at: chance of finding against the way there."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from karma.contracts import Fact, HomeQuestion, LikelyPlace
+from karma.agent.search import best_next
+from karma.contracts import Fact, LikelyPlace
 from karma.household.places import LIKELY
 from karma.household.types import object_types
 from karma.methods.lived.body import HomeRobot
-from karma.methods.lived.home_map import HomeMap
 
 LOOK_ACTIONS = 4  # that a look costs beside the way, about
 
@@ -18,7 +18,6 @@ class PlannedLook:
 
     place_id: str
     believed: bool  # memory has seen the thing there last and knows nothing newer
-    chance: float | None  # that it is there; None: the memory has no notion of it
 
 
 def looks(
@@ -45,7 +44,7 @@ def looks(
         for place_id in last:
             if place_id in home.spots and place_id not in done:
                 done.add(place_id)
-                yield PlannedLook(place_id=place_id, believed=True, chance=None)
+                yield PlannedLook(place_id=place_id, believed=True)
     while True:
         said = {place.place_id: place.chance for place in likely()} or sure
         chances = {
@@ -57,11 +56,11 @@ def looks(
             break
         best = max(chances, key=lambda one: (chances[one] / look_cost(robot, one), one))
         done.add(best)
-        yield PlannedLook(place_id=best, believed=best in last, chance=chances[best])
+        yield PlannedLook(place_id=best, believed=best in last)
     for place_id in by_habit(robot, object_type):
         if place_id not in done:
             done.add(place_id)
-            yield PlannedLook(place_id=place_id, believed=False, chance=None)
+            yield PlannedLook(place_id=place_id, believed=False)
 
 
 def look_cost(robot: HomeRobot, place_id: str) -> int:
@@ -72,35 +71,23 @@ def look_cost(robot: HomeRobot, place_id: str) -> int:
 
 def by_habit(robot: HomeRobot, object_type: str | None) -> Iterator[str]:
     """Yield furniture that may hold a thing: where things are found at all, the nearest first."""
-    types, home = object_types(), robot.map
+    types, places = object_types(), robot.map.places
     kind = types.get(object_type or "")
-    left = {
-        place_id: _rank(place.place_type)
-        for place_id, place in home.places.items()
+    fitting = [
+        place_id
+        for place_id, place in places.items()
         if kind is None or kind.fits(types[place.place_type])
-    }
-    while left:
-        costs = home.costs_from(robot.at)
-        best = min(left, key=lambda one: (left[one], _way(home, costs, one), one))
-        del left[best]
-        yield best
+    ]
+    return best_next(
+        fitting, lambda one: (_rank(places[one].place_type), look_cost(robot, one), one)
+    )
 
 
-def _way(home: HomeMap, costs: object, place_id: str) -> int:
-    return min(int(costs[spot.number]) for spot in home.spots[place_id])  # type: ignore[index]
+def nearest_next(robot: HomeRobot, place_ids: Iterable[str]) -> Iterator[str]:
+    """Yield places, each the nearest from where the robot then stands."""
+    return best_next(place_ids, lambda one: (look_cost(robot, one), one))
 
 
 def _rank(place_type: str) -> int:
     """Return how late a kind of furniture is looked at: thirds of the household's order."""
-    order: Mapping[str, int] = {name: number // 5 for number, name in enumerate(LIKELY)}
-    return order.get(place_type, len(LIKELY))
-
-
-def worth_a_look(question: HomeQuestion, fact: Fact, cost: int, *, wrong_costs: float) -> bool:
-    """Return whether a doubt about where a thing is now is worth going there.
-
-    What a look costs is held against what a wrong answer costs times its chance.
-    """
-    if fact.holds is None:
-        return False
-    return (1.0 - fact.holds) * wrong_costs > cost
+    return LIKELY.index(place_type) // 5 if place_type in LIKELY else len(LIKELY)

@@ -4,7 +4,7 @@ The loop is closed after every look: what is seen goes into memory at once, and 
 is gone is made anew from there, within a budget of places. Open loop (the paper's) ends there.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -19,18 +19,10 @@ from karma.contracts import (
     Sighting,
 )
 from karma.household.places import HAND
+from karma.memory.lived.said import is_of_past, is_said_place, types_meant
 from karma.methods.lived.body import HomeRobot
-from karma.methods.lived.recalling import (
-    Recollection,
-    fits,
-    ids_of,
-    is_of_past,
-    is_said_place,
-    plain,
-    recollect,
-    types_meant,
-)
-from karma.methods.lived.search import look_cost, looks, worth_a_look
+from karma.methods.lived.recalling import Recollection, fits, ids_of, plain, recollect
+from karma.methods.lived.search import look_cost, looks
 
 COUNTED = 0.2  # chance from which on a thing is counted, where it was seen or where it may lie
 Verify = Literal["never", "doubted", "always"]
@@ -61,7 +53,7 @@ class Effort:
     recalls: int = 0
     tokens: int = 0
     first: Sighting | None = None  # the thing that it took to be meant, where memory had it
-    doubts: list[tuple[float | None, bool]] = field(default_factory=list)  # holds, and was so
+    doubts: list[Fact] = field(default_factory=list)  # of now, before anything was done
     went_by: list[Fact] = field(default_factory=list)  # what memory said, in the order of use
 
 
@@ -173,22 +165,23 @@ class Server:
         target = targets[0]
         fact = target.fact
         if fact is not None:
-            self._note_doubt(fact)
-        if fact is not None and not self._looks_first(question, fact):
+            self.effort.doubts.append(fact)
+        if fact is not None and not self._looks_first(fact):
             return _answer(self._robot, fact.sighting, fact.holds)
         seen = self._find(question, targets[:1], self._settings.budget_looks)
         if seen is not None:
             return _answer(self._robot, seen, 1.0)
         return HomeAnswer(unknown=True)
 
-    def _looks_first(self, question: HomeQuestion, fact: Fact) -> bool:
+    def _looks_first(self, fact: Fact) -> bool:
+        """Return whether a look is worth its way: what it costs against a wrong answer."""
         place_id = fact.sighting.place_id or ""
         if self._settings.verify == "never" or place_id not in self._robot.map.spots:
             return False
         if self._settings.verify == "always":
             return True
-        cost = look_cost(self._robot, place_id)
-        return worth_a_look(question, fact, cost, wrong_costs=self._settings.wrong_costs)
+        wrong = 0.0 if fact.holds is None else 1.0 - fact.holds  # its chance; none is told
+        return wrong * self._settings.wrong_costs > look_cost(self._robot, place_id)
 
     def _where_then(self, question: HomeQuestion) -> HomeAnswer:
         """Answer where a thing was: the newest fact of that time, else the last one before it."""
@@ -232,8 +225,7 @@ class Server:
         told = self._recall(question)
         newest = [(one, told.latest(one)) for one in ids_of(told.facts)]
         facts = [fact for _, fact in newest if fact and fits(fact, said, self._places)]
-        for fact in facts:
-            self._note_doubt(fact)
+        self.effort.doubts += facts
         if not facts and not self._recall(plain(question)).facts:
             return HomeAnswer(unknown=True)
         there = [fact for fact in facts if fact.holds is None or fact.holds >= COUNTED]
@@ -253,7 +245,9 @@ class Server:
         said = question.thing
         lost = replace(said, place_types=(), room="", ids=(object_id,))
         likely = self._memory.likely_places(replace(question, thing=lost))
-        there = (one.chance for one in likely if is_said_place(one.place_id, said, self._places))
+        there = (
+            one.chance for one in likely if is_said_place(self._places.get(one.place_id), said)
+        )
         return sum(there) >= COUNTED
 
     # ------------------------------------------------------------- errands
@@ -261,7 +255,7 @@ class Server:
     def _errand(self, question: HomeQuestion) -> HomeAnswer:
         targets = self._meant(question)
         if targets and targets[0].fact is not None and targets[0].fact.ended_s is None:
-            self._note_doubt(targets[0].fact)
+            self.effort.doubts.append(targets[0].fact)
         if not targets and not self._settings.closed_loop:
             return HomeAnswer(unknown=True)
         if not targets and not self._may_be_searched(question.thing):
@@ -314,7 +308,7 @@ class Server:
         if not targets:
             return None
         fact = targets[0].fact
-        if fact is not None and not self._looks_first(asked, fact):
+        if fact is not None and not self._looks_first(fact):
             return fact.sighting.place_id
         seen = self._find(asked, targets[:1], self._settings.budget_looks)
         if seen is not None:
@@ -361,20 +355,19 @@ class Server:
         """Return whether a thing in view is as it was said, as far as one can see."""
         return fits(Fact(sighting=seen), said, self._places)
 
-    def _look_at(self, place_id: str, is_it: object, *, believed: bool) -> bool:
+    def _look_at(
+        self, place_id: str, is_it: Callable[[HomeMoment], bool], *, believed: bool
+    ) -> bool:
         effort, before = self.effort, self._robot.actions
-        found = self._robot.look_at(place_id, until=is_it)  # type: ignore[arg-type]
+        found = self._robot.look_at(place_id, until=is_it)
         effort.places += 1
         effort.believed += believed
-        if not found and is_it is not None:
+        if not found:
             effort.wasted += 1
             if believed:
                 effort.stale += 1
                 effort.stale_actions += self._robot.actions - before
         return found
-
-    def _note_doubt(self, fact: Fact) -> None:
-        self.effort.doubts.append((fact.holds, self._robot.is_still_so(fact.sighting)))
 
 
 def _answer(robot: HomeRobot, seen: Sighting, sure: float | None) -> HomeAnswer:

@@ -16,12 +16,12 @@ from karma.household.types import object_types
 from karma.language.clock import span_of, spans
 from karma.memory.lived.setting import KnownPlace
 from karma.tasks.drawing.lexicon import takes_article
+from karma.tasks.drawing.referring_expressions import plural
 from karma.tasks.lived.forms import request_forms
 from karma.tasks.lived.naming import (
     meant_by,
     of_type,
     place_phrase,
-    plural,
     room_phrase,
     thing_word,
 )

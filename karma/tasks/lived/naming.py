@@ -76,23 +76,3 @@ def meant_by(place: KnownPlace, places: Mapping[str, KnownPlace]) -> tuple[str, 
 def of_type(now: Mapping[str, Sighting], object_type: str) -> Sequence[Sighting]:
     """Return the things of a type."""
     return [one for one in now.values() if one.object_type == object_type]
-
-
-def plural(noun: str) -> str:
-    """Return the plural of a noun, as far as rules go.
-
-    >>> plural("mug"), plural("dish"), plural("knife"), plural("berry"), plural("potato")
-    ('mugs', 'dishes', 'knives', 'berries', 'potatoes')
-    >>> plural("bunch of keys")
-    'bunches of keys'
-    """
-    head, of, rest = noun.partition(" of ")
-    if of:
-        return f"{plural(head)}{of}{rest}"
-    if noun.endswith(("s", "x", "ch", "sh", "ato")):
-        return f"{noun}es"
-    if noun.endswith("ife"):
-        return f"{noun[:-2]}ves"
-    if noun.endswith("y") and noun[-2:-1] not in "aeiou":
-        return f"{noun[:-1]}ies"
-    return f"{noun}s"

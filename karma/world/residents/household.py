@@ -5,7 +5,7 @@ disturbance. When its time comes a move is made by somebody who is at home and a
 world's own actions; what the world refuses does not happen and is counted.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -151,22 +151,24 @@ class Household:
         """Return the room that a resident is in, or was in last."""
         return self._rooms[name]
 
-    def now(self) -> dict[str, Sighting]:
-        """Return where every movable thing is, by its nearest receptacle."""
+    def now(self, among: Collection[str] = ()) -> dict[str, Sighting]:
+        """Return where every movable thing is: the nearest receptacle, or furniture of some ids."""
         state = self.world.state
-        return {
-            thing.id: Sighting(
+        found = {}
+        for thing in filter(_is_movable, state.objects.values()):
+            there = (one for one in thing.parents if not among or one in among)
+            place_id = HAND if thing.id in state.in_hand else next(there, None)
+            place = self._places.get(place_id or "")
+            found[thing.id] = Sighting(
                 time_s=self.clock_s,
                 object_id=thing.id,
                 object_type=thing.type,
-                place_id=HAND if thing.id in state.in_hand else self._place_of(thing.id),
-                room=self._room_at(thing),
+                place_id=place_id,
+                room=self._room_at(thing) if place is None else place.room,
                 position_m=thing.center,
                 states=states_of(thing),
             )
-            for thing in state.objects.values()
-            if _is_movable(thing)
-        }
+        return found
 
     # ------------------------------------------------------------- days
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from karma.contracts import Deed
-from karma.memory.lived.designs import DESIGNS
-from karma.memory.lived.remembr import CAPTIONS
+from karma.memory.lived.designs import CAPTIONS, DESIGNS
 from karma.memory.lived.setting import sighting_text
 from karma.memory.lived.texts import query_text
 from karma.memory.policies import make_policy
