@@ -15,8 +15,8 @@ from pathlib import Path
 from karma.bench.export import exported
 from karma.bench.sweep_folder import TABLE, read_sweep
 from karma.files import write_atomic
+from karma.journal.header import CELLS, EPISODES
 from karma.journal.records import read_records
-from karma.journal.run_folder import CELLS, EPISODES
 from karma.testing import make_planner
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -25,8 +25,6 @@ from karma.lab.sweep import PolicyRow, Sweep, run_rows, size_of, sized, sweep_of
 from karma.lab.tasks import UNIT_SETS, Pool, UnitSet, alfred_pool, grammar_pool
 from karma.lab.workloads import WORKLOADS, Workload, costs_of, draw_errands, trace_of
 
-KIND = "trace"
-
 
 class TraceFigure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One figure.
@@ -96,20 +94,6 @@ class FigureProgress:
     done: int
     total: int
     doing: str
-
-
-def is_figure(path: Path) -> bool:
-    """Return whether an experiment file is one of these.
-
-    Raises:
-        FileError: it cannot be read as TOML.
-    """
-    fix = None if path.is_file() else "karma eval demo"
-    return read_toml(path, _Kind, fix=fix).kind == KIND
-
-
-class _Kind(msgspec.Struct):
-    kind: str = ""
 
 
 def run_figure(path: Path, folder: Path, *, fresh: bool = False) -> Iterator[FigureProgress]:

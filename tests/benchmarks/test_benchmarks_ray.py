@@ -20,11 +20,13 @@ from support.tiny import export_tiny
 from typer.testing import CliRunner
 
 from karma.bench.experiment_file import DataFolders, with_places_here
+from karma.bench.run import Run
 from karma.benchmarks.eb_alfred.experiment import EbExperiment
-from karma.benchmarks.run import EPISODES, HEADER, BenchmarkRun
 from karma.cli import app
 from karma.errors import KarmaError, WorkerLost
 from karma.infer.hosted.cassette import Cassette
+from karma.journal.header import EPISODES
+from karma.journal.owned_folder import HEADER
 
 pytest.importorskip("ray", reason="needs Ray: pip install 'karma-offline[ray]'")
 
@@ -55,7 +57,7 @@ from pathlib import Path
 import msgspec
 from karma.loading.models import Models
 from karma.bench.sheet import Sheet
-from karma.benchmarks.benchmark import BenchmarkResults, Chain
+from karma.bench.suite import BenchmarkResults, Chain
 
 
 class Experiment(msgspec.Struct, frozen=True, kw_only=True):
@@ -157,7 +159,7 @@ def eb_run(tmp_path, monkeypatch, theirs):
 
     def opened(name, rows=eb.ROWS, **more):
         path.write_text(EB + rows)
-        return BenchmarkRun(path, tmp_path / name, **more)
+        return Run(path, tmp_path / name, **more)
 
     return opened
 
@@ -165,7 +167,7 @@ def eb_run(tmp_path, monkeypatch, theirs):
 def lived(tmp_path, name, homes=1):
     path = tmp_path / f"homes_{homes}.toml"
     path.write_text(LIVED.format(homes=homes))
-    return BenchmarkRun(path, tmp_path / name)
+    return Run(path, tmp_path / name)
 
 
 def test_lived_homes_leave_the_same_bytes_with_one_worker_two_and_a_cluster(cluster, tmp_path):
@@ -200,11 +202,11 @@ def test_chain_that_kills_its_workers_is_done_again_and_then_ends_the_run(
     assert "deadly" in metadata.entry_points(group="karma.benchmarks").names
     path = tmp_path / "x.toml"
     path.write_text(f'name = "x"\nbenchmark = "deadly"\nmark = "{tmp_path / "mark"}"\n')
-    run = BenchmarkRun(path, tmp_path / "run")
+    run = Run(path, tmp_path / "run")
     cause = "2 workers died of it, the last was lost with its node or killed"
     with pytest.raises(WorkerLost, match=f"r/always/0 cannot be done: {cause}"):
         list(run.episodes(1, ray=cluster))
-    again = BenchmarkRun(path, tmp_path / "run")
+    again = Run(path, tmp_path / "run")
     assert [(one.task, one.end) for one in again.records] == [("once", "played")]
 
 

@@ -13,10 +13,11 @@ from support.hosted_server import plant_key, wire_server
 from support.run_files import lines_in, started
 from typer.testing import CliRunner
 
-from karma.benchmarks.run import EPISODES, TABLE, BenchmarkRun
+from karma.bench.run import Run
 from karma.cli import app
 from karma.errors import KarmaError
 from karma.infer.hosted.cassette import FILE, Cassette
+from karma.journal.header import EPISODES, TABLE
 from karma.world.eb_alfred.actions import PUT
 
 IN_FLIGHT = 4
@@ -38,7 +39,7 @@ def planted_key(monkeypatch):
 
 
 def finished(path, folder, workers=1, **more):
-    run = BenchmarkRun(path, folder, **more)
+    run = Run(path, folder, **more)
     return list(run.episodes(workers)), run_files(folder)
 
 
@@ -153,7 +154,7 @@ def test_hosted_run_that_is_killed_with_workers_at_work_goes_on_to_the_same_byte
 def test_hosted_run_whose_server_is_lost_ends_by_name_and_goes_on(experiment, tmp_path):
     with wire_server(household) as (url, _):
         path = experiment(HOSTED.format(url=url) + "retries = 0\n", tasks=eight_tasks())
-        first = BenchmarkRun(path, tmp_path / "a").episodes()
+        first = Run(path, tmp_path / "a").episodes()
         next(first)
         first.close()
     with pytest.raises(KarmaError, match="see that a server answers at"):

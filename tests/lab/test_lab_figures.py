@@ -9,10 +9,11 @@ import pytest
 from support.lab_trials import many_trials, write_trials
 from support.paths import ROOT
 
+from karma.bench.experiment_file import kind_of
 from karma.errors import FileError, KarmaError, UnknownNameError
 from karma.files import read_toml
 from karma.lab.exploration import Exploration, explore
-from karma.lab.figure import TraceFigure, draw_figure, is_figure, read_figure, run_figure
+from karma.lab.figure import TraceFigure, draw_figure, read_figure, run_figure
 from karma.lab.intervals import Bootstrapped
 from karma.lab.paper_claims import CellResults, claims_of, claims_text
 from karma.lab.sweep import PolicyRow, Sweep, sized
@@ -243,14 +244,14 @@ def test_missing_tasks_are_an_error_or_said_aloud(small, tmp_path):
 @pytest.mark.parametrize("path", PAPER, ids=lambda path: path.stem)
 def test_figures_of_the_paper_name_policies_and_claims_there_are(path):
     figure = read_toml(path, TraceFigure)
-    assert is_figure(path)
+    assert kind_of(path) == "figure"
     assert len(sized(figure.policies, figure.sizes)) > 1
     assert claims_of(figure.claims, []) == []
     assert figure.workloads == WORKLOADS
 
 
 def test_experiments_with_a_world_are_no_such_figures():
-    assert not is_figure(ROOT / "eval" / "demo.toml")
+    assert kind_of(ROOT / "eval" / "demo.toml") == "run"
 
 
 def test_all_four_figures_are_there():

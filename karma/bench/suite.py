@@ -1,4 +1,8 @@
-"""What a benchmark of others is to a run: its experiment, its chains of episodes, its records."""
+"""What a run does: a suite of episodes in chains; and what a benchmark of others is to it.
+
+A chain depends on its row, tasks and seed only, never on the process that does it or on earlier
+ones. So chains can be dealt out in any way, and one whose worker died can be done again.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -7,11 +11,14 @@ from typing import Any, ClassVar, Protocol
 
 import msgspec
 
+from karma.bench.experiment_file import DataFolders
 from karma.bench.sheet import Sheet
 from karma.contracts import LanguageModel
 from karma.infer.hosted.session import Session
+from karma.journal.not_run import NotRun
 from karma.journal.records import Key
-from karma.loading.models import Models, check_asked, language_model
+from karma.journal.run_folder import Finished
+from karma.loading.models import Models, Row, check_asked, language_model
 
 
 class ExperimentFile(Protocol):
@@ -68,6 +75,34 @@ class BenchmarkResults:
 
 
 Play = Callable[[Chain], Iterator[Any]]  # yields a record per key, playing it when asked for it
+Done = Finished | NotRun
+Do = Callable[[Chain], Sequence[Done]]
+
+
+class Suite(Protocol):
+    """All that a run does of one experiment; it travels to the processes that do it."""
+
+    @property
+    def models(self) -> Models:
+        """What workers load, hosted models where the command has them asked."""
+
+    @property
+    def rows(self) -> Sequence[Row]:
+        """Those that may name models of their own."""
+
+    def begin(self, session: Session) -> Callable[[Chain], Iterator[Done]]:
+        """Load what episodes need, in the process that does them; KarmaError if that fails."""
+
+    def begin_on_node(self, header: Any, there: DataFolders) -> Do:
+        """Find this machine's files and models, and load them.
+
+        Args:
+            header: of the run, held against what is here.
+            there: folders of data on the machine of the run.
+
+        Raises:
+            KarmaError: something here is not what the run depends on.
+        """
 
 
 class Benchmark(Protocol):
