@@ -4,6 +4,7 @@ import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -57,12 +58,17 @@ class BenchmarkSuite:
         self.experiment, self._asked = experiment, asked
         self._path, self._folder = path, folder
         self._kind = benchmark_of(experiment.benchmark, path)
-        self.benchmark: Benchmark = self._kind(asked, path)
         self.models = asked.models if asked.plans else _NO_MODELS
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel as what it is made of."""
         return BenchmarkSuite, (self.experiment, self._asked, self._path, self._folder)
+
+    @cached_property
+    def benchmark(self) -> Benchmark:
+        """What plays, made from the experiment."""
+        made: Benchmark = self._kind(self._asked, self._path)
+        return made
 
     @property
     def header(self) -> BenchmarkHeader:

@@ -33,14 +33,16 @@ class Run:
         cassette: records hosted models or stands for them, and is the run's clock.
         base_url: of all hosted models, in place of the experiment's.
         computed: keys of its [models] that say how they are computed, in place of its own.
-        ours: of our own tasks: `steps`, whether to keep step logs; `states`, a folder for KV states
-            of rooms; `half_width`, wanted of every success rate's interval, by more seeds than the
-            experiment lists; `max_seeds`, that may come to, the listed ones counted. None leaves
-            each to the experiment.
+        steps: whether to keep step logs; None leaves this and the following to the experiment, and
+            a benchmark has none of them.
+        states: folder for KV states of rooms, in place of the experiment's.
+        half_width: wanted of every success rate's interval, by more seeds than are listed.
+        max_seeds: that may come to, the listed ones counted.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
-        KarmaError: another run is at work in the folder, or its tasks have one seed only.
+        KarmaError: another run is at work in the folder, its tasks have one seed only, or an
+            argument is of no use to it.
     """
 
     def __init__(
@@ -61,13 +63,16 @@ class Run:
         self.path, self.folder = path, folder
         self._session = Session(cassette)
         said = (path, folder, changes, computed or {}, base_url)
+        own: dict[str, Any] = {
+            "steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds
+        }  # fmt: skip
         self.suite: OurTasks | BenchmarkSuite
         if kind_of(path, changes) == "benchmark":
+            if wrong := [name for name, value in own.items() if value is not None]:
+                raise KarmaError(f"{path}: a benchmark has no {wrong[0]}")
             self.suite = benchmark_suite(*said)
         else:
-            self.suite = our_tasks(
-                *said, steps=steps, states=states, half_width=half_width, max_seeds=max_seeds
-            )
+            self.suite = our_tasks(*said, **own)
         self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
         self.precision = self.suite.precision
         self.header, self._config = self.suite.header, self.suite.config

@@ -73,8 +73,7 @@ def report_command(
     ] = "",
 ) -> None:
     """Write a run as one HTML page: tables, plots, and episodes to step through."""
-    from karma.journal.header import benchmark_in
-    from karma.journal.owned_folder import kind_in
+    from karma.journal.owned_folder import benchmark_in, kind_in
 
     run = Path(runs[0])
     kind = kind_in(run) if len(runs) == 1 else "sweep"

@@ -11,7 +11,7 @@ from karma.errors import FileError
 from karma.files import read_json, to_json
 from karma.journal.folder import brief, changed
 from karma.journal.not_run import FILE as NOT_RUN
-from karma.journal.owned_folder import HEADER, kind_in
+from karma.journal.owned_folder import HEADER, benchmark_in, kind_in
 from karma.journal.told import CONFIG, Config, all_apart, without_places
 
 FORMAT = 6  # of the folder; 1 had times among the records, 2 no methods or rooms, 3 no tours,
@@ -164,12 +164,3 @@ def _lines(experiment: Mapping[str, Any]) -> dict[str, str]:
         for name in _WAITING:
             del endpoint[name]
     return {key: to_json(value).decode().strip() for key, value in plain.items()}
-
-
-class _Headed(msgspec.Struct, frozen=True):
-    benchmark: str
-
-
-def benchmark_in(folder: Path) -> str:
-    """Return the benchmark that a folder holds a run of; FileError where its header is torn."""
-    return read_json(folder / HEADER, _Headed).benchmark

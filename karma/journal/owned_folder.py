@@ -233,6 +233,11 @@ def kind_in(folder: Path) -> Kind | None:
     return "benchmark" if said.benchmark else "figure" if said.figure else "run"
 
 
+def benchmark_in(folder: Path) -> str:
+    """Return the benchmark that a folder holds a run of; FileError where its header is torn."""
+    return read_json(folder / HEADER, _Headed).benchmark
+
+
 def check_sealed(folder: Path) -> None:
     """See that what a finished run has sealed is as it was then.
 

@@ -86,14 +86,6 @@ def finished(path, folder, workers=1, **more):
     return list(run.episodes(workers)), run_files(folder)
 
 
-def test_run_gives_equal_bytes_twice_and_with_two_workers(lota, tmp_path):
-    path = lota()
-    records, first = finished(path, tmp_path / "a")
-    assert len(records) == 6
-    assert finished(path, tmp_path / "b")[1] == first
-    assert finished(path, tmp_path / "c", workers=2)[1] == first
-
-
 def test_run_of_a_model_gives_equal_bytes_with_two_workers(lota, tmp_path):
     path = lota(SCORED.format(export_tiny(tmp_path / "tiny.gguf")))
     records, first = finished(path, tmp_path / "a")

@@ -2,7 +2,7 @@
 
 import json
 
-from karma.benchmarks.eb_alfred.tasks import read_tasks
+from karma.benchmarks.eb_alfred.experiment import read_tasks
 from karma.benchmarks.players import ExpertPlayer
 from karma.benchmarks.trial_rooms import TrialRooms, read_rooms
 from karma.journal.header import EPISODES, RESULTS, TABLE
