@@ -13,9 +13,16 @@ import msgspec
 from karma import registry
 from karma.bench.experiment_file import Changes, DataFolders, read_as, with_places_here
 from karma.bench.nodes import hashes_here, models_here, refuse_node
-from karma.bench.precision import Precision
 from karma.bench.sheet import to_markdown
-from karma.bench.suite import Benchmark, BenchmarkResults, Chain, Do, Done, ExperimentFile
+from karma.bench.suite import (
+    NO_MODELS,
+    Benchmark,
+    BenchmarkResults,
+    Chain,
+    Do,
+    Done,
+    ExperimentFile,
+)
 from karma.bench.workers import loaded
 from karma.errors import FileError, UnknownNameError
 from karma.files import read_bytes, read_toml, to_json
@@ -27,11 +34,8 @@ from karma.journal.owned_folder import HEADER, check_sealed
 from karma.journal.provenance import model_hashes, versions
 from karma.journal.records import PlayedTiming
 from karma.journal.run_folder import Finished, RunFolder
-from karma.journal.told import Config
-from karma.loading.models import Models, Row
+from karma.loading.models import Row
 from karma.offline import network_allowed
-
-_NO_MODELS = Models(planner="", embedder="", gpu_layers=0)
 
 
 class _Benchmarked(msgspec.Struct, frozen=True):
@@ -49,8 +53,6 @@ class BenchmarkSuite:
     """
 
     rows: tuple[Row, ...] = ()  # with models of their own: there are none
-    config: Config | None = None  # the header holds all
-    precision: Precision | None = None
 
     def __init__(
         self, experiment: ExperimentFile, asked: ExperimentFile, path: Path, folder: Path
@@ -58,7 +60,7 @@ class BenchmarkSuite:
         self.experiment, self._asked = experiment, asked
         self._path, self._folder = path, folder
         self._kind = benchmark_of(experiment.benchmark, path)
-        self.models = asked.models if asked.plans else _NO_MODELS
+        self.models = asked.models if asked.plans else NO_MODELS
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel as what it is made of."""
@@ -99,10 +101,6 @@ class BenchmarkSuite:
         """Return the folder that takes what episodes leave."""
         kind = self._kind.record_kind
         return RunFolder(self._folder, steps=False, kind="benchmark", records=kind)
-
-    def brought(self) -> dict[str, bytes]:
-        """Return nothing: rooms are the benchmark's own."""
-        return {}
 
     def chains(self, seeds: Sequence[int]) -> Sequence[Chain]:
         """Return all episodes in their final order; their seeds are the experiment's."""

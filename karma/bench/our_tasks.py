@@ -17,7 +17,6 @@ from karma.bench.experiment_file import Changes, DataFolders, read_experiment
 from karma.bench.experiment_tasks import load, scene_path
 from karma.bench.figures import added_up
 from karma.bench.nodes import NodeFolder
-from karma.bench.precision import Precision
 from karma.bench.suite import Chain, Do, Done
 from karma.bench.workers import loaded
 from karma.contracts import Method, Resources, SceneRef, Task, VisionModel, World
@@ -55,11 +54,6 @@ class OurTasks:
     def rows(self) -> tuple[Row, ...]:
         """Those that act."""
         return self.experiment.rows
-
-    @property
-    def precision(self) -> Precision | None:
-        """How sure success rates are wanted to be."""
-        return self.experiment.precision
 
     @property
     def header(self) -> Header:

@@ -8,7 +8,7 @@ from karma.bench.benchmark_runs import BenchmarkSuite, benchmark_suite
 from karma.bench.experiment_file import Changes, kind_of
 from karma.bench.our_tasks import OurTasks, our_tasks
 from karma.bench.precision import takes_another
-from karma.bench.suite import BenchmarkResults, Chain
+from karma.bench.suite import BenchmarkResults, Chain, Suite
 from karma.bench.worker_count import IN_FLIGHT, Suggestion, suggest_workers
 from karma.bench.workers import check_workers, perform
 from karma.contracts import Task
@@ -38,6 +38,7 @@ class Run:
         states: folder for KV states of rooms, in place of the experiment's.
         half_width: wanted of every success rate's interval, by more seeds than are listed.
         max_seeds: that may come to, the listed ones counted.
+        suite: what is done, where it is of neither form; `path` is named in messages.
 
     Raises:
         FileError: the experiment is damaged, or the folder holds a run of something else.
@@ -59,6 +60,7 @@ class Run:
         states: Path | None = None,
         half_width: float | None = None,
         max_seeds: int | None = None,
+        suite: Suite | None = None,
     ) -> None:
         self.path, self.folder = path, folder
         self._session = Session(cassette)
@@ -66,16 +68,22 @@ class Run:
         own: dict[str, Any] = {
             "steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds
         }  # fmt: skip
-        self.suite: OurTasks | BenchmarkSuite
-        if kind_of(path, changes) == "benchmark":
+        self.suite: Suite
+        if suite is not None:
+            self.suite = suite
+        elif kind_of(path, changes) == "benchmark":
             if wrong := [name for name, value in own.items() if value is not None]:
                 raise KarmaError(f"{path}: a benchmark has no {wrong[0]}")
             self.suite = benchmark_suite(*said)
         else:
             self.suite = our_tasks(*said, **own)
         self.experiment: Any = self.suite.experiment  # an `Experiment`, or a benchmark's own
-        self.precision = self.suite.precision
-        self.header, self._config = self.suite.header, self.suite.config
+        ours = self.suite if isinstance(self.suite, OurTasks) else None
+        self.tasks: tuple[Task, ...] = ours.tasks if ours else ()  # of our own
+        self.precision = ours.experiment.precision if ours else None
+        self._config = ours.config if ours else None
+        self._scenes = ours.brought() if ours else {}
+        self.header = self.suite.header
         self._files = self.suite.files()
         self.records: list[Any] = []
         self.not_run: list[NotRun] = []  # of those that were tried last
@@ -157,13 +165,6 @@ class Run:
                 self._files.finish(order, self.suite.added_up)
                 self.records, self.timings = self._files.done()
 
-    # ------------------------------------------------------------- of one kind
-
-    @property
-    def tasks(self) -> tuple[Task, ...]:
-        """Our own tasks; () of a benchmark."""
-        return () if isinstance(self.suite, BenchmarkSuite) else self.suite.tasks
-
     def results(self) -> BenchmarkResults:
         """Return what a benchmark's records so far come to; errors as `Benchmark.results`."""
         assert isinstance(self.suite, BenchmarkSuite)
@@ -180,7 +181,7 @@ class Run:
 
     def _claim(self) -> None:
         fix = f"--out another folder, or karma eval {self.path} --fresh, which throws that run away"
-        self._files.claim(self.header, self._config, fix=fix, scenes=self.suite.brought())
+        self._files.claim(self.header, self._config, fix=fix, scenes=self._scenes)
 
     def _go_on(self) -> None:
         """Look at what is done, and at what is to be done next; a begun seed is finished."""

@@ -4,7 +4,7 @@ A chain depends on its row, tasks and seed only, never on the process that does 
 ones. So chains can be dealt out in any way, and one whose worker died can be done again.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
@@ -75,12 +75,30 @@ class BenchmarkResults:
 
 
 Play = Callable[[Chain], Iterator[Any]]  # yields a record per key, playing it when asked for it
+NO_MODELS = Models(planner="", embedder="", gpu_layers=0)
 Done = Finished | NotRun
 Do = Callable[[Chain], Sequence[Done]]
 
 
 class Suite(Protocol):
     """All that a run does of one experiment; it travels to the processes that do it."""
+
+    @property
+    def experiment(self) -> Any:
+        """What its file and the command say; has `seeds`."""
+
+    @property
+    def header(self) -> Any:
+        """What records depend on."""
+
+    def files(self) -> Any:
+        """Return the folder that takes what episodes leave, a `RunFolder` or its like."""
+
+    def chains(self, seeds: Sequence[int]) -> Sequence[Chain]:
+        """Return all episodes in their final order."""
+
+    def added_up(self, records: Sequence[Any]) -> Mapping[str, bytes]:
+        """Return what records come to, by the names of files."""
 
     @property
     def models(self) -> Models:

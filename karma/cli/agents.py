@@ -116,7 +116,7 @@ def eval_command(
         "computed": computed,
     }
     if kind == "figure":
-        _do_figure(file, folder, fresh)
+        _do_figure(file, folder, fresh, workers, ray)
         return
     opened |= {"steps": steps, "states": states, "half_width": half_width, "max_seeds": max_seeds}
     if kind == "sweep":
@@ -229,18 +229,21 @@ def _do_benchmark(run: "Run", workers: int, ray: str, json: Path | None) -> None
     console.print(escape(f"all tables: {run.folder / TABLE}"), soft_wrap=True)
 
 
-def _do_figure(file: Path, folder: Path, fresh: bool) -> None:
+def _do_figure(file: Path, folder: Path, fresh: bool, workers: int, ray: str) -> None:
     """Run an experiment that replays traces instead of doing episodes."""
     from rich.markdown import Markdown
 
-    from karma.lab.figure import run_figure
+    from karma.journal.header import RESULTS
+    from karma.lab.figure import figure_run
 
     with bar() as progress:
         line = progress.add_task("policies", total=None)
-        for step in run_figure(file, folder, fresh=fresh):
-            text = escape(step.doing)
-            progress.update(line, total=step.total, completed=step.done, description=text)
+        run = figure_run(file, folder, fresh=fresh)
+        for record in run.episodes(workers if ray else workers or 1, ray=ray):
+            done, text = len(run.records), escape(record.row.replace("-", " "))
+            progress.update(line, total=run.total, completed=done, description=text)
+        progress.update(line, total=run.total, completed=run.total, description="drawn")
     claims = folder / "claims.md"
     if claims.exists():
         console.print(Markdown(claims.read_text(encoding="utf-8")))
-    console.print(escape(f"results: {folder / 'results.json'}"))
+    console.print(escape(f"results: {folder / RESULTS}"))

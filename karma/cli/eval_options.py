@@ -64,9 +64,9 @@ Junit = Annotated[
 ]
 
 
-_FIGURE = frozenset({"out", "fresh"})
+_FIGURE = frozenset({"out", "fresh", "workers", "ray"})
 _BENCHMARK = _FIGURE | {
-    "workers", "ray", "cassette", "cassette_mode", "base_url", "sets", "only", "limit", "seeds",
+    "cassette", "cassette_mode", "base_url", "sets", "only", "limit", "seeds",
     "row", "json", *(name for name, _, _ in OPTIONS),
 }  # fmt: skip
 _SWEEP = _BENCHMARK | {

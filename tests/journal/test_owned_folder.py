@@ -83,7 +83,7 @@ def test_kind_of_a_folder_is_known_with_and_without_its_mark(finished, tmp_path,
 @pytest.mark.parametrize(
     ("kind", "command", "given"),
     [
-        ("figure", "eval", "--workers=2"),
+        ("figure", "eval", "--tasks"),
         ("figure", "eval", "--only=x"),
         ("figure", "eval", "--gpu-layers=0"),
         ("benchmark", "eval", "--no-steps"),
