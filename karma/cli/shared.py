@@ -122,18 +122,18 @@ def write_json(place: Path, figures: object) -> None:
         write_atomic(place, data)
 
 
-def refuse_options(context: typer.Context, what: str, known: Collection[str] | None) -> None:
+def refuse_options(context: typer.Context, what: str, known: Collection[str]) -> None:
     """Raise KarmaError where a command was given an option that is of no use.
 
     Args:
         context: of the command.
         what: it is about, e.g. "eval/demo.toml: such an experiment".
-        known: options that are of use, as parameters; None: all.
+        known: options that are of use, as parameters.
     """
     for one in context.command.params:
         source = context.get_parameter_source(one.name or "")
         given = source is not None and source.name == "COMMANDLINE" and one.opts[0].startswith("-")
-        if given and known is not None and one.name not in known:
+        if given and one.name not in known:
             option = one.opts[0]
             raise KarmaError(f"{what} has no {option}\n  To fix: leave out {option}")
 
